@@ -97,6 +97,7 @@ def main() -> None:
     continue_in_child()
     # Damaged pictures are counted and reported by us.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     name_streams()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a missing cache of fonts is no error
     if not sys.warnoptions:

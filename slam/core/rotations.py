@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -23,7 +25,10 @@ def roll_pitch_yaw_of(w_R_b: Array) -> Array:
 
     Roll and yaw lie in -pi..pi, pitch in -pi/2..pi/2.
     """
-    angles = Rotation.from_matrix(w_R_b.reshape(-1, 3, 3)).as_euler("ZYX")
+    with warnings.catch_warnings():
+        # At a pitch of 90 degrees any roll belongs to some yaw; SciPy chooses one and warns.
+        warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)
+        angles = Rotation.from_matrix(w_R_b.reshape(-1, 3, 3)).as_euler("ZYX")
     return np.asarray(angles[:, ::-1], dtype=float).reshape(w_R_b.shape[:-1])
 
 

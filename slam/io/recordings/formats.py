@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -11,7 +12,7 @@ from slam.core.errors import explain
 from slam.io.files import refusal
 from slam.io.recordings.recording import Recording
 
-_HEAD_BYTES = 64
+_HEAD_BYTES = 256
 
 
 @dataclass(frozen=True)
@@ -25,17 +26,27 @@ class Format:
     suffixes: tuple[str, ...]
     """Usual suffixes, in small letters."""
     starts: tuple[bytes, ...]
-    """The first bytes of a file of this format."""
+    """The first bytes of a file of this format, one of several."""
+    pattern: re.Pattern[bytes] | None = None
+    """Pattern of the first bytes, where they vary."""
 
     def begins(self, head: bytes) -> bool:
         """Return whether a file with these first bytes is of this format."""
-        return head.startswith(self.starts)
+        return head.startswith(self.starts) or (self.pattern is not None and bool(self.pattern.match(head)))
+
+
+_MP4 = re.compile(rb".{4}(ftyp|moov|mdat|wide|free|skip)", re.DOTALL)
+_SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOTALL)
 
 
 FORMATS: tuple[Format, ...] = (
     Format("a PX4 log", "slam.io.recordings.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
     Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
     Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
+    Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), _MP4),
+    Format("a video", "slam.io.recordings.video", (".mkv", ".webm"), (b"\x1a\x45\xdf\xa3",)),
+    Format("a video", "slam.io.recordings.video", (".avi",), (), re.compile(rb"RIFF.{4}AVI ", re.DOTALL)),
+    Format("a file of subtitles", "slam.io.recordings.video", (".srt",), (), _SUBTITLES),
     Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )
 

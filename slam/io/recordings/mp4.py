@@ -1,0 +1,169 @@
+"""The index of an MP4 or MOV file: its tracks, the times of their samples, and where the samples are.
+
+Source: ISO/IEC 14496-12 (ISO base media file format), sections 4.2 and 8.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.io.files import refusal
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MAX_INDEX_BYTES = 1 << 28
+"""Largest ``moov`` box that is read; an hour at 60 pictures a second has about 5 MB."""
+_MAX_DEPTH = 8
+
+
+@dataclass(frozen=True)
+class Track:
+    """One track of a file."""
+
+    handler: str
+    """Four letters: ``vide``, ``sbtl``, ``meta`` and so on."""
+    code: str
+    """Four letters of the format of its samples, for example ``avc1``, ``tx3g``, ``gpmd``."""
+    stamps_s: Array
+    """(n,) times at which the samples are shown, in the order of showing, from the file's first."""
+    durations_s: Array
+    """(n,) in the order of the file."""
+    offsets: Integers
+    """(n,) places of the samples in the file, in the order of the file."""
+    sizes: Integers
+    """(n,) bytes."""
+
+    def samples(self, file: BinaryIO, limit_bytes: int = 1 << 24) -> Iterator[bytes]:
+        """Yield the samples in the order of the file; one that is larger than the limit is empty."""
+        for offset, size in zip(self.offsets.tolist(), self.sizes.tolist(), strict=True):
+            file.seek(offset)
+            yield file.read(size) if size <= limit_bytes else b""
+
+
+def read_tracks(path: Path) -> tuple[Track, ...]:
+    """Return the tracks of a file. Raises ``InputError`` where the index is missing or damaged."""
+    with path.open("rb") as file:
+        index = _index(path, file)
+    try:
+        return tuple(
+            _track(body)
+            for kind, body in _boxes(index)
+            if kind == b"trak" and _find(body, b"mdia", b"minf", b"stbl")
+        )
+    except (struct.error, ValueError, IndexError, OverflowError) as error:
+        raise refusal(
+            path, f"is a video with a damaged index ({error})", "repair it with a tool for MP4 files"
+        ) from None
+
+
+def _index(path: Path, file: BinaryIO) -> bytes:
+    """Return the content of ``moov``."""
+    end = path.stat().st_size
+    at = 0
+    while at + 8 <= end:
+        file.seek(at)
+        head = file.read(16)
+        size, kind = struct.unpack(">I4s", head[:8])
+        start = 8
+        if size == 1 and len(head) == 16:
+            size, start = struct.unpack(">Q", head[8:])[0], 16
+        size = end - at if size == 0 else size
+        if size < start:
+            break
+        if kind == b"moov":
+            if size > MAX_INDEX_BYTES or at + size > end:
+                break
+            file.seek(at + start)
+            return file.read(size - start)
+        at += size
+    raise refusal(
+        path,
+        "is a video without its index (moov), as after a power loss of the recorder",
+        "repair it with a tool for MP4 files (untrunc) and another video of the same camera",
+    )
+
+
+def _boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    at = 0
+    while at + 8 <= len(data):
+        size, kind = struct.unpack(">I4s", data[at : at + 8])
+        start = 8
+        if size == 1:
+            size, start = struct.unpack(">Q", data[at + 8 : at + 16])[0], 16
+        size = len(data) - at if size == 0 else size
+        if size < start:
+            raise ValueError(f"a box of {size} bytes")
+        yield kind, data[at + start : at + size]
+        at += size
+
+
+def _find(data: bytes, *names: bytes) -> bytes:
+    """Return the content of a nested box; empty where it is absent."""
+    for name in names:
+        data = next((body for kind, body in _boxes(data) if kind == name), b"")
+    return data
+
+
+def _track(body: bytes) -> Track:
+    media = _find(body, b"mdia")
+    table = _find(media, b"minf", b"stbl")
+    header = _find(media, b"mdhd")
+    timescale = struct.unpack(">I", header[20:24] if header[0] == 1 else header[12:16])[0]
+    counts = _integers(_find(table, b"stts"), 2)
+    durations = np.repeat(counts[:, 1], counts[:, 0])
+    decoded = np.concatenate([[0], np.cumsum(durations)[:-1]]) if len(durations) else durations
+    shown = decoded
+    if composition := _find(table, b"ctts"):
+        shifts = _integers(composition, 2)
+        signed = shifts[:, 1].astype(np.uint32).view(np.int32).astype(np.int64)
+        shown = decoded + np.repeat(signed, shifts[:, 0])[: len(decoded)]
+    sizes = _sizes(_find(table, b"stsz"))
+    stamps = np.sort(shown)
+    return Track(
+        handler=_find(media, b"hdlr")[8:12].decode("latin-1"),
+        code=_find(table, b"stsd")[12:16].decode("latin-1"),
+        stamps_s=(stamps - stamps[0]) / timescale if len(stamps) else np.empty(0),
+        durations_s=durations / timescale,
+        offsets=_offsets(table, sizes),
+        sizes=sizes,
+    )
+
+
+def _integers(box: bytes, columns: int) -> Integers:
+    """Return the rows of a table of 32-bit numbers after its version, flags and count."""
+    count = struct.unpack(">I", box[4:8])[0]
+    rows = np.frombuffer(box[8 : 8 + 4 * columns * count], ">u4")
+    return rows.reshape(-1, columns).astype(np.int64)
+
+
+def _sizes(box: bytes) -> Integers:
+    if not box:
+        return np.empty(0, np.int64)
+    common, count = struct.unpack(">II", box[4:12])
+    if common:
+        return np.full(count, common, np.int64)
+    return np.frombuffer(box[12 : 12 + 4 * count], ">u4").astype(np.int64)
+
+
+def _offsets(table: bytes, sizes: Integers) -> Integers:
+    """Return the place of each sample from the chunks of the track."""
+    if wide := _find(table, b"co64"):
+        chunks = np.frombuffer(wide[8:], ">u8").astype(np.int64)
+    else:
+        chunks = _integers(_find(table, b"stco"), 1)[:, 0]
+    runs = _integers(_find(table, b"stsc"), 3)
+    last = np.append(runs[1:, 0], len(chunks) + 1)
+    per_chunk = np.repeat(runs[:, 1], last - runs[:, 0])[: len(chunks)]
+    first = np.concatenate([[0], np.cumsum(per_chunk)])[:-1]
+    before = np.concatenate([[0], np.cumsum(sizes)])
+    chunk_of = np.repeat(np.arange(len(per_chunk)), per_chunk)[: len(sizes)]
+    within = before[: len(chunk_of)] - before[first[chunk_of]]
+    return np.asarray(chunks[chunk_of] + within)

@@ -1,0 +1,180 @@
+"""Subtitles that DJI's drones write beside a video (``.SRT``): positions, heights and gimbal angles.
+
+The makers' dialects differ from model to model, and one tolerant reader covers them. Positions change 5 to 10
+times a second, but every picture has a subtitle: a value that is only held is no reading. Coordinates in
+``GPS(a, b, c)`` are longitude, latitude and the number of satellites. Where the third value is a height (it
+has decimals, as on the Matrice 300), they are latitude, longitude and altitude.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FIELDS = (
+    *("latitude", "longitude", "altitude", "height"),
+    *("gimbal_yaw", "gimbal_pitch", "gimbal_roll"),
+    *("focal_mm", "zoom"),
+)
+"""Columns of a subtitle: degrees and metres; focal length on 35 mm film."""
+
+_NUMBER = r"[-+]?\d+(?:[.,]\d+)?"
+_TIMES = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+_DATE = re.compile(r"(\d{4})[-.](\d{1,2})[-.](\d{1,2})\s+(\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?")
+_KEYED = re.compile(rf"\b([a-z_]+)\s*:\s*({_NUMBER})(?![\d/])", re.IGNORECASE)
+_POINT = r"([-+]?\d+(?:\.\d+)?)"
+_GPS = re.compile(rf"\bGPS\s*\(\s*{_POINT}\s*,\s*{_POINT}\s*,\s*{_POINT}\s*M?\s*\)")
+_HEIGHT = re.compile(rf"(?:BAROMETER\s*[:(]|\bHb\s*:|[, ]H\s)\s*({_NUMBER})")
+_GIMBAL = re.compile(rf"G\.PRY\s*\(\s*({_NUMBER})\D*?,\s*({_NUMBER})\D*?,\s*({_NUMBER})")
+_EIS = re.compile(r"\[eis:\s*(\w+)\]", re.IGNORECASE)
+_NOT_STABILISED = ("close", "closed", "off", "none")
+_KEYS = {
+    "latitude": "latitude",
+    "longitude": "longitude",
+    "longtitude": "longitude",
+    "abs_alt": "altitude",
+    "altitude": "altitude",
+    "rel_alt": "height",
+    "gb_yaw": "gimbal_yaw",
+    "gb_pitch": "gimbal_pitch",
+    "gb_roll": "gimbal_roll",
+    "focal_len": "focal_mm",
+    "dzoom_ratio": "zoom",
+}
+
+
+@dataclass(frozen=True)
+class Subtitles:
+    """The subtitles of a video in the order of the file."""
+
+    stamps_s: Array
+    """(n,) from the start of the video."""
+    values: Array
+    """(n, c) in the order of ``FIELDS``; NaN where a subtitle does not say it."""
+    date: str
+    """Date of the first subtitle, empty where unknown."""
+    latitude_first: bool
+    """Whether coordinates in brackets are latitude, longitude, altitude."""
+    position_step_deg: float
+    """Resolution of the coordinates; NaN without coordinates."""
+    stabilised: bool
+    """Whether a subtitle says that the pictures are stabilised electronically."""
+
+    def column(self, name: str) -> Array:
+        """Return (n,) the values of one field."""
+        return self.values[:, FIELDS.index(name)]
+
+
+def parse_subtitles(text: str) -> Subtitles:
+    """Return the subtitles of a text; those without a time are left out."""
+    stamps, rows, decimals, dates, first_is_latitude = [], [], [], [], False
+    begin: datetime | None = None
+    for cue in _cues(text):
+        when = _DATE.search(cue)
+        date = None if when is None else _date(when)
+        begin = begin or date
+        times = _TIMES.search(cue)
+        if times is not None:
+            h, m, s, ms = times.groups()
+            stamp = int(h) * 3600 + int(m) * 60 + int(s) + int(ms.ljust(3, "0")) * 1e-3
+        elif date is not None and begin is not None:
+            stamp = (date - begin).total_seconds()
+        else:
+            continue
+        values, digits, latitude_first = _values(cue)
+        stamps.append(stamp)
+        rows.append([values.get(name, np.nan) for name in FIELDS])
+        decimals.append(digits)
+        first_is_latitude |= latitude_first
+        dates.append(date)
+    known = [digits for digits in decimals if digits >= 0]
+    return Subtitles(
+        stamps_s=np.array(stamps, dtype=float),
+        values=np.array(rows, dtype=float).reshape(-1, len(FIELDS)),
+        date=next((date.date().isoformat() for date in dates if date is not None), ""),
+        latitude_first=first_is_latitude,
+        position_step_deg=10.0 ** -max(known) if known else np.nan,
+        stabilised=any(mode.lower() not in _NOT_STABILISED for mode in _EIS.findall(text)),
+    )
+
+
+def changed_rows(values: Array) -> NDArray[np.bool_]:
+    """Return (n,) whether a row (n, c) is complete and differs from the last complete one."""
+    keep = np.zeros(len(values), dtype=bool)
+    known = np.flatnonzero(np.isfinite(values[:, :2]).all(axis=1))
+    if len(known):
+        steps = np.nan_to_num(values[known[1:]]) != np.nan_to_num(values[known[:-1]])
+        keep[known[0]] = True
+        keep[known[1:][steps.any(axis=1)]] = True
+    return keep
+
+
+def _cues(text: str) -> Iterator[str]:
+    """Yield the subtitles: blocks that begin with a line that holds only a number."""
+    lines: list[str] = []
+    for line in text.lstrip("\ufeff").replace("\r", "").split("\n"):
+        if line.strip().lstrip("\ufeff").isdecimal():
+            if lines:
+                yield "\n".join(lines)
+            lines = []
+        elif line.strip():
+            lines.append(line)
+    if lines:
+        yield "\n".join(lines)
+
+
+def _date(found: re.Match[str]) -> datetime | None:
+    year, month, day, hour, minute, second, ms = found.groups()
+    try:
+        return datetime(
+            int(year), int(month), int(day), int(hour), int(minute), int(second), int(ms or 0) * 1000
+        )
+    except ValueError:
+        return None
+
+
+def _values(cue: str) -> tuple[dict[str, float], int, bool]:
+    """Return the values of one subtitle, the decimals of its coordinates (-1 without), and their order."""
+    values: dict[str, float] = {}
+    digits, latitude_first = -1, False
+    if height := _HEIGHT.search(cue):
+        values["height"] = _number(height[1])
+    if gps := _GPS.search(cue):
+        latitude_first = "." in gps[3]
+        names = ("latitude", "longitude") if latitude_first else ("longitude", "latitude")
+        values |= dict(zip(names, (_number(gps[1]), _number(gps[2])), strict=True))
+        digits = len(gps[1].partition(".")[2])
+        if latitude_first:
+            values["altitude"] = _number(gps[3])
+    if gimbal := _GIMBAL.search(cue):
+        angles = ("gimbal_pitch", "gimbal_roll", "gimbal_yaw")
+        values |= dict(zip(angles, map(_number, gimbal.groups()), strict=True))
+    for key, number in _KEYED.findall(cue):
+        name = _KEYS.get(key.lower())
+        if name is not None and (key.lower() != "altitude" or "altitude" not in values):
+            values[name] = _number(number)
+            if name == "latitude":
+                digits = len(re.split(r"[.,]", number)[-1]) if re.search(r"[.,]", number) else 0
+    if "focal_mm" in values and values["focal_mm"] >= 100:
+        values["focal_mm"] /= 10  # 240 is 24.0 mm
+    if "zoom" in values and values["zoom"] >= 100:
+        values["zoom"] /= 10_000  # 10000 is 1.0000
+    return _with_position(values), digits, latitude_first
+
+
+def _with_position(values: dict[str, float]) -> dict[str, float]:
+    """Return the values without a position that is none: 0, 0 before a fix, or off the Earth."""
+    latitude, longitude = values.get("latitude", np.nan), values.get("longitude", np.nan)
+    valid = abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude != 0 or longitude != 0)
+    return values if valid else {k: v for k, v in values.items() if k not in ("latitude", "longitude")}
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", "."))

@@ -1,0 +1,142 @@
+"""Videos: pictures by OpenCV, and the subtitles of DJI's drones beside the video or inside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.progress import Progress
+from slam.io.files import read_bytes, refusal
+from slam.io.recordings.mp4 import Track, read_tracks
+from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
+from slam.io.recordings.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
+from slam.io.recordings.subtitles import Subtitles, parse_subtitles
+from slam.io.recordings.video_pictures import VideoPictures, opened, size_of
+
+Array = NDArray[np.float64]
+
+MAX_SUBTITLE_BYTES = 1 << 28
+_SUBTITLE_CODES = ("tx3g", "text")
+_MP4_STARTS = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
+
+
+@dataclass(frozen=True)
+class _Video:
+    stamps_s: Array
+    size_px: tuple[int, int]
+    subtitles: Subtitles | None
+    subtitle_name: str
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a video, or the subtitles alone. Raises ``InputError`` where nothing can be read."""
+    if path.suffix.lower() == ".srt":
+        video = _Video(np.empty(0), (0, 0), _from_file(path), path.name)
+    else:
+        video = _opened(path)
+    offers = []
+    if len(video.stamps_s):
+        reading = f"{video.size_px[0]} x {video.size_px[1]} px"
+        rows = len(video.stamps_s)
+        offers.append(Offer(stream="cam0", channel=path.name, kind="video", rows=rows, reading=reading))
+    if video.subtitles is not None:
+        offers += subtitle_offers(video.subtitles, video.subtitle_name)
+
+    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
+        readings = {
+            offer.stream: SUBTITLE_READERS[offer.stream](video.subtitles)
+            for offer in chosen
+            if offer.stream != "cam0" and video.subtitles is not None
+        }
+        taken = any(offer.stream == "cam0" for offer in chosen)
+        date = "" if video.subtitles is None else video.subtitles.date
+        pictures = _pictures(path, video) if taken else None
+        return Content(readings, pictures, _coverage(video), {"date": date} if date else {})
+
+    return Recording(
+        path=path,
+        name=path.stem,
+        description="a video" if len(video.stamps_s) else "a file of subtitles",
+        offers=tuple(offers),
+        read=read,
+    )
+
+
+def _opened(path: Path) -> _Video:
+    with path.open("rb") as file:
+        is_mp4 = file.read(8)[4:] in _MP4_STARTS
+    tracks = read_tracks(path) if is_mp4 else ()
+    video = opened(path)
+    size, rate_hz = size_of(video), video.get(cv2.CAP_PROP_FPS)
+    count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+    video.release()
+    of_pictures = next((track for track in tracks if track.handler == "vide"), None)
+    if of_pictures is not None and len(of_pictures.stamps_s):
+        stamps_s = of_pictures.stamps_s
+    elif count > 0 and rate_hz > 0:
+        stamps_s = np.arange(count) / rate_hz
+    else:
+        raise refusal(path, "is a video without a picture", "copy it again from the recorder")
+    subtitles, name = _subtitles_of(path, tracks)
+    return _Video(stamps_s, size, subtitles, name)
+
+
+def _subtitles_of(path: Path, tracks: Sequence[Track]) -> tuple[Subtitles | None, str]:
+    """Return the subtitles beside a video, else those inside it."""
+    beside = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".srt"]
+    if beside:
+        return _from_file(beside[0]), beside[0].name
+    track = next((t for t in tracks if t.code in _SUBTITLE_CODES), None)
+    return (None, "") if track is None else (subtitles_of_track(path, track), f"{path.name} {track.code}")
+
+
+def _from_file(path: Path) -> Subtitles:
+    content = read_bytes(path, path.parent, MAX_SUBTITLE_BYTES)
+    return parse_subtitles(content.decode("utf-8", errors="replace"))
+
+
+def subtitles_of_track(path: Path, track: Track) -> Subtitles:
+    """Return the subtitles of a track of text; each sample is its length in 16 bits, and the text."""
+    starts = np.concatenate([[0], np.cumsum(track.durations_s)])
+    cues = []
+    with path.open("rb") as file:
+        for k, sample in enumerate(track.samples(file)):
+            text = sample[2 : 2 + int.from_bytes(sample[:2], "big")].decode("utf-8", errors="replace")
+            ms = round(float(starts[k]) * 1000)
+            clock = f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
+            cues.append(f"{k + 1}\n{clock} --> {clock}\n{text}\n")
+    return parse_subtitles("\n".join(cues))
+
+
+def _coverage(video: _Video) -> tuple[str, ...]:
+    """Return a warning where the subtitles are empty, or begin late or end early."""
+    if video.subtitles is None or not len(video.stamps_s):
+        return ()
+    cues_s = video.subtitles.stamps_s
+    if not len(cues_s):
+        return (f"{video.subtitle_name} holds no subtitle",)
+    # Each subtitle holds until the next; the last one for as long as the others.
+    step_s = float(np.median(np.diff(cues_s))) if len(cues_s) > 1 else 0.0
+    begin_s, end_s, video_s = float(cues_s[0]), float(cues_s[-1]) + step_s, float(video.stamps_s[-1])
+    if begin_s <= 2 * step_s and end_s >= video_s - step_s:
+        return ()
+    covered = f"{begin_s:.1f} to {end_s:.1f} s of a video of {video_s:.1f} s"
+    return (f"{video.subtitle_name} covers {covered}; beyond, there is no position",)
+
+
+def _pictures(path: Path, video: _Video) -> PictureChannel:
+    camera, notes = video_camera(video.size_px, video.subtitles)
+    stamps_ns = np.round(video.stamps_s * 1e9).astype(np.int64)
+    return PictureChannel(
+        stamps_ns=stamps_ns,
+        names=tuple(f"{k:06d}.jpg" for k in range(len(stamps_ns))),
+        fetch=VideoPictures(path, video.stamps_s),
+        camera=camera,
+        picture_format="jpg",
+        notes=tuple(notes),
+    )

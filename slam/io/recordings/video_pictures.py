@@ -1,0 +1,89 @@
+"""Pictures of a video by number; one is decoded at a time, and none is kept."""
+
+from __future__ import annotations
+
+import weakref
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.flight import Image
+from slam.io.files import refusal
+from slam.io.images import UnreadableImageError
+
+Array = NDArray[np.float64]
+
+_FIRST_MARGIN = 8
+"""Number of pictures before the wanted one at which decoding starts after a jump; it is doubled as needed."""
+_READ_ON = 64
+"""A picture so close ahead is reached by decoding on, which is faster than a jump to a key picture."""
+
+
+class VideoPictures:
+    """Pictures of a video, found by their times, so that a lost picture does not shift the later ones."""
+
+    def __init__(self, path: Path, stamps_s: Array) -> None:
+        """``stamps_s`` (n,) are the times of the pictures from the first one, increasing."""
+        self._path, self._stamps_s = path, stamps_s
+        steps = np.diff(stamps_s)
+        self._tolerance_s = 0.5 * float(np.min(steps)) if len(steps) else 0.5
+        self._video = opened(path)
+        self._at_s: float | None = None
+        """Time of the picture that was grabbed last; None before the first and behind the last."""
+        weakref.finalize(self, self._video.release)
+
+    def __call__(self, k: int) -> Image:
+        """Return picture k. Raises ``UnreadableImageError`` where the video does not hold it."""
+        wanted_s = float(self._stamps_s[k])
+        ahead = self._stamps_s[max(k - _READ_ON, 0)]
+        if self._at_s is None or self._at_s > wanted_s + self._tolerance_s or self._at_s < ahead:
+            self._jump(k)
+        while self._at_s is not None and self._at_s < wanted_s - self._tolerance_s:
+            self._grab()
+        if self._at_s is None or self._at_s > wanted_s + self._tolerance_s:
+            raise UnreadableImageError("missing in the video (damaged?)")
+        decoded, image = self._video.retrieve()
+        if not decoded or image is None:
+            raise UnreadableImageError("damaged")
+        return np.asarray(image, dtype=np.uint8)
+
+    def _jump(self, k: int) -> None:
+        margin = _FIRST_MARGIN
+        while True:
+            start = max(k - margin, 0)
+            self._at_s = None
+            if start == 0:
+                self._video.release()
+                self._video.open(str(self._path), cv2.CAP_FFMPEG)
+                self._video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+            else:
+                self._video.set(cv2.CAP_PROP_POS_FRAMES, start)
+            self._grab()
+            if start == 0 or (self._at_s is not None and self._at_s <= self._stamps_s[k] + self._tolerance_s):
+                return
+            margin *= 2
+
+    def _grab(self) -> None:
+        """Go to the next picture that can be decoded."""
+        passed = 0 if self._at_s is None else int(np.searchsorted(self._stamps_s, self._at_s))
+        for _ in range(len(self._stamps_s) - passed):  # a damaged picture fails, and the next may not
+            if self._video.grab():
+                self._at_s = self._video.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+                return
+        self._at_s = None
+
+
+def opened(path: Path) -> cv2.VideoCapture:
+    """Return the opened video, its pictures not turned. Raises ``InputError`` where it cannot be decoded."""
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    if not video.isOpened():
+        raise refusal(path, "is a video that cannot be decoded", "convert it to H.264 in MP4")
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    return video
+
+
+def size_of(video: cv2.VideoCapture) -> tuple[int, int]:
+    """Return (width, height) of the pictures of an opened video."""
+    return int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
