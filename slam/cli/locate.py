@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -46,8 +47,7 @@ def locate(
         for done, path in enumerate(pictures, 1):
             found.append((path, _located(relocalizer, path)))
             progress("locate", done, len(pictures))
-        rows = [",".join([_quoted(str(path)), *_row(location)]) for path, location in found]
-        (folder / "locations.csv").write_text("\n".join([_HEADER, *rows, ""]), encoding="utf-8")
+        (folder / "locations.csv").write_text(locations_csv(found), encoding="utf-8")
         reasons = [location.reason for _, location in found if not location.found]
         record = {
             "status": "ok" if not reasons else f"{len(reasons)} of {len(found)} pictures not found",
@@ -59,6 +59,14 @@ def locate(
     screen.json_file(out / "summary.json")
     screen.table(_table(found, estimate.metric))
     screen.files([out / "locations.csv"])
+
+
+def locations_csv(found: Sequence[tuple[Path, Location]]) -> str:
+    """Return the content of locations.csv: one row for each picture."""
+    from slam.io.files import shown
+
+    rows = [",".join([_quoted(shown(str(path))), *_row(location)]) for path, location in found]
+    return "\n".join([_HEADER, *rows, ""])
 
 
 def _located(relocalizer: Relocalizer, path: Path) -> Location:
@@ -90,14 +98,15 @@ def _quoted(text: str) -> str:
 def _table(found: list[tuple[Path, Location]], metric: bool) -> FigureTable:
     from slam.core.figure_table import FigureTable
     from slam.core.units import length, unit
+    from slam.io.files import shown
     from slam.report.facts import position_sigma_m
 
     def row(path: Path, location: Location) -> tuple[str, ...]:
         if not location.found:
-            return path.name, location.reason, "", ""
+            return shown(path.name), location.reason, "", ""
         place = ", ".join(f"{x:.3f}" for x in location.w_T_b[:3, 3])
         sigma_m = float(position_sigma_m(location.covariance[None])[0])
-        return path.name, place, f"± {length(sigma_m, metric)}", str(location.points)
+        return shown(path.name), place, f"± {length(sigma_m, metric)}", str(location.points)
 
     columns = ("picture", f"x, y, z [{unit(metric)}]", "1σ", "points")
     return FigureTable("Where the pictures were taken", columns, tuple(row(*pair) for pair in found))

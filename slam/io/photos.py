@@ -20,6 +20,7 @@ from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.exif import PhotoTags
+from slam.io.files import brief
 from slam.io.images import PictureFiles, common_levels
 from slam.io.photo_camera import photo_camera
 from slam.io.photo_gps import photo_gps
@@ -51,7 +52,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
     date = datetime.fromtimestamp(epoch_ns // _SECOND_NS, UTC).date().isoformat() if epoch_ns else ""
     notes = {"vehicle": vehicle.strip(), "date": date}
     return Flight(
-        name=folder.resolve().name or "photos",
+        name=brief(folder.resolve().name, 120) or "photos",
         epoch_ns=epoch_ns,
         camera=camera,
         frames=frames,
