@@ -116,6 +116,8 @@ class Tracker:
         self.homography, self.gates, self.config, self.masks = homography, gates, config, masks
         self._corners = camera.undistort(camera.corners_px)
         self.rejected: Counter[str] = Counter()
+        self.dropped: dict[int, str] = {}
+        """Number of each dropped frame -> reason."""
         self.frames = 0
         self.moving: set[int] = set()
         """Frames with a motion other than that of the floor."""
@@ -141,7 +143,7 @@ class Tracker:
             elif best is not None:
                 self.passed.append(best.passed())
             if tracked is None:
-                self.rejected[reason] += 1
+                self._drop(frame, reason)
                 failures += 1
                 if failures > self.config.patience:
                     self.rejected["tracking started anew"] += 1
@@ -151,6 +153,10 @@ class Tracker:
             failures, best = 0, tracked
         if best is not None and last is not None:
             yield best.keyframe(last)
+
+    def _drop(self, frame: int, reason: str) -> None:
+        self.rejected[reason] += 1
+        self.dropped[frame] = reason
 
     def _overlap_is_small(self, tracked: _Tracked) -> bool:
         assert tracked.link is not None
@@ -178,9 +184,9 @@ class Tracker:
         for frame, features in enumerate(self._extracted(images)):
             self.frames += 1
             if isinstance(features, str):
-                self.rejected[features] += 1
+                self._drop(frame, features)
             elif len(features) < self.gates.min_inliers:
-                self.rejected["too few features"] += 1
+                self._drop(frame, "too few features")
             else:
                 yield frame, features
 

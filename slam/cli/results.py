@@ -12,6 +12,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.figure_table import FigureTable
 from slam.core.flight import Flight
+from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
 from slam.io.estimate import write_estimate
@@ -57,8 +58,9 @@ def write_results(
         write_g2o(stream, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     write_elevation(estimate, folder)
     start = time.perf_counter()
-    mosaics, warning = _write_mosaics(folder, estimate, flight, options, progress)
+    mosaics, warning, not_drawn = _write_mosaics(folder, estimate, flight, options, progress)
     if options.wanted:
+        estimate = replace(estimate, not_drawn=not_drawn)
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
     return write_summary_and_report(folder, estimate, flight, mosaics, accuracy)
@@ -81,15 +83,18 @@ def write_summary_and_report(
 
 def _write_mosaics(
     folder: Path, estimate: Estimate, flight: Flight, options: MosaicOptions, progress: Progress
-) -> tuple[Mosaics, tuple[str, ...]]:
-    """Write the mosaics of the map and of the plain chain; a mosaic that cannot be drawn gives a warning."""
+) -> tuple[Mosaics, tuple[str, ...], dict[str, str]]:
+    """Write the mosaics of the map and of the plain chain, and return warnings and the pictures not drawn.
+
+    A mosaic that cannot be drawn gives a warning.
+    """
     from frontend.mosaic.canvas import MosaicError
     from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
 
     if not options.wanted:
-        return Mosaics(), ()
+        return Mosaics(), (), {}
     if not np.isfinite(estimate.w_T_b).all(axis=(1, 2)).any():
-        return Mosaics(), ("no mosaic: no keyframe could be placed",)
+        return Mosaics(), ("no mosaic: no keyframe could be placed",), {}
     chain_picture: Path | None = None
     try:
         earlier = options.previous_output / "mosaic.tif" if options.previous_output else None
@@ -97,8 +102,11 @@ def _write_mosaics(
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
-        return Mosaics(), (f"no mosaic: {refusal}",)
-    notes = [f"mosaic: {count} keyframes left out: {reason}" for reason, count in made.left_out.items()]
+        return Mosaics(), (f"no mosaic: {refusal}",), {}
+    names: dict[str, list[str]] = {}
+    for name, reason in made.not_drawn.items():
+        names.setdefault(reason, []).append(name)
+    notes = [f"mosaic: {len(of)} keyframes left out: {why} ({listed(of)})" for why, of in names.items()]
     if made.note:
         notes.append(f"mosaic: {made.note}")
     if made.kept:
@@ -110,4 +118,4 @@ def _write_mosaics(
         if not isinstance(refusal.__context__, MosaicError):
             raise
         notes.append(f"no mosaic of the plain chain: {refusal}")
-    return Mosaics(made.png, chain_picture, made.quality.with_suffix(".png")), tuple(notes)
+    return Mosaics(made.png, chain_picture, made.quality.with_suffix(".png")), tuple(notes), made.not_drawn

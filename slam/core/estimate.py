@@ -143,6 +143,10 @@ class Estimate:
     """Number of frames read."""
     rejected: dict[str, int] = field(default_factory=dict)
     """Number of dropped frames, edges and values by reason."""
+    not_placed: dict[str, str] = field(default_factory=dict)
+    """Name of each keyframe without a pose -> reason; of photographs also those that are no keyframe."""
+    not_drawn: dict[str, str] = field(default_factory=dict)
+    """Name of each keyframe that the mosaic could not use -> reason."""
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     graph_error: float = float("nan")

@@ -31,6 +31,10 @@ class Summary:
     loop_edges: int
     rejected: dict[str, int] = field(default_factory=dict)
     """Number of dropped frames, edges and values by reason."""
+    not_placed: dict[str, str] = field(default_factory=dict)
+    """Name of each picture that should have a pose and has none -> reason."""
+    not_drawn: dict[str, str] = field(default_factory=dict)
+    """Name of each picture that the mosaic could not use -> reason."""
     landmarks: int = 0
     """Number of surveyed points of the flight."""
     timing_s: dict[str, float] = field(default_factory=dict)
@@ -65,6 +69,9 @@ class Summary:
             "peak_rss_mb": round(self.peak_rss_mb, 1),
             "warnings": list(self.warnings),
         }
+        for name, pictures in (("not_placed", self.not_placed), ("not_drawn", self.not_drawn)):
+            if pictures:
+                record[name] = dict(pictures)
         if self.error is not None:
             record["error"] = self.error
         if self.iterations is not None:
@@ -89,6 +96,8 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         odometry_edges=kinds.count("odometry"),
         loop_edges=kinds.count("loop"),
         rejected={reason: int(count) for reason, count in estimate.rejected.items()},
+        not_placed=estimate.not_placed,
+        not_drawn=estimate.not_drawn,
         landmarks=landmarks,
         timing_s={stage: float(seconds) for stage, seconds in estimate.timing_s.items()},
         peak_rss_mb=peak_rss_mb(),

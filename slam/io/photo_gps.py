@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Gps
+from slam.core.names import listed
 from slam.io.photo_position import UNSIGNED, PhotoPosition
-from slam.io.photo_set import Photo, listed
+from slam.io.photo_set import Photo
 
 Array = NDArray[np.float64]
 

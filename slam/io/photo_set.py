@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
+from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.exif import Angles, PhotoTags, read_tags
 from slam.io.files import refusal
@@ -22,8 +23,6 @@ Array = NDArray[np.float64]
 
 MAX_TILT_DEG = 30.0
 """Largest angle between the optical axis and straight down. Photographs with a larger angle are left out."""
-
-_MAX_LISTED = 5
 
 
 @dataclass(frozen=True)
@@ -188,9 +187,3 @@ def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> l
         else:
             left_out[f"another focal length than the {focal_mm or '(unknown)'} mm of most"].append(photo.name)
     return kept
-
-
-def listed(names: Sequence[str]) -> str:
-    """Return the first names and the number of the others."""
-    more = len(names) - _MAX_LISTED
-    return ", ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

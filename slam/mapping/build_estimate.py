@@ -13,6 +13,7 @@ from backend.pose_graph.solution import Solution
 from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
+from slam.core.names import listed
 from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from slam.mapping.camera_mount import mount_tilt, mount_warning
 from slam.mapping.clock_offset import delay_warning
@@ -24,6 +25,7 @@ from slam.mapping.homography_chain import chain
 from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
+from slam.mapping.not_placed import ALONE, not_placed_warnings, pictures_not_placed
 from slam.mapping.refine import comparable
 from slam.mapping.systematic_warning import is_outside_covariances, systematic_warning
 
@@ -51,7 +53,12 @@ def _loop_verdicts(
 
 
 def _status(
-    flight: Flight, stamps_s: Array, map_: Map, metric: bool, shared: SystematicErrors | None
+    flight: Flight,
+    stamps_s: Array,
+    map_: Map,
+    metric: bool,
+    not_placed: dict[str, str],
+    shared: SystematicErrors | None,
 ) -> tuple[str, list[str]]:
     by_metres = metric or map_.georeferenced
     main = map_.of_main(map_.w_T_b)
@@ -59,15 +66,15 @@ def _status(
     bent = [_systematic_warning(map_, shared)] if is_outside_covariances(shared) else []
     warnings = [*bent, *map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
     parts = int(map_.component.max(initial=-1)) + 1
-    lost = int((map_.component < 0).sum())
+    lost = [name for name, reason in not_placed.items() if reason == ALONE]
     if parts > 1:
         sizes = ", ".join(str(int((map_.component == k).sum())) for k in range(parts))
         warnings.append(
             f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect"
         )
     if lost:
-        who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
-        warnings.append(f"{who} too little with any other: not on the map")
+        who = f"{len(lost)} keyframes overlap" if len(lost) > 1 else "1 keyframe overlaps"
+        warnings.append(f"{who} too little with any other: not on the map ({listed(lost)})")
     vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
     if vague:
         warnings.append(
@@ -97,7 +104,8 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     assert flight.frames is not None
     metric = bool(edges.heights.metric[map_.component >= 0].all())
     shared = systematic_errors(map_.bundle) if map_.bundle is not None else None
-    status, warnings = _status(flight, observations.stamps_s, map_, metric, shared)
+    not_placed = pictures_not_placed(flight, map_)
+    status, warnings = _status(flight, observations.stamps_s, map_, metric, not_placed, shared)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount = mount_tilt(flight.camera, map_.bundle)
     chained = chain(
@@ -126,11 +134,13 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         odometry_w_T_b=comparable(odometry.graph.w_T_b, setup.readings, map_),
         frames=observations.frames,
         rejected=_rejected_counts(map_, loops),
+        not_placed=not_placed,
         timing_s=context.timer.seconds,
         warnings=(
             *flight.warnings,
             *describe(flight).anomalies,
             *missing_for_map(flight),
+            *not_placed_warnings(not_placed),
             *_moving(observations, shared),
             *_instrument_warnings(context, map_, mount, shared),
             *warnings,

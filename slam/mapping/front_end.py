@@ -53,6 +53,8 @@ class Observations:
     """(f,) of all frames."""
     passed: tuple[IntermediateFrame, ...] = ()
     """Frames between keyframes."""
+    dropped: dict[int, str] = field(default_factory=dict)
+    """Number of each frame that was not used -> reason."""
 
     def registered(self) -> list[list[tuple[int, Array]]]:
         """Return, for each keyframe, the frames registered to it in tracking, in order, with their (3, 3)
@@ -107,7 +109,7 @@ class FrontEnd:
         # A picture is that of its middle row.
         frame_stamps_s = flight.frames.stamps_s + 0.5 * self.camera.readout_s
         stamps_s = frame_stamps_s[index] if len(index) else np.empty(0)
-        rejected = _with_reasons(tracker.rejected, flight.frames.failures)
+        failures = {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
         return Observations(
             store=store,
             frame_index=index,
@@ -116,10 +118,11 @@ class FrontEnd:
             registrations=kept,
             refused=tuple(refused),
             frames=tracker.frames,
-            rejected=rejected,
+            rejected=_with_reasons(tracker.rejected, failures),
             moving=len(tracker.moving),
             frame_stamps_s=frame_stamps_s,
             passed=tuple(tracker.passed),
+            dropped=tracker.dropped | failures,
         )
 
     def register(
@@ -226,7 +229,7 @@ class FrontEnd:
 
 def _with_reasons(rejected: Counter[str], failures: Mapping[int, str]) -> Counter[str]:
     """The counts with what kept pictures from being read, where their loader knows it."""
-    known = Counter(f"unreadable: {reason}" for reason in failures.values())
+    known = Counter(failures.values())
     return rejected - Counter(unreadable=known.total()) + known
 
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.core.flight import Frames
+from slam.core.summary import summarise
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import elsewhere, flown, photographs
 from tests.slam.whole_job import assert_whole, refusal
@@ -47,6 +49,28 @@ def test_photographs_of_two_places_are_two_parts(mixed):
     belongs = np.array([0 if flight is here else 1 for flight, _ in photos])
     assert np.array_equal(estimate.component, belongs)
     assert "2 parts (12, 9 keyframes) that no overlapping pictures connect" in estimate.status
+
+
+def test_photographs_that_are_not_placed_are_named():
+    """One belongs to nothing, one shows nothing, and one cannot be read."""
+    here, there = flown(0), elsewhere()
+    flight = photographs([(here, 3 * k) for k in range(10)] + [(there, 0)])
+    frames, names = flight.frames, flight.frames.names
+    odd = {4: np.full(frames.load(0).shape, 90, np.uint8), 6: None}
+
+    def load(k):
+        return odd[k] if k in odd else frames.load(k)
+
+    estimate = optimize(replace(flight, frames=Frames(frames.stamps_s, names, load, {6: "truncated"})))
+    assert estimate.not_placed == {
+        names[4]: "too few features",
+        names[6]: "unreadable: truncated",
+        names[10]: "overlaps too little with any other",
+    }
+    assert summarise(estimate).to_json()["not_placed"] == estimate.not_placed
+    assert f"not on the map ({names[10]})" in estimate.status
+    for k, reason in ((4, "too few features"), (6, "unreadable: truncated")):
+        assert f"1 photographs not placed: {reason} ({names[k]})" in estimate.warnings
 
 
 def test_a_photograph_that_belongs_to_nothing_is_left_out():

@@ -55,6 +55,8 @@ class MosaicFiles:
     """Number of usable keyframes whose ground is shown by others."""
     left_out: dict[str, int]
     """Reason -> number of keyframes that could not be used."""
+    not_drawn: dict[str, str]
+    """Name of each of these -> reason."""
     seam_before: float
     """Brightness difference (rms share) between pictures of one point, as read; NaN without overlap."""
     seam_after: float
@@ -111,6 +113,7 @@ def write_mosaic(
         pictures=len(plan.views),
         redundant=plan.redundant,
         left_out=dict(Counter(plan.left_out.values())),
+        not_drawn={estimate.frame_names[k]: plan.left_out[k] for k in sorted(plan.left_out)},
         seam_before=made.exposure.seam_before,
         seam_after=made.exposure.seam_after,
         note=plan.note,

@@ -45,6 +45,8 @@ def full_estimate(seed=0, count=20) -> Estimate:
         loops=(LoopVerdict(0, 15, "kept", ""), LoopVerdict(2, 9, "rejected", 'gate, "12" of 30\nß=1')),
         frames=80,
         rejected={"blurred": 3},
+        not_placed={"a.jpg": "too few features"},
+        not_drawn={"b.jpg": "black or blown out"},
         timing_s={"solve": 0.1},
         warnings=("one", "two"),
         iterations=9,

@@ -131,6 +131,12 @@ def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
         "black or blown out": 1,
         "not placed": 1,
     }
+    assert files.not_drawn == {
+        "1.png": "cannot be read",
+        "3.png": "black or blown out",
+        "5.png": "not placed",
+        "7.png": "in a part of the flight that is not tied to the largest",
+    }
     located = dataclasses.replace(estimate, origin=GeoOrigin(52.0, 4.4, 3.0))
     assert sum(write_mosaic(located, flight, tmp_path).left_out.values()) == 3
 
