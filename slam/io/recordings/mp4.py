@@ -25,7 +25,7 @@ _MAX_DEPTH = 8
 
 
 @dataclass(frozen=True)
-class Track:
+class Mp4Track:
     """One track of a file."""
 
     handler: str
@@ -48,7 +48,7 @@ class Track:
             yield file.read(size) if size <= limit_bytes else b""
 
 
-def read_tracks(path: Path) -> tuple[Track, ...]:
+def read_tracks(path: Path) -> tuple[Mp4Track, ...]:
     """Return the tracks of a file. Raises ``InputError`` where the index is missing or damaged."""
     with path.open("rb") as file:
         index = _index(path, file)
@@ -112,7 +112,7 @@ def _find(data: bytes, *names: bytes) -> bytes:
     return data
 
 
-def _track(body: bytes) -> Track:
+def _track(body: bytes) -> Mp4Track:
     media = _find(body, b"mdia")
     table = _find(media, b"minf", b"stbl")
     header = _find(media, b"mdhd")
@@ -127,7 +127,7 @@ def _track(body: bytes) -> Track:
         shown = decoded + np.repeat(signed, shifts[:, 0])[: len(decoded)]
     sizes = _sizes(_find(table, b"stsz"))
     stamps = np.sort(shown)
-    return Track(
+    return Mp4Track(
         handler=_find(media, b"hdlr")[8:12].decode("latin-1"),
         code=_find(table, b"stsd")[12:16].decode("latin-1"),
         stamps_s=(stamps - stamps[0]) / timescale if len(stamps) else np.empty(0),

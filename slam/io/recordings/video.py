@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from slam.core.progress import Progress
 from slam.io.files import read_bytes, refusal
-from slam.io.recordings.mp4 import Track, read_tracks
+from slam.io.recordings.mp4 import Mp4Track, read_tracks
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
 from slam.io.recordings.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
 from slam.io.recordings.subtitles import Subtitles, parse_subtitles
@@ -86,7 +86,7 @@ def _opened(path: Path) -> _Video:
     return _Video(stamps_s, size, subtitles, name)
 
 
-def _subtitles_of(path: Path, tracks: Sequence[Track]) -> tuple[Subtitles | None, str]:
+def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str]:
     """Return the subtitles beside a video, else those inside it."""
     beside = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".srt"]
     if beside:
@@ -100,7 +100,7 @@ def _from_file(path: Path) -> Subtitles:
     return parse_subtitles(content.decode("utf-8", errors="replace"))
 
 
-def subtitles_of_track(path: Path, track: Track) -> Subtitles:
+def subtitles_of_track(path: Path, track: Mp4Track) -> Subtitles:
     """Return the subtitles of a track of text; each sample is its length in 16 bits, and the text."""
     starts = np.concatenate([[0], np.cumsum(track.durations_s)])
     cues = []
