@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -67,6 +67,17 @@ class Camera:
                 pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix, criteria=stop
             ).reshape(-1, 2)
         )
+
+    def refocused(self, focal_px: tuple[float, float]) -> Camera:
+        """Return the camera of another focal length that undistorts each pixel as this one does.
+
+        Distortion is a function of directions, which a longer focal length compresses: a coefficient of
+        order m in them is multiplied by the m-th power of the ratio.
+        """
+        ratio = focal_px[0] / self.focal_px[0]
+        orders = (2, 4, 1, 1, 6)
+        distortion = tuple(c * ratio**m for c, m in zip(self.distortion, orders, strict=False))
+        return replace(self, focal_px=focal_px, distortion=distortion)
 
     def magnification(self, pixel: Array) -> Array:
         """Return (n,) the side of a recorded pixel in undistorted pixels at **undistorted** pixels (n, 2).

@@ -241,4 +241,6 @@ def _calibrated(camera: Camera, bundle: Bundle) -> Camera:
     camera = replace(camera, b_T_c=bundle.b_T_c)
     if camera.focal_std_ratio == 0:
         return camera
+    if camera.is_distorted:
+        return camera.refocused(bundle.focal_px)
     return replace(camera, focal_px=bundle.focal_px, distortion=(*bundle.radial, 0.0, 0.0))

@@ -20,10 +20,10 @@ _PATTERN: Mapping[Kind, str] = {
     "position offset": "gps0: the positions differ from the pictures by a constant in the body's axes",
 }
 _CAUSE: Mapping[Kind, str] = {
-    "radial": "a lens distortion that is not declared",
-    "decentring": "a tangential distortion that is not declared",
-    "principal point": "a wrong principal point",
-    "position offset": "an antenna away from the camera, late positions, or a wrong principal point",
+    "radial": "a lens distortion other than the declared one",
+    "decentring": "a lens distortion other than the declared one",
+    "principal point": "a principal point other than the declared one",
+    "position offset": "positions of another point or moment than the pictures (antenna, delay)",
 }
 _ADVICE: Mapping[Kind, str] = {
     "radial": "calibrate the camera and declare distortion_coefficients in cam0/sensor.yaml",
@@ -51,7 +51,10 @@ def systematic_warning(found: SystematicErrors | None, camera: Camera, height_m:
         return ""
     first = next(iter(found.coefficients))
     terms = ", ".join(_term(kind, found, camera, height_m) for kind in found.coefficients)
-    causes = " or ".join(_CAUSE[kind] for kind in (first, *found.alternatives))
+    either = " or ".join(dict.fromkeys(_CAUSE[kind] for kind in (first, *found.alternatives)))
+    causes = " and ".join(
+        dict.fromkeys([either, *(_CAUSE[kind] for kind in found.coefficients if kind != first)])
+    )
     moved = f"about {length(found.shift_m, metric)} and {np.degrees(found.tilt_rad):.2g}°"
     effect = (
         f"it displaces poses by {moved}, more than their standard deviations state, and may cause the other "
@@ -69,7 +72,9 @@ def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) 
         each = zip(("forward", "left"), coefficients, found.stds[kind], strict=True)
         sure = [f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in each if abs(at) > _CERTAIN * std]
         alike_px = float(np.linalg.norm(coefficients)) / height_m * camera.focal_px[0]
-        return ", ".join([*sure, f"as much as {alike_px:.2g} px of the principal point"])
+        return (
+            f"positions off by {', '.join([*sure, f'as much as {alike_px:.2g} px of the principal point'])}"
+        )
     if kind == "principal point":
         u, v = coefficients * camera.focal_px
         return f"principal point off by {u:+.2g}, {v:+.2g} px"

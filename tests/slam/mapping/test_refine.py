@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from frontend.camera import Camera
 from frontend.features import Features
 from frontend.points import Points
 from frontend.registration import Registration
@@ -16,7 +18,7 @@ from slam.core.progress import silent
 from slam.mapping.front_end import Observations
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map
-from slam.mapping.refine import refine_map
+from slam.mapping.refine import _calibrated, refine_map
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph
 from tests.slam.mapping.made_map import made_map
@@ -94,3 +96,15 @@ def test_a_part_that_cannot_be_refined_keeps_its_place_and_says_so():
     assert np.isnan(found.covariances[8:]).all()
     assert np.isfinite(found.covariances[:8]).all()
     assert any("4 keyframes could not be refined" in warning for warning in found.warnings)
+
+
+def test_a_declared_distortion_stays_where_the_focal_length_is_estimated() -> None:
+    """The refinement works on undistorted pixels, and its map draws recorded ones."""
+    declared = Camera(
+        (200.0, 200.0), (87.5, 71.5), (176, 144), (-0.3, 0.1, 0.004, -0.003), focal_std_ratio=0.03
+    )
+    bundle = SimpleNamespace(b_T_c=declared.b_T_c, focal_px=(210.0, 210.0), radial=(0.0, 0.0))
+    found = _calibrated(declared, bundle)  # type: ignore[arg-type]
+    corners_px = declared.corners_px
+    np.testing.assert_allclose(found.undistort(corners_px), declared.undistort(corners_px), atol=1e-2)
+    assert found.focal_px == (210.0, 210.0)

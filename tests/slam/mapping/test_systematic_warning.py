@@ -45,12 +45,14 @@ def test_a_lens_is_told_with_its_size_at_the_corners() -> None:
 def test_an_offset_is_told_with_all_its_causes() -> None:
     line = warning(OFFSET)
     assert line.startswith("gps0: the positions differ from the pictures by a constant in the body's axes")
-    assert "forward +0.30 ± 0.02 m" in line
+    assert "positions off by forward +0.30 ± 0.02 m" in line
     assert "left" not in line
     assert "as much as 10 px of the principal point" in line
     assert "principal point off by +2, -1 px" in line
-    assert "an antenna away from the camera" in line
-    assert "or a lens distortion that is not declared" in line
+    assert (
+        "positions of another point or moment than the pictures (antenna, delay) or a lens distortion other "
+        "than the declared one and a principal point other than the declared one"
+    ) in line
 
 
 def test_an_error_inside_the_covariances_is_told_of_positions_alone() -> None:
