@@ -53,21 +53,21 @@ def extended_with_causes(
 
 
 def extended_model(
-    model: Model, setting: FilterParameters, causes: Sequence[str], records: Sequence[Record]
+    model: Model, parameters: FilterParameters, causes: Sequence[str], records: Sequence[Record]
 ) -> Model:
     """Return the model of some fitted filter parameters. Only terms of ``causes`` enter, each within its
     equation's limits."""
-    hold = setting.hold
-    noise = _noise(model, setting, records)
-    correlation = dict(zip(INSTRUMENTS, setting.noise_correlation.tolist(), strict=True))
+    hold = parameters.hold
+    noise = _noise(model, parameters, records)
+    correlation = dict(zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True))
     plain = replace(
         model,
         name=f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}",
         vehicle=replace(
             model.vehicle,
-            gain=float(setting.parameters[GAIN]),
-            drag_1_s=float(setting.parameters[DRAG]),
-            attitude_time_s=float(setting.parameters[ATTITUDE_TIME]),
+            gain=float(parameters.dynamics[GAIN]),
+            drag_1_s=float(parameters.dynamics[DRAG]),
+            attitude_time_s=float(parameters.dynamics[ATTITUDE_TIME]),
         ),
         hold_noise=replace(
             model.hold_noise,
@@ -100,15 +100,15 @@ def extended_model(
             model.sonar,
             noise_std_m=noise["sonar"],
             noise_correlation=correlation["sonar"],
-            datum_m=float(setting.sensor[DATUM]),
+            datum_m=float(parameters.sensor[DATUM]),
         ),
     )
     for name in causes:
-        plain = _with(plain, name, setting)
+        plain = _with(plain, name, parameters)
     return plain
 
 
-def _noise(model: Model, setting: FilterParameters, records: Sequence[Record]) -> dict[str, float]:
+def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]) -> dict[str, float]:
     """Return instrument -> standard deviation of its noise (of the imu: its density), as fitted to the
     flights.
 
@@ -122,7 +122,7 @@ def _noise(model: Model, setting: FilterParameters, records: Sequence[Record]) -
         "velocity": model.velocity.noise_std_m_s,
         "sonar": model.sonar.noise_std_m,
     }
-    if setting.out_of_model:
+    if parameters.out_of_model:
         return own
     for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True):
         kind, _ = place_of(channels[0])
@@ -131,7 +131,7 @@ def _noise(model: Model, setting: FilterParameters, records: Sequence[Record]) -
             step_s = float(np.median(np.diff(record.times_s[record.kinds == kind]))) if kind == IMU else 1.0
             reported.append(record.noise_std[channels[0]] * np.sqrt(step_s))
         if reported:
-            own[name] = float(np.median(reported) * setting.noise_factor[channels[0]])
+            own[name] = float(np.median(reported) * parameters.noise_factor[channels[0]])
     return own
 
 
@@ -152,13 +152,13 @@ def with_sizes(model: Model, name: str, values: Mapping[str, float]) -> Model:
     return model.with_term(name, **kept)
 
 
-def _with(model: Model, name: str, setting: FilterParameters) -> Model:
+def _with(model: Model, name: str, parameters: FilterParameters) -> Model:
     special = {
-        "control_latency": {"T": setting.latency_s},
-        "clock_drift": {"ppm": 1e6 * setting.drift},
-        "timestamp_jitter": {"sigma": setting.jitter_s},
-        "gusts": {"sigma": float(setting.hold[GUST_STD]), "tau": float(setting.hold[GUST_TIME])},
-        "attitude_lag": {"tau": float(setting.parameters[ATTITUDE_TIME])},
+        "control_latency": {"T": parameters.latency_s},
+        "clock_drift": {"ppm": 1e6 * parameters.drift},
+        "timestamp_jitter": {"sigma": parameters.jitter_s},
+        "gusts": {"sigma": float(parameters.hold[GUST_STD]), "tau": float(parameters.hold[GUST_TIME])},
+        "attitude_lag": {"tau": float(parameters.dynamics[ATTITUDE_TIME])},
     }
     values = special.get(name)
     if values is None:
@@ -168,7 +168,7 @@ def _with(model: Model, name: str, setting: FilterParameters) -> Model:
             if (name, parameter.name) == ("exposure_variation", "tau"):
                 continue
             where, entry = slot(parameter.slot or f"{name}.{parameter.name}")
-            x = float(getattr(setting, where)[entry])
+            x = float(getattr(parameters, where)[entry])
             if x != float(getattr(before, where)[entry]):
                 values[parameter.name] = catalogued(entry, x) if where == "camera" else x
     return with_sizes(model, name, values) if values else model

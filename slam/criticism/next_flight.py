@@ -75,21 +75,21 @@ def telling_flight(
     if len(own) == 0:
         return ""
     out = np.array([k for k in range(len(every)) if k not in own], dtype=np.int64)
-    setting = filter_parameters_of(model)
+    parameters = filter_parameters_of(model)
     slower = at_lower_rates(model)
-    precision = np.array([_precision(name, second, setting) for name in names])[out]
+    precision = np.array([_precision(name, second, parameters) for name in names])[out]
     size = np.array([x for x, column in zip(sizes, first.columns, strict=True) if column in names])
 
     def separation(name: str) -> float:
         flight = simulate_flight(slower, stick_for([name]), 1)
         missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
-        record = referred(record_of(replace(flight, **missing)), setting)  # type: ignore[arg-type]
+        record = referred(record_of(replace(flight, **missing)), parameters)  # type: ignore[arg-type]
         information = np.zeros((len(every), len(every)))
-        for rows in stretches(record, setting, every):
+        for rows in stretches(record, parameters, every):
             information += rows.sensitivity.T @ rows.sensitivity
         if seen is not None:
             information += reprojection_score(
-                record, planned_matches(record, setting, seen), setting, every
+                record, planned_matches(record, parameters, seen), parameters, every
             ).information
         left = project(information, out, precision).information
         return float(np.sqrt(max(size @ left[np.ix_(own, own)] @ size, 0.0)))
@@ -112,13 +112,13 @@ def advice(first: str, second: str, motion: str, sigma: float) -> str:
     return f"To tell {first} from {second} {motion} {often}: {sigma:.1f} sigma a time."
 
 
-def _precision(name: str, other: Effect, setting: FilterParameters) -> float:
+def _precision(name: str, other: Effect, parameters: FilterParameters) -> float:
     """Return the prior precision of a column: almost none for the other term and the nuisances that it
     frees."""
     nuisance = {n.name: n for n in MEAN_NUISANCES}.get(name)
     if nuisance is None or name in other.relaxes:
         return 1e-9
-    return prior_precision(nuisance, setting)
+    return prior_precision(nuisance, parameters)
 
 
 def _current_value(found: SearchResult, column: str) -> float:
@@ -126,4 +126,4 @@ def _current_value(found: SearchResult, column: str) -> float:
     nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
     if nuisance is None:
         return found.last.quadratic.current.get(column, 0.0)
-    return value_of(nuisance, found.last.setting) - value_of(nuisance, found.model)
+    return value_of(nuisance, found.last.parameters) - value_of(nuisance, found.model)

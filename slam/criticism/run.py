@@ -117,7 +117,7 @@ class _Prepared:
     """Inputs of the search."""
 
     records: list[Record]
-    setting: FilterParameters
+    nominal: FilterParameters
     limits: Thresholds
     mismatched: list[str]
     """Descriptions of the pictures that were left out."""
@@ -141,39 +141,39 @@ class _Explained:
 
 def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _Prepared:
     limits = load_thresholds(pictures=any(record.matches is not None for record in records))
-    setting = replace(filter_parameters_of(model), out_of_model=is_out_of_model(records, model))
-    if setting.out_of_model:
+    nominal = replace(filter_parameters_of(model), out_of_model=is_out_of_model(records, model))
+    if nominal.out_of_model:
         records = [with_coarser_noise(record, model) for record in records]
         limits = limits.times(OUT_OF_MODEL, "the vehicle is not of the model's kind")
     elif any_holds_heading(records):
         limits = limits.times(CLOSED_LOOP, "a controller's sticks contain more than its instruments measure")
-    records, mismatched = _filtered(records, setting, progress)
-    records, late = without_jitter(records, setting) if not setting.out_of_model else (records, [])
+    records, mismatched = _filtered(records, nominal, progress)
+    records, late = without_jitter(records, nominal) if not nominal.out_of_model else (records, [])
     records, anomalies = without_dead_zone(records)
     anomalies = [*late, *anomalies]
-    if not setting.out_of_model and quantisation_of(records) is None:
-        records, steps = without_boxes(records, setting)
+    if not nominal.out_of_model and quantisation_of(records) is None:
+        records, steps = without_boxes(records, nominal)
         anomalies = [*anomalies, *steps]
-    return _Prepared(list(records), setting, limits, mismatched, anomalies)
+    return _Prepared(list(records), nominal, limits, mismatched, anomalies)
 
 
 def _explained(prepared: _Prepared, progress: Progress) -> _Explained:
-    setting = prepared.setting
-    found = search(prepared.records, setting, prepared.limits, progress)
+    nominal = prepared.nominal
+    found = search(prepared.records, nominal, prepared.limits, progress)
     records = found.records
-    found = confirmed_terms(records, found, setting)
+    found = confirmed_terms(records, found, nominal)
     posterior = posterior_of(found)
     likeliest = _likeliest(records, found, posterior)
     parameters = _fitted_parameters(likeliest)
-    doubts, refuted = contradictions(records, setting, likeliest, parameters)
+    doubts, refuted = contradictions(records, nominal, likeliest, parameters)
     reported = likeliest
     if refuted:
         reported = replace(reported, chosen=tuple(e for e in reported.chosen if e.name not in refuted))
         parameters = _fitted_parameters(reported)
     best = None
-    if setting.out_of_model and reported.chosen and len(records) > 1:
-        best = fit_rollouts(records, parameters, reported.first.setting, reported, progress)
-        reported, parameters = replace(reported, chosen=best.chosen), best.setting
+    if nominal.out_of_model and reported.chosen and len(records) > 1:
+        best = fit_rollouts(records, parameters, reported.first.parameters, reported, progress)
+        reported, parameters = replace(reported, chosen=best.chosen), best.parameters
     return _Explained(
         reported, parameters, posterior if reported is found else posterior_of(reported), doubts, best
     )
@@ -188,8 +188,8 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     anomalies = [*prepared.anomalies, *reading_anomalies(records, found.last.fisher.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
-        together = held_out(records, found, prepared.setting) if any(map(is_term, found.chosen)) else None
-        fitted = causes_of(records, prepared.setting, found, posterior, together, best) if together else ()
+        together = held_out(records, found, prepared.nominal) if any(map(is_term, found.chosen)) else None
+        fitted = causes_of(records, prepared.nominal, found, posterior, together, best) if together else ()
     left = sorted(found.last.score_tests(found.chosen, found.last.patterns), key=lambda s: -s.z)
     pattern_z = with_misfit(limits.patterns, max((c.z for c in fitted), default=0.0))
     left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)
@@ -259,14 +259,14 @@ def _covariate(
 
 
 def _filtered(
-    records: Sequence[Record], setting: FilterParameters, progress: Progress
+    records: Sequence[Record], parameters: FilterParameters, progress: Progress
 ) -> tuple[list[Record], list[str]]:
     """Return the records with their reference runs under the healthy model, and descriptions of the pictures
     that contradict these runs."""
     flights = Tally(progress, "filter", len(records))
 
     def prepared(record: Record) -> tuple[Record, str]:
-        return without_mismatched_pairs(referred(record, setting), setting)
+        return without_mismatched_pairs(referred(record, parameters), parameters)
 
     found = in_threads(flights.counting(prepared), records)
     return [record for record, _ in found], [reported for _, reported in found if reported]

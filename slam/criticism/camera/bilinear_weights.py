@@ -1,4 +1,4 @@
-"""A grid of nodes over the picture, for what depends on the place in it."""
+"""Bilinear interpolation on a grid of nodes over the picture, for maps of lens errors."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from frontend.camera import Camera
 Array = NDArray[np.float64]
 
 NODES = 13, 11
-"""Along columns and rows; between them a map is bilinear: neither a stain nor a drop is a speck."""
+"""Nodes along columns and rows. Stains and drops on a lens are wider than the distance between nodes."""
 COUNT = NODES[0] * NODES[1]
 
 
 def bilinear_weights(camera: Camera, pixel: Array) -> csr_array:
-    """(m, nodes) bilinear weights of undistorted pixels (m, 2)."""
+    """Return the (m, nodes) bilinear weights of undistorted pixels (m, 2)."""
     low, part = [], []
     for axis, nodes in enumerate(NODES):
         at = np.clip(pixel[:, axis] / (camera.size_px[axis] - 1) * (nodes - 1), 0.0, nodes - 1.0)
@@ -33,6 +33,6 @@ def bilinear_weights(camera: Camera, pixel: Array) -> csr_array:
 
 
 def places(camera: Camera) -> Array:
-    """(nodes, 2) pixels of the nodes."""
+    """Return (nodes, 2) the pixels of the nodes."""
     axes = [np.linspace(0, camera.size_px[k] - 1, NODES[k]) for k in range(2)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -21,41 +21,43 @@ Array = NDArray[np.float64]
 _SENSOR_NUDGE = 1e-3
 _KEPT_PATHS = 2
 _PATHS: WeakKeyDictionary[FeatureMatches, dict[bytes, tuple[Array, SmoothedPath]]] = WeakKeyDictionary()
-"""Smoothed paths at the pictures that were worked out last, as long as these are there."""
+"""Cache of the latest smoothed paths for each set of matches."""
 _SAME_SHARE, _SAME_S = 3e-3, 1e-3
-"""Beliefs whose numbers differ by less make the same path."""
+"""Relative differences, and differences in seconds, of parameters below which the path counts as the same."""
 MOST_PICTURES = 450
 """Largest number of pictures of a flight that are evaluated together."""
 BURST_S = 10.0
-"""... where there are more, they are taken by so many seconds on end."""
+"""Length in seconds of the segments that are chosen where there are more."""
 MARGIN_S = 0.3
-"""Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
+"""Pictures this near to the ends of the readings are left out, so that a clock offset loses none."""
 
 
 def camera_path(
-    record: Record, matches: FeatureMatches, setting: FilterParameters
+    record: Record, matches: FeatureMatches, parameters: FilterParameters
 ) -> tuple[SmoothedPath, NDArray[np.bool_]]:
-    """The path at the pictures, and which lie within it and off the floor; kept for beliefs nearly alike."""
-    camera = setting.camera
+    """Return the path at the pictures, and the mask (n,) of pictures within it and above the floor.
+
+    Paths are cached for nearly equal parameters."""
+    camera = parameters.camera
     inside = matches.stamps_s > record.times_s[0] + MARGIN_S
     inside &= matches.stamps_s < record.times_s[-1] - MARGIN_S
-    # On the floor a picture is a few centimetres away: its scale is that of the landing gear, which differs.
+    # On the floor the camera is a few centimetres above it, at the height of a landing gear, which differs.
     inside &= ~record.landing[
         np.searchsorted(record.times_s, matches.stamps_s).clip(max=len(record.times_s) - 1)
     ]
     inside = spread(matches.stamps_s, inside)
     paths = _PATHS.setdefault(matches, {})
-    key = _key(setting, record.duration_s)
+    key = _key(parameters, record.duration_s)
     half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
     if key not in paths:
-        shown = matches.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET]
+        shown = matches.stamps_s[inside] * (1.0 + parameters.drift) - camera[OFFSET]
         shown = np.clip(shown, record.times_s[0] + half_s, record.times_s[-1] - half_s)
         while len(paths) >= _KEPT_PATHS:
             paths.pop(next(iter(paths)))
         directions = [parameter_perturbation(name, _SENSOR_NUDGE) for name in SENSOR]
-        paths[key] = setting.sensor, smoothed(record, setting, shown, directions, half_s)
+        paths[key] = parameters.sensor, smoothed(record, parameters, shown, directions, half_s)
     sensor, path = paths[key]
-    moved = (path.sensitivity @ (setting.sensor - sensor)).reshape(path.poses.shape)
+    moved = (path.sensitivity @ (parameters.sensor - sensor)).reshape(path.poses.shape)
     return replace(path, poses=path.poses + moved), inside
 
 
@@ -63,8 +65,8 @@ def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Choose segments of consecutive pictures, evenly over the flight (n,), if there are more than
     ``MOST_PICTURES``.
 
-    The errors of all poses together go with the square of their number. And what every pair of a long chain
-    is off by adds up: over a minute and more, to a focal length that is off by hundredths.
+    The joint covariance grows with the square of the number of poses. The errors of a long chain of pairs
+    also add up: over a minute or more, to a focal length that is wrong by hundredths.
     """
     share = MOST_PICTURES / max(int(inside.sum()), 1)
     if share >= 1.0:
@@ -73,10 +75,15 @@ def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inside & (np.floor((burst + 1.0) * share) > np.floor(burst * share))
 
 
-def _key(setting: FilterParameters, duration_s: float) -> bytes:
-    """Equal for beliefs under which the readings tell nearly the same path."""
-    parts = [setting.parameters, setting.hold, setting.noise_factor, setting.noise_correlation]
+def _key(parameters: FilterParameters, duration_s: float) -> bytes:
+    """Return a key that is equal for parameters with nearly the same path."""
+    parts = [parameters.dynamics, parameters.hold, parameters.noise_factor, parameters.noise_correlation]
     numbers = np.concatenate(parts)
     coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
-    clocks = [setting.latency_s, setting.drift * 100, setting.jitter_s, *setting.camera[[OFFSET, READOUT]]]
+    clocks = [
+        parameters.latency_s,
+        parameters.drift * 100,
+        parameters.jitter_s,
+        *parameters.camera[[OFFSET, READOUT]],
+    ]
     return coarse.tobytes() + np.round(np.array([*clocks, duration_s]) / _SAME_S).tobytes()

@@ -1,4 +1,4 @@
-"""Pieces of the floor that two pictures show, each through its own place of the lens: how bright they are."""
+"""Brightness of the same pieces of the floor in two pictures, seen through different places of the lens."""
 
 from __future__ import annotations
 
@@ -21,35 +21,37 @@ CELL_SHARE = 1 / 15
 """Cell size as a share of the picture's width: averaging over a cell suppresses the floor's detail."""
 DARKEST, BRIGHTEST = 12.0, 240.0
 CELL_STEPS = (1, 4)
-"""Pictures whose cells are compared are so many apart: near ones overlap by most, others have moved on."""
+"""Distances in pictures between those whose cells are compared: near ones overlap most, far ones show a piece
+through another place of the lens."""
 MOST_PAIRS = 1000
-"""Number of pairs of a flight, evenly spaced: the lens does not change."""
+"""Greatest number of pairs of a flight, evenly spaced. The lens does not change over a flight."""
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Pieces of the floor that two pictures show, each through its own place of the lens; (m,) each."""
+    """The m pieces of the floor (cells) that two pictures show, each through its own place of the lens."""
 
     earlier: Ints
-    """Picture i, ..."""
+    """(m,) index of picture i."""
     later: Ints
-    """... and picture j."""
+    """(m,) index of picture j."""
     pixel_i: Array
-    """(m, 2) middles, undistorted."""
+    """(m, 2) centre in picture i, undistorted pixels."""
     pixel_j: Array
+    """(m, 2) centre in picture j, undistorted pixels."""
     ratio: Array
-    """Logarithm of the brightness in i over that in j; whole pictures are brought to one level."""
+    """(m,) logarithm of the brightness in i over that in j, with both pictures at one overall level."""
 
     @property
     def runs(self) -> list[slice]:
-        """The cells of each pair of pictures: they stand together."""
+        """Slices of the cells of each pair of pictures, which are adjacent."""
         index = np.column_stack([self.earlier, self.later])
         begins = np.flatnonzero(np.any(np.diff(index, axis=0, prepend=-1) != 0, axis=1)).tolist()
         return [slice(begin, end) for begin, end in pairwise([*begins, len(index)])]
 
     @staticmethod
     def of(found: Iterable[tuple[int, int, Array]]) -> Cells:
-        """From (i, j, ``compared``) of each pair of pictures."""
+        """Return the cells of pairs of pictures, given as (i, j, result of ``compared``)."""
         pairs = list(found)
         table = np.concatenate([np.zeros((0, 5)), *(rows for _, _, rows in pairs)])
         index = np.array([(i, j) for i, j, _ in pairs], dtype=np.int64).reshape(-1, 2)
@@ -58,7 +60,8 @@ class Cells:
 
 
 def compared(small_i: Image, laid: Overlaid) -> Array:
-    """(m, 5) of each cell that both pictures show whole: pixel in i and in j, logarithm of the ratio."""
+    """Return (m, 5) rows of cells that both pictures show whole: pixel in i, pixel in j, and the logarithm of
+    the brightness ratio."""
     side = CELL_SHARE * small_i.shape[1]
     size = tuple(round(n / side) for n in small_i.shape[::-1])
 
@@ -74,6 +77,6 @@ def compared(small_i: Image, laid: Overlaid) -> Array:
 
 
 def radius2(camera: Camera, pixel: Array) -> Array:
-    """(n,) squared distance of pixels (n, 2) from the middle; 1 half a picture's diagonal away."""
+    """Return (n,) the squared distance of pixels (n, 2) from the centre, in squared half diagonals."""
     half = np.hypot(*camera.size_px) / 2
     return np.asarray(((pixel - camera.center_px) ** 2).sum(axis=1) / half**2)

@@ -1,7 +1,7 @@
-"""Registrations held against each other: a wrong one agrees with no way round by other pictures.
+"""Consistency check of registrations: a wrong one contradicts the chain through a third picture.
 
-A pair of pictures may be registered to the wrong part of the floor by matches that all agree. What it
-then says of the path is off by a hundred deviations, and one such pair outweighs a flight.
+A pair of pictures may be registered to the wrong part of the floor by matches that all agree. Its residual
+along the path is then a hundred standard deviations, so one such pair outweighs a flight.
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
 APART = 0.06
-"""Largest difference as a share of the picture's width: correct ones differ by up to 0.02, and by 0.04 with
-a read-out of 30 ms."""
+"""Largest mean difference at the corners, as a share of the picture's width. Correct registrations differ by
+up to 0.02, and by 0.04 with a rolling shutter of 30 ms."""
 
 
 def confirmed(i_H_j: Mapping[Pair, Array], camera: Camera) -> set[Pair]:
     """Return the homographies of picture j in picture i, keyed (i, j), that a second route confirms.
 
-    The way round goes by the picture in the middle, whose halves overlap by more than the whole: where both
-    are believed, they decide. On a floor that repeats, wholes that are wrong by the same piece of floor agree
-    with each other. A pair without such halves is believed if it is half of any way that agrees; of those
-    that no way can ask, only neighbours are, which overlap by most.
+    The second route goes through the picture in the middle. The two halves overlap by more than the whole
+    pair, so they decide where both are accepted. On a repetitive floor, long pairs that are wrong by the same
+    displacement confirm each other. A pair without accepted halves is accepted if it is half of any route
+    that closes. Pairs without any route are accepted only between neighbours, which overlap most.
     """
-    agrees = _ways(i_H_j, camera)
-    believed: set[Pair] = set()
+    closes = _loop_checks(i_H_j, camera)
+    accepted: set[Pair] = set()
     for pair in sorted(i_H_j, key=lambda pair: pair[1] - pair[0]):
-        if pair in agrees and all(half in believed for half in _halves(pair)):
-            good = agrees[pair]
+        if pair in closes and all(half in accepted for half in _halves(pair)):
+            correct = closes[pair]
         else:
-            told = [answer for whole, answer in agrees.items() if pair in _halves(whole)]
-            good = any(told) if told else pair[1] - pair[0] == 1
-        if good:
-            believed.add(pair)
-    return believed
+            answers = [answer for whole, answer in closes.items() if pair in _halves(whole)]
+            correct = any(answers) if answers else pair[1] - pair[0] == 1
+        if correct:
+            accepted.add(pair)
+    return accepted
 
 
-def _ways(i_H_j: Mapping[Pair, Array], camera: Camera) -> dict[Pair, bool]:
-    """For each pair both of whose halves there are, whether it agrees with the way by them."""
+def _loop_checks(i_H_j: Mapping[Pair, Array], camera: Camera) -> dict[Pair, bool]:
+    """Return, for each pair whose halves both exist, whether it agrees with the product of the halves."""
     corners, most = camera.corners_px, APART * camera.size_px[0]
     found = {}
     for pair, whole in i_H_j.items():

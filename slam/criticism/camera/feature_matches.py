@@ -1,4 +1,4 @@
-"""Feature matches between a flight's pictures: the same points of the floor, from picture to picture."""
+"""Feature matches between a flight's pictures: the same points of the floor in two pictures."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ SHORTEST_S = 0.2
 """Least interval between pictures: between nearer ones the motion is too small."""
 WORKERS = 2
 STEPS = (1, 2, 4, 8)
-"""Each picture is compared with those so many before it."""
+"""Each picture is matched with the pictures this many before it."""
 FEATURES = FeatureConfig(max_features=300)
 MATCHES = 24
 """Number of matches of a pair, evenly spaced; more add nothing about the path between two pictures."""
 BEYOND = 3.5
-"""A match farther from the pair's homography than so many standard deviations is none."""
+"""Matches farther from the pair's homography than this many standard deviations are rejected."""
 PATCH = (7, 7)
-"""Pixels about a point over which grey levels vary more or less."""
+"""Size in px of the window around a point for its local contrast."""
 LEAST_PX = 0.08
-"""No feature is placed better, whatever the fit says."""
+"""Least standard deviation of a feature's position in px."""
 
 
 _Shot = tuple[float, Features, Array]
-"""Stamp, features, and their tones."""
+"""Stamp of a picture, its features and their tones."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,39 +54,40 @@ class FeatureMatches:
 
     camera: Camera
     stamps_s: Array
-    """(n,) of the pictures that were looked at."""
+    """(n,) stamps of the pictures that were matched."""
     earlier: Ints
-    """(m,) picture i of each match, ..."""
+    """(m,) index of picture i of each match."""
     later: Ints
-    """... and picture j."""
+    """(m,) index of picture j of each match."""
     pixel_i: Array
-    """(m, 2) undistorted."""
+    """(m, 2) undistorted pixels in picture i."""
     pixel_j: Array
     std_px: Array
-    """(m,) of one coordinate of pixel_i less what pixel_j predicts."""
+    """(m,) standard deviation of one coordinate of pixel_i minus its prediction from pixel_j."""
     tone_i: Array
-    """(m, 4) mean level about the point in blue, green and red, and how much grey levels vary about it."""
+    """(m, 4) mean level around the point in blue, green and red, and standard deviation of the grey levels.
+    """
     tone_j: Array
     registered: float
     """Share of the successive pairs that could be registered."""
     missing: int
-    """Pictures that the regular stamps would have, but that are not there, ..."""
+    """Number of pictures missing from the regular stamps."""
     taken: int
-    """... and those that are, looked at or not."""
+    """Number of all pictures, matched or not."""
     lens_distortion: LensDistortionMap
     """Local distortions of the lens."""
     cells: Cells
     """Brightness ratios of overlaid pictures."""
     flicker: float = 0.0
-    """How much brightness changes along rows or columns in most pairs of pictures."""
+    """Change of brightness along rows or columns in most pairs of pictures (see ``flicker``)."""
     moving_s: Array = field(default_factory=lambda: np.zeros(0))
-    """(k,) of pictures in which something moves over the floor since the one before."""
+    """(k,) stamps of pictures in which an object has moved over the floor since the picture before."""
     spots: Array = field(default_factory=lambda: np.zeros((0, 3)))
-    """(k, 3) for each pair of pictures with bright spots that do not go with the floor: how many lag behind
-    it, how many go otherwise, and the strength of the former."""
+    """(k, 3) for each pair of pictures with bright spots that do not move with the floor: number that lag
+    behind it, number of the others, and strength of the lagging ones."""
 
     def some(self, kept: NDArray[np.bool_]) -> FeatureMatches:
-        """Return a copy with some of the matches (m,) alone."""
+        """Return a copy with only the matches of the mask (m,)."""
         return replace(
             self,
             earlier=self.earlier[kept], later=self.later[kept],
@@ -96,18 +97,18 @@ class FeatureMatches:
 
     @property
     def uneven(self) -> bool:
-        """Whether the light changes within the pictures: then brightness tells nothing else, nor does what
-        seems to move."""
+        """Whether the light changes within the pictures, so that neither brightness nor moving objects are
+        evidence."""
         return self.flicker >= LEAST_FLICKER
 
     @property
     def glares(self) -> bool:
-        """Whether lamps are mirrored in the floor: what they light is no map of the lens."""
+        """Whether the floor mirrors lamps, whose light would pass for lens shading."""
         return are_lamps(self.spots) and not self.lens_distortion.notable
 
 
 def match_pictures(flight: Flight, progress: Progress = silent) -> FeatureMatches | None:
-    """Register the flight's pictures to each other; return None if that fails for all."""
+    """Register the flight's pictures to each other; return None if all registrations fail."""
     return match_all_pictures([flight], progress)[0]
 
 
@@ -116,7 +117,7 @@ def match_all_pictures(flights: Sequence[Flight], progress: Progress = silent) -
     pictures = Tally(progress, "pictures", sum(len(f.frames) for f in flights if f.frames is not None))
     pairs = Tally(progress, "pairs of pictures")
     before = cv2.getNumThreads()
-    # Small pictures: threads within one would only wait for each other.
+    # The pictures are small, so threads within one of them would only wait for each other.
     cv2.setNumThreads(1)
     try:
         with ThreadPoolExecutor(WORKERS) as pool:
@@ -200,7 +201,7 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches 
 def _laid_over(
     greys: Sequence[Image], i_H_j: Mapping[tuple[int, int], Array], camera: Camera
 ) -> tuple[Ints, Cells]:
-    """Pictures in which something moves since the one before, and what pairs of pictures share."""
+    """Results for pairs of pictures: matches, cells, spots and pictures with moving objects."""
     apart = [(i, j) for i, j in i_H_j if j - i in CELL_STEPS]
     chosen = set(apart[:: max(-(-len(apart) // MOST_PAIRS), 1)])
     moving, cells = [], []
@@ -214,13 +215,13 @@ def _laid_over(
 
 
 def _missing(stamps_s: Array) -> int:
-    """How many pictures the gaps between stamps would have held."""
+    """Return the number of pictures missing in the gaps between stamps."""
     gaps = np.diff(stamps_s)
     return int(np.sum(np.maximum(np.rint(gaps / np.median(gaps)) - 1.0, 0.0)))
 
 
 def _chosen(pair: Registration, pixel_i: Array, pixel_j: Array) -> tuple[Ints, Array]:
-    """Some of a pair's matches that its homography agrees with, and their noise in px."""
+    """Return some of a pair's inliers of its homography, and their noise in px."""
     a, b = pixel_i[pair.matches[:, 0]], pixel_j[pair.matches[:, 1]]
     std = max(pair.noise_px, LEAST_PX) * np.sqrt(1.0 + _stretch(pair.i_H_j, b))
     good = np.flatnonzero(np.linalg.norm(a - transfer(pair.i_H_j, b), axis=1) < BEYOND * std)
@@ -229,13 +230,13 @@ def _chosen(pair: Registration, pixel_i: Array, pixel_j: Array) -> tuple[Ints, A
 
 
 def _picked(pair: Registration, good: Ints, a: _Shot, b: _Shot) -> tuple[Array, Array, Array, Array]:
-    """Pixels in i and j, tones in i and j of some matches."""
+    """Return the pixels in i and j and the tones in i and j of some matches."""
     of_i, of_j = pair.matches[good, 0], pair.matches[good, 1]
     return a[1].pixel[of_i], b[1].pixel[of_j], a[2][of_i], b[2][of_j]
 
 
 def _tones(image: Image, pixel: Array) -> Array:
-    """(n, 4) levels of three colours about points, and the local standard deviation of grey."""
+    """Return (n, 4) levels of three colours around points, and the local standard deviation of grey."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
     mean = cv2.blur(colour, (3, 3)).astype(np.float64)
     grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY).astype(np.float64)
@@ -246,7 +247,7 @@ def _tones(image: Image, pixel: Array) -> Array:
 
 
 def _stretch(i_H_j: Array, pixel: Array) -> Array:
-    """(n,) mean squared size of what a pixel of j becomes in i."""
+    """Return (n,) the mean squared size in i of a pixel of j."""
     ahead, beside = transfer(i_H_j, pixel + [0.5, 0.0]), transfer(i_H_j, pixel + [0.0, 0.5])
     before, behind = transfer(i_H_j, pixel - [0.5, 0.0]), transfer(i_H_j, pixel - [0.0, 0.5])
     return np.asarray(0.5 * (((ahead - before) ** 2).sum(axis=1) + ((beside - behind) ** 2).sum(axis=1)))

@@ -1,7 +1,7 @@
-"""Light that changes within a picture and between pictures: lamps that flicker while rows are read.
+"""Flicker: bands of changing light in a picture, from lamps that flicker while a rolling shutter reads rows.
 
-What an exposure does it does to a whole picture, and a lens does the same to all. Between two pictures of the
-same floor neither leaves a profile along rows or columns.
+Exposure changes a whole picture, and a lens changes all pictures alike. Neither leaves a profile along rows
+or columns between two pictures of the same floor.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from slam.criticism.camera.cells import Cells, radius2
 Array = NDArray[np.float64]
 
 LINES = 12
-"""Along a picture's rows, and its columns: each is the median of its cells, so that things that cover some
-do not make it."""
+"""Bins along a picture's rows and columns. Each is the median of its cells, which is robust against objects
+in some of them."""
 FEWEST_CELLS, FEWEST_LINES, FEWEST_PAIRS = 5, 5, 20
 ROUNDS, CLIP = 5, 2.0
 USUAL = 0.25
-"""Three pairs of four have more: what moves or shines may be large in some."""
+"""Quantile over the pairs: three of four have more, as an object or a reflection may be large in some."""
 LEAST_FLICKER = 0.01
-"""Root mean square of the logarithm of brightness. Sound cameras, and such with stains, dark edges, restless
-exposures or lamps in the floor had at most 0.003; bands of 0.2 had 0.06."""
+"""Root mean square of the logarithm of brightness from which flicker is reported. Healthy cameras, and
+cameras with stains, vignetting, changing exposure or lamps in the floor, had at most 0.003; bands of 0.2 had
+0.06."""
 
 
 def flicker_of(camera: Camera, cells: Cells) -> float:

@@ -1,9 +1,9 @@
-"""Lamps mirrored in the floor: spots of light that lag behind the floor from picture to picture.
+"""Specular highlights: images of lamps in a reflecting floor, which move more slowly than the floor.
 
-A lamp's mirror image lies deep below the floor, so that as the camera moves its spot goes over the picture
-more slowly than the floor does. What stands on the floor goes faster, and what is painted on it as fast. Two
-pictures laid over each other show a spot twice, brighter in the one and in the other; the way between both
-runs against the floor's own flow.
+The mirror image of a lamp lies far below the floor. When the camera moves, its spot therefore moves more
+slowly over the picture than the floor does. An object on the floor moves faster, and paint moves with the
+floor. Two pictures overlaid by the floor's homography show the spot at two places. The displacement between
+them is opposite to the floor's optical flow.
 """
 
 from __future__ import annotations
@@ -23,45 +23,51 @@ from slam.criticism.camera.overlaid import Image, Overlaid, overlaid, shrunk
 Array = NDArray[np.float64]
 
 WIDTH_PX = 88
-"""Pictures are looked at this small: a spot is no detail."""
+"""Greatest width of the reduced pictures; spots are larger than their pixels."""
 SMOOTH_PX = 3
 LEAST_LEVELS, DEVIATIONS = 25.0, 6.0
-"""Smallest excess of a spot over the floor, in grey levels and in deviations of what pictures differ by."""
+"""Smallest excess of a spot over the floor, in grey levels and in robust standard deviations of the
+difference of the pictures."""
 LEAST_SEEN = 0.3
+"""Least overlap of two pictures, as a share of the picture."""
 MOST_TURN = 0.1
-"""Radians that a pair of pictures may be turned against each other: all that is seen turns alike."""
+"""Greatest rotation between two pictures in radians, as everything visible rotates alike."""
 LEAST_AREA = 1e-3
-"""Smallest area, as a share of the picture."""
+"""Smallest area of a spot, as a share of the picture."""
 MOST_FLOW, LEAST_FLOW = 0.5, 0.015
 """Range of the floor's flow between two pictures, in picture widths, in which a spot can be tracked."""
 LEAST_LAG = 0.15
-"""Share of the floor's flow that a spot stays behind by; more than 1 where one hides the other's middle."""
+"""Least lag of a spot, as a share of the floor's flow; more than 1 where a spot hides the centre of another.
+"""
 ACROSS = 0.5
 """Largest motion across the flow, as a share of the motion along it."""
 FEWEST_PAIRS, MOSTLY = 6, 0.6
-"""Pairs of pictures with spots that lag behind the floor: so many, and so many for each with a spot that goes
-otherwise. Boxes and moving things made 0.2 to 0.3, lamps 0.9 and more; healthy pictures have no spots."""
+"""Least number of pairs of pictures with lagging spots, and least ratio to the number of pairs with other
+spots. The ratio was 0.2 to 0.3 for boxes and moving objects, and 0.9 or more for lamps; healthy pictures have
+no spots."""
 
 
 @dataclass(frozen=True)
 class Spots:
-    """Bright spots of a pair of pictures that do not go with the floor."""
+    """Bright spots of a pair of pictures that do not move with the floor."""
 
     lagging: int
+    """Number of spots that move more slowly than the floor."""
     others: int
-    """That go otherwise: things that move or stand on the floor."""
+    """Number of other spots: objects that move or stand on the floor."""
     strength: float
-    """Share of white by which the strongest lagging one is brighter than the floor; NaN without any."""
+    """Excess of the brightest lagging spot over the floor, as a share of white; NaN without any."""
 
 
 def are_lamps(found: Array) -> bool:
-    """Whether spots are lamps: (k, >= 2) of each pair of pictures, how many lag and how many go otherwise."""
+    """Return whether spots are lamps. The rows (k, >= 2) of ``found`` are the numbers of lagging and of other
+    spots in each pair of pictures."""
     lagging, otherwise = (int(np.sum(found[:, k] > 0)) for k in (0, 1))
     return lagging >= FEWEST_PAIRS and lagging >= MOSTLY * otherwise
 
 
 def dimmed(image: Image) -> Image:
-    """The darkest colour of each pixel, small: light that is white raises all of them."""
+    """Return the reduced picture of the darkest colour of each pixel: white light raises all three."""
     return shrunk(image if image.ndim == 2 else image.min(axis=2), WIDTH_PX)
 
 
@@ -100,13 +106,14 @@ def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
 
 
 def _excess(laid: Overlaid, dim_i: Image) -> Array:
-    """(h, w) how much brighter i is than what lies over it, 0 where nothing does."""
+    """Return (h, w) the smoothed excess of i over the overlaid picture, 0 outside the overlap."""
     over = np.where(laid.seen, dim_i.astype(np.float32) - laid.other, np.float32(0.0))
     return np.asarray(cv2.blur(over, (SMOOTH_PX, SMOOTH_PX)).astype(np.float64))
 
 
 def _blobs(excess: Array, threshold: float, seen: NDArray[np.bool_]) -> list[tuple[int, float]]:
-    """Places (flat) of the middles, and peaks, of what is brighter than the threshold and not cut off."""
+    """Return the flat index of the centre and the peak of each region above the threshold that lies inside
+    the overlap."""
     labels, count = label(excess > threshold)
     inside = cv2.erode(seen.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
     area, cut = (np.bincount(labels[part], minlength=count + 1) for part in (seen, ~inside))

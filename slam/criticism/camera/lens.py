@@ -1,7 +1,7 @@
-"""From one picture's pixels to another's over the floor, through a camera that may differ from what is told.
+"""Transfer of pixels between two pictures over the floor, for a camera that may differ from the nominal one.
 
-Pixel j -> ray -> floor -> picture i. Every row has its own moment: the path is taken along its rates from the
-moment of the middle row.
+The chain is pixel j, ray, floor point, pixel in picture i. Vectors are in metres; poses (m, 6) are x, y, z,
+roll, pitch and yaw of the vehicle in the world.
 """
 
 from __future__ import annotations
@@ -16,42 +16,42 @@ from slam.criticism.kalman.camera_parameters import FOCAL, RADIAL, TILT_X, TILT_
 Array = NDArray[np.float64]
 
 NUDGE = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4])
-"""Step of the differences in each entry of the camera's vector that moves points."""
+"""Finite-difference step of each entry of the camera's vector that moves points."""
 
 
-def floor_of(told: Camera, camera: Array, pose: Array, pixel: Array, slope: Array) -> Array:
-    """(m, 3) world points of a sloped floor z = slope . (x, y) that pixels (m, 2) show from poses (m, 6)."""
-    focal = np.array(told.focal_px) * (1.0 + camera[FOCAL])
-    seen = (pixel - told.center_px) / focal
+def floor_of(nominal: Camera, camera: Array, pose: Array, pixel: Array, slope: Array) -> Array:
+    """Return (m, 3) the points that pixels (m, 2) show from poses (m, 6), on a floor z = slope . (x, y)."""
+    focal = np.array(nominal.focal_px) * (1.0 + camera[FOCAL])
+    seen = (pixel - nominal.center_px) / focal
     plain = seen
     for _ in range(4):
         plain = seen / (1.0 + camera[RADIAL] * (plain**2).sum(axis=1, keepdims=True))
-    w_R_c, w_t_c = _placed(told, camera, pose)
+    w_R_c, w_t_c = _placed(nominal, camera, pose)
     ray = np.einsum("mij,mj->mi", w_R_c, np.column_stack([plain, np.ones(len(plain))]))
     above = w_t_c[:, 2] - w_t_c[:, :2] @ slope
     reach = above / (ray[:, :2] @ slope - ray[:, 2])
     return np.asarray(w_t_c + reach[:, None] * ray)
 
 
-def pixels_of(told: Camera, camera: Array, pose: Array, point: Array) -> Array:
-    """(m, 2) pixels that world points (m, 3) have from poses (m, 6)."""
-    w_R_c, w_t_c = _placed(told, camera, pose)
+def pixels_of(nominal: Camera, camera: Array, pose: Array, point: Array) -> Array:
+    """Return (m, 2) the projections in px of world points (m, 3) from poses (m, 6)."""
+    w_R_c, w_t_c = _placed(nominal, camera, pose)
     c_p = np.einsum("mji,mj->mi", w_R_c, point - w_t_c)
     plain = c_p[:, :2] / c_p[:, 2:]
     seen = plain * (1.0 + camera[RADIAL] * (plain**2).sum(axis=1, keepdims=True))
-    return np.asarray(seen * np.array(told.focal_px) * (1.0 + camera[FOCAL]) + told.center_px)
+    return np.asarray(seen * np.array(nominal.focal_px) * (1.0 + camera[FOCAL]) + nominal.center_px)
 
 
-def _placed(told: Camera, camera: Array, pose: Array) -> tuple[Array, Array]:
-    """(m, 3, 3) and (m, 3): where cameras are whose vehicles have poses (m, 6)."""
+def _placed(nominal: Camera, camera: Array, pose: Array) -> tuple[Array, Array]:
+    """Return rotations (m, 3, 3) and positions (m, 3) of the cameras of vehicles with poses (m, 6)."""
     turned = Rotation.from_rotvec([camera[TILT_X], camera[TILT_Y], 0.0]).as_matrix()
     w_R_b = _rotation(pose[:, 3], pose[:, 4], pose[:, 5])
-    w_R_c = w_R_b @ (turned @ told.b_T_c[:3, :3])
-    return w_R_c, pose[:, :3] + w_R_b @ (turned @ told.b_T_c[:3, 3])
+    w_R_c = w_R_b @ (turned @ nominal.b_T_c[:3, :3])
+    return w_R_c, pose[:, :3] + w_R_b @ (turned @ nominal.b_T_c[:3, 3])
 
 
 def _rotation(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """(m, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return (m, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
     (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))
     return np.stack(
         [

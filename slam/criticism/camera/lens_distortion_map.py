@@ -1,8 +1,8 @@
 """Map of local distortions of the lens, such as drops and scratches.
 
-A homography leads from picture to picture, whatever the scale, the tilt or the stretch of a lens. What it
-does not explain, and what stays where it is in the picture while the floor goes by, is a map of the lens.
-What goes with the distance from the middle is left to the radial distortion.
+A homography relates two pictures of the floor for any scale, tilt or stretch of the lens. Residuals that stay
+at one place of the picture while the floor moves form a map of the lens. Its radial part is left to the
+radial distortion.
 """
 
 from __future__ import annotations
@@ -23,16 +23,17 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PRIOR_PX = 0.3
-"""That a node is off by, against the noise of its points."""
+"""Prior standard deviation of a node's displacement, in px."""
 CLIP, ROUNDS = 3.0, 8
-"""Residuals are clipped at so many deviations of most of them: some matches are of other things."""
+"""Residuals are clipped at this many robust standard deviations, as some matches show other objects."""
 BLOCK = 40
-"""About so many pictures in a row are foretold by others: those nearer show the same points with the same
-noise."""
+"""Length in pictures of the blocks that the other blocks predict: nearer pictures show the same points with
+the same noise."""
 LEAST_PX = 0.02
-"""Nodes that are off by less are not off, for what else the field may be a part of."""
+"""Displacement in px below which a node counts as undistorted when the lens terms are removed."""
 NOTABLE_PX = 0.1
-"""Root mean square: a drop bends by 0.3 and more; healthy lenses, lamps and things that move leave 0.04."""
+"""Root mean square in px from which a map counts: a drop has 0.3 or more; healthy lenses, lamps and moving
+objects leave 0.04."""
 GAUGE_ROUNDS = 30
 
 
@@ -42,36 +43,38 @@ class LensDistortionMap:
 
     camera: Camera
     pictures: int
-    """How many the flight has."""
+    """Number of pictures of the flight."""
     halves: Array
-    """(2, nodes, 2) px, a root mean square of 1 over the points of both."""
+    """(2, nodes, 2) displacements, scaled to a root mean square of 1 over the points of both halves."""
     size_px: float
-    """The root mean square that they had."""
+    """Root mean square of the displacements before scaling, in px."""
 
     @property
     def notable(self) -> bool:
-        """Whether something sits on the lens: it shines and moves otherwise than the floor, as lamps do."""
+        """Whether there is an object on the lens. It shines and moves differently from the floor, as lamps
+        do."""
         return self.size_px > NOTABLE_PX
 
     def predicted_by_others(self, pixel: Array, earlier: Ints) -> Array:
-        """(m, 2) px that points of pairs are off by, as pictures not near the ``earlier`` ones say."""
+        """Return (m, 2) the displacements of points in units of the map, from pictures not near ``earlier``
+        (m,)."""
         weights, side = bilinear_weights(self.camera, pixel), _block(earlier, self.pictures)[:, None] % 2
         return np.asarray(np.where(side == 0, weights @ self.halves[1], weights @ self.halves[0]))
 
 
 @dataclass(frozen=True)
 class PairMatches:
-    """Matches of pairs of pictures, those of a pair in a row, with what leads from j to i."""
+    """Matches of pairs of pictures, sorted by pair, with the homography from j to i."""
 
     pair: Ints
-    """(m,) number of the pair, from 0."""
+    """(m,) index of the pair."""
     earlier: Ints
     later: Ints
     pixel_i: Array
     pixel_j: Array
     std_px: Array
     i_H_j: Array
-    """(pairs, 3, 3)."""
+    """(pairs, 3, 3) homographies."""
 
     def __getitem__(self, which: NDArray[np.bool_]) -> PairMatches:
         kept, pair = np.unique(self.pair[which], return_inverse=True)
@@ -97,18 +100,19 @@ def lens_distortion_map(camera: Camera, pictures: int, matches: PairMatches) -> 
 
 
 def _block(picture: Ints, pictures: int) -> Ints:
-    """The number of the block that each of a flight's pictures is in; there are as many even as odd ones."""
+    """Return the block index of each of a flight's pictures; even and odd blocks are equally many."""
     blocks = 2 * max(round(pictures / (2 * BLOCK)), 1)
     return picture * blocks // pictures
 
 
 def _fitted(camera: Camera, matches: PairMatches) -> Array:
-    """(nodes, 2) px: least squares beside a homography of each pair, far-off points pulled in."""
+    """Return (nodes, 2) displacements in px by least squares beside a homography of each pair, with outliers
+    clipped."""
     if len(matches.pair) == 0:
         return np.zeros((COUNT, 2))
-    carried, by_entry, by_pixel = _carried(matches)
+    transferred, by_entry, by_pixel = _transferred(matches)
     weight = np.repeat(1.0 / matches.std_px, 2)
-    y = (matches.pixel_i - carried).ravel() * weight
+    y = (matches.pixel_i - transferred).ravel() * weight
     at_i, at_j = (
         kron(bilinear_weights(camera, pixel), np.eye(2)) for pixel in (matches.pixel_i, matches.pixel_j)
     )
@@ -129,9 +133,9 @@ def _fitted(camera: Camera, matches: PairMatches) -> Array:
     return map_.reshape(COUNT, 2)
 
 
-def _carried(matches: PairMatches) -> tuple[Array, Array, Array]:
-    """(m, 2) pixels j in picture i, with their derivatives by the entries of the pair's homography (m, 2, 8)
-    and by the pixels (m, 2, 2)."""
+def _transferred(matches: PairMatches) -> tuple[Array, Array, Array]:
+    """Return (m, 2) pixels j transferred into picture i, with their derivatives in the pair's homography
+    (m, 2, 8) and in the pixels (m, 2, 2)."""
     H = matches.i_H_j[matches.pair]
     seen = np.column_stack([matches.pixel_j, np.ones(len(H))])
     u = np.einsum("mab,mb->ma", H, seen)
@@ -142,14 +146,14 @@ def _carried(matches: PairMatches) -> tuple[Array, Array, Array]:
 
 
 def _blocks(by_pixel: Array) -> csr_array:
-    """(2 m, 2 m) of m blocks."""
+    """Return the (2 m, 2 m) block-diagonal matrix of m blocks."""
     m = len(by_pixel)
     column = np.repeat(2 * np.arange(m), 4).reshape(m, 2, 2) + np.arange(2)
     return csr_array((by_pixel.ravel(), column.ravel(), 2 * np.arange(2 * m + 1)), shape=(2 * m, 2 * m))
 
 
 def _orthonormal(by_entry: Array, pair: Ints) -> csr_array:
-    """(2 m, 8 pairs) what the homographies of the pairs can explain, each pair's columns orthonormal."""
+    """Return (2 m, 8 pairs) the derivatives in the homographies, with orthonormal columns for each pair."""
     m, pairs = len(pair), int(pair[-1]) + 1
     of_pair = csr_array((np.ones(m), (pair, np.arange(m))), shape=(pairs, m))
     squares = (of_pair @ np.matmul(by_entry.transpose(0, 2, 1), by_entry).reshape(m, 64)).reshape(-1, 8, 8)
@@ -165,9 +169,10 @@ def _orthonormal(by_entry: Array, pair: Ints) -> csr_array:
 
 
 def _gauged(camera: Camera, field: Array) -> Array:
-    """The field (nodes, 2) less what the terms of a lens and homographies make of it, as most nodes have it.
+    """Return the field (nodes, 2) without the part that lens terms and homographies explain, by a robust fit.
 
-    A homography of all pictures alike cannot be seen in any pair; a dent is what most of the picture has not.
+    No pair shows a homography that all pictures share. A local distortion covers less than half of the
+    picture.
     """
     x, y = ((places(camera) - camera.center_px) / camera.focal_px).T
     r2, none, one = radius2(camera, places(camera)), np.zeros_like(x), np.ones_like(x)

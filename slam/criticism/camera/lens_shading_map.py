@@ -1,8 +1,7 @@
-"""Map of the brightness that stays fixed in the picture: dust and drops on the lens, an uneven sensor.
+"""Map of brightness that stays fixed in the picture: dust and drops on the lens, an uneven sensor.
 
-The floor goes by underneath, so that the same point is seen through different places of the lens; how much
-brighter it is in the one than in the other makes a map of the lens. What goes with the distance from the
-middle is left to vignetting.
+As the vehicle moves, the same floor point is seen through different places of the lens. The ratio of its
+brightness gives a map of the lens. The radial part is left to vignetting.
 """
 
 from __future__ import annotations
@@ -22,29 +21,30 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PRIOR_STD = 0.1
-"""Prior deviation of the logarithm of a node's transmission."""
+"""Prior standard deviation of the logarithm of a node's transmission."""
 CLIP, ROUNDS = 4.0, 10
-"""Residuals are clipped at so many deviations, at first of all and then ever nearer to those of most: what a
-stain makes of a few cells is far beyond the noise of the others."""
+"""Residuals are clipped at this many standard deviations, which become more robust from round to round. The
+effect of a stain on a few cells is far beyond the noise of the others."""
 LEAST_STD = 1e-3
 """Smallest standard deviation of the logarithm of brightness, of a cell and of a pair: pictures are rounded.
 """
 BLOCK = 10
-"""Pictures in a row that others foretell: those nearer show the same points with the same noise."""
+"""Length in pictures of the blocks that the other blocks predict: nearer pictures show the same points with
+the same noise."""
 
 
 @dataclass(frozen=True)
 class LensShadingMap:
-    """Logarithm of the light that places let through, less that of a vignette."""
+    """Logarithm of the lens transmission without the vignetting."""
 
     nodes: Array
-    """As the flight's pictures together have it, ..."""
+    """(nodes,) map from all pictures of the flight."""
     predicted_by_others: Array
-    """(m,) ... and of each cell, i less j, as other pictures than these have it."""
+    """(m,) prediction for each cell, i minus j, from other pictures."""
     camera: Camera
 
     def at(self, pixel: Array) -> Array:
-        """(n,) of undistorted pixels (n, 2)."""
+        """Return (n,) the map at undistorted pixels (n, 2)."""
         return np.asarray(bilinear_weights(self.camera, pixel) @ self.nodes)
 
 
@@ -62,7 +62,7 @@ def lens_shading_map(camera: Camera, cells: Cells) -> LensShadingMap:
 
     whole, halves = fitted(np.full(len(pair), True)), [fitted(side != s) for s in (0, 1)]
     predicted_by_others = np.where(side == 0, rows @ halves[0], rows @ halves[1])
-    # A map of nothing but noise would make exposures restless: of it counts what other pictures confirm.
+    # A map of noise alone would pass for random exposure, so only the part that others confirm counts.
     share = float(
         np.clip(
             predicted_by_others @ cells.ratio / max(float(predicted_by_others @ predicted_by_others), 1e-12),
@@ -74,8 +74,8 @@ def lens_shading_map(camera: Camera, cells: Cells) -> LensShadingMap:
 
 
 def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:
-    """(nodes,) least squares where cells of a pair err together, by the exposures of its pictures, and each
-    by itself; how much they do is found on the way."""
+    """Return (nodes,) the map by least squares. Cells of a pair have a common error (the exposures) and
+    independent ones, whose variances are estimated too."""
     nodes = rows.shape[1]
     if len(y) == 0:
         return np.zeros(nodes)
@@ -93,7 +93,7 @@ def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:
         kept = alone / np.sqrt(alone**2 + count * shared)
         most = CLIP * max(alone, all_std / 2**k)
         left = np.clip(off, -most, most) + (kept * together)[pair]
-        # Rows of a pair, each less the share of their mean that its exposures may be.
+        # Rows of a pair, each minus the share of their mean that the exposures explain.
         x_x = squares - mean.T @ ((count * (1.0 - kept**2))[:, None] * mean)
         x_left = rows.T @ left - mean.T @ (count * (1.0 - kept) * (of_pair @ left))
         prior = (alone / PRIOR_STD) ** 2
@@ -102,6 +102,6 @@ def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:
 
 
 def _radial(camera: Camera) -> Array:
-    """(nodes, 3) what a vignette makes of the map: even powers of the distance from the middle."""
+    """Return (nodes, 3) the columns of vignetting: even powers of the distance from the centre."""
     r2 = radius2(camera, places(camera))
     return np.column_stack([np.ones_like(r2), r2, r2**2])

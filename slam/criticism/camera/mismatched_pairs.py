@@ -1,8 +1,8 @@
 """Pairs of pictures that are matched to a place of the floor where the flight cannot have been.
 
-On a floor that repeats, matches with the wrong copy all agree, and pairs may agree with each other. The other
-instruments know where the vehicle went between two pictures; no camera of the catalogue is a quarter of a
-picture off. One such pair outweighs a flight: it is off by a thousand deviations.
+On a repetitive floor, matches with the wrong copy are consistent, also between pairs. The other instruments
+show the motion between two pictures, and no camera error of the catalogue displaces a picture by a quarter.
+The residual of such a pair is a thousand standard deviations, so one pair outweighs a flight.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ MOST = 0.1
 """Greatest share of the pairs; with more of them the path or the camera model is wrong."""
 
 
-def without_mismatched_pairs(record: Record, setting: FilterParameters) -> tuple[Record, str]:
+def without_mismatched_pairs(record: Record, parameters: FilterParameters) -> tuple[Record, str]:
     """Return the record without such pairs, and a message about them; empty if there are none."""
     matches = record.matches
     if matches is None:
         return record, ""
-    path, inside = camera_path(record, matches, setting)
+    path, inside = camera_path(record, matches, parameters)
     known = np.flatnonzero(inside[matches.earlier] & inside[matches.later])
     if len(known) == 0:
         return record, ""
-    off_px, std_px = residuals(matches, setting, path, inside)
+    off_px, std_px = residuals(matches, parameters, path, inside)
     pair = matches.earlier[known] * len(matches.stamps_s) + matches.later[known]
     pairs, pair_of = np.unique(pair, return_inverse=True)
     stray = np.array(
@@ -45,8 +45,8 @@ def without_mismatched_pairs(record: Record, setting: FilterParameters) -> tuple
         return record, ""
     kept = np.ones(len(matches.earlier), dtype=bool)
     kept[known[stray[pair_of]]] = False
-    told = (
+    description = (
         f"{record.name}: {stray.sum()} of {len(pairs)} pairs of pictures match another place of the floor "
         "than the vehicle can have been at; they were left out"
     )
-    return replace(record, matches=matches.some(kept)), told
+    return replace(record, matches=matches.some(kept)), description

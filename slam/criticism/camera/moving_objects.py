@@ -1,8 +1,8 @@
 """Objects that move over the floor: parts of a picture that do not follow the floor's motion.
 
-The earlier picture is laid over the later one, and dense optical flow (Kroeger et al., ECCV 2016) finds
-where each of its pixels went. Noise, light and a lens that bends leave no flow of several pixels that leads
-back and explains what was there; what stands on the floor and is high is off along the floor's own flow.
+The earlier picture is overlaid on the later one, and dense optical flow (Kroeger et al., ECCV 2016) gives the
+motion of each pixel. Noise, light and lens distortion leave no flow of several pixels that passes the
+forward-backward check. High objects at rest have a flow along that of the floor.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ Light = NDArray[np.float32]
 OFF, BACK = 0.017, 0.006
 """Flow of a moving object in picture widths, and largest closure error of its backward flow."""
 LEAST_SHARE, ALONG, ON_LENS = 0.35, 0.9, 1.15
-"""A bent or rolling picture is off by less than the first share of the flow; along it, by this cosine, is
-high, or on the lens, which is off by the whole of it."""
+"""Least share of the floor's flow, as lens distortion and rolling shutter displace pixels by less. A flow
+within the cosine of the floor's flow belongs to a high object, or to one on the lens, which has the whole
+flow."""
 LEVELS, LEFT = 8.0, 0.5
-"""Levels by which the flow makes the pictures more alike about a point, and share that may be left."""
+"""Least reduction of the local difference by the flow in grey levels, and share that may remain."""
 PATCH = (5, 5)
 BORDER_PX = 4
 LEAST_SEEN = 0.2
@@ -32,7 +33,7 @@ healthy pairs exceeded it; objects as large as a third of the picture exceeded i
 
 
 def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
-    """Return whether an object moves between a reduced picture (h, w) and the one laid over it."""
+    """Return whether an object moves between a reduced picture (h, w) and the one overlaid on it."""
     kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
     seen = cv2.erode(laid.seen.astype(np.uint8), kernel, borderValue=0) > 0
     if seen.mean() < LEAST_SEEN:

@@ -1,4 +1,5 @@
-"""One picture laid over another by the floor's homography: where they then differ, something is no floor."""
+"""Overlay of two pictures by the floor's homography. Where they still differ, something else than the floor
+is visible."""
 
 from __future__ import annotations
 
@@ -20,26 +21,26 @@ WIDTH_PX = 176
 
 @dataclass(frozen=True)
 class Overlaid:
-    """Picture j as i would show it if there were nothing but floor; (h, w) of i, which may be small."""
+    """Picture j warped into picture i by the floor's homography, of the size (h, w) of a reduced i."""
 
     seen: NDArray[np.bool_]
-    """Pixels at which both pictures show the floor."""
+    """(h, w) mask of pixels that lie inside both pictures."""
     other: NDArray[np.float32]
-    """Levels of j, brought to those of i by one factor."""
+    """(h, w) grey levels of j, scaled to those of i by one factor."""
     was_px: Array
-    """(h, w, 2) pixel of the camera's own size, undistorted, in j, ..."""
+    """(h, w, 2) undistorted pixel in j, at the camera's full size."""
     is_px: Array
-    """... and in i."""
+    """(h, w, 2) undistorted pixel in i, at the camera's full size."""
 
 
 def reduced(image: Image) -> Image:
-    """Grey, and so small that a few pixels are no detail."""
+    """Return a grey picture of at most ``WIDTH_PX`` columns, in which fine detail is averaged out."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     return shrunk(np.asarray(grey, dtype=np.uint8), WIDTH_PX)
 
 
 def shrunk(image: Image, width_px: int) -> Image:
-    """(h, w) no wider than this."""
+    """Return the grey picture (h, w) reduced to at most ``width_px`` columns."""
     height, width = image.shape
     if width <= width_px:
         return image
@@ -48,7 +49,7 @@ def shrunk(image: Image, width_px: int) -> Image:
 
 
 def overlaid(small_i: Image, small_j: Image, i_H_j: Array, camera: Camera) -> Overlaid:
-    """Two reduced pictures of one camera, with the floor's homography between its undistorted pixels."""
+    """Overlay two reduced pictures of one camera. ``i_H_j`` maps its undistorted pixels by the floor."""
     is_px = pixels(small_i.shape, camera)
     was_px = transfer(np.asarray(np.linalg.inv(i_H_j), dtype=np.float64), is_px)
     scale = camera.size_px[0] / small_j.shape[1]
@@ -64,7 +65,7 @@ def overlaid(small_i: Image, small_j: Image, i_H_j: Array, camera: Camera) -> Ov
 
 
 def pixels(shape: tuple[int, ...], camera: Camera) -> Array:
-    """(h w, 2) undistorted pixels, of the camera's own size, at the middles of a reduced picture's."""
+    """Return (h w, 2) undistorted pixels at the camera's full size, at the centres of a reduced picture's."""
     return _pixels(shape, camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
 
 

@@ -1,8 +1,8 @@
 """Predicted matches of a planned flight: points of a bare floor at their predicted positions.
 
-Nothing is rendered. Points lie on a grid of the later picture and are carried along the path into the earlier
-one; tones are drawn. What the pictures would tell of an error is in where points lie and in how well they are
-placed, not in what they show.
+No picture is rendered. Points lie on a grid of the later picture and are transferred into the earlier one by
+the predicted path; their tones are random. The information on an error depends on the positions of the points
+and on their noise, not on the texture of the floor.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ GRID = round(np.sqrt(MATCHES))
 BORDER_SHARE = 0.05
 """Smallest distance of a feature to the edge, as a share of the picture's width."""
 LEVELS, DETAIL = (60.0, 180.0), (5.0, 20.0)
-"""Grey levels of a floor, and their variation about a point."""
+"""Ranges of a floor's grey levels, and of their standard deviation around a point."""
 TONE_NOISE, CELL_NOISE = 0.02, 0.02
-"""Share that a point's tones, or a cell's, differ by from picture to picture."""
+"""Relative noise of the tones of a point, and of a cell, from picture to picture."""
 
 
 def planned_matches(
-    record: Record, setting: FilterParameters, like: FeatureMatches, seed: int = 0
+    record: Record, parameters: FilterParameters, like: FeatureMatches, seed: int = 0
 ) -> FeatureMatches:
-    """Pictures of the flight that ``record`` is of, as often and as sharp as those that were looked at."""
+    """Return matches of the flight of ``record``, with the rate and pixel noise of the matches ``like``."""
     every_s = float(np.median(np.diff(like.stamps_s)))
     stamps_s = np.arange(record.times_s[0] + MARGIN_S, record.times_s[-1] - MARGIN_S, every_s)
-    path, inside = camera_path(record, replace(like, stamps_s=stamps_s), setting)
+    path, inside = camera_path(record, replace(like, stamps_s=stamps_s), parameters)
     shown = np.flatnonzero(inside)
     pairs = [(j - step, j) for j in range(len(shown)) for step in STEPS if j >= step]
     i, j = np.repeat(np.array(pairs, dtype=np.int64).reshape(-1, 2), GRID**2, axis=0).T
     grid = _grid(like)
     pixel_j = np.tile(grid, (len(pairs), 1))
-    camera, slope = setting.camera, setting.sensor[[SLOPE_X, SLOPE_Y]]
+    camera, slope = parameters.camera, parameters.sensor[[SLOPE_X, SLOPE_Y]]
     floor = floor_of(like.camera, camera, path.poses[j], pixel_j, slope)
     pixel_i = pixels_of(like.camera, camera, path.poses[i], floor)
     edge = 0.5 * grid.min(axis=0)
     kept = ((pixel_i > edge) & (pixel_i < like.camera.size_px - edge)).all(axis=1)
-    # What two pictures hardly share cannot be registered.
+    # Pictures with too little overlap cannot be registered.
     kept &= np.repeat(kept.reshape(-1, GRID**2).sum(axis=1) >= FEWEST, GRID**2)
     i, j, pixel_i, pixel_j = i[kept], j[kept], pixel_i[kept], pixel_j[kept]
     rng = np.random.default_rng(seed)
@@ -70,7 +70,7 @@ def planned_matches(
 
 
 def _grid(like: FeatureMatches) -> Array:
-    """(GRID^2, 2) pixels."""
+    """Return (GRID^2, 2) pixels of a grid over the picture."""
     width, height = like.camera.size_px
     edge = BORDER_SHARE * width
     x, y = np.linspace(edge, width - edge, GRID), np.linspace(edge, height - edge, GRID)

@@ -1,8 +1,8 @@
-"""Score and information of what the pictures say, given the path that all other instruments make known.
+"""Score and information of the matches between pictures, given the path from all other instruments.
 
-A match's residual r = pixel_i - carried(pixel_j) has its own noise W^-1 and, through the two poses, the
-path's covariance S: r ~ N(C d, W^-1 + B S B'). With S = L L' and M = B' W B the poses are taken out exactly,
-V^-1 = W - W B L (I + L' M L)^-1 L' B' W, without ever forming V.
+A match's residual r = pixel_i - transferred(pixel_j) has its own noise W^-1 and, through the two poses, the
+path's covariance S: r ~ N(C d, W^-1 + B S B'). With S = L L' and M = B' W B the poses are marginalised
+exactly, V^-1 = W - W B L (I + L' M L)^-1 L' B' W, and V itself is never formed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
-from slam.criticism.camera.photometric import PICTURE_SHAPES, photometric_score
+from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
 from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import warp
 from slam.criticism.kalman.camera_parameters import CAMERA, OFFSET, POINTS, READOUT
@@ -34,19 +34,19 @@ Ints = NDArray[np.int64]
 _POSE_NUDGE = 1e-5
 _SLOPE_NUDGE = 1e-4
 _FAINT = 1e-4
-"""Information on a size that nothing in a flight shows: none at all cannot be inverted."""
+"""Information added to sizes that a flight may not show, since a matrix of zeros cannot be inverted."""
 
 
 TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOLERANCE])
 """Largest apparent error of a healthy camera from features on small pictures; then of its clock, and of
 warps."""
 _PIXEL_NUDGE = 0.1
-"""Pixels to either side, for a derivative."""
+"""Step in pixels to either side of a central difference."""
 
 
 @dataclass(frozen=True)
 class ReprojectionScore:
-    """Score of the matches of one flight along some directions, at one set of parameters."""
+    """Score of the matches of one flight for p perturbations, at one set of parameters."""
 
     information: Array
     """(p, p)."""
@@ -56,32 +56,32 @@ class ReprojectionScore:
     chi_square: float = 0.0
     """Squared whitened residuals, with the poses free within the path's covariance."""
     rows: int = 0
-    """... and how many residuals there are."""
+    """Number of residuals."""
 
 
 def reprojection_score(
-    record: Record, matches: FeatureMatches, setting: FilterParameters, directions: Sequence[Perturbation]
+    record: Record, matches: FeatureMatches, parameters: FilterParameters, directions: Sequence[Perturbation]
 ) -> ReprojectionScore:
-    """Score and information of the directions that pictures can tell of; 0 for all others."""
-    path, inside = camera_path(record, matches, setting)
-    return reprojection_score_along(matches, setting, path, inside, directions)
+    """Return score and information of the perturbations, 0 for those that pictures cannot show."""
+    path, inside = camera_path(record, matches, parameters)
+    return reprojection_score_along(matches, parameters, path, inside, directions)
 
 
 def reprojection_score_along(
     matches: FeatureMatches,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     path: SmoothedPath,
     inside: NDArray[np.bool_],
     directions: Sequence[Perturbation],
 ) -> ReprojectionScore:
-    """The same along a path through some of the pictures: those ``inside`` (n,)."""
-    points = _points(matches, setting, path, inside, directions)
-    shades = photometric_score(matches, setting.camera, path, inside, directions)
+    """Return the same for a known path through some of the pictures: those ``inside`` (n,)."""
+    points = _points(matches, parameters, path, inside, directions)
+    tones = photometric_score(matches, parameters.camera, path, inside, directions)
     faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]
     return ReprojectionScore(
-        points.information + shades.information + np.diag(faint),
-        points.score + shades.score,
-        points.log_likelihood + shades.log_likelihood,
+        points.information + tones.information + np.diag(faint),
+        points.score + tones.score,
+        points.log_likelihood + tones.log_likelihood,
         points.chi_square,
         points.rows,
     )
@@ -90,7 +90,8 @@ def reprojection_score_along(
 def path_segment(
     path: SmoothedPath, inside: NDArray[np.bool_], begin: int, end: int
 ) -> tuple[SmoothedPath, NDArray[np.bool_]]:
-    """The poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and which these are."""
+    """Return the poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and the mask (n,)
+    of their pictures."""
     shown = np.zeros(len(inside), dtype=bool)
     shown[np.flatnonzero(inside)[begin:end]] = True
     return path.part(begin, end), shown
@@ -98,13 +99,13 @@ def path_segment(
 
 def _points(
     matches: FeatureMatches,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     path: SmoothedPath,
     inside: NDArray[np.bool_],
     directions: Sequence[Perturbation],
 ) -> ReprojectionScore:
     """Return the score of the positions of points."""
-    scene = _Scene.of(matches, setting, setting.camera, path, inside)
+    scene = _Scene.of(matches, parameters, parameters.camera, path, inside)
     if not len(scene.i):
         return ReprojectionScore(np.zeros((len(directions), len(directions))), np.zeros(len(directions)), 0.0)
     B = scene.by_pose()
@@ -121,8 +122,8 @@ def _points(
     for k, d in enumerate(directions):
         if d.kind == "camera" and d.entry < POINTS:
             C[:, :, k] = by_camera[:, :, d.entry]
-        elif d.kind == "picture" and d.entry >= len(PICTURE_SHAPES):
-            C[:, :, k] = warped[:, :, d.entry - len(PICTURE_SHAPES)]
+        elif d.kind == "picture" and d.entry >= len(PICTURE_PATTERNS):
+            C[:, :, k] = warped[:, :, d.entry - len(PICTURE_PATTERNS)]
         elif d.kind == "drift":
             C[:, :, k] = fast
         elif d.kind == "sensor" and d.entry in (SLOPE_X, SLOPE_Y):
@@ -131,9 +132,9 @@ def _points(
 
 
 def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> ReprojectionScore:
-    """Take out the poses, within the path's covariance, and the camera, within its tolerance."""
+    """Marginalise the poses with the path's covariance, and the camera with its tolerance."""
     n, rows = len(covariance) // 6, 2 * len(scene.i)
-    right = np.concatenate([C, (scene.seen - scene.carried())[:, :, None]], axis=2)
+    right = np.concatenate([C, (scene.seen - scene.transferred())[:, :, None]], axis=2)
     weight = 1.0 / scene.std
     right, B = right * weight[:, None, None], B * weight[:, None, None]
     M = np.zeros((n * n, 36))
@@ -157,7 +158,7 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Reproject
     own = np.append(np.arange(count), C.shape[2])
     loose = np.arange(count, C.shape[2])
     std = TOLERANCE.copy()
-    # Which row a stamp means differs from maker to maker.
+    # Makers differ in the row that a stamp refers to.
     std[OFFSET] += 0.5 * abs(scene.camera[READOUT])
     tolerance = left[np.ix_(loose, loose)] + np.diag(1.0 / std**2)
     taken = np.linalg.solve(tolerance, left[np.ix_(loose, own)])
@@ -168,20 +169,20 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Reproject
 
 
 def _summed(row: Ints, count: int, values: Array) -> Array:
-    """(count, ...) sums of the values (m, ...) with the same row, each flattened."""
+    """Return (count, ...) sums of the values (m, ...) with the same row, each flattened."""
     m = len(row)
     place = csr_array((np.ones(m), (row, np.arange(m))), shape=(count, m))
     return np.asarray(place @ values.reshape(m, -1))
 
 
 def residuals(
-    matches: FeatureMatches, setting: FilterParameters, path: SmoothedPath, inside: NDArray[np.bool_]
+    matches: FeatureMatches, parameters: FilterParameters, path: SmoothedPath, inside: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """(m,) px that matches between pictures of a path are off by, and by how much the path leaves that open.
+    """Return (m,) px the lengths of the residuals, and their standard deviations from the path alone.
 
     The path and ``inside`` are those of ``path_of``.
     """
-    scene = _Scene.of(matches, setting, setting.camera, path, inside)
+    scene = _Scene.of(matches, parameters, parameters.camera, path, inside)
     B = scene.by_pose()
     n = len(path.times_s)
     S = path.covariance.reshape(n, 6, n, 6)
@@ -192,42 +193,43 @@ def residuals(
         for a, p in enumerate((i, j))
         for b, q in enumerate((i, j))
     )
-    off = np.linalg.norm(scene.seen - scene.carried(), axis=1)
+    off = np.linalg.norm(scene.seen - scene.transferred(), axis=1)
     return off, np.sqrt(np.maximum(variance, 0.0))
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """Matches with the poses that they were taken from."""
+    """Matches with the poses of their pictures."""
 
     matches: FeatureMatches
-    setting: FilterParameters
+    parameters: FilterParameters
     camera: Array
     path: SmoothedPath
     i: Ints
     """(m,) index into the path."""
     j: Ints
     seen: Array
-    """(m, 2) pixels in picture i, ..."""
+    """(m, 2) pixels in picture i."""
     other: Array
-    """... and in picture j."""
+    """(m, 2) pixels in picture j."""
     std: Array
     earlier: Ints
-    """(m,) the pair's earlier picture, of all."""
+    """(m,) index of the pair's earlier picture among all pictures."""
 
     @staticmethod
     def of(
         matches: FeatureMatches,
-        setting: FilterParameters,
+        parameters: FilterParameters,
         camera: Array,
         path: SmoothedPath,
         inside: NDArray[np.bool_],
     ) -> _Scene:
-        """Every other match is carried from the earlier picture into the later one.
+        """Return the matches inside the path. Every other match is transferred from the earlier picture into
+        the later one, the rest from the later into the earlier.
 
-        The noise of a point that is carried is in the derivatives too, which draws the picture it is carried
-        into together, as any regression on noisy values does: by 10^-5 a pair, which adds up to a height that
-        drifts. The two ways round draw against each other.
+        The noise of a transferred point is in the derivatives too. As in any regression on noisy values, this
+        shrinks the estimated scale: by 10^-5 a pair, which adds up to a drift of the height. The two
+        directions of transfer cancel it.
         """
         place = np.cumsum(inside) - 1
         kept = inside[matches.earlier] & inside[matches.later]
@@ -238,7 +240,7 @@ class _Scene:
         (i, j), (seen, other) = picture, pixel
         return _Scene(
             matches=matches,
-            setting=setting,
+            parameters=parameters,
             camera=camera,
             path=path,
             i=i,
@@ -249,15 +251,15 @@ class _Scene:
             earlier=matches.earlier[kept],
         )
 
-    def carried(
+    def transferred(
         self, camera: Array | None = None, slope: Array | None = None, at_i: Array | None = None,
         at_j: Array | None = None, off_j: float | Array = 0.0,
     ) -> Array:  # fmt: skip
-        """(m, 2) pixels j in picture i, with something changed."""
-        told, camera = self.matches.camera, self.camera if camera is None else camera
-        slope = self.setting.sensor[[SLOPE_X, SLOPE_Y]] if slope is None else slope
+        """Return (m, 2) pixels j transferred into picture i, with the given quantities changed."""
+        nominal, camera = self.matches.camera, self.camera if camera is None else camera
+        slope = self.parameters.sensor[[SLOPE_X, SLOPE_Y]] if slope is None else slope
         poses, rates = self.path.poses, self.path.rates
-        rows = told.size_px[1] - 1
+        rows = nominal.size_px[1] - 1
         shift_j = self._shift(camera, self.other[:, 1] / rows)
         shift_i = self._shift(camera, self.seen[:, 1] / rows)
         accelerations = 0.5 * self.path.accelerations
@@ -267,52 +269,53 @@ class _Scene:
             pose_i = pose_i + at_i
         if at_j is not None:
             pose_j = pose_j + at_j
-        return pixels_of(told, camera, pose_i, floor_of(told, camera, pose_j, self.other + off_j, slope))
+        floor = floor_of(nominal, camera, pose_j, self.other + off_j, slope)
+        return pixels_of(nominal, camera, pose_i, floor)
 
     def _shift(self, camera: Array, row: Array) -> Array:
-        """(m,) moment of each row less that which the path was taken at for its picture."""
+        """Return (m,) the time of each row minus the time at which the path was sampled for its picture."""
         late = camera[READOUT] * (row - 0.5)
         return np.asarray(late - camera[OFFSET] + self.camera[OFFSET])
 
     def by_pose(self) -> Array:
-        """(m, 2, 12) change with pose i and pose j."""
+        """Return (m, 2, 12) derivatives in pose i and pose j."""
         B = np.empty((len(self.i), 2, 12))
         for k in range(6):
             step = np.zeros(6)
             step[k] = _POSE_NUDGE
-            B[:, :, k] = (self.carried(at_i=step) - self.carried(at_i=-step)) / (2 * _POSE_NUDGE)
-            B[:, :, 6 + k] = (self.carried(at_j=step) - self.carried(at_j=-step)) / (2 * _POSE_NUDGE)
+            B[:, :, k] = (self.transferred(at_i=step) - self.transferred(at_i=-step)) / (2 * _POSE_NUDGE)
+            B[:, :, 6 + k] = (self.transferred(at_j=step) - self.transferred(at_j=-step)) / (2 * _POSE_NUDGE)
         return B
 
     def by_camera(self) -> Array:
-        """(m, 2, entries of the camera's vector)."""
+        """Return (m, 2, ``POINTS``) derivatives in the camera's vector."""
         change = np.empty((len(self.i), 2, POINTS))
         for k in range(POINTS):
             step = np.zeros(len(CAMERA))
             step[k] = NUDGE[k]
-            change[:, :, k] = self.carried(self.camera + step) - self.carried(self.camera - step)
+            change[:, :, k] = self.transferred(self.camera + step) - self.transferred(self.camera - step)
         return np.asarray(change / (2 * NUDGE))
 
     def by_warp(self) -> Array:
-        """(m, 2, warps): where i shows the point, less where j says that it is."""
+        """Return (m, 2, warps) derivatives in each warp, which displaces the points of both pictures."""
         elapsed = self.path.elapsed
         off_j = self._warped(self.other, elapsed[self.j])
-        carried = self._warped(self.seen, elapsed[self.i])
+        transferred = self._warped(self.seen, elapsed[self.i])
         for axis in range(2):
             nudge = _PIXEL_NUDGE * np.eye(2)[axis]
-            by_pixel = (self.carried(off_j=nudge) - self.carried(off_j=-nudge)) / (2 * _PIXEL_NUDGE)
-            carried -= by_pixel[:, :, None] * off_j[:, axis, None]
-        return carried
+            by_pixel = (self.transferred(off_j=nudge) - self.transferred(off_j=-nudge)) / (2 * _PIXEL_NUDGE)
+            transferred -= by_pixel[:, :, None] * off_j[:, axis, None]
+        return transferred
 
     def _warped(self, pixel: Array, elapsed: Array) -> Array:
-        """(m, 2, warps) px that points are off by for each unit of a warp."""
+        """Return (m, 2, warps) displacements of points in px for each unit of a warp."""
         bent = self.matches.lens_distortion.predicted_by_others(pixel, self.earlier)
         return np.concatenate([warp(self.matches.camera, pixel, elapsed), bent[:, :, None]], axis=2)
 
     def by_slope(self, axis: int) -> Array:
-        """(m, 2) change with the floor's slope along x or y, the path left alone."""
-        slope = self.setting.sensor[[SLOPE_X, SLOPE_Y]]
+        """Return (m, 2) derivatives in the floor's slope along x or y, for a fixed path."""
+        slope = self.parameters.sensor[[SLOPE_X, SLOPE_Y]]
         step = np.zeros(2)
         step[axis] = _SLOPE_NUDGE
-        change = self.carried(slope=slope + step) - self.carried(slope=slope - step)
+        change = self.transferred(slope=slope + step) - self.transferred(slope=slope - step)
         return np.asarray(change / (2 * _SLOPE_NUDGE))

@@ -1,8 +1,8 @@
-"""How bright, how contrasty and how sharp the same points of the floor look from picture to picture.
+"""Differences in brightness, contrast and sharpness of the same floor points between pictures.
 
-A healthy camera shows a point alike in every picture. Of each pair of pictures seven figures are taken, each
-the difference of a property t of the two pictures, y = t_i - t_j + noise. A mean effect gives t a shape
-(vignetting, blur, a trend), a restless one (exposure) a variance.
+A healthy camera shows a point alike in every picture. Each pair of pictures gives seven figures. Each is the
+difference of a property t of the two pictures, y = t_i - t_j + noise. A systematic effect (vignetting, blur,
+a trend) gives t a pattern; a random one (exposure) gives it a variance.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 FIGURES = 7
-BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING, STAIN = range(FIGURES)
-"""Logarithms of: the level of each colour, its spread over the floor beside its mean, the local variation
-beside that; how much darker pictures are towards the corners; and share of the stain that other pictures
-foretell."""
+BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING, SHADING_MAP = range(FIGURES)
+"""Logarithms of the level of each colour, of the contrast over the floor divided by the level, and of the
+local detail divided by the contrast; the loss of brightness towards the corners; and the amplitude of the
+lens shading map that other pictures predict."""
 FEWEST = 8
-"""Matches of a pair that its figures are taken from."""
+"""Least number of matches for the figures of a pair."""
 LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004, 0.004])
-"""No figure of a pair is known better: pictures are rounded and compressed."""
+"""Least standard deviation of each figure, as pictures are rounded and compressed."""
 WANDER = np.array([0.006, 0.006, 0.006, 0.004, 0.03, 0.003, 0.003])
 """Standard deviation of a healthy picture's properties: other floor points are visible, and moving objects
 cover some."""
 CLIP = 4.0
-UNTOLD = 0.0, np.inf
-"""A figure that a pair does not tell, and its standard deviation."""
+NOT_MEASURED = 0.0, np.inf
+"""Value and standard deviation of a figure that a pair does not show."""
 
 
 @dataclass(frozen=True)
@@ -45,29 +45,29 @@ class Tones:
     """Figures of all pairs of pictures of a flight."""
 
     i: Ints
-    """(p,) earlier picture."""
+    """(p,) index of the earlier picture."""
     j: Ints
+    """(p,) index of the later picture."""
     figures: Array
-    """(p, 7)."""
+    """(p, 7) values."""
     std: Array
-    """(p, 7)."""
+    """(p, 7) standard deviations; infinite where a pair does not show a figure."""
     outward: Array
-    """(p,) how much farther from the middle the points lie in i than in j: mean difference of r^2."""
+    """(p,) mean difference between i and j of the points' r^2, with r in half diagonals from the centre."""
     zoom: Array
-    """(p,) logarithm of how much larger the floor is in i than in j: by height, and by lean, as points go
-    from the far edge of a picture to the near one."""
+    """(p,) logarithm of the floor's scale in i over that in j, which height and tilt change."""
     depth: Array
-    """(p, 3) logarithm of white over each colour's level: how much a gamma changes it."""
-    stained: float
-    """Root mean square of the stain that is foretold; a millionth where there is none."""
+    """(p, 3) logarithm of white over each colour's level, the derivative of the logarithm in gamma."""
+    shading_map_rms: float
+    """Root mean square of the lens shading map that other pictures predict, at least 1e-6."""
 
 
 _WORKED_OUT: WeakKeyDictionary[FeatureMatches, Tones] = WeakKeyDictionary()
-"""They are the same under every belief."""
+"""Tones of each flight's matches; they do not depend on the filter parameters."""
 
 
 def tones_of(matches: FeatureMatches) -> Tones:
-    """The figures of every pair with enough matches; none of a flight whose pictures are lit in bands."""
+    """Return the figures of every pair with enough matches; none if the pictures show flicker bands."""
     if matches not in _WORKED_OUT:
         _WORKED_OUT[matches] = _worked_out(matches)
     return _WORKED_OUT[matches]
@@ -84,7 +84,7 @@ def _nothing() -> Tones:
         outward=np.zeros(0),
         zoom=np.zeros(0),
         depth=np.zeros((0, 3)),
-        stained=0.0,
+        shading_map_rms=0.0,
     )
 
 
@@ -100,7 +100,7 @@ def _worked_out(matches: FeatureMatches) -> Tones:
     shares = _shares(matches, stain)
     for begin, end in pairwise(bounds.tolist()):
         own = order[begin:end]
-        share = shares.get((int(matches.earlier[own[0]]), int(matches.later[own[0]])), UNTOLD)
+        share = shares.get((int(matches.earlier[own[0]]), int(matches.later[own[0]])), NOT_MEASURED)
         found = _figures(matches, own, share)
         if found is not None:
             rows.append(found)
@@ -113,10 +113,10 @@ def _worked_out(matches: FeatureMatches) -> Tones:
     index = np.array(pairs, dtype=np.int64)
     values, std = (np.array(part) for part in zip(*rows, strict=True))
     if matches.glares:
-        std[:, [SHADING, STAIN]] = np.inf
-    stained = max(float(np.sqrt(np.mean(stain.predicted_by_others**2))), 1e-6)
+        std[:, [SHADING, SHADING_MAP]] = np.inf
+    shading_map_rms = max(float(np.sqrt(np.mean(stain.predicted_by_others**2))), 1e-6)
     seen = np.array(outward), np.array(zoom), np.array(depth)
-    return Tones(index[:, 0], index[:, 1], values, std, *seen, stained)
+    return Tones(index[:, 0], index[:, 1], values, std, *seen, shading_map_rms)
 
 
 def _usable(a: Array, b: Array) -> NDArray[np.bool_]:
@@ -126,7 +126,7 @@ def _usable(a: Array, b: Array) -> NDArray[np.bool_]:
 
 
 def _cleaned(matches: FeatureMatches, stain: LensShadingMap) -> FeatureMatches:
-    """As if the lens had no stain: what stays in the picture is no restless exposure."""
+    """Return the matches without the lens shading map, which would pass for random exposure."""
     return replace(
         matches,
         tone_i=matches.tone_i * np.exp(-stain.at(matches.pixel_i))[:, None],
@@ -156,9 +156,9 @@ def _figures(matches: FeatureMatches, own: Ints, share: tuple[float, float]) -> 
     away = outward - outward.mean()
     values[SHADING] = float(away @ ratio / max(away @ away, 1e-9))
     std[SHADING] = float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
-    # Seen through the same part of the lens: what is left is the whole picture's.
-    photometric_score = np.exp(-values[SHADING] * away)
-    grey_i, local_i = grey_i * photometric_score, a[:, 3] * photometric_score
+    # Without the shading, the rest is a property of the whole picture.
+    without_shading = np.exp(-values[SHADING] * away)
+    grey_i, local_i = grey_i * without_shading, a[:, 3] * without_shading
     like = np.corrcoef(grey_i, grey_j)[0, 1]
     wider = float(np.log(np.std(grey_i) / np.std(grey_j)))
     of_wider = float(np.sqrt(max(1.0 - like**2, 1e-6) / m))
@@ -166,7 +166,7 @@ def _figures(matches: FeatureMatches, own: Ints, share: tuple[float, float]) -> 
     std[CONTRAST] = of_wider + std[:3].mean()
     detail, spread = _middle(np.log(local_i / b[:, 3]))
     values[SHARPNESS], std[SHARPNESS] = detail - wider, np.hypot(1.25 * spread / np.sqrt(m), of_wider)
-    values[STAIN], std[STAIN] = share
+    values[SHADING_MAP], std[SHADING_MAP] = share
     return values, np.hypot(std, LEAST_STD)
 
 
@@ -193,7 +193,7 @@ def _share(predicted_by_others: Array, ratio: Array, outward: Array) -> tuple[fl
 
 
 def _middle(x: Array) -> tuple[float, float]:
-    """Median and robust standard deviation."""
+    """Return the median and the robust standard deviation."""
     middle = float(np.median(x))
     return middle, robust_std(x - middle)
 
@@ -203,7 +203,7 @@ def _outward(matches: FeatureMatches, own: Ints) -> Array:
 
 
 def _extent(pixel: Array) -> float:
-    """How far points are spread, px."""
+    """Return the spread of points in px, at least 1."""
     return max(float(np.sqrt(np.var(pixel, axis=0).sum())), 1.0)
 
 
@@ -214,56 +214,58 @@ def _depth(matches: FeatureMatches, own: Ints) -> Array:
 
 @dataclass(frozen=True)
 class Weighed:
-    """Score and information of one figure's mean shapes, and of a variance of it."""
+    """Score and information of one figure's d patterns, and of its variance in the last entry."""
 
     information: Array
+    """(d + 1, d + 1)."""
     score: Array
+    """(d + 1,)."""
     log_likelihood: float
     white: Array
     """(p,) figures over their standard deviations, whitened."""
 
 
 def weigh(
-    tones: Tones, figure: int, shapes: Array, ours: Array, nuisances: Array, variance: float, memory: Array,
-    slow: Array,
+    tones: Tones, figure: int, patterns: Array, predicted: Array, nuisances: Array, variance: float,
+    memory: Array, slow: Array,
 ) -> Weighed:  # fmt: skip
-    """One figure against shapes of its property.
+    """Return score and information of patterns in one figure, and of a random property of the n pictures.
 
-    ``shapes`` (p, d): change of the figure with each shape; ``ours`` (p,) what the belief holds of it;
-    ``nuisances`` (p, q): shapes that healthy cameras have, one standard deviation of each; ``memory`` (n, n)
-    correlation of a restless property between pictures, ``variance`` what the belief holds of it. The last
-    column is its change; ``slow`` (p, s) are shapes that do not count as restless.
+    ``patterns`` (p, d) are derivatives of the figure, and ``predicted`` (p,) is its value under the present
+    parameters. ``nuisances`` (p, q) are patterns of healthy cameras, each of one standard deviation. The
+    random property has the correlation ``memory`` (n, n) between pictures and the present ``variance``, whose
+    score is the last entry. ``slow`` (p, s) are patterns that do not count as random.
     """
-    told = np.isfinite(tones.std[:, figure])
-    shapes, nuisances, slow = shapes[told], nuisances[told], slow[told]
-    n, p, d = len(memory), int(told.sum()), shapes.shape[1]
+    measured = np.isfinite(tones.std[:, figure])
+    patterns, nuisances, slow = patterns[measured], nuisances[measured], slow[measured]
+    n, p, d = len(memory), int(measured.sum()), patterns.shape[1]
     if p == 0:
         return Weighed(np.zeros((d + 1, d + 1)), np.zeros(d + 1), 0.0, np.zeros(0))
     D = np.zeros((p, n))
-    D[np.arange(p), tones.i[told]] += 1.0
-    D[np.arange(p), tones.j[told]] -= 1.0
-    y, std = (tones.figures[:, figure] - ours)[told], tones.std[told, figure]
+    D[np.arange(p), tones.i[measured]] += 1.0
+    D[np.arange(p), tones.j[measured]] -= 1.0
+    y, std = (tones.figures[:, figure] - predicted)[measured], tones.std[measured, figure]
     std = std * _scale(D, y, std)
-    own = np.ones(p) if figure in (SHADING, STAIN) else None
+    own = np.ones(p) if figure in (SHADING, SHADING_MAP) else None
     wander = WANDER[figure] ** 2 * (np.diag(own) if own is not None else D @ D.T)
-    restless = D @ memory @ D.T
-    V = np.diag(std**2) + wander + variance * restless + nuisances @ nuisances.T
+    random = D @ memory @ D.T
+    V = np.diag(std**2) + wander + variance * random + nuisances @ nuisances.T
     factor = cho_factor(V, lower=True)
-    solved = cho_solve(factor, np.column_stack([shapes, y]))
+    solved = cho_solve(factor, np.column_stack([patterns, y]))
     information, score = np.zeros((d + 1, d + 1)), np.zeros(d + 1)
-    information[:d, :d] = shapes.T @ solved[:, :d]
-    score[:d] = shapes.T @ solved[:, d]
+    information[:d, :d] = patterns.T @ solved[:, :d]
+    score[:d] = patterns.T @ solved[:, d]
     calm = cho_factor(V + 1e2 * slow @ slow.T, lower=True)
-    spread, pulled = cho_solve(calm, restless), cho_solve(calm, y)
+    spread, pulled = cho_solve(calm, random), cho_solve(calm, y)
     information[d, d] = 0.5 * np.sum(spread * spread.T)
-    score[d] = 0.5 * (pulled @ restless @ pulled - np.trace(spread))
+    score[d] = 0.5 * (pulled @ random @ pulled - np.trace(spread))
     log_det = 2.0 * float(np.log(np.diag(factor[0])).sum())
     white = np.linalg.solve(np.tril(factor[0]), y)
     return Weighed(information, score, -0.5 * (float(y @ solved[:, d]) + log_det), white)
 
 
 def _scale(D: Array, y: Array, std: Array) -> float:
-    """How much noisier pairs are than their own matches say, from how pairs of the same pictures disagree."""
+    """Return the ratio, at least 1, of the scatter of pairs of the same pictures to their own noise."""
     weighted = D / std[:, None]
     solution = np.linalg.lstsq(weighted, y / std, rcond=1e-9)
     free = len(y) - int(solution[2])

@@ -1,7 +1,7 @@
-"""Ways in which a picture may be warped that no term of the camera is.
+"""Warps of pictures that no camera term of the catalogue describes.
 
-Without them what a lens does that nobody thought of looks like the nearest thing that somebody did: pictures
-whose columns are stretched made a camera that sits askew.
+Without them an unmodelled lens error passes for the most similar term: stretched columns, for example, pass
+for a tilted camera.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from frontend.camera import Camera
 
 Array = NDArray[np.float64]
 
-BENT = "picture bent from place to place"
-"""In px, root mean square: the lens's own map of ``dents``, which comes last."""
+LENS_MAP_PATTERN = "picture bent from place to place"
+"""The last warp: the map of ``lens_distortion_map``, with its root mean square in px as the unit."""
 _KINDS = (
     ("picture columns stretched against rows", 3e-3),
     ("picture sheared", 3e-3),
@@ -23,23 +23,24 @@ _KINDS = (
     ("picture turned ~ time", 1e-3),
     ("picture shifted ~ time: columns", 1e-3),
     ("picture shifted ~ time: rows", 1e-3),
-    (BENT, 0.03),
+    (LENS_MAP_PATTERN, 0.03),
 )
 WARPS = tuple(name for name, _ in _KINDS)
 TOLERANCE = np.array([std for _, std in _KINDS])
 """Largest apparent error of a healthy camera from features on small pictures, as for the camera's own terms.
 """
 PAIRS = (("picture shifted ~ time: columns", "picture shifted ~ time: rows"),)
-"""Those that are one warp along columns and rows."""
+"""Pairs that are one warp, along columns and along rows."""
 
 
 def warp(camera: Camera, pixel: Array, elapsed: Array) -> Array:
-    """(m, 2, warps but ``BENT``) px that points (m, 2) are off by for each unit of a warp.
+    """Return (m, 2, warps except ``LENS_MAP_PATTERN``) displacements in px of points (m, 2) for each unit of
+    a warp.
 
-    Units are tangents of angles, ``elapsed`` (m,) is the share of the flight that is over less a half.
-    Stretched and sheared pictures are as large as before and not turned, so that these cost the focal length
-    least. A picture off its middle, or bent off it, is not among them: it is too much like a camera that sits
-    askew, and takes a quarter of that.
+    Units are tangents of angles. ``elapsed`` (m,) is the elapsed share of the flight minus one half. Stretch
+    and shear change neither the size nor the rotation of a picture, so they correlate least with the focal
+    length. An offset of the principal point is not among the warps: it resembles a tilted camera too much,
+    and takes a quarter of such a tilt.
     """
     x, y = ((pixel - camera.center_px) / camera.focal_px).T
     none = np.zeros(len(x))

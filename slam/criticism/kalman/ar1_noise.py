@@ -53,19 +53,19 @@ class Ar1Noise(NamedTuple):
 
 
 def ar1_noise_for(
-    record: Record, setting: FilterParameters, states: int, sensitivity: int
+    record: Record, parameters: FilterParameters, states: int, sensitivity: int
 ) -> Ar1Noise | None:
     """Return the stationary noises before the first sample, or None if all noises are white.
 
     The kernels are compiled separately for None, so white noise costs no time and changes no digit.
     """
-    colour = setting.noise_correlation[list(INSTRUMENT_OF)]
+    colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
     channels = np.flatnonzero(colour)
     if len(channels) == 0:
         return None
     slot = np.full(len(CHANNELS), WHITE, dtype=np.int64)
     slot[channels] = np.arange(len(channels))
-    variance = (record.noise_std * setting.noise_factor)[channels] ** 2
+    variance = (record.noise_std * parameters.noise_factor)[channels] ** 2
     k = len(channels)
     return Ar1Noise(
         slot, _samples(record), colour[channels], variance, np.zeros(k), np.zeros((states, k)),

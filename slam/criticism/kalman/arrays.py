@@ -99,7 +99,7 @@ class KalmanInputs(NamedTuple):
 
     events: EventArrays
     command: CommandArrays
-    belief: ModelArrays
+    model: ModelArrays
     noise: NoiseArrays
     perturbations: PerturbationArrays
 

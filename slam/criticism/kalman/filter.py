@@ -100,7 +100,7 @@ def _take(
 ) -> None:
     """Update the estimate with the channels of one event, one after the other."""
     events, noise = given.events, given.noise
-    kind, ph, told = events.kinds[event], expected.ph, changes.predicted_change
+    kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     expected.correction[:] = 0.0
     if coloured is not None:
         sample(coloured, event, kind)
@@ -128,14 +128,14 @@ def _take(
         written.status[event, c] = USED
         if estimate.sensitivity.shape[1] > 0:
             if coloured is not None and slot != WHITE:
-                for d in range(told.shape[0]):
+                for d in range(change.shape[0]):
                     changes.direct[c, d] += coloured.sensitivity[slot, d]
-            correct_sensitivity(row, changes.direct[c], ph, s_var, estimate.sensitivity, told)
-            for d in range(told.shape[0]):
-                written.sensitivity[written.rows[0], d] = told[d] / std
+            correct_sensitivity(row, changes.direct[c], ph, s_var, estimate.sensitivity, change)
+            for d in range(change.shape[0]):
+                written.sensitivity[written.rows[0], d] = change[d] / std
         written.rows[0] += 1
         if coloured is not None:
-            correct_noise(coloured, ph, s_var, miss, told)
+            correct_noise(coloured, ph, s_var, miss, change)
         correct(miss, s_var, estimate, expected)
 
 
@@ -153,7 +153,7 @@ def run(
 
     The kernel updates the ``estimate`` and the AR(1) noises ``coloured`` in place. It writes its results to
     ``written``; the rows of the sensitivity start at 0."""
-    events, command, belief = given.events, given.command, given.belief
+    events, command, model = given.events, given.command, given.model
     step, expected, changes, scratch = room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     traced = sensitivity.shape[1] > 0
@@ -173,13 +173,13 @@ def run(
         written.states[e, Z_STD] = math.sqrt(p[Z, Z])
         if kind == IMU or first == last:
             # Only rates of tilt and speed jump with the stick; other readings use the last Jacobian.
-            jacobian(state, stick, belief.parameters, expected.rate, step.slopes, scratch)
+            jacobian(state, stick, model.parameters, expected.rate, step.slopes, scratch)
         else:
             split_state(state, step.middle, step.middle_noise)
-            derivative(step.middle, stick, step.middle_noise, belief.parameters, expected.rate)
-        if kind == SONAR and belief.sensor[RANGE_LAG] > 0.0:
-            _turn_within_lag(e, events.times_s, written.states, belief.sensor[RANGE_LAG], expected.rate)
-        measurement(kind, events.elapsed[e], state, belief, step.slopes, expected, scratch)
+            derivative(step.middle, stick, step.middle_noise, model.parameters, expected.rate)
+        if kind == SONAR and model.sensor[RANGE_LAG] > 0.0:
+            _turn_within_lag(e, events.times_s, written.states, model.sensor[RANGE_LAG], expected.rate)
+        measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
         if traced:
             direct_change(e, given, state, expected, changes, scratch)
         _take(e, given, estimate, expected, changes, written, coloured)

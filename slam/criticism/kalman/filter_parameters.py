@@ -24,7 +24,7 @@ LATE_SPREAD = 0.06
 class FilterParameters:
     """All parameters of a filter run apart from the flight."""
 
-    parameters: Array
+    dynamics: Array
     """(``dynamics.PARAMETERS``,)."""
     sensor: Array
     """(``readings.SENSOR``,)."""
@@ -70,7 +70,7 @@ def filter_parameters_of(model: Model) -> FilterParameters:
     )  # fmt: skip
     assert len(hold) == len(HOLD)
     return FilterParameters(
-        parameters=model.parameters(),
+        dynamics=model.parameters(),
         sensor=sensor,
         hold=hold,
         noise_factor=np.ones(len(CHANNELS)),
@@ -91,9 +91,9 @@ def filter_parameters_of(model: Model) -> FilterParameters:
 
 
 def slot(name: str) -> tuple[str, int]:
-    """Return a parameter's vector ("parameters", "camera" or "sensor") and its entry there."""
+    """Return a parameter's vector ("dynamics", "camera" or "sensor") and its entry there."""
     if name in PARAMETERS:
-        return "parameters", PARAMETERS.index(name)
+        return "dynamics", PARAMETERS.index(name)
     if name in CAMERA:
         return "camera", CAMERA.index(name)
     return "sensor", SENSOR.index(name)

@@ -74,18 +74,18 @@ class FilterPass:
 
 def stretches(
     record: Record,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     perturbations: Sequence[Perturbation] = (),
     signals: dict[str, Signal] | None = None,
     longest_s: float = 10.0,
 ) -> Iterator[Innovations]:
     """Yield the innovations of one segment of the flight after the other."""
-    yield from Run(record, setting, perturbations, signals).stretches(longest_s)
+    yield from Run(record, parameters, perturbations, signals).stretches(longest_s)
 
 
-def whole(record: Record, setting: FilterParameters) -> FilterPass:
+def whole(record: Record, parameters: FilterParameters) -> FilterPass:
     """Filter the whole flight in one piece, without perturbations."""
-    run = Run(record, setting)
+    run = Run(record, parameters)
     for _ in run.stretches(np.inf):
         pass
     return run.passed()
@@ -97,16 +97,16 @@ class Run:
     def __init__(
         self,
         record: Record,
-        setting: FilterParameters,
+        parameters: FilterParameters,
         perturbations: Sequence[Perturbation] = (),
         signals: dict[str, Signal] | None = None,
     ) -> None:
-        n = STATES_WITH_GUSTS if setting.hold[GUST_STD] > 0 else STATES
+        n = STATES_WITH_GUSTS if parameters.hold[GUST_STD] > 0 else STATES
         m, events = len(perturbations), len(record.times_s)
-        variance = (record.noise_std * setting.noise_factor) ** 2
-        self._given = filter_inputs(record, setting, perturbations, signals or {}, variance, n)
-        self._estimate, self._room = initial_state(record, setting, n, m), workspace_for(n, m)
-        self._coloured = ar1_noise_for(record, setting, n, m)
+        variance = (record.noise_std * parameters.noise_factor) ** 2
+        self._given = filter_inputs(record, parameters, perturbations, signals or {}, variance, n)
+        self._estimate, self._room = initial_state(record, parameters, n, m), workspace_for(n, m)
+        self._coloured = ar1_noise_for(record, parameters, n, m)
         self._usual = record.usual_log_variance
         self._written = KalmanOutputs(
             np.full((events, 6), np.nan), np.full((events, 6), np.nan),

@@ -20,7 +20,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ON_CHANNEL
 from slam.simulation.dynamics import NOISE, PARAMETERS
 
-Kind = Literal["parameters", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
+Kind = Literal["dynamics", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
 """The last two act on pictures alone, not on readings."""
 Signal = tuple[Array, Array]
 """Values in the middle of each step and at each event."""
@@ -62,7 +62,7 @@ _READ_BY = {
 def parameter_perturbation(name: str, step: float) -> Perturbation:
     """Return the perturbation of a parameter of the equations, of an instrument or of the camera."""
     if name in PARAMETERS:
-        return Perturbation(name, "parameters", PARAMETERS.index(name), step)
+        return Perturbation(name, "dynamics", PARAMETERS.index(name), step)
     if name in CAMERA:
         return Perturbation(name, "camera", CAMERA.index(name), step)
     return Perturbation(name, "sensor", SENSOR.index(name), step)
@@ -70,24 +70,24 @@ def parameter_perturbation(name: str, step: float) -> Perturbation:
 
 def perturbation_arrays(
     record: Record,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     perturbations: Sequence[Perturbation],
     signals: dict[str, Signal],
 ) -> tuple[PerturbationArrays, CommandArrays]:
     """Return the perturbations of one flight as arrays, with the commands of all their variants."""
     m = len(perturbations)
-    variants: list[tuple[float, float]] = [(setting.latency_s, setting.drift)]
+    variants: list[tuple[float, float]] = [(parameters.latency_s, parameters.drift)]
     names = sorted({d.signal for d in perturbations if d.signal})
     table = PerturbationArrays(
         np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
-        np.tile(setting.parameters, (m, 1)), np.tile(setting.sensor, (m, 1)),
+        np.tile(parameters.dynamics, (m, 1)), np.tile(parameters.sensor, (m, 1)),
         np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.array([signals[name][0] for name in names]).reshape(len(names), len(record.step_s)),
         np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
         np.array([1.0 / (d.step if d.unit is None else d.unit) for d in perturbations]),
     )  # fmt: skip
     for k, d in enumerate(perturbations):
-        if d.kind == "parameters":
+        if d.kind == "dynamics":
             table.changes_motion[k] = 1
             table.parameters_of[k, d.entry] += d.step
         elif d.kind == "sensor":
@@ -97,22 +97,22 @@ def perturbation_arrays(
             table.changes_motion[k] = 1
             table.stick_of[k] = len(variants)
             late, fast = d.step * (d.kind == "latency"), d.step * (d.kind == "drift")
-            variants.append((setting.latency_s + late, setting.drift + fast))
+            variants.append((parameters.latency_s + late, parameters.drift + fast))
         elif d.kind in ("force", "channel"):
             table.signal_of[k] = names.index(d.signal)
             table.inject_at[k] = d.entry if d.kind == "force" else ON_CHANNEL + d.entry
             table.changes_motion[k] = int(d.kind == "force")
-    return table, _command(record, setting, variants)
+    return table, _command(record, parameters, variants)
 
 
 def _command(
-    record: Record, setting: FilterParameters, variants: Sequence[tuple[float, float]]
+    record: Record, parameters: FilterParameters, variants: Sequence[tuple[float, float]]
 ) -> CommandArrays:
     """Return the commands of each variant, which is a latency and a clock's drift."""
     over_steps, at_events = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
     return CommandArrays(
-        np.array(over_steps), np.array(at_events), _stick_jumps(record, setting), setting.late_std_s**2,
-        _spoilt_channels(record, setting),
+        np.array(over_steps), np.array(at_events), _stick_jumps(record, parameters), parameters.late_std_s**2,
+        _spoilt_channels(record, parameters),
     )  # fmt: skip
 
 
@@ -126,21 +126,21 @@ def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Arra
     )
 
 
-def _stick_jumps(record: Record, setting: FilterParameters) -> Array:
-    if setting.late_std_s == 0.0:
+def _stick_jumps(record: Record, parameters: FilterParameters) -> Array:
+    if parameters.late_std_s == 0.0:
         return np.zeros((len(record.step_s), 6))
-    begin = record.step_begin_s / (1 + setting.drift)
-    end = (record.step_begin_s + record.step_s) / (1 + setting.drift)
-    return record.stick.at(end, setting.latency_s) - record.stick.at(begin, setting.latency_s)
+    begin = record.step_begin_s / (1 + parameters.drift)
+    end = (record.step_begin_s + record.step_s) / (1 + parameters.drift)
+    return record.stick.at(end, parameters.latency_s) - record.stick.at(begin, parameters.latency_s)
 
 
-def _spoilt_channels(record: Record, setting: FilterParameters) -> Ints:
+def _spoilt_channels(record: Record, parameters: FilterParameters) -> Ints:
     size = np.abs(np.diff(record.stick.values, axis=0)).max(axis=1, initial=0.0)
-    at = (record.stick.stamps_s[1:] + setting.latency_s) * (1 + setting.drift)
-    near_jump = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * setting.latency_s
+    at = (record.stick.stamps_s[1:] + parameters.latency_s) * (1 + parameters.drift)
+    near_jump = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * parameters.latency_s
     spoilt = np.where(near_jump, GYRO_CHANNELS, 0)
     # With jittering stamps the smaller jump of the climb is uncertain as well.
-    spoilt[_apart(record.times_s, at[size > LARGE_JUMP]) < JITTER_REACH * setting.jitter_s] = WIDTH[IMU]
+    spoilt[_apart(record.times_s, at[size > LARGE_JUMP]) < JITTER_REACH * parameters.jitter_s] = WIDTH[IMU]
     return np.asarray(spoilt, dtype=np.int64)
 
 

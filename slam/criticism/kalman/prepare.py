@@ -32,7 +32,7 @@ SHORT_S, ENDLESS_S = 1e-5, 1e6
 
 def filter_inputs(
     record: Record,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     perturbations: Sequence[Perturbation],
     signals: dict[str, Signal],
     variance: Array,
@@ -43,20 +43,22 @@ def filter_inputs(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, record.first_step,
         record.step_s,
     )  # fmt: skip
-    table, command = perturbation_arrays(record, setting, perturbations, signals)
-    diffusion = np.diag(_process_noise(setting.hold, SHORT_S, states)) / SHORT_S
-    noise = NoiseArrays(variance, record.range_limits, setting.jitter_s, diffusion)
+    table, command = perturbation_arrays(record, parameters, perturbations, signals)
+    diffusion = np.diag(_process_noise(parameters.hold, SHORT_S, states)) / SHORT_S
+    noise = NoiseArrays(variance, record.range_limits, parameters.jitter_s, diffusion)
     return KalmanInputs(
-        events, command, ModelArrays(setting.parameters, setting.sensor, setting.hold), noise, table
+        events, command, ModelArrays(parameters.dynamics, parameters.sensor, parameters.hold), noise, table
     )
 
 
-def initial_state(record: Record, setting: FilterParameters, states: int, perturbations: int) -> KalmanState:
+def initial_state(
+    record: Record, parameters: FilterParameters, states: int, perturbations: int
+) -> KalmanState:
     """Return the estimate before the first reading: the record's initial guess and stationary noises."""
     state, p = np.zeros(states), np.zeros((states, states))
     state[:MOVING] = record.start
     p[np.arange(MOVING), np.arange(MOVING)] = record.start_std**2
-    p[TARGET:, TARGET:] = _process_noise(setting.hold, ENDLESS_S, states)[TARGET:, TARGET:]
+    p[TARGET:, TARGET:] = _process_noise(parameters.hold, ENDLESS_S, states)[TARGET:, TARGET:]
     return KalmanState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
 
 

@@ -24,19 +24,19 @@ REACH_M = 0.08
 """Margin of the contact height: the sonar's zero may be wrong by so much."""
 
 
-def referred(record: Record, setting: FilterParameters) -> Record:
-    """Return the record with its landing times and usual innovation variances under ``setting``."""
-    landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(len(CHANNELS)))
-    return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
+def referred(record: Record, parameters: FilterParameters) -> Record:
+    """Return the record with its landing times and usual innovation variances under ``parameters``."""
+    landed = replace(record, landing=_landing(record, parameters), usual_log_variance=np.zeros(len(CHANNELS)))
+    return replace(landed, usual_log_variance=_usual(landed, whole(landed, parameters)))
 
 
-def _landing(record: Record, setting: FilterParameters) -> NDArray[np.bool_]:
+def _landing(record: Record, parameters: FilterParameters) -> NDArray[np.bool_]:
     """Return (events,) landing; run without accelerometer, as the contact shock must not move the height."""
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
-    states = whole(replace(record, values=values), setting).states
-    low = states[:, Z] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, Z_STD]
-    sinks = record.stick.at(record.times_s, setting.latency_s)[:, UP] <= 0.0
+    states = whole(replace(record, values=values), parameters).states
+    low = states[:, Z] - parameters.dynamics[GEAR] < REACH_M + 3.0 * states[:, Z_STD]
+    sinks = record.stick.at(record.times_s, parameters.latency_s)[:, UP] <= 0.0
     # Standing counts as well: the gear is so stiff that a tiny height error shows in the accelerometer.
     last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))
     return np.asarray(record.times_s - last < CONTACT_S)

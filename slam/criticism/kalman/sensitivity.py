@@ -115,18 +115,18 @@ def force(
     scratch: Scratch,
 ) -> None:
     """Add the direct effects of the perturbations within step ``s`` to the sensitivities (n, m)."""
-    command, belief, perturbations = given.command, given.belief, given.perturbations
+    command, model, perturbations = given.command, given.model, given.perturbations
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
     added, change, rate, other = changes.step_change, scratch.change, scratch.rate, scratch.other
     _rate_change(
-        middle, noise, command.over_steps[0, s], belief.parameters, rate, perturbations, changes, scratch
+        middle, noise, command.over_steps[0, s], model.parameters, rate, perturbations, changes, scratch
     )
     for entry in range(ENTRIES):
         if changes.is_used[entry]:
             _change_over_step(h, slopes, changes.rate_change[entry], changes.state_change[entry])
     c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
-    ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
+    ahead, aside = thrust(middle[ROLL], middle[PITCH], model.parameters)
     for d in range(sensitivity.shape[1]):
         if perturbations.changes_motion[d] == 0:
             continue
@@ -165,16 +165,16 @@ def direct_change(
     scratch: Scratch,
 ) -> None:
     """Write the direct change of a reading by each perturbation to ``changes.direct``."""
-    events, command, belief, perturbations = given.events, given.command, given.belief, given.perturbations
-    kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
+    events, command, model, perturbations = given.events, given.command, given.model, given.perturbations
+    kind, rate, pole_s = events.kinds[event], expected.rate, model.hold[POLE]
     direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
     out, change = scratch.reading, scratch.change
     split_state(state, full, noise)
     c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
-    ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
+    ahead, aside = thrust(state[ROLL], state[PITCH], model.parameters)
     if kind == IMU:
         stick = command.at_events[0, event]
-        _rate_change(full, noise, stick, belief.parameters, other, perturbations, changes, scratch)
+        _rate_change(full, noise, stick, model.parameters, other, perturbations, changes, scratch)
         for entry in range(ENTRIES):
             if changes.is_used[entry]:
                 _read_by_imu(expected.by_rate, changes.rate_change[entry], changes.imu_change[entry])
@@ -234,19 +234,19 @@ def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
 
 @kernel
 def correct_sensitivity(
-    h: Array, direct: Array, ph: Array, s_var: float, sensitivity: Array, told: Array
+    h: Array, direct: Array, ph: Array, s_var: float, sensitivity: Array, change: Array
 ) -> None:
-    """Write the change of the prediction of a reading with row ``h`` (n,) to ``told`` (m,).
+    """Write the change of the prediction of a reading with row ``h`` (n,) to ``change`` (m,).
 
     Then correct the sensitivities by the reading, with the gain of the state."""
-    for d in range(len(told)):
-        told[d] = direct[d]
+    for d in range(len(change)):
+        change[d] = direct[d]
     for k in range(len(h)):
         x = h[k]
         if x != 0.0:
-            for d in range(len(told)):
-                told[d] += x * sensitivity[k, d]
+            for d in range(len(change)):
+                change[d] += x * sensitivity[k, d]
     for i in range(len(ph)):
         x = ph[i] / s_var
-        for d in range(len(told)):
-            sensitivity[i, d] -= x * told[d]
+        for d in range(len(change)):
+            sensitivity[i, d] -= x * change[d]

@@ -122,7 +122,7 @@ class SmoothedPath:
 
 def smoothed(
     record: Record,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     times_s: Array,
     perturbations: Sequence[Perturbation] = (),
     half_s: float = 0.0,
@@ -134,13 +134,13 @@ def smoothed(
     half_s = max(half_s, LEAST_HALF_S)
     record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
     # AR(1) noise counts as the white noise that averages out as slowly.
-    colour = setting.noise_correlation[list(INSTRUMENT_OF)]
-    noise_var = (record.noise_std * setting.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
+    colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
+    noise_var = (record.noise_std * parameters.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
     m = len(perturbations)
     passed = _nothing_passed(len(record.times_s), STATES, m)
     _forward(
-        filter_inputs(record, setting, perturbations, {}, noise_var, STATES),
-        initial_state(record, setting, STATES, m),
+        filter_inputs(record, parameters, perturbations, {}, noise_var, STATES),
+        initial_state(record, parameters, STATES, m),
         workspace_for(STATES, m),
         passed,
     )
@@ -199,7 +199,7 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
 @allocating_kernel
 def _forward(given: KalmanInputs, estimate: KalmanState, room: Workspace, passed: _Passed) -> None:
     """Filter all events in place and write the estimates around each event to ``passed``."""
-    events, command, belief = given.events, given.command, given.belief
+    events, command, model = given.events, given.command, given.model
     step, expected, changes, scratch = room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     for e in range(len(events.times_s)):
@@ -212,8 +212,8 @@ def _forward(given: KalmanInputs, estimate: KalmanState, room: Workspace, passed
         passed.p_before[e], passed.t_before[e] = p, sensitivity
         kind = events.kinds[e]
         if kind != _MOMENT:
-            jacobian(state, command.at_events[0, e], belief.parameters, expected.rate, step.slopes, scratch)
-            measurement(kind, events.elapsed[e], state, belief, step.slopes, expected, scratch)
+            jacobian(state, command.at_events[0, e], model.parameters, expected.rate, step.slopes, scratch)
+            measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
             _direct(e, given, state, expected, changes.direct, scratch.reading)
             _take(e, given, estimate, expected, changes)
         passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, sensitivity
@@ -251,8 +251,8 @@ def _direct(
 ) -> None:
     """Compute the direct change (6, m) of an instrument's readings by each perturbation, at a fixed state."""
     kind, elapsed = given.events.kinds[event], given.events.elapsed[event]
-    belief, perturbations = given.belief, given.perturbations
-    rate, parameters, pole_s = expected.rate, belief.parameters, belief.hold[POLE]
+    model, perturbations = given.model, given.perturbations
+    rate, parameters, pole_s = expected.rate, model.parameters, model.hold[POLE]
     for d in range(direct.shape[1]):
         direct[:, d] = 0.0
         if (perturbations.instrument_mask[d] >> kind) & 1:

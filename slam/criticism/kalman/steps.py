@@ -93,18 +93,18 @@ def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
 @kernel
 def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffers, scratch: Scratch) -> None:
     """Predict state and covariance over step ``s``, in place, and keep the step's matrices in ``step``."""
-    state, p, belief = estimate.state, estimate.p, given.belief
+    state, p, model = estimate.state, estimate.p, given.model
     h, stick, late_var_s2 = given.events.step_s[s], given.command.over_steps[0, s], given.command.late_var_s2
-    jacobian(state, stick, belief.parameters, step.rate, step.slopes, scratch)
-    transition(step.slopes, belief.hold, h, step.matrix)
-    process_noise(belief.hold, step.matrix, step.q)
-    mean_step(h, state, stick, belief, step, scratch)
+    jacobian(state, stick, model.parameters, step.rate, step.slopes, scratch)
+    transition(step.slopes, model.hold, h, step.matrix)
+    process_noise(model.hold, step.matrix, step.q)
+    mean_step(h, state, stick, model, step, scratch)
     covariance_step(h, p, step)
     if late_var_s2 > 0.0:
         _add_latency_noise(
-            state, p, stick, given.command.stick_jumps[s], late_var_s2, belief.parameters, step, scratch
+            state, p, stick, given.command.stick_jumps[s], late_var_s2, model.parameters, step, scratch
         )
-    if settling(state, p, stick, belief.parameters):
+    if settling(state, p, stick, model.parameters):
         for i in range(VX, VZ + 1):
             p[i, i] += CONTACT_NOISE**2 * h
 
@@ -142,7 +142,7 @@ def measurement(
     kind: int,
     elapsed: float,
     state: Array,
-    belief: ModelArrays,
+    model: ModelArrays,
     slopes: Array,
     expected: PredictedReading,
     scratch: Scratch,
@@ -150,9 +150,9 @@ def measurement(
     """Predict the reading of an event and its Jacobians in the rate and in the state.
 
     The Jacobian in the state includes the path through the rate, whose Jacobian is ``slopes`` (10, n)."""
-    sensor, parameters, pole_s = belief.sensor, belief.parameters, belief.hold[POLE]
-    rate, told, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
-    reading(kind, state, rate, sensor, parameters, pole_s, elapsed, told)
+    sensor, parameters, pole_s = model.sensor, model.parameters, model.hold[POLE]
+    rate, predicted, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
+    reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
     beside, nudged, moved = scratch.reading, scratch.nudged, scratch.rate
     for i in range(len(state)):
         nudged[i] = state[i]
@@ -167,7 +167,7 @@ def measurement(
         reading(kind, state, moved, sensor, parameters, pole_s, elapsed, beside)
         moved[j] = rate[j]
         for c in range(width):
-            x = (beside[c] - told[c]) / _NUDGE
+            x = (beside[c] - predicted[c]) / _NUDGE
             by_rate[c, j] = x
             if x != 0.0:
                 for i in range(state.shape[0]):
@@ -179,7 +179,7 @@ def measurement(
         reading(kind, nudged, rate, sensor, parameters, pole_s, elapsed, beside)
         nudged[j] = state[j]
         for c in range(width):
-            rows[c, j] += (beside[c] - told[c]) / _NUDGE
+            rows[c, j] += (beside[c] - predicted[c]) / _NUDGE
     if kind == IMU:
         # The IMU reads the acceleration of the noise like any other.
         fast = noise_share(state[Z], parameters) / pole_s

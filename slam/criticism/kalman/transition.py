@@ -267,11 +267,11 @@ def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
 
 @kernel
 def mean_step(
-    h: float, state: Array, command: Array, belief: ModelArrays, step: StepBuffers, scratch: Scratch
+    h: float, state: Array, command: Array, model: ModelArrays, step: StepBuffers, scratch: Scratch
 ) -> None:
     """Integrate the mean over h by RK4, in place, with the exact decay of the noises. Write the state and
     noise in the middle into ``step``."""
-    n, parameters, matrix = state.shape[0], belief.parameters, step.matrix
+    n, parameters, matrix = state.shape[0], model.parameters, step.matrix
     first, middle, middle_noise = step.rate, step.middle, step.middle_noise
     full, noise, ended, rate = scratch.full, scratch.noise, scratch.ended, scratch.rate
     total, after = scratch.total, scratch.nudged

@@ -67,13 +67,13 @@ class RangeResiduals:
         return np.concatenate([np.zeros((0, *x.shape[1:])), *changes])
 
 
-def range_residuals(record: Record, setting: FilterParameters) -> RangeResiduals:
+def range_residuals(record: Record, parameters: FilterParameters) -> RangeResiduals:
     """Return the residuals of the flight's sonar against a filter without sonar readings."""
     sonar = record.kinds == SONAR
     rows = np.flatnonzero(sonar & np.isfinite(record.values[:, 0]) & (record.values[:, 0] > LOWEST_M))
     blind = record.values.copy()
     blind[sonar] = np.nan
-    states = whole(replace(record, values=blind), setting).states[rows]
+    states = whole(replace(record, values=blind), parameters).states[rows]
     times_s = record.times_s[rows]
     upright = np.cos(states[:, ROLL]) * np.cos(states[:, PITCH])
     between_s = np.diff(times_s)

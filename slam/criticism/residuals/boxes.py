@@ -84,10 +84,10 @@ class _Boxes:
 
 
 def without_boxes(
-    records: Sequence[Record], setting: FilterParameters
+    records: Sequence[Record], parameters: FilterParameters
 ) -> tuple[list[Record], list[ReadingAnomaly]]:
     """Return the records with ranges corrected to a level floor, and the steps if there are any."""
-    seen = in_threads(lambda record: range_residuals(record, setting), records)
+    seen = in_threads(lambda record: range_residuals(record, parameters), records)
     sign, boxes = 1.0, _found(seen, 1.0)
     if _share(boxes) > 0.5:
         # The level below most readings is the floor, so the others are pits.
@@ -103,13 +103,13 @@ def without_boxes(
         usual = BoxHeights(float(known.mean()), math.hypot(float(known.std()), LEAST_SPREAD_M))
         return _boxes(own.seen, own.height_m, own.noise, sign, usual).nats - own.level_nats
 
-    parameters = _parameters(boxes)
+    sizes = _sizes(boxes)
     nats = tuple(found.gain_nats for found in boxes)
     levelled = [_levelled(r, found, sign) for r, found in zip(records, boxes, strict=True)]
-    return levelled, [ReadingAnomaly("floor_steps", parameters, nats, predicted_by_others(boxes, by_others))]
+    return levelled, [ReadingAnomaly("floor_steps", sizes, nats, predicted_by_others(boxes, by_others))]
 
 
-def _parameters(boxes: Sequence[_Boxes]) -> dict[str, Interval]:
+def _sizes(boxes: Sequence[_Boxes]) -> dict[str, Interval]:
     heights = np.concatenate([found.heights_m for found in boxes])
     height, share = float(heights.mean()), _share(boxes)
     std = math.hypot(float(heights.std()), boxes[0].noise.std_m) / math.sqrt(len(heights))

@@ -38,17 +38,19 @@ ENTAILS = {
 """Nuisance findings that an anomaly explains."""
 LIMIT_STD_M = 0.01
 RUN = 8
-"""The same reading, to the last digit, so many times in a row is no noise."""
+"""Number of equal successive readings, to the last digit, that noise does not make."""
 NATS_A_REPEAT = 4.0
 PASS_S, LEAST_PASS = 1.0, 3
-"""Pictures nearer in time show one thing going through, if they are so many: one alone is an accident."""
+"""Greatest time between two pictures of one moving object, and least number of its pictures; fewer are
+chance."""
 NATS_A_PAIR = 9.0
 HEALTHY_LOSS = 5e-4
-"""Share of pictures that any recorder may lose."""
+"""Share of pictures that a healthy recorder may lose."""
 LOST_NATS = 9.0
-"""That lost pictures must tell against it: five of 500."""
+"""Nats that lost pictures must reach: those of five in 500."""
 SATURATED = 1.5
-"""A lamp may be stronger by this than what it adds to a floor that is bright already."""
+"""Factor from the strongest spots to the upper limit of a lamp's strength, since spots on a bright floor
+saturate."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,9 @@ class ReadingAnomaly:
     name: str
     parameters: dict[str, Interval]
     nats: tuple[float, ...]
-    """For each flight, with the size that all of them have."""
+    """Nats of each flight at the common size."""
     predicted_by_others: tuple[float, ...] = ()
-    """For each flight, with the size that the others have; empty where none enters or there are no others."""
+    """Nats of each flight at the size of the others; empty where no size enters or there are no others."""
 
     def cause(self) -> Cause:
         """Return the anomaly as a cause for the verdict."""
@@ -99,7 +101,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Rea
     interval = _interval("sonar_dead_zone", "limit", float(np.median(np.concatenate(stuck))), LIMIT_STD_M)
 
     def beside(own: Array, others: Sequence[Array]) -> float:
-        """Nats of the flight's repeats that lie at the others' limit."""
+        """Return the nats of the flight's repeated readings at the others' limit."""
         limit = np.concatenate(others)
         near = np.abs(own - np.median(limit)) < 2.0 * LIMIT_STD_M if len(limit) else np.zeros(len(own), bool)
         return NATS_A_REPEAT * float(near.sum())
@@ -151,7 +153,7 @@ def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
     share = float(lost.sum() / (lost + taken).sum())
 
     def beside(own: Lost, others: Sequence[Lost]) -> float:
-        """Nats of the flight's losses at the others' share of them; one that lost none is healthy."""
+        """Return the nats of the flight's losses at the others' share; a flight without losses is healthy."""
         gone, due = (sum(part) for part in zip(*((f.lost, f.due) for f in others), strict=True))
         return own.nats(max(gone / max(due, 1.0), HEALTHY_LOSS))
 
@@ -166,13 +168,14 @@ def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
 
 @dataclass(frozen=True)
 class Lost:
-    """Pictures of a flight that are not there, and how many there should be."""
+    """Number of lost pictures of a flight, and number of pictures that it should have."""
 
     lost: float
     due: float
 
     def nats(self, share: float) -> float:
-        """How much likelier the number is, as a Poisson's, if ``share`` is lost than if few are."""
+        """Return the log likelihood ratio of the Poisson number for the lost share ``share`` against a
+        healthy one."""
         return float(self.lost * np.log(share / HEALTHY_LOSS) - self.due * (share - HEALTHY_LOSS))
 
 

@@ -54,7 +54,7 @@ class _Stamps:
 
 
 def without_jitter(
-    records: Sequence[Record], setting: FilterParameters
+    records: Sequence[Record], parameters: FilterParameters
 ) -> tuple[list[Record], list[ReadingAnomaly]]:
     """Return the records at the even times of their streams, and the jitter, if the readings fit these times.
 
@@ -65,16 +65,16 @@ def without_jitter(
     if not scattered:
         return list(records), []
     even = [_evened(record, flight) for record, flight in zip(records, streams, strict=True)]
-    nats = _nats(even, setting) - _nats(records, setting)
+    nats = _nats(even, parameters) - _nats(records, parameters)
     found = ReadingAnomaly("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
     if found.cause().probability < SURE:
         return list(records), []
-    return in_threads(lambda record: referred(record, setting), even), [found]
+    return in_threads(lambda record: referred(record, parameters), even), [found]
 
 
-def _nats(records: Sequence[Record], setting: FilterParameters) -> Array:
+def _nats(records: Sequence[Record], parameters: FilterParameters) -> Array:
     """Return (flights,) the log likelihoods of the readings of a healthy vehicle."""
-    fitted = fit_nuisances(records, setting)
+    fitted = fit_nuisances(records, parameters)
     return np.array(in_threads(lambda record: whole(record, fitted).log_likelihood, records))
 
 

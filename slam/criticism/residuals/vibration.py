@@ -1,7 +1,7 @@
-"""Lines in the spectrum of what is left over: something shakes the vehicle that no term knows.
+"""Lines in the spectrum of the innovations: vibrations that no term of the catalogue describes.
 
-Whitened innovations have a flat spectrum, each bin of a periodogram an exponential draw, and their sum over
-flights a gamma draw. A bin that stands out of its neighbours by far is an oscillation of its own.
+Whitened innovations have a flat spectrum. Each bin of a periodogram is exponentially distributed, and the sum
+over flights has a gamma distribution. A bin far above its neighbours is an oscillation.
 """
 
 from __future__ import annotations
@@ -21,23 +21,23 @@ from slam.criticism.kalman.record import Record
 Array = NDArray[np.float64]
 
 LOWEST_HZ = 3.0
-"""Below this vehicle and pilot move, and a term that does not fit well leaves waves."""
+"""Least frequency: below it vehicle and pilot move, and a term that fits badly leaves oscillations."""
 NEIGHBOURS = 120
-"""Bins that tell how high the floor under a line is. It is as unsure as they are few: by 40 of them a line of
-noise is told seven times as rare as it is, and a healthy vehicle once "oscillated, by chance in 10^-9"."""
+"""Number of neighbouring bins that give the noise level. With 40 of them its error makes a line of noise seem
+seven times as improbable as it is, and one healthy vehicle was reported as oscillating."""
 LOG_CHANCE = -20.0
-"""Logarithm of the chance of a line; some 10^5 bins are looked at."""
+"""Logarithm of the greatest probability of a reported line; about 10^5 bins are tested."""
 FEWEST = 256
 
 
 @dataclass(frozen=True)
 class Vibration:
-    """One line."""
+    """One spectral line."""
 
     channel: str
     frequency_hz: float
     log_chance: float
-    """Natural logarithm of the chance that noise makes such a line in this bin."""
+    """Natural logarithm of the probability that noise makes such a line in this bin."""
 
     def __str__(self) -> str:
         chance = self.log_chance / np.log(10.0)
@@ -45,13 +45,13 @@ class Vibration:
 
 
 def vibration_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> Vibration | None:
-    """The least probable line of all channels, if there is one."""
+    """Return the least probable line of all channels, or None."""
     found = [v for channel in range(len(CHANNELS)) if (v := _line(channel, records, passes)) is not None]
     return min(found, key=lambda v: v.log_chance, default=None)
 
 
 def _line(channel: int, records: Sequence[Record], passes: Sequence[FilterPass]) -> Vibration | None:
-    """The line of one channel over all flights."""
+    """Return the line of one channel over all flights, or None."""
     series = [_white(channel, record, run) for record, run in zip(records, passes, strict=True)]
     series = [(white, step_s) for white, step_s in series if len(white) >= FEWEST]
     if not series:
@@ -70,7 +70,7 @@ def _line(channel: int, records: Sequence[Record], passes: Sequence[FilterPass])
 
 
 def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]:
-    """Whitened innovations of a channel at even times, 0 where none was used, and their step."""
+    """Return the whitened innovations of a channel at even times (0 where unused), and the time step."""
     kind, c = place_of(channel)
     rows = np.flatnonzero(record.kinds == kind)
     used = run.status[rows, c] == USED
@@ -83,16 +83,16 @@ def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]
 
 
 def _over_neighbours(white: Array, length: int) -> Array:
-    """Periodogram on the bins of ``length`` samples, over the mean of each bin's neighbours."""
+    """Return the periodogram on the bins of ``length`` samples, divided by the mean of each bin's neighbours."""
     spectrum = np.abs(np.fft.rfft(white, length)) ** 2
     parts = np.array_split(spectrum, max(len(spectrum) // NEIGHBOURS, 1))
-    # The median of exponential draws is log 2 of their mean, and a line does not lift it.
+    # The median of an exponential distribution is log 2 times its mean, and a line does not raise it.
     floor = np.concatenate([np.full(len(p), np.median(p) / np.log(2.0)) for p in parts])
     return np.asarray(spectrum / np.maximum(floor, 1e-12))
 
 
 def _log_tail(total: Array, count: int) -> Array:
-    """log P(a sum of ``count`` exponential draws exceeds ``total``)."""
+    """Return log P(sum of ``count`` exponential variables > ``total``)."""
     orders = np.arange(count)
     terms = orders * np.log(np.maximum(total, 1e-300))[:, None] - gammaln(orders + 1.0)
     return np.asarray(logsumexp(terms, axis=1) - total)

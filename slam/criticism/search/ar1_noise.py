@@ -37,15 +37,15 @@ LEAD_NATS = 20.0
 """Lead by which AR(1) noise must exceed the best other explanation."""
 
 
-def ar1_effects(setting: FilterParameters) -> tuple[Effect, ...]:
+def ar1_effects(parameters: FilterParameters) -> tuple[Effect, ...]:
     """Return the AR(1) coefficients of the instruments with correlated noise, as effects to be fitted."""
-    return tuple(_effect(n) for n in AR1_COEFFICIENTS if value_of(n, setting) > 0.0)
+    return tuple(_effect(n) for n in AR1_COEFFICIENTS if value_of(n, parameters) > 0.0)
 
 
 def with_ar1_noise(
     records: Sequence[Record],
     model: FilterParameters,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     passes: Sequence[FilterPass],
     chosen: Sequence[Effect],
     most_nats: float,
@@ -53,8 +53,8 @@ def with_ar1_noise(
     """Return the parameters with AR(1) noise, if that explains more of the flights than anything else; else
     None.
 
-    ``passes`` are the filter's runs under ``setting``, which holds the ``chosen`` terms. ``most_nats`` is the
-    gain of the best other explanation. Instruments of an out-of-model vehicle are not tested.
+    ``passes`` are the filter's runs under ``parameters``, which hold the ``chosen`` terms. ``most_nats`` is
+    the gain of the best other explanation. Instruments of an out-of-model vehicle are not tested.
     """
     correlation, deviate = lag_one_correlation(records, passes)
     seen = [] if model.out_of_model else [n for n in AR1_COEFFICIENTS if _stands_out(n, correlation, deviate)]
@@ -62,7 +62,7 @@ def with_ar1_noise(
     if np.nansum(deviate[[c for n in seen for c in _channels(n)]] ** 2) < most_nats:
         return None
     while seen:
-        correlated = fit_nuisances(records, model, setting, [*chosen, *(_effect(n) for n in seen)])
+        correlated = fit_nuisances(records, model, parameters, [*chosen, *(_effect(n) for n in seen)])
         correlated = without_small_ar1(correlated)
         gained = _gained(records, passes, correlated)
         kept = [n for n in seen if value_of(n, correlated) > 0.0 and _everywhere(gained[:, _channels(n)])]
@@ -76,12 +76,12 @@ def with_ar1_noise(
     return without_small_ar1(fit_nuisances(records, model, correlated, [*chosen, *ar1_effects(correlated)]))
 
 
-def without_small_ar1(setting: FilterParameters) -> FilterParameters:
+def without_small_ar1(parameters: FilterParameters) -> FilterParameters:
     """Set negligible AR(1) coefficients to zero, which appear beside a cause that was absent when they were
     fitted."""
     return replace(
-        setting,
-        noise_correlation=np.where(setting.noise_correlation < MIN_AR1, 0.0, setting.noise_correlation),
+        parameters,
+        noise_correlation=np.where(parameters.noise_correlation < MIN_AR1, 0.0, parameters.noise_correlation),
     )
 
 

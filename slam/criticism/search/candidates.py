@@ -25,14 +25,14 @@ class _Fit(NamedTuple):
 
     worth: float
     effect: Effect
-    setting: FilterParameters
+    parameters: FilterParameters
 
 
 class BestCandidate(NamedTuple):
     """The candidate that explains most once each is fitted with the filter run anew."""
 
     effect: Effect
-    setting: FilterParameters
+    parameters: FilterParameters
     """Filter parameters with it."""
     rivals: tuple[str, ...]
     """Names of terms that explain as much."""
@@ -58,11 +58,11 @@ def best_candidate(
     if ranked[0].effect.columns[0] in CAMERA:
         # Pictures are nearly linear: a candidate far below the best of one expansion is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
-    base, _ = refit(records, model, expansion.setting, chosen)
+    base, _ = refit(records, model, expansion.parameters, chosen)
     fits = []
     for test in tries.each(list(named.values())[:CANDIDATES]):
-        nats, setting = refit(records, model, expansion.setting, [*chosen, test.effect])
-        fits.append(_Fit(replace(test, nats=nats - base).worth, test.effect, setting))
+        nats, parameters = refit(records, model, expansion.parameters, [*chosen, test.effect])
+        fits.append(_Fit(replace(test, nats=nats - base).worth, test.effect, parameters))
     alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
     best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
     known = [fit for fit in fits if fit.effect.name in CATALOGUE]
@@ -70,4 +70,4 @@ def best_candidate(
     leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
     if best.effect.name not in CATALOGUE:
         leads = {}
-    return BestCandidate(best.effect, best.setting, tuple(sorted(rivals)), leads)
+    return BestCandidate(best.effect, best.parameters, tuple(sorted(rivals)), leads)

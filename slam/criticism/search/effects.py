@@ -99,24 +99,24 @@ LOWEST_TILT_RAD = 0.03
 PLAUSIBLE = 3.0
 
 
-def effects_for(records: Sequence[Record], setting: FilterParameters) -> list[Effect]:
+def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list[Effect]:
     """Return every term that is screened, each with its columns, and delayed readings.
 
     For an out-of-model vehicle delayed readings and pure process noise are left out.
     """
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
-    found += _latencies(setting)
+    found += _latencies(parameters)
     if any_holds_heading(records) or not any_turns(records):
         # A vehicle that was never told to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
     found.append(Effect("clock_drift", (Perturbation("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
-    found.append(_ground_effect(setting))
+    found.append(_ground_effect(parameters))
     if any(r.matches is not None for r in records):
         found += _of_camera()
     found.append(_plain("active_braking", (("lean", 1e-2),)))
-    found += _tilt_limits(records, setting)
-    if not setting.out_of_model:
+    found += _tilt_limits(records, parameters)
+    if not parameters.out_of_model:
         found += [_gusts(tau) for tau in GUST_TIMES_S]
         found += delayed_readings(records)
         jitter = NoiseChange("timestamp_jitter.var", _jittered, 1.0)
@@ -155,10 +155,10 @@ def plausible_range(name: str, parameter: str) -> tuple[float, float]:
 
 
 def catalogue_value(
-    effect: Effect, column: int, step: float, setting: FilterParameters, current: float
+    effect: Effect, column: int, step: float, parameters: FilterParameters, current: float
 ) -> float:
     """Return a column's value in the catalogue's units: its current value ``held`` plus a step."""
-    return fitted_parameter(effect.columns[column]).in_catalogue_units(current + step, setting)
+    return fitted_parameter(effect.columns[column]).in_catalogue_units(current + step, parameters)
 
 
 def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
@@ -177,36 +177,36 @@ def _of_camera() -> list[Effect]:
     return [_plain(term.partition(".")[0], tuple(steps)) for term, steps in parameters.items()]
 
 
-def _ground_effect(setting: FilterParameters) -> Effect:
+def _ground_effect(parameters: FilterParameters) -> Effect:
     entry = PARAMETERS.index("ground_effect.radius")
-    radius = setting.parameters[entry]
+    radius = parameters.dynamics[entry]
     perturbation = Perturbation(
-        "ground_effect.radius", "parameters", entry, RADIUS_M, unit=(radius + RADIUS_M) ** 2 - radius**2
+        "ground_effect.radius", "dynamics", entry, RADIUS_M, unit=(radius + RADIUS_M) ** 2 - radius**2
     )
     return Effect("ground_effect", (perturbation,), (), ("radius",), True)
 
 
-def _tilt_limits(records: Sequence[Record], setting: FilterParameters) -> list[Effect]:
-    reach = setting.parameters[MAX_TILT] * setting.parameters[GAIN]
+def _tilt_limits(records: Sequence[Record], parameters: FilterParameters) -> list[Effect]:
+    reach = parameters.dynamics[MAX_TILT] * parameters.dynamics[GAIN]
     asked = reach * max(float(np.abs(r.stick.values[:, :2]).max()) for r in records)
-    now = setting.parameters[TILT_LIMIT]
+    now = parameters.dynamics[TILT_LIMIT]
     if asked < LOWEST_TILT_RAD or now < pi / 2:
         return []
     limits = [share * asked for share in TILT_LIMITS]
     return [
         Effect(
             "tilt_limit",
-            (Perturbation(f"tilt_limit@{x:.4f}", "parameters", TILT_LIMIT, x - now, unit=1.0),),
+            (Perturbation(f"tilt_limit@{x:.4f}", "dynamics", TILT_LIMIT, x - now, unit=1.0),),
             (), ("limit",), True,
         )
         for x in limits
     ]  # fmt: skip
 
 
-def _latencies(setting: FilterParameters) -> list[Effect]:
+def _latencies(parameters: FilterParameters) -> list[Effect]:
     """Return the latency itself, and for a vehicle without one the values of a grid, whose sensitivities
     differ."""
-    tries = LATENCIES_S if setting.latency_s == 0.0 else ()
+    tries = LATENCIES_S if parameters.latency_s == 0.0 else ()
     perturbations = [Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S)]
     perturbations += [Perturbation(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
     return [Effect("control_latency", (d,), (), ("T",), True) for d in perturbations]

@@ -59,7 +59,7 @@ class ScoreTest:
 class LikelihoodExpansion:
     """Second-order expansion of the likelihood of the flights about filter parameters."""
 
-    setting: FilterParameters
+    parameters: FilterParameters
     fisher: FisherInformation
     quadratic: QuadraticLikelihood
     effects: tuple[Effect, ...]
@@ -90,30 +90,30 @@ class LikelihoodExpansion:
 def expand(
     records: Sequence[Record],
     model: FilterParameters,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     chosen: Sequence[Effect] = (),
 ) -> LikelihoodExpansion:
     """Expand the likelihood with every perturbation and noise change, in one pass over the flights."""
-    plain = in_threads(lambda record: whole(record, setting), records)
+    plain = in_threads(lambda record: whole(record, parameters), records)
     both = zip(records, plain, strict=True)
     signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
     current = [with_free_value(effect) for effect in chosen if not effect.relaxes]
     labels = {effect.label for effect in current}
-    effects = [e for e in effects_for(records, setting) if e.label not in labels] + current
+    effects = [e for e in effects_for(records, parameters) if e.label not in labels] + current
     patterns = pattern_directions(records)
     late = delayed_readings(records) if model.out_of_model else []
     moved = [d for e in (*effects, *late) for d in e.perturbations]
     perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + moved + patterns
     changes = noise_changes() + [c for e in effects for c in e.changes]
-    fisher = fisher_information(records, setting, perturbations, changes, signals, plain, GAIN_CORRECTED)
+    fisher = fisher_information(records, parameters, perturbations, changes, signals, plain, GAIN_CORRECTED)
     values = {
-        c: fitted_parameter(c).value_in(setting) for e in effects for c in e.columns if c not in e.relaxes
+        c: fitted_parameter(c).value_in(parameters) for e in effects for c in e.columns if c not in e.relaxes
     }
     values = {c: v for c, v in values.items() if v != 0.0}
     return LikelihoodExpansion(
-        setting=setting,
+        parameters=parameters,
         fisher=fisher,
-        quadratic=quadratic_likelihood(fisher, setting, model, values),
+        quadratic=quadratic_likelihood(fisher, parameters, model, values),
         effects=(*effects, *relaxed_nuisances(model.out_of_model)),
         patterns=(*residual_patterns(patterns), *late),
     )
@@ -130,8 +130,8 @@ def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) 
     std = 2.0 * np.sqrt(np.diag(covariance))
     for k, name in enumerate(effect.parameters):
         least, most = plausible_range(effect.name, name)
-        low = catalogue_value(effect, k, float(step[k] - std[k]), expansion.setting, float(current[k]))
-        high = catalogue_value(effect, k, float(step[k] + std[k]), expansion.setting, float(current[k]))
+        low = catalogue_value(effect, k, float(step[k] - std[k]), expansion.parameters, float(current[k]))
+        high = catalogue_value(effect, k, float(step[k] + std[k]), expansion.parameters, float(current[k]))
         if min(low, high) > most or max(low, high) < least:
             return True
     return False

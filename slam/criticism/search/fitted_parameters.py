@@ -40,20 +40,20 @@ _OF_THE_GAINS = {n.name for n in GAIN_NUISANCES}
 class FittedParameter:
     """One fitted parameter."""
 
-    def value_in(self, setting: FilterParameters) -> float:
+    def value_in(self, parameters: FilterParameters) -> float:
         """Return its value in the filter parameters; 0 where the term is not there."""
         return 0.0
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
         """Return the filter parameters after a step of it, within the limits of the equations."""
-        return setting
+        return parameters
 
-    def longest_step(self, setting: FilterParameters) -> float:
+    def longest_step(self, parameters: FilterParameters) -> float:
         """Return the longest step for which the equations are valid and the quadratic approximation may
         hold."""
         return inf
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
         """Return a value in the catalogue's unit."""
         return current
 
@@ -66,17 +66,17 @@ class _Entry(FittedParameter):
     entry: int
     limits: Parameter
 
-    def value_in(self, setting: FilterParameters) -> float:
-        return float(getattr(setting, self.where)[self.entry]) - self.limits.neutral
+    def value_in(self, parameters: FilterParameters) -> float:
+        return float(getattr(parameters, self.where)[self.entry]) - self.limits.neutral
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        x = float(getattr(setting, self.where)[self.entry]) + step
-        return _with(setting, self.where, self.entry, min(max(x, self.limits.least), self.limits.most))
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        x = float(getattr(parameters, self.where)[self.entry]) + step
+        return _with(parameters, self.where, self.entry, min(max(x, self.limits.least), self.limits.most))
 
-    def longest_step(self, setting: FilterParameters) -> float:
+    def longest_step(self, parameters: FilterParameters) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
         if self.where == "camera" and self.entry in SQUARES:
             return catalogued(self.entry, current)
         return self.limits.neutral + current
@@ -86,13 +86,13 @@ class _Entry(FittedParameter):
 class _Squared(_Entry):
     """A parameter of the equations that acts by its square."""
 
-    def value_in(self, setting: FilterParameters) -> float:
-        return float(getattr(setting, self.where)[self.entry]) ** 2
+    def value_in(self, parameters: FilterParameters) -> float:
+        return float(getattr(parameters, self.where)[self.entry]) ** 2
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        return _with(setting, self.where, self.entry, _root(self.value_in(setting) + step))
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        return _with(parameters, self.where, self.entry, _root(self.value_in(parameters) + step))
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
         return _root(current)
 
 
@@ -102,16 +102,16 @@ class _Latency(FittedParameter):
 
     limits: Parameter
 
-    def value_in(self, setting: FilterParameters) -> float:
-        return setting.latency_s
+    def value_in(self, parameters: FilterParameters) -> float:
+        return parameters.latency_s
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        return replace(setting, latency_s=min(max(setting.latency_s + step, 0.0), LARGEST_LATENCY_S))
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        return replace(parameters, latency_s=min(max(parameters.latency_s + step, 0.0), LARGEST_LATENCY_S))
 
-    def longest_step(self, setting: FilterParameters) -> float:
+    def longest_step(self, parameters: FilterParameters) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
         return max(current, 0.0)
 
 
@@ -121,10 +121,10 @@ class _LatencyAt(_Latency):
 
     value_s: float
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        return replace(setting, latency_s=self.value_s)
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        return replace(parameters, latency_s=self.value_s)
 
-    def longest_step(self, setting: FilterParameters) -> float:
+    def longest_step(self, parameters: FilterParameters) -> float:
         return inf
 
 
@@ -134,10 +134,10 @@ class _LimitAt(_Entry):
 
     value_rad: float
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        return _with(setting, self.where, self.entry, self.value_rad)
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        return _with(parameters, self.where, self.entry, self.value_rad)
 
-    def longest_step(self, setting: FilterParameters) -> float:
+    def longest_step(self, parameters: FilterParameters) -> float:
         return inf
 
 
@@ -147,14 +147,14 @@ class _Gusts(FittedParameter):
 
     time_s: float
 
-    def value_in(self, setting: FilterParameters) -> float:
-        return float(setting.hold[GUST_STD] ** 2) if setting.hold[GUST_TIME] == self.time_s else 0.0
+    def value_in(self, parameters: FilterParameters) -> float:
+        return float(parameters.hold[GUST_STD] ** 2) if parameters.hold[GUST_TIME] == self.time_s else 0.0
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        with_gusts = _with(setting, "hold", GUST_STD, _root(float(setting.hold[GUST_STD]) ** 2 + step))
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        with_gusts = _with(parameters, "hold", GUST_STD, _root(float(parameters.hold[GUST_STD]) ** 2 + step))
         return _with(with_gusts, "hold", GUST_TIME, self.time_s)
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
         return _root(current)
 
 
@@ -162,30 +162,30 @@ class _ClockDrift(FittedParameter):
     """Rate error of the vehicle's clock against the recorder's, as a share; parts per million in the
     catalogue."""
 
-    def value_in(self, setting: FilterParameters) -> float:
-        return setting.drift
+    def value_in(self, parameters: FilterParameters) -> float:
+        return parameters.drift
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        return replace(setting, drift=setting.drift + step)
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        return replace(parameters, drift=parameters.drift + step)
 
-    def longest_step(self, setting: FilterParameters) -> float:
+    def longest_step(self, parameters: FilterParameters) -> float:
         limits = CATALOGUE["clock_drift"].parameter("ppm")
         return 1e-6 * (limits.high - limits.low)
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
         return 1e6 * current
 
 
 class _Jitter(FittedParameter):
     """Variance of the stamps, in square milliseconds; its root in seconds in the catalogue."""
 
-    def value_in(self, setting: FilterParameters) -> float:
-        return 1e6 * setting.jitter_s**2
+    def value_in(self, parameters: FilterParameters) -> float:
+        return 1e6 * parameters.jitter_s**2
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        return replace(setting, jitter_s=_root(setting.jitter_s**2 + 1e-6 * step))
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        return replace(parameters, jitter_s=_root(parameters.jitter_s**2 + 1e-6 * step))
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
         return 1e-3 * _root(current)
 
 
@@ -195,16 +195,16 @@ class _OfNuisance(FittedParameter):
 
     nuisance: Nuisance
 
-    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        return with_value(self.nuisance, setting, value_of(self.nuisance, setting) + step)
+    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
+        return with_value(self.nuisance, parameters, value_of(self.nuisance, parameters) + step)
 
-    def longest_step(self, setting: FilterParameters) -> float:
+    def longest_step(self, parameters: FilterParameters) -> float:
         if self.nuisance.kind == "mean" and self.nuisance.relative:
-            return LARGEST_SHARE * abs(value_of(self.nuisance, setting))
+            return LARGEST_SHARE * abs(value_of(self.nuisance, parameters))
         return inf
 
-    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
-        return value_of(self.nuisance, setting) + current
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
+        return value_of(self.nuisance, parameters) + current
 
 
 class _OfTheGains(FittedParameter):
@@ -224,7 +224,7 @@ def fitted_parameter(name: str) -> FittedParameter:
     if at and term == "control_latency":
         return _LatencyAt(_limits(f"{term}.T"), float(value))
     if at and term == "tilt_limit":
-        return _LimitAt("parameters", TILT_LIMIT, _limits(f"{term}.limit"), float(value))
+        return _LimitAt("dynamics", TILT_LIMIT, _limits(f"{term}.limit"), float(value))
     if name == "control_latency.T":
         return _Latency(_limits(name))
     if name == "clock_drift.ppm":
@@ -232,13 +232,13 @@ def fitted_parameter(name: str) -> FittedParameter:
     if name == "timestamp_jitter.var":
         return _Jitter()
     if name == "ground_effect.radius":
-        return _Squared("parameters", PARAMETERS.index(name), _limits(name))
+        return _Squared("dynamics", PARAMETERS.index(name), _limits(name))
     return _Entry(*slot(name), _limits(name))
 
 
-def bounded(name: str, step: float, setting: FilterParameters) -> float:
+def bounded(name: str, step: float, parameters: FilterParameters) -> float:
     """Return a step of a column cut to its longest."""
-    most = fitted_parameter(name).longest_step(setting)
+    most = fitted_parameter(name).longest_step(parameters)
     return min(max(step, -most), most)
 
 
@@ -247,10 +247,10 @@ def _limits(name: str) -> Parameter:
     return DELAY if parameter == DELAY.name else CATALOGUE[term].parameter(parameter)
 
 
-def _with(setting: FilterParameters, where: str, entry: int, x: float) -> FilterParameters:
-    vector = getattr(setting, where).copy()
+def _with(parameters: FilterParameters, where: str, entry: int, x: float) -> FilterParameters:
+    vector = getattr(parameters, where).copy()
     vector[entry] = x
-    return replace(setting, **{where: vector})
+    return replace(parameters, **{where: vector})
 
 
 def _root(square: float) -> float:

@@ -70,7 +70,7 @@ def fit_nuisances(
     """
     effects = [e for e in effects if e.changes or e.relaxes]
     short = [first_seconds(record, FIRST_S / len(records)) for record in records]
-    setting = model if start is None else start
+    parameters = model if start is None else start
     rounds = [short] * (OUT_OF_MODEL_ROUNDS if model.out_of_model else ROUNDS)
     if not model.out_of_model and sum(record.duration_s for record in records) > LONG_S:
         rounds[-1] = list(records)
@@ -79,32 +79,35 @@ def fit_nuisances(
             d for e in effects for d in e.perturbations
         ]
         changes = noise_changes() + [c for e in effects for c in e.changes]
-        found = fisher_information(flights, setting, perturbations, changes)
-        maximum = quadratic_likelihood(found, setting, model, {}, nuisances=NUISANCES).maximise(effects)
+        found = fisher_information(flights, parameters, perturbations, changes)
+        maximum = quadratic_likelihood(found, parameters, model, {}, nuisances=NUISANCES).maximise(effects)
         for column, move in zip(maximum.columns, maximum.step, strict=True):
             name = found.columns[column]
             if name in _NOISE_NUISANCES:
                 low, high = (
                     limits_of(_NOISE_NUISANCES[name], model) if model.out_of_model else (-np.inf, np.inf)
                 )
-                at = value_of(_NOISE_NUISANCES[name], setting)
+                at = value_of(_NOISE_NUISANCES[name], parameters)
                 move = np.clip(np.clip(move, -LARGEST_STEP, LARGEST_STEP), low - at, high - at)
-            setting = fitted_parameter(name).stepped(setting, bounded(name, float(move), setting))
-    return setting
+            parameters = fitted_parameter(name).stepped(parameters, bounded(name, float(move), parameters))
+    return parameters
 
 
 def refit(
-    records: Sequence[Record], model: FilterParameters, setting: FilterParameters, effects: Sequence[Effect]
+    records: Sequence[Record],
+    model: FilterParameters,
+    parameters: FilterParameters,
+    effects: Sequence[Effect],
 ) -> tuple[float, FilterParameters]:
     """Fit the terms and the nuisances of the mean by Gauss-Newton; return log likelihood and parameters at
     the end."""
     for effect in effects:
-        setting = at_profiled_value(effect, setting)
+        parameters = at_profiled_value(effect, parameters)
     effects = [with_free_value(e) for e in effects]
     with_changes = [e for e in effects if e.changes]
     best: tuple[float, FilterParameters] | None = None
     share, step, columns = 1.0, np.zeros(0), []
-    trial = setting
+    trial = parameters
     for _ in range(ITERATIONS):
         perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + [
             d for e in effects for d in e.perturbations

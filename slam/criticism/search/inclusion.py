@@ -21,7 +21,7 @@ def with_free_value(effect: Effect) -> Effect:
         )
     if effect.name == "tilt_limit":
         return replace(
-            effect, perturbations=(Perturbation("tilt_limit.limit", "parameters", TILT_LIMIT, 1e-3),)
+            effect, perturbations=(Perturbation("tilt_limit.limit", "dynamics", TILT_LIMIT, 1e-3),)
         )
     return effect
 
@@ -31,11 +31,11 @@ def is_profiled(effect: Effect) -> bool:
     return AT in effect.columns[0] and not effect.changes
 
 
-def at_profiled_value(effect: Effect, setting: FilterParameters) -> FilterParameters:
+def at_profiled_value(effect: Effect, parameters: FilterParameters) -> FilterParameters:
     """Return the parameters with a profiled effect at its value of the grid."""
     if is_profiled(effect):
-        return fitted_parameter(effect.columns[0]).stepped(setting, 1.0)
-    return setting
+        return fitted_parameter(effect.columns[0]).stepped(parameters, 1.0)
+    return parameters
 
 
 def is_saturation(effect: Effect) -> bool:
@@ -44,19 +44,19 @@ def is_saturation(effect: Effect) -> bool:
     return effect.name == "tilt_limit"
 
 
-def without_saturation(saturation: Effect, setting: FilterParameters) -> FilterParameters:
+def without_saturation(saturation: Effect, parameters: FilterParameters) -> FilterParameters:
     """Return the parameters without a saturation."""
     assert is_saturation(saturation)
-    parameters = setting.parameters.copy()
-    parameters[TILT_LIMIT] = pi / 2
-    return replace(setting, parameters=parameters)
+    dynamics = parameters.dynamics.copy()
+    dynamics[TILT_LIMIT] = pi / 2
+    return replace(parameters, dynamics=dynamics)
 
 
-def without_effect(effect: Effect, setting: FilterParameters) -> FilterParameters:
+def without_effect(effect: Effect, parameters: FilterParameters) -> FilterParameters:
     """Return the parameters without a term; a nuisance beyond its range keeps its value."""
     if is_saturation(effect):
-        return without_saturation(effect, setting)
+        return without_saturation(effect, parameters)
     for name in (*(d.name for d in effect.perturbations), *(c.name for c in effect.changes)):
         column = fitted_parameter(name)
-        setting = column.stepped(setting, -column.value_in(setting))
-    return setting
+        parameters = column.stepped(parameters, -column.value_in(parameters))
+    return parameters

@@ -90,7 +90,7 @@ class _VarianceWeight(NamedTuple):
 
 def fisher_information(
     records: Sequence[Record],
-    setting: FilterParameters,
+    parameters: FilterParameters,
     perturbations: Sequence[Perturbation],
     changes: Sequence[NoiseChange],
     signals: Sequence[dict[str, Signal]] | None = None,
@@ -99,16 +99,16 @@ def fisher_information(
 ) -> FisherInformation:
     """Run the filter over the flights, once with all perturbations and once for each noise change.
 
-    ``plain`` are runs under ``setting`` itself, where they are known already. Each change in ``weighed`` adds
+    ``plain`` are runs under ``parameters``, where they are known already. Each change in ``weighed`` adds
     one column, named by ``gain_column``: its effect on the mean.
     """
     if changes and not plain:
-        plain = in_threads(lambda record: whole(record, setting), records)
-    settings = [c.apply(setting) for c in changes]
+        plain = in_threads(lambda record: whole(record, parameters), records)
+    changed_parameters = [c.apply(parameters) for c in changes]
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
     tried = [(k, c) for k in range(len(records)) for c in range(len(changes))
              if changes[c].everywhere or before_s[k] < ENOUGH_S]  # fmt: skip
-    runs = in_threads(lambda at: whole(records[at[0]], settings[at[1]]), tried)
+    runs = in_threads(lambda at: whole(records[at[0]], changed_parameters[at[1]]), tried)
     other = dict(zip(tried, runs, strict=True))
     weight = _variance_weight(records, plain)
     steps = np.array([c.step for c in changes])
@@ -117,9 +117,9 @@ def fisher_information(
     def one(k: int) -> tuple[list[_Summed], FilterPass]:
         beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
         changed = _difference(plain[k], beside, steps) if beside else _unchanged(records[k])
-        run = Run(records[k], setting, perturbations, signals[k] if signals is not None else None)
+        run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None)
         rows = list(_segment_terms(records[k], run, changed, apart, weight))
-        return rows + _sighted(records[k], setting, perturbations, len(changes) + len(apart)), run.passed()
+        return rows + _sighted(records[k], parameters, perturbations, len(changes) + len(apart)), run.passed()
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
@@ -145,12 +145,15 @@ _Summed: TypeAlias = tuple[Array, Array, float]
 
 
 def _sighted(
-    record: Record, setting: FilterParameters, perturbations: Sequence[Perturbation], changes: int
+    record: Record, parameters: FilterParameters, perturbations: Sequence[Perturbation], changes: int
 ) -> list[_Summed]:
     """Return the pictures as one more segment: given the readings they are independent of all innovations."""
     if record.matches is None:
         return []
-    seen, p = reprojection_score(record, record.matches, setting, perturbations), len(perturbations) + changes
+    seen, p = (
+        reprojection_score(record, record.matches, parameters, perturbations),
+        len(perturbations) + changes,
+    )
     information, score = np.zeros((p, p)), np.zeros(p)
     information[: len(perturbations), : len(perturbations)] = seen.information
     score[: len(perturbations)] = seen.score

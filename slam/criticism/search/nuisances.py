@@ -104,25 +104,25 @@ def perturbation_of(nuisance: Nuisance) -> Perturbation:
     return parameter_perturbation(nuisance.name, nuisance.step)
 
 
-def value_of(nuisance: Nuisance, setting: FilterParameters) -> float:
+def value_of(nuisance: Nuisance, parameters: FilterParameters) -> float:
     """Return x in filter parameters."""
     if nuisance.kind == "mean":
         perturbation = perturbation_of(nuisance)
-        vector = setting.parameters if perturbation.kind == "parameters" else setting.sensor
+        vector = parameters.dynamics if perturbation.kind == "dynamics" else parameters.sensor
         return float(vector[perturbation.entry])
     if nuisance.kind == "gain":
         return 0.0
     if nuisance.kind == "ar1":
-        return float(setting.noise_correlation[nuisance.entry[0]])
-    vector = setting.hold if nuisance.kind == "hold" else setting.noise_factor
+        return float(parameters.noise_correlation[nuisance.entry[0]])
+    vector = parameters.hold if nuisance.kind == "hold" else parameters.noise_factor
     return float(np.log(vector[nuisance.entry[0]]))
 
 
-def with_value(nuisance: Nuisance, setting: FilterParameters, x: float) -> FilterParameters:
+def with_value(nuisance: Nuisance, parameters: FilterParameters, x: float) -> FilterParameters:
     """Return filter parameters with another x."""
     if nuisance.kind == "mean":
         perturbation = perturbation_of(nuisance)
-        where = "parameters" if perturbation.kind == "parameters" else "sensor"
+        where = "dynamics" if perturbation.kind == "dynamics" else "sensor"
         entries: list[int] = [perturbation.entry]
         size = x
     elif nuisance.kind == "ar1":
@@ -130,9 +130,9 @@ def with_value(nuisance: Nuisance, setting: FilterParameters, x: float) -> Filte
     else:
         where = "hold" if nuisance.kind == "hold" else "noise_factor"
         entries, size = list(nuisance.entry), float(np.exp(x))
-    vector = getattr(setting, where).copy()
+    vector = getattr(parameters, where).copy()
     vector[entries] = size
-    return replace(setting, **{where: vector})
+    return replace(parameters, **{where: vector})
 
 
 def limits_of(nuisance: Nuisance, model: FilterParameters) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.photometric import PICTURE_SHAPES, RESTLESS
+from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
 from slam.criticism.camera.warps import PAIRS, WARPS
 from slam.criticism.kalman.perturbations import FORCES, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNELS
@@ -70,7 +70,7 @@ def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
         if signal != "stick_turn" or not any_holds_heading(records)
     ]
     if any(r.matches is not None for r in records):
-        found += [Perturbation(name, "picture", k) for k, name in enumerate((*PICTURE_SHAPES, *WARPS))]
+        found += [Perturbation(name, "picture", k) for k, name in enumerate((*PICTURE_PATTERNS, *WARPS))]
     yaw = CHANNELS.index("yaw")
     found += [
         Perturbation(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
@@ -89,7 +89,7 @@ def residual_patterns(perturbations: Sequence[Perturbation]) -> tuple[Effect, ..
     """
     placed = tuple(d for d in perturbations if d.name.startswith(YAW_AT_PLACE))
     known = {d.name: d for d in perturbations if d not in placed}
-    patterns = [Effect(name, (d,), positive=name in RESTLESS) for name, d in known.items()]
+    patterns = [Effect(name, (d,), positive=name in VARIANCE_PATTERNS) for name, d in known.items()]
     if placed:
         patterns.append(Effect(YAW_AT_PLACE, placed))
     together = [

@@ -179,7 +179,7 @@ class QuadraticLikelihood:
 
 def quadratic_likelihood(
     fisher: FisherInformation,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     model: FilterParameters,
     current: dict[str, float],
     segments: NDArray[np.bool_] | None = None,
@@ -192,7 +192,7 @@ def quadratic_likelihood(
         names=tuple(n.name for n in nuisances),
         information=np.tensordot(share, fisher.information, 1),
         score=share @ fisher.score,
-        at=np.array([value_of(n, setting) for n in nuisances]),
+        at=np.array([value_of(n, parameters) for n in nuisances]),
         limits=np.array([limits_of(n, model) for n in nuisances]),
         precision=np.array([prior_precision(n, model) for n in nuisances]),
         current=current,

@@ -75,17 +75,17 @@ def with_term_replaced(
     what others would explain in its place shows only about the parameters with it.
     """
     rest = [e for e in found.chosen if e is not place]
-    bare = without_effect(place, found.last.setting)
-    old, _ = refit(records, found.model, found.last.setting, found.chosen)
+    bare = without_effect(place, found.last.parameters)
+    old, _ = refit(records, found.model, found.last.parameters, found.chosen)
     old -= parameter_cost(len(place.columns))
     fits = []
     for others in candidates:
-        nats, setting = refit(records, found.model, bare, [*rest, *others])
+        nats, parameters = refit(records, found.model, bare, [*rest, *others])
         cost = sum(parameter_cost(len(e.columns)) for e in others) + (len(others) - 1) * np.log(
             len(CATALOGUE)
         )
-        fits.append((nats - cost, others, setting))
-    best, others, setting = max(fits, key=lambda fit: fit[0])
+        fits.append((nats - cost, others, parameters))
+    best, others, parameters = max(fits, key=lambda fit: fit[0])
     gained = best - old
     chosen = [with_free_value(e) for e in (*rest, *others)]
     alike = abs(gained) < VERY_SIMILAR_NATS
@@ -94,7 +94,7 @@ def with_term_replaced(
             return replace(found, leads=found.leads | {(place.label, others[0].label): -gained})
         rivals = {place.name: tuple(e.name for e in others)} if alike else {}
         return replace(found, rivals=found.rivals | rivals)
-    expansion = expand(records, found.model, setting, chosen)
+    expansion = expand(records, found.model, parameters, chosen)
     leads = found.leads | {(others[0].label, place.label): gained} if len(others) == 1 else {}
     rivals = found.rivals | {e.name: (place.name,) if alike else () for e in others}
     return replace(
@@ -108,12 +108,12 @@ def search(
     """Find terms that exceed the thresholds beside each other, best first."""
     search_state = _SequentialSearch(records, model, limits, progress)
     first = search_state.expansion
-    while (setting := search_state.next_parameters()) is not None:
-        search_state.expand_about(setting)
-    if (search_state.expansion.setting.noise_correlation != first.setting.noise_correlation).any():
+    while (parameters := search_state.next_parameters()) is not None:
+        search_state.expand_about(parameters)
+    if (search_state.expansion.parameters.noise_correlation != first.parameters.noise_correlation).any():
         # With and without the terms noise is the same.
         first = search_state.healthy(
-            replace(first.setting, noise_correlation=search_state.expansion.setting.noise_correlation)
+            replace(first.parameters, noise_correlation=search_state.expansion.parameters.noise_correlation)
         )
     most = len(search_state.chosen)
     search_state.drop_superfluous()
@@ -146,8 +146,8 @@ class _SequentialSearch:
         """``LINEAR_Z``, or a smaller value in proportion where the expansion is of the first parts of the
         flights."""
         with self._fits.part():
-            setting = fit_nuisances(records, model, effects=ar1_effects(model))
-        self._expand(setting)
+            parameters = fit_nuisances(records, model, effects=ar1_effects(model))
+        self._expand(parameters)
 
     def next_parameters(self) -> FilterParameters | None:
         """Choose terms until a fit is needed; return the parameters with all chosen terms, or None where
@@ -156,7 +156,7 @@ class _SequentialSearch:
             significant = self._significant()
             full = len(self.chosen) == MOST_TERMS
             if self._strong_z < LINEAR_Z and (full or not by_much(significant, self._strong_z)):
-                self._expand_all(self.expansion.setting)
+                self._expand_all(self.expansion.parameters)
                 continue
             if not self.chosen and (both := self._hidden(significant)):
                 self.chosen, self._fitted = list(both), False
@@ -176,14 +176,14 @@ class _SequentialSearch:
                 self.leads = {} if in_part else best.leads
                 self.rivals[best.effect.name] = best.rivals
                 self.chosen.append(best.effect)
-                return best.setting
+                return best.parameters
             self.chosen.append(significant[0].effect)
             if significant[0].effect.changes:
                 # More noise is far less linear than a change of the mean: nothing else shows beside it.
                 return self._with_chosen()
             self._fitted = self._fitted and significant[0].z < CURVED_Z
 
-    def expand_about(self, setting: FilterParameters) -> None:
+    def expand_about(self, parameters: FilterParameters) -> None:
         """Expand about parameters that hold the chosen terms, with nuisances fitted to them.
 
         Where another term is highly significant at the last expansion, the first parts of long flights are
@@ -193,21 +193,21 @@ class _SequentialSearch:
         part = long > 2.0 and by_much(self._significant(), self._strong_z)
         self.chosen = [with_free_value(c) for c in self.chosen]
         if not part:
-            self._expand_all(setting)
+            self._expand_all(parameters)
             return
         records = [first_seconds(record, PART_S / len(self.records)) for record in self.records]
-        setting = self._fit(records, setting)
+        parameters = self._fit(records, parameters)
         with self._expansions.part():
-            self.expansion = expand(records, self._model, setting, self.chosen)
+            self.expansion = expand(records, self._model, parameters, self.chosen)
         self.chosen = [self.expansion.own(c) for c in self.chosen]
         self._strong_z, self._fitted = max(LINEAR_Z / np.sqrt(long), CURVED_Z), True
 
-    def healthy(self, setting: FilterParameters) -> LikelihoodExpansion:
+    def healthy(self, parameters: FilterParameters) -> LikelihoodExpansion:
         """Expand about parameters without terms, with nuisances fitted to them."""
         with self._fits.part():
-            setting = fit_nuisances(self.records, self._model, setting)
+            parameters = fit_nuisances(self.records, self._model, parameters)
         with self._expansions.part():
-            return expand(self.records, self._model, setting)
+            return expand(self.records, self._model, parameters)
 
     def drop_superfluous(self) -> None:
         """Remove the terms that the others have made superfluous."""
@@ -215,7 +215,7 @@ class _SequentialSearch:
         self.chosen = _needed(self.records, self._model, self.expansion, before, self._limits)
         for saturation in (e for e in before if is_saturation(e) and e not in self.chosen):
             # An expansion about parameters with a saturation does not show what the flights do beyond it.
-            self._expand(self._with_chosen(without_saturation(saturation, self.expansion.setting)))
+            self._expand(self._with_chosen(without_saturation(saturation, self.expansion.parameters)))
 
     def _significant(self) -> list[ScoreTest]:
         threshold = (
@@ -223,13 +223,13 @@ class _SequentialSearch:
         )
         return beyond(self.expansion.score_tests(self.chosen, self.expansion.effects), threshold)
 
-    def _fit(self, records: Sequence[Record], setting: FilterParameters) -> FilterParameters:
+    def _fit(self, records: Sequence[Record], parameters: FilterParameters) -> FilterParameters:
         with self._fits.part():
-            free = [*self.chosen, *ar1_effects(setting)]
-            return without_small_ar1(fit_nuisances(records, self._model, setting, free))
+            free = [*self.chosen, *ar1_effects(parameters)]
+            return without_small_ar1(fit_nuisances(records, self._model, parameters, free))
 
-    def _expand_all(self, setting: FilterParameters) -> None:
-        self._expand(self._fit(self.records, setting))
+    def _expand_all(self, parameters: FilterParameters) -> None:
+        self._expand(self._fit(self.records, parameters))
         self._strong_z, self._fitted = LINEAR_Z, True
 
     def _hidden(self, significant: Sequence[ScoreTest]) -> Sequence[Effect] | None:
@@ -240,11 +240,11 @@ class _SequentialSearch:
 
     def _with_chosen(self, start: FilterParameters | None = None) -> FilterParameters:
         with self._fits.part():
-            return refit(self.records, self._model, start or self.expansion.setting, self.chosen)[1]
+            return refit(self.records, self._model, start or self.expansion.parameters, self.chosen)[1]
 
-    def _expand(self, setting: FilterParameters) -> None:
+    def _expand(self, parameters: FilterParameters) -> None:
         with self._expansions.part():
-            self.records, self.expansion = _expanded(self.records, self._model, setting, self.chosen)
+            self.records, self.expansion = _expanded(self.records, self._model, parameters, self.chosen)
         self.chosen = [self.expansion.own(c) for c in self.chosen]
 
 
@@ -277,20 +277,20 @@ def _doubtful(significant: Sequence[ScoreTest], strong_z: float) -> Sequence[Sco
 def _expanded(
     records: Sequence[Record],
     model: FilterParameters,
-    setting: FilterParameters,
+    parameters: FilterParameters,
     chosen: Sequence[Effect] = (),
 ) -> tuple[Sequence[Record], LikelihoodExpansion]:
     """Return the records and their expansion. Where AR(1) noise explains more than any term or pattern, the
     parameters include it, and the records' reference runs are redone."""
-    expansion = expand(records, model, setting, chosen)
+    expansion = expand(records, model, parameters, chosen)
     others = expansion.score_tests(
         [expansion.own(c) for c in chosen], [*expansion.effects, *expansion.patterns]
     )
     most_nats = others[0].nats if others else 0.0
-    correlated = with_ar1_noise(records, model, setting, expansion.fisher.passes, chosen, most_nats)
+    correlated = with_ar1_noise(records, model, parameters, expansion.fisher.passes, chosen, most_nats)
     if correlated is None:
         return records, expansion
-    records = [recoloured(record, setting, correlated) for record in records]
+    records = [recoloured(record, parameters, correlated) for record in records]
     return records, expand(records, model, correlated, chosen)
 
 
@@ -337,8 +337,8 @@ def _without(
 ) -> float:
     """Return the z of a saturation beside the others, both hypotheses fitted with the filter run anew."""
     short = [first_seconds(record, SHORT_S / len(records)) for record in records]
-    known, _ = refit(short, model, expansion.setting, [*others, saturation])
-    open_way, _ = refit(short, model, without_saturation(saturation, expansion.setting), others)
+    known, _ = refit(short, model, expansion.parameters, [*others, saturation])
+    open_way, _ = refit(short, model, without_saturation(saturation, expansion.parameters), others)
     return deviate(2.0 * max(known - open_way, 0.0), len(saturation.columns))
 
 

@@ -81,19 +81,19 @@ def covariate(
             return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)
         return refit(short, found.model, without_effect(effect, parameters), effects)[1]
 
-    settings = {"": refitted(rest), cause: parameters}
+    models = {"": refitted(rest), cause: parameters}
     if other is not None:
-        settings[rival] = refitted([*rest, other])
+        models[rival] = refitted([*rest, other])
     states = in_threads(lambda record: whole(record, parameters).states, short)
     residuals = {
-        name: [rollout_residuals(r, s, setting, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
-        for name, setting in settings.items()
+        name: [rollout_residuals(r, s, with_cause, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
+        for name, with_cause in models.items()
     }
     pooled = {
         name: {c: np.concatenate([flight[c] for flight in flights]) for c in BEYOND_IMU}
         for name, flights in residuals.items()
     }
-    against = tuple(m for name in settings if name and (m := _against(pooled, name)) is not None)
+    against = tuple(m for name in models if name and (m := _against(pooled, name)) is not None)
     if not against or against[0].cause != cause:
         return None
     return Covariate(cause, rival if other is not None else "", against)

@@ -198,12 +198,12 @@ def _rollout_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
     """Return sizes by roll-outs with intervals; for a term that roll-outs do not fit, its current value."""
     found = {}
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
-        current = 0.0 if column in FREE else fitted_parameter(column).value_in(best.setting)
+        current = 0.0 if column in FREE else fitted_parameter(column).value_in(best.parameters)
         reach = WIDE * best.std.get(column, 0.0)
         found[name] = _interval(
             effect,
             name,
-            [catalogue_value(effect, k, side * reach, best.setting, current) for side in (0, -1, 1)],
+            [catalogue_value(effect, k, side * reach, best.parameters, current) for side in (0, -1, 1)],
         )
     return found
 
@@ -223,7 +223,7 @@ def _interval(effect: Effect, name: str, values: Sequence[float]) -> Interval:
 
 def _value(expansion: LikelihoodExpansion, effect: Effect, k: int, step: float) -> float:
     return catalogue_value(
-        effect, k, step, expansion.setting, expansion.quadratic.current.get(effect.columns[k], 0.0)
+        effect, k, step, expansion.parameters, expansion.quadratic.current.get(effect.columns[k], 0.0)
     )
 
 

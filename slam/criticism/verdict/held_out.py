@@ -69,7 +69,7 @@ class _Predicted(NamedTuple):
 
     nats: float
     """Log likelihood above the expansion's parameters, averaged over the uncertainty of the others."""
-    setting: FilterParameters
+    parameters: FilterParameters
     """Most probable parameters by the others."""
 
 
@@ -91,10 +91,10 @@ def held_out(
         known = _prediction(last, model, found.chosen, own, others)
         gain = known.nats + known_nats[own].sum() - plain.nats - plain_nats[own].sum()
         if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in records):
-            gain = _gain_rerun(records, last, own, plain.setting, known.setting)
+            gain = _gain_rerun(records, last, own, plain.parameters, known.parameters)
         nats.append(gain)
         for f in np.unique(last.fisher.flight[own]):
-            fitted_by_others[int(f)] = plain.setting, known.setting
+            fitted_by_others[int(f)] = plain.parameters, known.parameters
     flights = sorted(fitted_by_others)
     return HeldOut(
         np.array(nats), by,
@@ -111,10 +111,10 @@ def _prediction(
 ) -> _Predicted:
     """Return the prediction of some segments (``own``) by a fit on ``others``."""
     current = expansion.quadratic.current
-    fitted = quadratic_likelihood(expansion.fisher, expansion.setting, model, current, others).maximise(
+    fitted = quadratic_likelihood(expansion.fisher, expansion.parameters, model, current, others).maximise(
         effects, _prior_std(expansion, effects)
     )
-    judged = quadratic_likelihood(expansion.fisher, expansion.setting, model, current, own)
+    judged = quadratic_likelihood(expansion.fisher, expansion.parameters, model, current, own)
     return _Predicted(judged.predicted(fitted), with_step(expansion, fitted.whole, effects))
 
 
@@ -133,7 +133,7 @@ def _gain_rerun(
     """
     gain = 0.0
     for k in np.unique(expansion.fisher.flight[own]):
-        runs = [whole(records[k], setting) for setting in (before, after)]
+        runs = [whole(records[k], parameters) for parameters in (before, after)]
         both = np.logical_and(*(run.status != IGNORED for run in runs))
         by_event = np.where(both, runs[1].nats - runs[0].nats, 0.0).sum(axis=1)
         gain += float(_by_segment(expansion, int(k), by_event)[own[expansion.fisher.flight == k]].sum())
@@ -180,9 +180,9 @@ def _prior_std(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dic
 
 def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> FilterParameters:
     """Return the expansion's parameters after a step of all columns."""
-    setting = expansion.setting
+    parameters = expansion.parameters
     skip = {e.columns[0] for e in effects if is_profiled(e)}
     for column, size in zip(expansion.fisher.columns, step, strict=True):
         if size != 0.0 and column not in skip:
-            setting = fitted_parameter(column).stepped(setting, float(size))
-    return setting
+            parameters = fitted_parameter(column).stepped(parameters, float(size))
+    return parameters

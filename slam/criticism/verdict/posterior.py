@@ -119,9 +119,9 @@ def _expansion_without(found: SearchResult, term: Effect) -> LikelihoodExpansion
     rest = [e for e in found.chosen if e is not term]
     if not rest:
         return found.first
-    setting = without_effect(term, found.last.setting)
-    setting = fit_nuisances(found.records, found.model, setting, rest)
-    return expand(found.records, found.model, setting, rest)
+    parameters = without_effect(term, found.last.parameters)
+    parameters = fit_nuisances(found.records, found.model, parameters, rest)
+    return expand(found.records, found.model, parameters, rest)
 
 
 def _over(found: SearchResult, expansion: LikelihoodExpansion) -> float:

@@ -37,8 +37,8 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
         # The component of a vector that shows least decides.
         k = int(np.argmax(np.diag(covariance)))
         size = (threshold + NINE_OF_TEN) * float(np.sqrt(covariance[k, k]))
-        neutral = catalogue_value(effect, k, 0.0, expansion.setting, 0.0)
-        value = abs(catalogue_value(effect, k, size, expansion.setting, 0.0) - neutral)
+        neutral = catalogue_value(effect, k, 0.0, expansion.parameters, 0.0)
+        value = abs(catalogue_value(effect, k, size, expansion.parameters, 0.0) - neutral)
         unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
         parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
         if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):

@@ -38,10 +38,10 @@ def reprojection_errors(
     return (ChannelError("reprojection", "px", NOT_AHEAD_S, rms[0], rms[1]),)
 
 
-def _square_px(record: Record, setting: FilterParameters) -> tuple[float, int]:
+def _square_px(record: Record, parameters: FilterParameters) -> tuple[float, int]:
     """Return the mean square error of one coordinate of a match, and the number of coordinates."""
     assert record.matches is not None
-    found = reprojection_score(record, record.matches, setting, ())
+    found = reprojection_score(record, record.matches, parameters, ())
     # Residuals are weighed by their own noise, which differs little from match to match.
     noise = float(np.mean(record.matches.std_px**2))
     return found.chi_square / max(found.rows, 1) * noise, found.rows

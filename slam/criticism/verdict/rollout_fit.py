@@ -58,7 +58,7 @@ The flights decide whether they are there."""
 class RolloutFit:
     """Result of the fit to roll-outs."""
 
-    setting: FilterParameters
+    parameters: FilterParameters
     chosen: tuple[Effect, ...]
     std: dict[str, float]
     """Column -> jackknife standard deviation of its size."""
@@ -74,7 +74,7 @@ class RolloutFit:
 class _Fit:
     """Fit of columns over all flights, and with each flight left out."""
 
-    setting: FilterParameters
+    parameters: FilterParameters
     columns: tuple[str, ...]
     left_out: tuple[FilterParameters, ...]
     steps: Array
@@ -114,16 +114,16 @@ def fit_rollouts(
     std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
     nats = _gained(chosen, fit, without, course.independent)
     spread = dict(zip(fit.columns, std.tolist(), strict=True))
-    beyond = [n for n in _FREE if _is_beyond(n, fit.setting, found.model, spread[n.name])]
+    beyond = [n for n in _FREE if _is_beyond(n, fit.parameters, found.model, spread[n.name])]
     if any(n.name == LAG_CONSTANT for n in beyond):
         chosen += [e for e in found.last.effects if e.name == LAG][:1]
-    unhealthy = [_in_words(n, fit.setting, found.model) for n in beyond if n.name != LAG_CONSTANT]
+    unhealthy = [_in_words(n, fit.parameters, found.model) for n in beyond if n.name != LAG_CONSTANT]
     for effect in [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]:
         unhealthy += [
-            f"{effect.name} may be that {_in_words(n, without[effect.label].setting, found.model)}"
+            f"{effect.name} may be that {_in_words(n, without[effect.label].parameters, found.model)}"
             for n in _instead(fit, without[effect.label], found.model)
         ]
-    return RolloutFit(fit.setting, tuple(chosen), spread, fit.left_out, nats, tuple(unhealthy))
+    return RolloutFit(fit.parameters, tuple(chosen), spread, fit.left_out, nats, tuple(unhealthy))
 
 
 def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[Effect], _Fit]:
@@ -139,7 +139,7 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
         # A term that may be tried in two ways enters in the first way that improves the fit.
         if extra.name in {e.name for e in chosen}:
             continue
-        best_candidate = course.fitted(fit.setting, [*chosen, extra])
+        best_candidate = course.fitted(fit.parameters, [*chosen, extra])
         asked = candidate.z > limits.second or course.nats(best_candidate, fit) > required_nats(extra)
         if asked and best_candidate.better_than(fit):
             chosen, fit = [*chosen, extra], best_candidate
@@ -156,7 +156,7 @@ def _needed(
     """
     while True:
         without = {
-            e.label: course.fitted(without_effect(e, fit.setting), [o for o in chosen if o is not e])
+            e.label: course.fitted(without_effect(e, fit.parameters), [o for o in chosen if o is not e])
             for e in chosen
             if _flies(e)
         }
@@ -191,21 +191,21 @@ def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[Nuisance
     """Return the constants that are healthy with a term and take its place without it."""
     return [
         n for n in _FREE
-        if _is_beyond(n, without.setting, model, 0.0) and not _is_beyond(n, fit.setting, model, 0.0)
+        if _is_beyond(n, without.parameters, model, 0.0) and not _is_beyond(n, fit.parameters, model, 0.0)
     ]  # fmt: skip
 
 
-def _is_beyond(constant: Nuisance, setting: FilterParameters, model: FilterParameters, std: float) -> bool:
+def _is_beyond(constant: Nuisance, parameters: FilterParameters, model: FilterParameters, std: float) -> bool:
     """Whether a constant lies beyond its healthy range, whatever flight is left out."""
     low, high = limits_of(constant, model)
-    value, reach = value_of(constant, setting), 2.0 * std
+    value, reach = value_of(constant, parameters), 2.0 * std
     return value - reach > high or value + reach < low
 
 
-def _in_words(constant: Nuisance, setting: FilterParameters, model: FilterParameters) -> str:
+def _in_words(constant: Nuisance, parameters: FilterParameters, model: FilterParameters) -> str:
     low, high = limits_of(constant, model)
     unit = "" if constant.unit == "1" else f" {constant.unit}"
-    value = value_of(constant, setting)
+    value = value_of(constant, parameters)
     return f"{constant.name} is {value:.3g}{unit} (healthy: {low:.3g} to {high:.3g})"
 
 
@@ -215,7 +215,7 @@ def _flies(effect: Effect) -> bool:
     return (
         is_term(effect)
         and bool(kinds)
-        and kinds <= {"parameters", "sensor", "latency"}
+        and kinds <= {"dynamics", "sensor", "latency"}
         and not is_profiled(effect)
     )
 
@@ -243,38 +243,38 @@ class _Rollouts:
         # Each channel weighs as much as any other, whatever its unit.
         self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
 
-    def _rollout_errors(self, flight: int, setting: FilterParameters) -> dict[int, Array]:
-        return rollout_residuals(self._records[flight], self._states[flight], setting, AHEAD_S, 1.0)
+    def _rollout_errors(self, flight: int, parameters: FilterParameters) -> dict[int, Array]:
+        return rollout_residuals(self._records[flight], self._states[flight], parameters, AHEAD_S, 1.0)
 
-    def _scaled_errors(self, flight: int, setting: FilterParameters) -> Array:
+    def _scaled_errors(self, flight: int, parameters: FilterParameters) -> Array:
         """Return the errors of a flight's roll-outs, scaled so that the squares of all flights sum to 1 for a
         healthy vehicle."""
-        return np.concatenate(self._by_channel(flight, setting))
+        return np.concatenate(self._by_channel(flight, parameters))
 
-    def _by_channel(self, flight: int, setting: FilterParameters) -> list[Array]:
-        residuals = self._rollout_errors(flight, setting)
+    def _by_channel(self, flight: int, parameters: FilterParameters) -> list[Array]:
+        residuals = self._rollout_errors(flight, parameters)
         return [weight * residuals[c] for c, weight in self._weight.items()]
 
-    def _away(self, setting: FilterParameters) -> Array:
+    def _away(self, parameters: FilterParameters) -> Array:
         """Return the distances of the vehicle's constants from healthy ones, weighted so that the flights
         dominate."""
         away = []
         for nuisance in _FREE:
             low, high = limits_of(nuisance, self._model)
-            away.append(PULL * (2.0 * value_of(nuisance, setting) - low - high) / (high - low))
+            away.append(PULL * (2.0 * value_of(nuisance, parameters) - low - high) / (high - low))
         return np.array(away)
 
-    def _left(self, setting: FilterParameters) -> list[Array]:
+    def _left(self, parameters: FilterParameters) -> list[Array]:
         """Return the errors of each flight, and last the distances of the constants."""
-        residuals = in_threads(lambda k: self._scaled_errors(k, setting), range(len(self._records)))
-        return [*residuals, self._away(setting)]
+        residuals = in_threads(lambda k: self._scaled_errors(k, parameters), range(len(self._records)))
+        return [*residuals, self._away(parameters)]
 
     def _slopes(
-        self, setting: FilterParameters, columns: Sequence[str], h: Array, left: list[Array]
+        self, parameters: FilterParameters, columns: Sequence[str], h: Array, left: list[Array]
     ) -> list[Array]:
         """Return (errors, columns) slopes of each part of ``_left``, for columns in units of ``h``."""
         beside = [
-            self._left(fitted_parameter(c).stepped(setting, step))
+            self._left(fitted_parameter(c).stepped(parameters, step))
             for c, step in zip(columns, h.tolist(), strict=True)
         ]
         return [np.column_stack([b[k] - at for b in beside]) for k, at in enumerate(left)]
@@ -291,15 +291,15 @@ class _Rollouts:
             d.name: DELAY.get(d.name, d.step) for e in effects if _flies(e) for d in e.perturbations
         }
         columns, h = tuple(steps), np.array(list(steps.values()))
-        setting, damping, left = start, DAMPING, self._left(start)
-        slope = self._slopes(setting, columns, h, left)
+        parameters, damping, left = start, DAMPING, self._left(start)
+        slope = self._slopes(parameters, columns, h, left)
         for _ in self._rounds.each(range(ROUNDS)):
-            trial = _stepped(setting, columns, h * _solved(slope, left, damping))
+            trial = _stepped(parameters, columns, h * _solved(slope, left, damping))
             now = self._left(trial)
             if _squares(now) < _squares(left):
                 gained = 1.0 - _squares(now) / _squares(left)
-                setting, left, damping = trial, now, damping / 5.0
-                slope = self._slopes(setting, columns, h, left)
+                parameters, left, damping = trial, now, damping / 5.0
+                slope = self._slopes(parameters, columns, h, left)
                 if gained < SETTLED:
                     break
             else:
@@ -308,12 +308,12 @@ class _Rollouts:
         for k in range(len(self._records)):
             others = [j for j in range(len(left)) if j != k]
             apart.append(h * _solved([slope[j] for j in others], [left[j] for j in others], DAMPING))
-        fitted_by_others = [_stepped(setting, columns, step) for step in apart]
+        fitted_by_others = [_stepped(parameters, columns, step) for step in apart]
         residuals = [
-            [_squares([c]) for c in self._by_channel(k, parameters)]
-            for k, parameters in enumerate(fitted_by_others)
+            [_squares([c]) for c in self._by_channel(k, by_others)]
+            for k, by_others in enumerate(fitted_by_others)
         ]
-        return _Fit(setting, columns, tuple(fitted_by_others), np.array(apart), np.array(residuals))
+        return _Fit(parameters, columns, tuple(fitted_by_others), np.array(apart), np.array(residuals))
 
 
 def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Array:
@@ -323,10 +323,10 @@ def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Ar
     return np.asarray(-np.linalg.solve(a + damping * np.diag(np.diag(a)) + RIDGE * np.eye(len(a)), b))
 
 
-def _stepped(setting: FilterParameters, columns: Sequence[str], step: Array) -> FilterParameters:
+def _stepped(parameters: FilterParameters, columns: Sequence[str], step: Array) -> FilterParameters:
     for column, size in zip(columns, step.tolist(), strict=True):
-        setting = fitted_parameter(column).stepped(setting, bounded(column, size, setting))
-    return setting
+        parameters = fitted_parameter(column).stepped(parameters, bounded(column, size, parameters))
+    return parameters
 
 
 def _squares(parts: Sequence[Array]) -> float:

@@ -46,12 +46,14 @@ def rollout_errors(
     records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
     """Return the errors of all channels but the imu's, pooled over the flights."""
-    settings = (*before, *after)
+    each_parameters = (*before, *after)
     flights = (*records, *records)
-    states = in_threads(lambda k: whole(flights[k], settings[k]).states, range(len(flights)))
+    states = in_threads(lambda k: whole(flights[k], each_parameters[k]).states, range(len(flights)))
     found = []
     for horizon in HORIZONS_S:
-        errors = [rollout_residuals(*each, horizon) for each in zip(flights, states, settings, strict=True)]
+        errors = [
+            rollout_residuals(*each, horizon) for each in zip(flights, states, each_parameters, strict=True)
+        ]
         sides = errors[: len(records)], errors[len(records) :]
         for channel in BEYOND_IMU:
             pooled = [np.concatenate([flight[channel] for flight in side]) for side in sides]
@@ -62,7 +64,7 @@ def rollout_errors(
 
 
 def rollout_residuals(
-    record: Record, filtered: Array, setting: FilterParameters, horizon_s: float, share: float = 0.25
+    record: Record, filtered: Array, parameters: FilterParameters, horizon_s: float, share: float = 0.25
 ) -> dict[int, Array]:
     """Return channel -> errors over the last share of the horizon, of roll-outs started every other second.
 
@@ -79,11 +81,13 @@ def rollout_residuals(
     steps = round(horizon_s / STEP_S)
     start = np.column_stack([states[start_at], states[start_at, :2]])
     nodes = begins[:, None] + STEP_S * np.arange(steps + 1)
-    fast = 1.0 + setting.drift
-    command = record.stick.mean(nodes[:, :-1].ravel() / fast, nodes[:, 1:].ravel() / fast, setting.latency_s)
+    fast = 1.0 + parameters.drift
+    command = record.stick.mean(
+        nodes[:, :-1].ravel() / fast, nodes[:, 1:].ravel() / fast, parameters.latency_s
+    )
     path = integrate(
         start, command.reshape(len(begins), steps, STICKS), np.zeros((1, steps + 1, NOISES)),
-        np.tile(setting.parameters, (len(begins), 1)), STEP_S,
+        np.tile(parameters.dynamics, (len(begins), 1)), STEP_S,
     )  # fmt: skip
     errors: dict[int, list[Array]] = {c: [] for c in range(len(CHANNELS))}
     for k, begin in enumerate(begins):
@@ -91,14 +95,14 @@ def rollout_residuals(
         judged &= record.kinds != IMU
         rows = np.flatnonzero(judged)
         at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(FULL)])
-        commands = record.stick.at(record.times_s[rows] / fast, setting.latency_s)
+        commands = record.stick.at(record.times_s[rows] / fast, parameters.latency_s)
         predicted = _noise_free_readings(
             record.kinds[rows],
             at,
             commands,
-            setting.parameters,
-            setting.sensor,
-            setting.hold[POLE],
+            parameters.dynamics,
+            parameters.sensor,
+            parameters.hold[POLE],
             record.elapsed[rows],
         )
         for kind in np.unique(record.kinds[rows]):

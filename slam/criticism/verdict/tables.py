@@ -65,7 +65,7 @@ def fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, 
     for k, nuisance in enumerate(NUISANCES):
         x, std = expansion.quadratic.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
         if best is not None and nuisance.name in best.std:
-            x, std = value_of(nuisance, best.setting), 1.96 * best.std[nuisance.name]
+            x, std = value_of(nuisance, best.parameters), 1.96 * best.std[nuisance.name]
         ends = [x, x - std, x + std]
         if nuisance.kind != "mean":
             ends = [float(np.exp(e)) for e in ends]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from slam.criticism.camera.photometric import PICTURE_SHAPES, RESTLESS
+from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
 from slam.criticism.camera.warps import WARPS
 from slam.criticism.kalman.camera_parameters import CAMERA, SQUARES, catalogued
 from slam.criticism.kalman.readings import SENSOR
@@ -11,7 +11,7 @@ from slam.simulation.terms import CATALOGUE
 
 LATE = {f"{name}.s": parameter for name, (_, parameter) in effects.LATE.items()}
 """Columns of delays, which are no terms, and their parameters."""
-PATTERNS = (*PICTURE_SHAPES, *WARPS)
+PATTERNS = (*PICTURE_PATTERNS, *WARPS)
 """Patterns of pictures, which are no terms either."""
 SIZE = ".size"
 """Suffix of a pattern's column."""
@@ -38,4 +38,4 @@ def is_square(column: str) -> bool:
     """Whether a column is a square, or a variance: its size cannot be negative."""
     if column in CAMERA:
         return CAMERA.index(column) in SQUARES
-    return column.removesuffix(SIZE) in RESTLESS
+    return column.removesuffix(SIZE) in VARIANCE_PATTERNS

@@ -27,11 +27,11 @@ CLEAR_S = 0.3
 SHORTEST_S = 5.0
 
 
-def with_free_motion(setting: FilterParameters) -> FilterParameters:
+def with_free_motion(parameters: FilterParameters) -> FilterParameters:
     """Return the parameters with inflated process noise, which describe the instruments alone."""
-    hold = setting.hold.copy()
+    hold = parameters.hold.copy()
     hold[[HOLD.index(name) for name in PROCESS_NOISE]] = list(PROCESS_NOISE.values())
-    return replace(setting, hold=hold)
+    return replace(parameters, hold=hold)
 
 
 def airborne_record(flight: Flight) -> Record | None:

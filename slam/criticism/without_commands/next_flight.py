@@ -81,10 +81,10 @@ def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[Whi
     rows, record = inertial_residuals(flight), airborne_record(flight)
     if seen is None or record is None:
         return rows
-    setting = with_free_motion(filter_parameters_of(model))
+    parameters = with_free_motion(filter_parameters_of(model))
     return [
         *rows,
-        *picture_rows(replace(record, matches=planned_matches(record, setting, seen)), setting, {}),
+        *picture_rows(replace(record, matches=planned_matches(record, parameters, seen)), parameters, {}),
     ]
 
 

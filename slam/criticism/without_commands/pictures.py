@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.camera_path import camera_path
-from slam.criticism.camera.photometric import PICTURE_SHAPES
+from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import ReprojectionScore, path_segment, reprojection_score_along
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.camera_parameters import CAMERA, POINTS, STEPS
@@ -50,17 +50,17 @@ class _Segment:
     seen: ReprojectionScore
 
 
-def picture_rows(record: Record, setting: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
+def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
     """Return the rows of a flight's pictures, linear about such ``sizes`` as the parameters can hold.
 
-    ``setting`` has inflated process noise and lacks these errors.
+    ``parameters`` have inflated process noise and lack these errors.
     """
     names = picture_effects()
     perturbations = [_direction(name) for name in (*names, *HEALTHY)]
     point = _point(sizes)
     at = np.array([point.get(name, 0.0) for name in names])
     made = []
-    for segment in _segments(record, with_errors(setting, point), perturbations):
+    for segment in _segments(record, with_errors(parameters, point), perturbations):
         information = segment.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
         over = np.sqrt(_misfit(segment.seen, information))
         root, white = _roots(*_without_healthy(information, segment.seen.score, len(names)))
@@ -82,8 +82,8 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     """Return R with R'R = H, and R'^-1 g."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     known, turned = np.linalg.eigh(information / scale[:, None] / scale)
-    told = known > TELLING
-    root, turned = np.sqrt(known[told]), turned[:, told].T
+    observed = known > TELLING
+    root, turned = np.sqrt(known[observed]), turned[:, observed].T
     return root[:, None] * turned * scale, turned @ (score / scale) / root
 
 
@@ -99,7 +99,7 @@ def contradiction(rows: Sequence[Sequence[WhitenedRows]]) -> str:
 
 
 def picture_errors(
-    records: Sequence[Record | None], setting: FilterParameters, parts: Sequence[Mapping[float, int]],
+    records: Sequence[Record | None], parameters: FilterParameters, parts: Sequence[Mapping[float, int]],
     sizes: Mapping[int, Sizes],
 ) -> tuple[ChannelError, ...]:  # fmt: skip
     """Return root mean square reprojection errors in pixels, without the errors and with such ``sizes`` as
@@ -109,9 +109,9 @@ def picture_errors(
         if record is None or record.matches is None:
             continue
         noise = float(np.mean(record.matches.std_px**2))
-        before = {s.middle_s: s.seen for s in _segments(record, setting, ())}
+        before = {s.middle_s: s.seen for s in _segments(record, parameters, ())}
         for part in sorted(set(of.values())):
-            for segment in _segments(record, with_errors(setting, _point(sizes[part])), ()):
+            for segment in _segments(record, with_errors(parameters, _point(sizes[part])), ()):
                 middle_s, after = segment.middle_s, segment.seen
                 if of.get(middle_s // STRETCH_S) == part and middle_s in before:
                     both = before[middle_s], after
@@ -129,19 +129,19 @@ def _point(sizes: Sizes) -> Sizes:
     return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in compare_sensors}
 
 
-def with_errors(setting: FilterParameters, sizes: Sizes) -> FilterParameters:
+def with_errors(parameters: FilterParameters, sizes: Sizes) -> FilterParameters:
     """Return the filter parameters with errors of some sizes."""
-    camera, sensor = setting.camera.copy(), setting.sensor.copy()
+    camera, sensor = parameters.camera.copy(), parameters.sensor.copy()
     for name, size in sizes.items():
         where, entry = slot(LATE.get(name, name))
         (camera if where == "camera" else sensor)[entry] += size
-    return replace(setting, camera=camera, sensor=sensor)
+    return replace(parameters, camera=camera, sensor=sensor)
 
 
 def _misfit(seen: ReprojectionScore, information: Array) -> float:
     """Return the ratio of squared residuals to their noise, once all that moves points is fitted. Above 1,
     pictures and path disagree."""
-    tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_SHAPES)]
+    tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_PATTERNS)]
     points = np.array([k for k, name in enumerate((*picture_effects(), *HEALTHY)) if name not in tones])
     score = seen.score[points]
     explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
@@ -156,19 +156,19 @@ def _direction(name: str) -> Perturbation:
 
 
 def _segments(
-    record: Record, setting: FilterParameters, perturbations: Sequence[Perturbation]
+    record: Record, parameters: FilterParameters, perturbations: Sequence[Perturbation]
 ) -> Iterator[_Segment]:
     """Yield the score of the pictures of each ten seconds."""
     matches = record.matches
     assert matches is not None
-    path, inside = camera_path(record, matches, setting)
+    path, inside = camera_path(record, matches, parameters)
     number = (path.times_s // STRETCH_S).astype(np.int64)
     for k in np.unique(number).tolist():
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST:
             continue
         seen = reprojection_score_along(
-            matches, setting, *path_segment(path, inside, begin, end), perturbations
+            matches, parameters, *path_segment(path, inside, begin, end), perturbations
         )
         if seen.rows:
             yield _Segment((k + 0.5) * STRETCH_S, seen)

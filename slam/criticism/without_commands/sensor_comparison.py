@@ -28,7 +28,7 @@ class SensorComparison:
     comparisons: tuple[list[WhitenedRows], ...]
     records: tuple[Record | None, ...]
     """Readings of each flight in the air, with its pictures; None where it is not known to fly."""
-    setting: FilterParameters
+    parameters: FilterParameters
     """Filter parameters with inflated process noise."""
     anomalies: tuple[ReadingAnomaly, ...]
     """Anomalies of single readings."""
@@ -48,7 +48,7 @@ class SensorComparison:
         def of_pictures(record: Record | None) -> list[WhitenedRows]:
             if record is None or record.matches is None:
                 return []
-            return picture_rows(record, self.setting, sizes)
+            return picture_rows(record, self.parameters, sizes)
 
         pictures = in_threads(of_pictures, self.records)
         return [[*known, *more] for known, more in zip(self.comparisons, pictures, strict=True)]
@@ -59,7 +59,7 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
     comparisons = [
         inertial_residuals(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)
     ]
-    setting = with_free_motion(filter_parameters_of(model))
+    parameters = with_free_motion(filter_parameters_of(model))
     records, dropped = [], []
     for record, matches in zip(
         map(airborne_record, flights), match_all_pictures(flights, progress), strict=True
@@ -67,18 +67,18 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
         if record is None or matches is None:
             records.append(record)
             continue
-        known, told = without_mismatched_pairs(replace(record, matches=matches), setting)
+        known, description = without_mismatched_pairs(replace(record, matches=matches), parameters)
         records.append(known)
-        dropped += [told] if told else []
+        dropped += [description] if description else []
     return SensorComparison(
-        tuple(comparisons), tuple(records), setting, tuple(_anomalies(records, setting)), tuple(dropped)
+        tuple(comparisons), tuple(records), parameters, tuple(_anomalies(records, parameters)), tuple(dropped)
     )
 
 
-def _anomalies(records: Sequence[Record | None], setting: FilterParameters) -> list[ReadingAnomaly]:
+def _anomalies(records: Sequence[Record | None], parameters: FilterParameters) -> list[ReadingAnomaly]:
     known = [record for record in records if record is not None]
     if not known:
         return []
     clean, found = without_dead_zone(known)
-    passes = in_threads(lambda record: whole(record, setting), clean)
+    passes = in_threads(lambda record: whole(record, parameters), clean)
     return [*found, *reading_anomalies(clean, passes)]

@@ -52,7 +52,7 @@ STANDS_OUT = (
 """``python -m slam.criticism.calibrate 150 9000 --without-commands``."""
 MOST = 5
 ROUNDS = 2
-UNTOLD = 10.0
+LARGEST_LISTED = 10.0
 """Factor on the largest value of a term: an effect that shows from there on only is not listed as
 detectable."""
 
@@ -163,7 +163,7 @@ def _errors(
     sizes = {
         part: {n: x for n, x in of.items() if n.rpartition(".")[0] in CATALOGUE} for part, of in every.items()
     }
-    pictures = picture_errors(found.records, found.setting, parts_of(rows, data), sizes)
+    pictures = picture_errors(found.records, found.parameters, parts_of(rows, data), sizes)
     return (*channel_errors(rows, data, sizes), *pictures)
 
 
@@ -272,6 +272,6 @@ def _detectable(data: Regression) -> dict[str, tuple[float, str]]:
             std = float(np.sqrt(np.diag(covariance).max() + TOLERANCE[effect] ** 2))
             size, parameter = (STANDS_OUT_Z + 1.28) * std, CATALOGUE[effect].parameters[0]
             size = float(np.sqrt(size)) if is_square(data.of(effect)[0]) else size
-            if size < UNTOLD * max(abs(parameter.most), abs(parameter.least)):
+            if size < LARGEST_LISTED * max(abs(parameter.most), abs(parameter.least)):
                 found[effect] = size, parameter.unit
     return found

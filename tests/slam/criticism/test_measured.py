@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set: no measu
 
 
 def pulse(number):
-    """A run of ardrone-pulses; full stick asks for the model's tilt, the setting flown was not recorded."""
+    """A run of ardrone-pulses; full stick asks for the model's tilt, the limit in use was not recorded."""
     return read_flight(Path(str(DATA)) / "flights" / "ardrone-pulses" / f"run-{number:02d}")
 
 

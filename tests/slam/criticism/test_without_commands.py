@@ -224,11 +224,11 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
 def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about_it():
     found = compare_sensors(seen({}), load_model("nominal"))
     plain = regression_of(found.rows({}))
-    # No setting holds a shape, or a variance below 0: rows about them are rows about none.
+    # No filter parameters hold a pattern, or a variance below 0: rows about them are rows about none.
     shape = PATTERNS[0] + SIZE
     about = regression_of(found.rows({shape: 2.0, "motion_blur.exposure": -1e-4}))
     np.testing.assert_allclose(about.off, plain.off)
-    # About a size that a setting does hold, what is off is the same, whatever has been taken out.
+    # About a size that the parameters do hold, what is off is the same, whatever has been taken out.
     near = regression_of(found.rows({"focal_length.eps": 0.01}))
     whole = [e for e in plain.effects() if e in ("focal_length", "sonar_scale", "camera_tilt")]
     first, second = plain.sizes(whole), near.sizes(whole)

@@ -14,9 +14,9 @@ from frontend.homography import transfer
 from slam.criticism.camera.bilinear_weights import bilinear_weights, places
 from slam.criticism.camera.feature_matches import match_pictures
 from slam.criticism.camera.lens_distortion_map import PairMatches, lens_distortion_map
-from slam.criticism.camera.photometric import PICTURE_SHAPES
+from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score
-from slam.criticism.camera.warps import BENT, WARPS
+from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS
 from slam.criticism.kalman.camera_parameters import CAMERA, STEPS, TILT_X
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.perturbations import Perturbation
@@ -116,7 +116,7 @@ def test_nodes_weigh_to_one_and_reproduce_what_is_linear():
 def test_a_drop_is_not_taken_for_a_camera_that_leans():
     """The map of the lens explains more than any tilt does."""
     flight = camera_flight({}, 6)
-    matches, setting = match_pictures(flight), filter_parameters_of(load_model("nominal"))
+    matches, parameters = match_pictures(flight), filter_parameters_of(load_model("nominal"))
     assert matches is not None
     a, b = (pixel + drop(pixel) for pixel in (matches.pixel_i, matches.pixel_j))
     pairs, pair = np.unique(np.column_stack([matches.earlier, matches.later]), axis=0, return_inverse=True)
@@ -130,9 +130,9 @@ def test_a_drop_is_not_taken_for_a_camera_that_leans():
     )
     directions = [
         *(Perturbation(CAMERA[k], "camera", k, STEPS[k]) for k in (TILT_X, TILT_X + 1)),
-        Perturbation(BENT, "picture", len(PICTURE_SHAPES) + WARPS.index(BENT)),
+        Perturbation(LENS_MAP_PATTERN, "picture", len(PICTURE_PATTERNS) + WARPS.index(LENS_MAP_PATTERN)),
     ]
-    found = reprojection_score(record_of(flight), bent, setting, directions)
+    found = reprojection_score(record_of(flight), bent, parameters, directions)
     information, score = found.information[:2, :2], found.score[:2]
     lens = float(found.score[2] ** 2 / found.information[2, 2])
     tilt = float(score @ np.linalg.solve(information, score))

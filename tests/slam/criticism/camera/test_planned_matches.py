@@ -38,19 +38,19 @@ TONED = ("vignetting.a", "motion_blur.exposure", "exposure_variation.gamma")
 def filmed():
     """Record and sights of turns over a floor, and the belief."""
     model = load_model("nominal")
-    setting = filter_parameters_of(model)
+    parameters = filter_parameters_of(model)
     flight = simulate_flight(at_lower_rates(model), stick_for([TURNS]), 1, camera=CameraModel(rate_hz=4.0))
     matches = match_pictures(flight)
-    return referred(replace(record_of(flight), matches=matches), setting), matches, setting
+    return referred(replace(record_of(flight), matches=matches), parameters), matches, parameters
 
 
 def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
-    record, matches, setting = filmed
-    perturbations = [p for e in effects_for([record], setting) for p in e.perturbations]
+    record, matches, parameters = filmed
+    perturbations = [p for e in effects_for([record], parameters) for p in e.perturbations]
     directions = [p for p in perturbations if p.name in PLACED + TONED]
     real, predicted_by_others = (
-        np.sqrt(np.diag(reprojection_score(record, s, setting, directions).information))
-        for s in (matches, planned_matches(record, setting, matches))
+        np.sqrt(np.diag(reprojection_score(record, s, parameters, directions).information))
+        for s in (matches, planned_matches(record, parameters, matches))
     )
     ratio = {d.name: r for d, r in zip(directions, predicted_by_others / real, strict=True)}
     assert set(ratio) == {*PLACED, *TONED}
@@ -61,10 +61,10 @@ def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
 
 
 def test_rows_read_late_are_told_from_late_pictures_by_turns(filmed, monkeypatch):
-    record, matches, setting = filmed
+    record, matches, parameters = filmed
     for name in set(MANOEUVRES) - {TURNS, "hover for 8 s"}:
         monkeypatch.delitem(MANOEUVRES, name)
-    known = {e.name: e for e in effects_for([record], setting)}
+    known = {e.name: e for e in effects_for([record], parameters)}
     pair = known["rolling_shutter"], known["camera_time_offset"]
     kinds = {IMU, ATTITUDE, VELOCITY, SONAR}
     model = load_model("nominal")

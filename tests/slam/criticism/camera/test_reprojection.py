@@ -12,9 +12,9 @@ from frontend.camera import Camera
 from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
 from slam.criticism.camera.feature_matches import FeatureMatches, match_pictures
 from slam.criticism.camera.lens import floor_of, pixels_of
-from slam.criticism.camera.photometric import PICTURE_SHAPES
+from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import TOLERANCE, ReprojectionScore, path_segment, reprojection_score
-from slam.criticism.camera.warps import BENT, WARPS, warp
+from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS, warp
 from slam.criticism.kalman.camera_parameters import (
     BLUR,
     CAMERA,
@@ -43,7 +43,7 @@ DIRECTIONS = [
 
 
 @pytest.fixture(scope="module")
-def setting() -> FilterParameters:
+def parameters() -> FilterParameters:
     return filter_parameters_of(load_model("nominal"))
 
 
@@ -64,9 +64,9 @@ def estimate(found: ReprojectionScore, entry: int) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def healthy(setting: FilterParameters) -> tuple[Record, FeatureMatches, ReprojectionScore]:
+def healthy(parameters: FilterParameters) -> tuple[Record, FeatureMatches, ReprojectionScore]:
     record, matches = seen({}, 3)
-    return record, matches, reprojection_score(record, matches, setting, DIRECTIONS)
+    return record, matches, reprojection_score(record, matches, parameters, DIRECTIONS)
 
 
 def test_healthy_pictures_agree_with_the_path(
@@ -89,17 +89,17 @@ def test_healthy_pictures_agree_with_the_path(
         pytest.param("rolling_shutter.readout", 0.01, marks=pytest.mark.slow),
     ],
 )
-def test_a_camera_term_is_found_at_its_size(term: str, size: float, setting: FilterParameters) -> None:
+def test_a_camera_term_is_found_at_its_size(term: str, size: float, parameters: FilterParameters) -> None:
     name, _, parameter = term.partition(".")
     record, matches = seen({name: {parameter: size}}, 4)
-    found = reprojection_score(record, matches, setting, DIRECTIONS)
+    found = reprojection_score(record, matches, parameters, DIRECTIONS)
     entry = CAMERA.index(term)
     fitted, std = estimate(found, entry)
     assert fitted / std > 5.0
     assert fitted == pytest.approx(size, rel=0.15, abs=3 * std)
-    held = setting.camera.copy()
+    held = parameters.camera.copy()
     held[entry] = size
-    again = reprojection_score(record, matches, replace(setting, camera=held), DIRECTIONS)
+    again = reprojection_score(record, matches, replace(parameters, camera=held), DIRECTIONS)
     left, _ = estimate(again, entry)
     assert abs(left) < 3.5 * std
     assert again.log_likelihood > found.log_likelihood + 8.0
@@ -114,10 +114,10 @@ ALL_AT_ONCE = {
 
 
 @pytest.fixture(scope="module")
-def ill(setting: FilterParameters) -> tuple[Record, FeatureMatches, FilterParameters]:
+def ill(parameters: FilterParameters) -> tuple[Record, FeatureMatches, FilterParameters]:
     """A flight with all that is wrong at once, and the belief that knows it."""
     model = Model(name="ill", terms=ALL_AT_ONCE)
-    return *seen(ALL_AT_ONCE, 6), replace(setting, camera=camera_vector(model))
+    return *seen(ALL_AT_ONCE, 6), replace(parameters, camera=camera_vector(model))
 
 
 @pytest.mark.parametrize(
@@ -141,11 +141,11 @@ def test_pictures_are_likeliest_at_the_size_that_the_simulator_gave_each_term(
     assert max(likelihood(less), likelihood(more)) < best - 2.0
 
 
-def test_the_path_is_as_near_to_the_truth_as_it_says(setting: FilterParameters) -> None:
+def test_the_path_is_as_near_to_the_truth_as_it_says(parameters: FilterParameters) -> None:
     flight = camera_flight({}, 5)
     assert flight.truth is not None
     moments = np.arange(0.5, 9.5, 0.5)
-    path = smoothed(record_of(flight), setting, moments)
+    path = smoothed(record_of(flight), parameters, moments)
     at = np.searchsorted(flight.truth.stamps_s, moments)
     true = flight.truth.w_T_b[at]
     pitch = -np.arcsin(true[:, 2, 0])
@@ -159,17 +159,17 @@ def test_the_path_is_as_near_to_the_truth_as_it_says(setting: FilterParameters) 
 
 
 def test_pictures_from_the_floor_alone_say_nothing(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
 ) -> None:
     record, matches, _ = healthy
     stands = np.ones(len(record.times_s), dtype=bool)
-    found = reprojection_score(replace(record, landing=stands), replace(matches), setting, DIRECTIONS)
+    found = reprojection_score(replace(record, landing=stands), replace(matches), parameters, DIRECTIONS)
     assert (found.rows, found.log_likelihood) == (0, 0.0)
     assert not found.score.any()
 
 
 def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
 ) -> None:
     stamps_s = np.arange(0.0, 300.0, 0.2)
     every = np.ones(len(stamps_s), dtype=bool)
@@ -180,7 +180,7 @@ def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
     assert (spread(stamps_s[:400], every[:400]) == every[:400]).all()
     # A part of a path is as uncertain as the whole says that it is.
     record, matches, _ = healthy
-    path, inside = camera_path(record, matches, setting)
+    path, inside = camera_path(record, matches, parameters)
     part, shown = path_segment(path, inside, 10, 25)
     assert part.times_s.tolist() == path.times_s[10:25].tolist()
     assert part.elapsed.tolist() == path.elapsed[10:25].tolist()
@@ -218,9 +218,9 @@ def test_a_model_s_camera_terms_are_held() -> None:
     assert held.camera[CAMERA.index("motion_blur.exposure")] == pytest.approx(4e-4)
 
 
-@pytest.mark.parametrize("k", range(WARPS.index(BENT)), ids=WARPS[:-1])
+@pytest.mark.parametrize("k", range(WARPS.index(LENS_MAP_PATTERN)), ids=WARPS[:-1])
 def test_a_warp_that_no_term_is_shows_at_its_size(
-    k: int, setting: FilterParameters, healthy: tuple[Record, FeatureMatches, ReprojectionScore]
+    k: int, parameters: FilterParameters, healthy: tuple[Record, FeatureMatches, ReprojectionScore]
 ) -> None:
     record, matches, _ = healthy
     size = 0.02
@@ -233,14 +233,14 @@ def test_a_warp_that_no_term_is_shows_at_its_size(
         pixel_j=matches.pixel_j
         + size * warp(matches.camera, matches.pixel_j, elapsed[matches.later])[..., k],
     )
-    directions = [Perturbation(WARPS[k], "picture", len(PICTURE_SHAPES) + k)]
-    found = reprojection_score(record, off, setting, directions)
+    directions = [Perturbation(WARPS[k], "picture", len(PICTURE_PATTERNS) + k)]
+    found = reprojection_score(record, off, parameters, directions)
     assert float(found.information[0, 0]) ** -0.5 < 0.6 * size
     assert float(found.score[0] / found.information[0, 0]) == pytest.approx(size, abs=0.3 * size)
 
 
 def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
 ) -> None:
     """Noise in the points that are carried made height seem to drift one way round, and back the other."""
     record, matches, _ = healthy
@@ -249,7 +249,7 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
         pixel_i=matches.pixel_j, pixel_j=matches.pixel_i,
     )  # fmt: skip
     rise = [parameter_perturbation("sonar_temperature.rise", 0.1)]
-    one, other = (reprojection_score(record, s, setting, rise) for s in (matches, other_way))
+    one, other = (reprojection_score(record, s, parameters, rise) for s in (matches, other_way))
     std = one.information[0, 0] ** -0.5
     assert one.score[0] / one.information[0, 0] == pytest.approx(
         other.score[0] / other.information[0, 0], abs=0.5 * std
@@ -257,14 +257,14 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
 
 
 def test_a_picture_from_the_floor_says_nothing(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
 ) -> None:
     """A centimetre of another landing gear is a tenth of the height there."""
     record, matches, _ = healthy
     stands = (record.times_s > 4.0) & (record.times_s < 6.0)
-    _, inside = camera_path(replace(record, landing=stands), replace(matches), setting)
+    _, inside = camera_path(replace(record, landing=stands), replace(matches), parameters)
     on_floor = (matches.stamps_s > 4.0) & (matches.stamps_s < 5.9)
-    _, before = camera_path(record, matches, setting)
+    _, before = camera_path(record, matches, parameters)
     assert on_floor.sum() >= 7
     assert before[on_floor].all()
     assert not inside[on_floor].any()

@@ -12,9 +12,9 @@ from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens_distortion_map import LensDistortionMap
 from slam.criticism.camera.photometric import (
-    PICTURE_SHAPES,
-    RESTLESS,
-    STAINED,
+    PICTURE_PATTERNS,
+    SHADING_PATTERN,
+    VARIANCE_PATTERNS,
     PhotometricScore,
     photometric_score,
 )
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 CAMERA_AT = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 DIRECTIONS = [
     *(Perturbation(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
-    *(Perturbation(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)),
+    *(Perturbation(name, "picture", k) for k, name in enumerate(PICTURE_PATTERNS)),
 ]
 PICTURES, POINTS = 60, 20
 SPOT_PX = (120.0, 50.0)
@@ -103,7 +103,7 @@ def judged(matches: FeatureMatches, path: SmoothedPath) -> tuple[Array, Photomet
 def shapes(z: Array) -> Array:
     """How far shapes that no term has stand out; of a variance less than a healthy one is nothing."""
     of_shapes = z[..., len(CAMERA) :]
-    return np.where([name in RESTLESS for name in PICTURE_SHAPES], of_shapes, np.abs(of_shapes))
+    return np.where([name in VARIANCE_PATTERNS for name in PICTURE_PATTERNS], of_shapes, np.abs(of_shapes))
 
 
 def test_a_steady_camera_shows_nothing() -> None:
@@ -115,20 +115,20 @@ def test_a_steady_camera_shows_nothing() -> None:
 
 def test_a_dark_spot_on_the_lens_is_a_shape_of_its_own_no_vignette_and_no_exposure() -> None:
     z, _ = judged(*made(1, spot=0.25))
-    assert z[len(CAMERA) + PICTURE_SHAPES.index(STAINED)] > 5.0
+    assert z[len(CAMERA) + PICTURE_PATTERNS.index(SHADING_PATTERN)] > 5.0
     assert z[GAIN] < 4.0
     # A spot near the middle is all that a vignette is not.
     assert z[VIGNETTING] < 4.0
     gain = np.exp(0.05 * walk(1))
     assert judged(*made(1, gain, spot=0.25))[0][GAIN] > 8.0
     vignetted = judged(*made(1, vignetting=0.3))[0]
-    assert abs(vignetted[len(CAMERA) + PICTURE_SHAPES.index(STAINED)]) < 4.0
+    assert abs(vignetted[len(CAMERA) + PICTURE_PATTERNS.index(SHADING_PATTERN)]) < 4.0
 
 
 def test_fog_is_a_shape_of_its_own_and_no_exposure() -> None:
     fog = np.linspace(0.0, 0.4, PICTURES)
     z, _ = judged(*made(1, fog=fog))
-    contrast = z[len(CAMERA) + PICTURE_SHAPES.index("picture contrast ~ time")]
+    contrast = z[len(CAMERA) + PICTURE_PATTERNS.index("picture contrast ~ time")]
     assert contrast < -8.0
     assert z[GAIN] < 4.0
     assert abs(z[VIGNETTING]) < 4.0
@@ -136,7 +136,7 @@ def test_fog_is_a_shape_of_its_own_and_no_exposure() -> None:
 
 def test_a_focus_that_hunts_is_restless_sharpness_and_no_exposure() -> None:
     z, _ = judged(*made(1, focus=np.exp(-np.abs(0.4 * walk(1)))))
-    restless = [z[len(CAMERA) + PICTURE_SHAPES.index(name)] for name in RESTLESS]
+    restless = [z[len(CAMERA) + PICTURE_PATTERNS.index(name)] for name in VARIANCE_PATTERNS]
     assert restless[1] > 10.0
     assert restless[0] < 4.0
     assert max(z[GAIN], z[GAMMA]) < 4.0

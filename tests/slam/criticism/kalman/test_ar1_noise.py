@@ -99,9 +99,9 @@ def test_tangents_are_what_a_change_does_to_the_innovations(name):
     if direction.kind == "sensor":
         other = fitted_parameter(name).stepped(true, step)
     else:
-        parameters = true.parameters.copy()
-        parameters[direction.entry] += step
-        other = replace(true, parameters=parameters)
+        dynamics = true.dynamics.copy()
+        dynamics[direction.entry] += step
+        other = replace(true, dynamics=dynamics)
     after = np.concatenate([r.white for r in stretches(record, other)])
     difference = (before - after) / step
     assert np.abs(traces).max() > 1.0

@@ -69,10 +69,10 @@ def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
 def test_a_wrong_noise_is_seen():
     vehicle = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(vehicle, stick_for(PLAN), 3))
-    setting = filter_parameters_of(vehicle)
-    right = whole(record, setting).log_likelihood
+    parameters = filter_parameters_of(vehicle)
+    right = whole(record, parameters).log_likelihood
     for factor in (0.9, 1.1):
-        wrong = replace(setting, noise_factor=np.full(len(CHANNELS), factor))
+        wrong = replace(parameters, noise_factor=np.full(len(CHANNELS), factor))
         assert whole(record, wrong).log_likelihood < right - 20
 
 
@@ -119,12 +119,12 @@ def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     changed = record_of(simulate_flight(silent(ill), stick_for(plan), 5, told=model))
     # The first guess is taken from the readings; here it shall be the same.
     changed = replace(changed, start=healthy.start)
-    setting = filter_parameters_of(model)
+    parameters = filter_parameters_of(model)
     trace = np.full(healthy.values.shape, np.nan)
-    for part in stretches(healthy, setting, [direction]):
+    for part in stretches(healthy, parameters, [direction]):
         c = part.channels - CHANNEL_AT[healthy.kinds[part.events], 0]
         trace[part.events, c] = part.sensitivity[:, 0]
-    before, after = whole(healthy, setting), whole(changed, setting)
+    before, after = whole(healthy, parameters), whole(changed, parameters)
     used = (before.status == USED) & (after.status == USED)
     if not near_jumps:
         used &= far_from_jumps(healthy)[:, None]
@@ -244,9 +244,9 @@ def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
 def test_the_unrest_that_is_left_near_the_floor_tells_no_height():
     from slam.criticism.kalman.transition import jacobian
 
-    setting = filter_parameters_of(load_model("nominal"))
+    parameters = filter_parameters_of(load_model("nominal"))
     state = np.zeros(19)
     state[2], state[10:19] = 0.1, 0.05
     rate, slopes = np.empty(12), np.empty((10, 19))
-    jacobian(state, np.zeros(6), setting.parameters, rate, slopes, workspace_for(19, 0).scratch)
+    jacobian(state, np.zeros(6), parameters.dynamics, rate, slopes, workspace_for(19, 0).scratch)
     assert not slopes[[0, 1, 2, 3, 4, 6, 7, 8, 9], 2].any()

@@ -71,11 +71,11 @@ def test_pictures_lost_at_that_share_tell_enough_in_nine_of_ten_cases(taken):
 
 def test_a_limit_of_the_tilt_that_would_show_does():
     nominal = at_lower_rates(load_model("nominal"))
-    setting, plan = filter_parameters_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2
+    parameters, plan = filter_parameters_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2
 
     def seen(model, seed):
-        record = referred(record_of(simulate_flight(model, stick_for(plan), seed, told=nominal)), setting)
-        return expand([record], setting, setting)
+        record = referred(record_of(simulate_flight(model, stick_for(plan), seed, told=nominal)), parameters)
+        return expand([record], parameters, parameters)
 
     limit, unit = detectable(seen(nominal, 3), 3.7)["tilt_limit"]
     assert unit == "rad"

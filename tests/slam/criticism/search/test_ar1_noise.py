@@ -41,9 +41,9 @@ def measured(vehicle, attitude=lambda angles, t: angles):
 
 def asked(vehicle, most_nats=10.0, attitude=lambda angles, t: angles):
     """What becomes of the healthy belief."""
-    records, model, setting = measured(vehicle, attitude)
-    passes = [whole(record, setting) for record in records]
-    return with_ar1_noise(records, model, setting, passes, (), most_nats)
+    records, model, parameters = measured(vehicle, attitude)
+    passes = [whole(record, parameters) for record in records]
+    return with_ar1_noise(records, model, parameters, passes, (), most_nats)
 
 
 @pytest.mark.slow
@@ -78,11 +78,11 @@ def test_an_effect_is_no_colour_even_where_nothing_else_would_explain_it(name, v
 @pytest.mark.slow
 def test_a_late_sonar_explains_more_than_its_colour():
     """One channel by itself: here only the comparison tells them apart."""
-    records, model, setting = measured(slow().with_term("sonar_lag", T=0.1))
-    expansion = expand(records, model, setting)
+    records, model, parameters = measured(slow().with_term("sonar_lag", T=0.1))
+    expansion = expand(records, model, parameters)
     late = expansion.score_tests([], expansion.effects)[0]
     assert late.effect.name == "sonar_lag"
-    assert with_ar1_noise(records, model, setting, expansion.fisher.passes, (), late.nats) is None
+    assert with_ar1_noise(records, model, parameters, expansion.fisher.passes, (), late.nats) is None
 
 
 def test_one_axis_that_wanders_is_no_colour_of_the_unit():

@@ -17,12 +17,12 @@ def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch
     nats = {"ground_effect": 90.0, "sonar_bias": 60.0, "sonar_slant": 89.0}
     fits = {None: 0.0} | nats
 
-    def refit(records, model, setting, effects):
-        return fits[effects[-1].name if effects else None], setting
+    def refit(records, model, parameters, effects):
+        return fits[effects[-1].name if effects else None], parameters
 
     monkeypatch.setattr("slam.criticism.search.candidates.refit", refit)
     candidates = [Effect(name, relaxes=(name,)) for name in nats]
-    expansion = SimpleNamespace(setting=None)
+    expansion = SimpleNamespace(parameters=None)
 
     ranked = [ScoreTest(e, nats[e.name], 12.0) for e in candidates]
     found = best_candidate([], None, expansion, [], ranked, Tally(silent, "try causes"))

@@ -22,18 +22,18 @@ def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
     vehicle = at_lower_rates(load_model("nominal"))
     model = filter_parameters_of(vehicle)
     record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
-    parameters = model.parameters.copy()
-    parameters[ROTOR_RADIUS] = 0.04
-    start = replace(model, parameters=parameters)
+    dynamics = model.dynamics.copy()
+    dynamics[ROTOR_RADIUS] = 0.04
+    start = replace(model, dynamics=dynamics)
     cushion = next(e for e in effects_for([record], model) if e.name == "ground_effect")
     found = fit_nuisances([record], model, start, [cushion])
-    assert found.parameters[ROTOR_RADIUS] == 0.04
+    assert found.dynamics[ROTOR_RADIUS] == 0.04
     assert (found.hold != start.hold).any()
     # A nuisance out of its range is a term too, and no such one.
     drag = next(e for e in relaxed_nuisances() if e.name.startswith("vehicle.drag"))
     apart = fit_nuisances([record], model, start, [cushion, drag])
-    assert apart.parameters != pytest.approx(found.parameters, rel=1e-4)
-    assert apart.parameters[ROTOR_RADIUS] == 0.04
+    assert apart.dynamics != pytest.approx(found.dynamics, rel=1e-4)
+    assert apart.dynamics[ROTOR_RADIUS] == 0.04
 
 
 def test_noise_of_long_flights_is_fitted_to_all_of_them(monkeypatch):

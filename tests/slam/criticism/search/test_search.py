@@ -62,8 +62,8 @@ def test_what_stands_out_by_far_is_found_in_part_of_long_flights_and_judged_on_a
     healthy = at_lower_rates(load_model("nominal"))
     ill = healthy.with_term("gyro_scale", eps=0.1).with_term("sonar_lag", T=0.15)
     records, _ = usable_records(healthy_case(ill, 3, 2, 20.0))
-    setting = filter_parameters_of(healthy)
-    records = [referred(record, setting) for record in records]
+    parameters = filter_parameters_of(healthy)
+    records = [referred(record, parameters) for record in records]
     whole_s = sum(record.duration_s for record in records)
     expand, looked_s = searching.expand, []
 
@@ -73,7 +73,7 @@ def test_what_stands_out_by_far_is_found_in_part_of_long_flights_and_judged_on_a
 
     monkeypatch.setattr(searching, "expand", looking)
     monkeypatch.setattr(searching, "PART_S", 0.4 * whole_s)
-    found = search(records, setting, load_thresholds())
+    found = search(records, parameters, load_thresholds())
     assert [round(s / whole_s, 1) for s in looked_s] == [1.0, 0.4, 1.0]
     assert {e.name for e in found.chosen} == {"gyro_scale", "sonar_lag"}
     assert found.first.fisher.flight.size == found.last.fisher.flight.size

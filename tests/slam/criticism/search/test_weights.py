@@ -28,14 +28,14 @@ def seen():
     """Sums over one healthy flight with the two targets that go with tilt, and the belief."""
     model = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
-    setting = filter_parameters_of(model)
-    plain = whole(record, setting)
+    parameters = filter_parameters_of(model)
+    plain = whole(record, parameters)
     patterns = [d for d in pattern_directions([record]) if d.name in BEHIND_TILT]
     perturbations = [*map(perturbation_of, MEAN_NUISANCES), *patterns]
     signals = [signals_of(record, plain.states)]
     return fisher_information(
-        [record], setting, perturbations, noise_changes(), signals, [plain], GAIN_CORRECTED
-    ), setting
+        [record], parameters, perturbations, noise_changes(), signals, [plain], GAIN_CORRECTED
+    ), parameters
 
 
 def share_left(fisher, column, out):
@@ -55,9 +55,9 @@ def test_a_wrong_gain_is_a_target_that_goes_with_tilt(seen):
 
 
 def test_weights_are_free_but_nothing_that_a_belief_holds(seen):
-    fisher, setting = seen
-    quadratic = quadratic_likelihood(fisher, setting, setting, {})
+    fisher, parameters = seen
+    quadratic = quadratic_likelihood(fisher, parameters, parameters, {})
     maximum = quadratic.maximise([])
     assert set(map(gain_column, GAIN_CORRECTED)) <= set(quadratic.names)
     assert maximum.step[quadratic.names.index(TILT)] != 0.0
-    assert fitted_parameter(TILT).stepped(setting, 0.1) is setting
+    assert fitted_parameter(TILT).stepped(parameters, 0.1) is parameters

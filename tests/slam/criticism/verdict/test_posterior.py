@@ -25,9 +25,9 @@ LATE_S = 4e-3
 
 def judged(flights):
     """Search and posterior."""
-    setting = filter_parameters_of(at_lower_rates(load_model("nominal")))
+    parameters = filter_parameters_of(at_lower_rates(load_model("nominal")))
     found = search(
-        [referred(record_of(f), setting) for f in flights], setting, load_thresholds(pictures=False)
+        [referred(record_of(f), parameters) for f in flights], parameters, load_thresholds(pictures=False)
     )
     return found, posterior_of(found)
 

@@ -37,9 +37,9 @@ def braking():
     return records, filter_parameters_of(slower)
 
 
-def lean_of(records, setting):
+def lean_of(records, parameters):
     return next(
-        e for e in effects_for(records, setting)
+        e for e in effects_for(records, parameters)
         if e.name == "active_braking" and e.parameters == ("lean",)
     )  # fmt: skip
 
@@ -50,8 +50,8 @@ def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking)
     lean = lean_of(records, nominal)
     with_it, without = (course.fitted(nominal, effects) for effects in ([lean], []))
     found = dict(zip(with_it.columns, with_it.steps.T, strict=True))
-    size = with_it.setting.parameters[lean.perturbations[0].entry]
-    tau = with_it.setting.parameters[ATTITUDE_TIME]
+    size = with_it.parameters.dynamics[lean.perturbations[0].entry]
+    tau = with_it.parameters.dynamics[ATTITUDE_TIME]
     assert size == pytest.approx(LEAN, rel=0.15)
     assert tau == pytest.approx(0.2, rel=0.15)
     assert 0.0 < np.abs(found[lean.columns[0]]).max() < 0.3 * LEAN
@@ -65,15 +65,15 @@ def test_a_constant_far_from_healthy_is_told_and_no_reason_to_drop_a_term(brakin
     _, nominal = braking
     empty = np.zeros((1, 1))
     healthy, bent = (
-        _Fit(setting, ("vehicle.gain",), (), empty, empty)
-        for setting in (nominal, fitted_parameter("vehicle.gain").stepped(nominal, -0.58))
+        _Fit(parameters, ("vehicle.gain",), (), empty, empty)
+        for parameters in (nominal, fitted_parameter("vehicle.gain").stepped(nominal, -0.58))
     )
     assert [n.name for n in _instead(healthy, bent, nominal)] == ["vehicle.gain"]
     assert _instead(bent, bent, nominal) == _instead(healthy, healthy, nominal) == []
     (gain,) = _instead(healthy, bent, nominal)
-    assert _is_beyond(gain, bent.setting, nominal, 0.1)
-    assert not _is_beyond(gain, bent.setting, nominal, 0.5)
-    assert _in_words(gain, bent.setting, nominal) == "vehicle.gain is 0.42 (healthy: 0.95 to 1.05)"
+    assert _is_beyond(gain, bent.parameters, nominal, 0.1)
+    assert not _is_beyond(gain, bent.parameters, nominal, 0.5)
+    assert _in_words(gain, bent.parameters, nominal) == "vehicle.gain is 0.42 (healthy: 0.95 to 1.05)"
 
 
 def test_what_is_not_there_has_no_size(braking):
@@ -95,7 +95,7 @@ def test_of_what_no_chance_makes_flights_say_whether_it_enters(braking):
     def fitted(_, effects):
         residuals = 1.0 - sum(helps.get(e.name, 0.0) for e in effects)
         return SimpleNamespace(
-            setting=nominal, residuals=residuals, better_than=lambda o: residuals < o.residuals
+            parameters=nominal, residuals=residuals, better_than=lambda o: residuals < o.residuals
         )
 
     def enters(independent):
@@ -122,8 +122,8 @@ class Rough(_Rollouts):
     def __init__(self, records, model):
         self._records, self._model, self._rounds = records, model, Tally(silent, "fly ahead")
 
-    def _by_channel(self, flight, setting):
-        off_s = setting.latency_s - 0.08
+    def _by_channel(self, flight, parameters):
+        off_s = parameters.latency_s - 0.08
         return [np.array([10.0 * off_s + 0.02 * np.sin(2.0 * np.pi * off_s / 0.006)])]
 
 
@@ -133,4 +133,4 @@ def test_a_delay_is_found_though_misses_are_rough(braking, start_s):
     latency = next(e for e in effects_for(records, nominal) if e.name == "control_latency")
     start = replace(nominal, latency_s=start_s)
     fit = Rough(records, nominal).fitted(start, [with_free_value(latency)])
-    assert fit.setting.latency_s == pytest.approx(0.08, abs=0.006)
+    assert fit.parameters.latency_s == pytest.approx(0.08, abs=0.006)
