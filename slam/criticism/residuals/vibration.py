@@ -70,7 +70,7 @@ def _line(channel: int, records: Sequence[Record], passes: Sequence[FilterPass])
 
 
 def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]:
-    """Return the whitened innovations of a channel at even times (0 where unused), and the time step."""
+    """Return a channel's whitened innovations at even times (0 where unused), and the time step."""
     kind, c = place_of(channel)
     rows = np.flatnonzero(record.kinds == kind)
     used = run.status[rows, c] == USED
