@@ -83,7 +83,7 @@ def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]
 
 
 def _over_neighbours(white: Array, length: int) -> Array:
-    """Return the periodogram on the bins of ``length`` samples, divided by the mean of each bin's neighbours."""
+    """Return the periodogram on the bins of ``length`` samples over the mean of each bin's neighbours."""
     spectrum = np.abs(np.fft.rfft(white, length)) ** 2
     parts = np.array_split(spectrum, max(len(spectrum) // NEIGHBOURS, 1))
     # The median of an exponential distribution is log 2 times its mean, and a line does not raise it.

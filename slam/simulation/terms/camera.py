@@ -16,10 +16,10 @@ CAMERA = (
         family="camera",
         acts_on="image",
         parameters=(signed("eps", "1", 0.03, 0.5),),
-        equation="the lens has (1 + eps) times the focal length that its sensor.yaml names",
+        equation="the focal length is (1 + eps) times that of sensor.yaml",
         confounders=("flow_scale", "sonar_scale"),
         excitation=(
-            "turns (px = f omega), or a target of known size; translation alone cannot tell it "
+            "rotations (px = f omega), or a target of known size; translation alone cannot distinguish it "
             "from the height"
         ),
     ),
@@ -37,7 +37,7 @@ CAMERA = (
         family="camera",
         acts_on="image",
         parameters=(signed("x", "rad", radians(5), 0.5), signed("y", "rad", radians(5), 0.5)),
-        equation="the camera is turned about the body's x and y by these angles against its T_BS",
+        equation="the camera is rotated about the body's x and y by these angles against its T_BS",
         confounders=("trim_offset",),
         excitation="climbs, and yaw on the spot",
     ),
@@ -46,9 +46,9 @@ CAMERA = (
         family="camera",
         acts_on="clock",
         parameters=(signed("offset", "s", 0.08, 2.0),),
-        equation="a picture stamped t shows what was at t - offset",
+        equation="a picture stamped t was taken at t - offset",
         confounders=("clock_drift", "rolling_shutter"),
-        excitation="brisk tilts, over some minutes",
+        excitation="fast tilts, over some minutes",
     ),
     Term(
         name="rolling_shutter",
@@ -57,16 +57,16 @@ CAMERA = (
         parameters=(size("readout", "s", 0.01, 0.05, 0.2),),
         equation="row i of n is exposed readout i / (n - 1) after the stamp",
         confounders=("camera_time_offset",),
-        excitation="brisk tilts and yaw: the offset grows with the row",
+        excitation="fast tilts and yaw: the offset grows with the row",
     ),
     Term(
         name="motion_blur",
         family="camera",
         acts_on="image",
         parameters=(size("exposure", "s", 0.002, 0.03, 0.2),),
-        equation="the picture is the mean over the exposure: a smear of f v exposure / h px",
+        equation="the picture is the mean over the exposure time: a blur of f v exposure / h px",
         confounders=("exposure_variation",),
-        excitation="the same speed in two lights",
+        excitation="the same speed at two light levels",
     ),
     Term(
         name="exposure_variation",
@@ -78,12 +78,11 @@ CAMERA = (
             Parameter(name="tau", unit="s", neutral=0.5, low=0.2, high=2.0, least=0.0, most=60.0),
         ),
         equation=(
-            "I' = g_c I^gamma: log g of each colour and log gamma wander as Ornstein-Uhlenbeck "
-            "processes of these standard deviations and this correlation time, 0 for each picture "
-            "anew"
+            "I' = g_c I^gamma: log g of each colour and log gamma are Ornstein-Uhlenbeck processes of these"
+            " standard deviations and this correlation time; with 0 they are independent between pictures"
         ),
         confounders=("motion_blur", "specular_highlights"),
-        excitation="the same speed in two lights",
+        excitation="the same speed at two light levels",
     ),
     Term(
         name="vignetting",
@@ -92,7 +91,7 @@ CAMERA = (
         parameters=(size("a", "1", 0.05, 0.5, 1.0),),
         equation="I' = I (1 - a r^2)",
         confounders=(),
-        excitation="yaw and translation: shading of the floor stays with the floor",
+        excitation="yaw and translation: shading of the floor moves with the floor",
     ),
     Term(
         name="specular_highlights",
@@ -100,7 +99,7 @@ CAMERA = (
         acts_on="image",
         parameters=(size("strength", "1", 0.1, 1.0, 5.0),),
         equation=(
-            "a spot of light in the mirror direction of a lamp overhead, strength times white at its centre"
+            "a bright spot in the mirror direction of a lamp overhead, strength times white at its centre"
         ),
         confounders=("moving_objects", "exposure_variation"),
         excitation="yaw on the spot",
@@ -112,15 +111,15 @@ CAMERA = (
         parameters=(size("share", "1", 0.005, 0.1, 0.9),),
         equation="each picture is lost with this probability",
         confounders=("timestamp_jitter",),
-        excitation="any flight: displacements are whole multiples",
+        excitation="any flight: displacements are integer multiples",
     ),
     Term(
         name="flow_derotation",
         family="camera",
         acts_on="sensor",
         parameters=(signed("kappa", "1", 0.1, 1.0),),
-        equation="the flow speed keeps a share of the turning: v_x += kappa q h, v_y -= kappa p h",
+        equation="the flow speed contains a share of the rotation: v_x += kappa q h, v_y -= kappa p h",
         confounders=("camera_time_offset",),
-        excitation="brisk tilts at two heights",
+        excitation="fast tilts at two heights",
     ),
 )

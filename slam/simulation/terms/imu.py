@@ -34,7 +34,7 @@ IMU = (
         parameters=tuple(signed(axis, "m/s^2", 0.3, 5.0) for axis in _AXES),
         equation="added to the specific force",
         confounders=("trim_offset", "accel_scale"),
-        excitation="rest on the floor, and a turn by 180 deg",
+        excitation="rest on the floor, and a rotation by 180 deg",
     ),
     Term(
         name="accel_scale",
@@ -43,15 +43,15 @@ IMU = (
         parameters=(signed("eps", "1", 0.03, 0.5),),
         equation="the specific force times 1 + eps, all axes",
         confounders=("accel_bias",),
-        excitation="brisk climbs and tilts",
+        excitation="fast climbs and tilts",
     ),
     Term(
         name="imu_misalignment",
         family="imu",
         acts_on="sensor",
         parameters=tuple(signed(axis, "rad", radians(3), 0.5) for axis in _AXES),
-        equation="the unit is turned against the body by this rotation vector",
+        equation="the unit is rotated against the body by this rotation vector",
         confounders=("accel_bias", "trim_offset"),
-        excitation="brisk tilts and yaw: one axis shows in another",
+        excitation="fast tilts and yaw: one axis shows in another",
     ),
 )

@@ -18,10 +18,10 @@ MOTION = (
         family="motion",
         acts_on="command",
         parameters=(size("T", "s", 0.03, 0.25, 2.0),),
-        equation="the vehicle obeys s(t - T)",
+        equation="the vehicle follows s(t - T)",
         confounders=("attitude_lag",),
         excitation=(
-            "pulses of 0.3 s and less, logged at 50 Hz and more; a clock offset of the log looks the same"
+            "pulses of 0.3 s or less, logged at 50 Hz or more; a clock offset of the log has the same effect"
         ),
     ),
     Term(
@@ -42,7 +42,7 @@ MOTION = (
         ),
         equation="theta' = (target - theta) / tau; tau is the whole time constant",
         confounders=("control_latency",),
-        excitation="pulses of 0.3 s and less",
+        excitation="pulses of 0.3 s or less",
     ),
     Term(
         name="active_braking",
@@ -50,11 +50,11 @@ MOTION = (
         acts_on="force",
         parameters=(size("k_b", "1/s", 0.2, 2.0, 20.0), size("lean", "1/s", 0.2, 2.0, 20.0)),
         equation=(
-            "while forward and left are both 0: v' -= k_b v; or the vehicle leans against its "
-            "speed, the tilt asked for less lean v / g"
+            "while forward and left are both 0: v' -= k_b v; or the vehicle tilts against its velocity: the"
+            " commanded tilt minus lean v / g"
         ),
         confounders=("asymmetric_drag",),
-        excitation="steps from 0.25 to 0.10 and from 0.25 to -0.15: slowing down with the stick out",
+        excitation="steps from 0.25 to 0.10 and from 0.25 to -0.15: deceleration with the stick deflected",
     ),
     Term(
         name="asymmetric_drag",
@@ -72,7 +72,7 @@ MOTION = (
         parameters=(size("c", "1/m", 0.02, 0.3, 5.0),),
         equation="v' -= c |v| v",
         confounders=("active_braking", "command_nonlinearity"),
-        excitation="steady flight at three speeds and more, in both directions",
+        excitation="steady flight at three or more speeds, in both directions",
     ),
     Term(
         name="command_nonlinearity",
@@ -81,7 +81,7 @@ MOTION = (
         parameters=(signed("eps", "1", 1.0, 10.0), size("dead_band", "1", 0.005, 0.03, 0.5)),
         equation="forward and left become s + eps s^3 beyond a dead band",
         confounders=("quadratic_drag", "tilt_limit"),
-        excitation="steady flight at three sticks and more: here the tilt changes too",
+        excitation="steady flight at three or more stick positions: here the tilt changes too",
     ),
     Term(
         name="tilt_limit",
@@ -98,7 +98,7 @@ MOTION = (
                 most=pi / 2,
             ),
         ),
-        equation="the tilt asked for is cut at +-limit, roll and pitch each",
+        equation="the commanded tilt is clipped at +-limit, roll and pitch each",
         confounders=("command_nonlinearity",),
         excitation="two stick values above the limit",
     ),
@@ -109,7 +109,7 @@ MOTION = (
         parameters=(signed("eps", "1", 0.25, 0.9),),
         equation="the on-board flow speed reads (1 + eps) v",
         confounders=("focal_length", "quadratic_drag"),
-        excitation="a reference for the place, or the camera's own metric motion",
+        excitation="a position reference, or the camera's own metric motion",
     ),
     Term(
         name="battery_sag",
@@ -125,9 +125,9 @@ MOTION = (
         family="motion",
         acts_on="command",
         parameters=(signed("roll", "rad", radians(3), 0.5), signed("pitch", "rad", radians(3), 0.5)),
-        equation="added to the tilt asked for, in body axes",
+        equation="added to the commanded tilt, in body axes",
         confounders=("steady_wind", "accel_bias"),
-        excitation="turn by 180 deg; at one heading it looks like wind",
+        excitation="rotation by 180 deg; at one heading it has the same effect as wind",
     ),
     Term(
         name="steady_wind",
@@ -136,7 +136,7 @@ MOTION = (
         parameters=(signed("x", "m/s", 1.0, 20.0), signed("y", "m/s", 1.0, 20.0)),
         equation="drag acts on v - wind, world axes",
         confounders=("trim_offset",),
-        excitation="turn by 180 deg",
+        excitation="rotation by 180 deg",
     ),
     Term(
         name="gusts",
@@ -164,7 +164,7 @@ MOTION = (
         family="motion",
         acts_on="force",
         parameters=(signed("eps", "1", 0.5, 0.95),),
-        equation="down stick asks for (1 + eps) of the climb rate",
+        equation="down stick commands (1 + eps) of the climb rate",
         confounders=("sonar_lag",),
         excitation="steps up and down",
     ),

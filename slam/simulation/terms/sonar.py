@@ -24,8 +24,10 @@ SONAR = (
         family="sonar",
         acts_on="sensor",
         parameters=(signed("x", "rad", radians(5), 0.5), signed("y", "rad", radians(5), 0.5)),
-        equation="the beam is turned about the body's x and y by these angles:"
-        " to first order r += z (x tan phi + y tan theta)",
+        equation=(
+            "the beam is rotated about the body's x and y by these angles: to first order r += z (x tan phi"
+            " + y tan theta)"
+        ),
         confounders=("floor_slope",),
         excitation="the same track in both directions",
     ),
@@ -45,23 +47,26 @@ SONAR = (
         parameters=(signed("b", "m", 0.05, 1.0),),
         equation="r + b",
         confounders=("sonar_scale",),
-        excitation="a touchdown; the floor's datum looks the same",
+        excitation="a touchdown; the floor's datum has the same effect",
     ),
     Term(
         name="sonar_temperature",
         family="sonar",
         acts_on="sensor",
         parameters=(signed("rise", "K", 15.0, 60.0),),
-        equation="r c(20) / c(T), c = 331.3 + 0.606 T, T rises from 20 degrees by this much over the flight",
+        equation=(
+            "r c(20) / c(T), c = 331.3 + 0.606 T, T rises from 20 degrees Celsius by this much over the "
+            "flight"
+        ),
         confounders=("sonar_scale", "battery_sag"),
-        excitation="log the temperature",
+        excitation="a flight with the temperature logged",
     ),
     Term(
         name="sonar_quantisation",
         family="sonar",
         acts_on="sensor",
         parameters=(size("step", "m", 0.01, 0.05, 1.0),),
-        equation="r is rounded to whole steps",
+        equation="r is rounded to multiples of the step",
         confounders=(),
         excitation="a slow climb",
     ),
@@ -90,6 +95,6 @@ SONAR = (
         parameters=(size("share", "1", 0.001, 0.05, 0.5),),
         equation="this share of the readings is the second echo, near 2 r",
         confounders=("floor_steps",),
-        excitation="fly the track again: spikes do not repeat",
+        excitation="a second flight over the track: spikes do not repeat",
     ),
 )

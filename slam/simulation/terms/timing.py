@@ -16,15 +16,15 @@ TIMING = (
         parameters=(signed("ppm", "ppm", 500.0, 50_000.0),),
         equation="a reading of the vehicle taken at t is stamped t (1 + ppm 1e-6)",
         confounders=("camera_time_offset",),
-        excitation="a flight of five minutes and more, with brisk tilts",
+        excitation="a flight of five minutes or more, with fast tilts",
     ),
     Term(
         name="timestamp_jitter",
         family="timing",
         acts_on="clock",
         parameters=(size("sigma", "s", 0.001, 0.01, 0.1),),
-        equation="each stamp of the vehicle's readings is off by a normal deviate",
+        equation="each stamp of the vehicle's readings has a normally distributed error",
         confounders=("dropped_frames",),
-        excitation="brisk tilts",
+        excitation="fast tilts",
     ),
 )
