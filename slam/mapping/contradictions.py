@@ -1,4 +1,4 @@
-"""Gross disagreement of an instrument with the map: turns, tilts and ways between keyframes are compared.
+"""Gross disagreement of an instrument with the map: rotations, tilts and displacements are compared.
 
 It finds pictures in another order and a wrong sign, axis or unit, not noise, gains or small delays. The map
 of such a flight is consistent in itself, so that only another instrument can reveal the error.

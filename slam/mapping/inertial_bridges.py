@@ -1,8 +1,8 @@
-"""Gaps in the chain of pictures are bridged by the instruments, so that all parts of the map share one world.
+"""Inertial edges across gaps in the chain of pictures, so that all parts of the map share one world frame.
 
-The filter uses the steps between linked keyframes as readings, so that it knows the velocity and the
-offsets at both ends of a stretch without features. It keeps the pose of each keyframe until the next: the
-way across the stretch then has the covariance of the two ends together, not the sum of two nearly equal
+The filter uses the steps between linked keyframes as readings, so it estimates the velocity and the sensor
+offsets at both ends of a segment without features. It keeps the pose of each keyframe until the next one. The
+relative pose across the segment then has the joint covariance of both ends, not the sum of two nearly equal
 errors.
 """
 
@@ -31,15 +31,16 @@ from slam.mapping.setup import Setup
 Array = NDArray[np.float64]
 
 _LEVEL = np.array([2, 3, 4])
-"""Rows of a pose's error that a part of a map is free in: heading, x, y. Its floor is level and at z = 0."""
+"""Rows of a pose's error in which a part of a map is free: heading, x, y. Its floor is level and at z = 0."""
 _HEIGHT = 5
-"""The row in which its covariances hold it, though it errs."""
+"""Row of the height, which each part fixes by its floor and which has an error all the same."""
 _MOST_HEIGHTS = 1.0
-"""A bridge uncertain by more heights than this joins nothing: the pictures could lie anywhere."""
+"""Largest standard deviation of a bridge in heights above the floor: beyond it the pictures could be
+anywhere."""
 
 
 def picture_steps(links: Sequence[Registration | None], setup: Setup) -> tuple[VisualStep, ...]:
-    """Steps between successive keyframes whose pictures are linked, in heights of the first."""
+    """Return the steps between successive keyframes with linked pictures, in heights of the first."""
     linked = [link for link in links if link is not None and link.j == link.i + 1]
     i = np.array([link.i for link in linked], dtype=np.int64)
     lifted = lift(
@@ -62,11 +63,11 @@ def inertial_edges(
     trust: InertialTrust = InertialTrust(),
     progress: Progress = silent,
 ) -> tuple[RelativePose, ...]:
-    """Relative poses by the filter between successive keyframes that no step of the pictures joins, one edge
-    of kind ``inertial`` each; those that are too uncertain are left out. Empty without a sonar, which gives
-    the metres.
+    """Return relative poses by the filter, one edge of kind ``inertial`` for each pair of successive
+    keyframes that no picture step joins.
 
-    Raises ``InputError`` where too little was recorded, ``BackendError`` where the filter fails.
+    Edges that are too uncertain are left out. Without a sonar, which gives the scale, there are none. Raises
+    ``InputError`` where too little was recorded, and ``BackendError`` where the filter fails.
     """
     from slam.inertial.motion import filter_motion
     from slam.inertial.noise_identification import identify_noise
@@ -92,7 +93,8 @@ def inertial_edges(
 
 
 class InertialBridges:
-    """Ways across the breaks in one flight's chain of keyframes; worked out when a map first needs them."""
+    """Inertial edges across the breaks in one flight's chain of keyframes, computed when a map first needs
+    them."""
 
     def __init__(
         self,
@@ -107,10 +109,11 @@ class InertialBridges:
         self._edges: tuple[RelativePose, ...] | None = None
 
     def join(self, map_: Map) -> Map:
-        """The map with its parts in one world, as far as bridges reach; as it is where nothing is broken.
+        """Return the map with its parts in one world frame where bridges exist; an unbroken map is returned
+        unchanged.
 
-        Each part keeps its shape; where a way leads to it from an earlier part, heading and place are that
-        way's, and their uncertainty enters its covariances.
+        Each part keeps its shape. A bridge from an earlier part determines its heading and position, and its
+        covariance is added to that of the part.
         """
         if map_.component.max(initial=-1) < 1 or map_.georeferenced:
             return map_
@@ -136,51 +139,53 @@ class InertialBridges:
 
 
 @dataclass(frozen=True)
-class _Placed:
-    """Pose of a part in the world of the part it is joined to, with its covariance."""
+class _PartPose:
+    """Pose of a part in the world frame of the part that it is joined to, with its covariance."""
 
     root_T_part: Array
     covariance: Array
-    """(6, 6), rotation first, right perturbation; zero but for heading and place."""
+    """(6, 6), rotation first, right perturbation; zero except for heading and position."""
 
-    def with_height_std(self, std_m: float) -> _Placed:
-        """The same with heights that err by so much: parts stand over one floor, however long the way."""
+    def with_height_std(self, std_m: float) -> _PartPose:
+        """Return the pose with another standard deviation of the height: parts share one floor, so it does
+        not grow with the length of the bridge."""
         covariance = self.covariance.copy()
         covariance[_HEIGHT, _HEIGHT] = std_m**2
-        return _Placed(self.root_T_part, covariance)
+        return _PartPose(self.root_T_part, covariance)
 
 
 def joined(map_: Map, edges: Sequence[RelativePose]) -> Map:
-    """Lay parts of a map together along the surest edges between them; the others stay as they are."""
-    ways = nx.Graph()
-    ways.add_nodes_from(range(int(map_.component.max(initial=-1)) + 1))
+    """Join the parts of a map by a minimum spanning forest of the edges; parts without an edge stay as they
+    are."""
+    parts = nx.Graph()
+    parts.add_nodes_from(range(int(map_.component.max(initial=-1)) + 1))
     for edge in edges:
         a, b = int(map_.component[edge.i]), int(map_.component[edge.j])
         if a < 0 or b < 0 or a == b:
             continue
         weight = float(np.trace(edge.covariance[3:, 3:]))
-        if not ways.has_edge(a, b) or weight < ways[a][b]["weight"]:
-            ways.add_edge(a, b, weight=weight, edge=edge)
-    surest = nx.minimum_spanning_tree(ways)
+        if not parts.has_edge(a, b) or weight < parts[a][b]["weight"]:
+            parts.add_edge(a, b, weight=weight, edge=edge)
+    forest = nx.minimum_spanning_tree(parts)
     w_T_b, covariances = map_.w_T_b.copy(), map_.covariances.copy()
     over_floor_covariances = map_.over_floor_covariances.copy()
     component, used = map_.component.copy(), []
-    first = {part: int(np.argmax(component == part)) for part in ways}
-    # The first keyframe of all is what the world of a map stands on, however small its part.
-    for root in [min(nodes, key=first.__getitem__) for nodes in nx.connected_components(surest)]:
-        placed = {root: _Placed(np.eye(4), np.zeros((6, 6)))}
-        for parent, part in nx.bfs_edges(surest, root):
-            edge = surest[parent][part]["edge"]
-            placed[part] = _onto(placed[parent], _way(map_, edge, part)).with_height_std(
+    first = {part: int(np.argmax(component == part)) for part in parts}
+    # The part of the first keyframe defines the world frame of the map, however small it is.
+    for root in [min(nodes, key=first.__getitem__) for nodes in nx.connected_components(forest)]:
+        poses = {root: _PartPose(np.eye(4), np.zeros((6, 6)))}
+        for parent, part in nx.bfs_edges(forest, root):
+            edge = forest[parent][part]["edge"]
+            poses[part] = _composed(poses[parent], _part_transform(map_, edge, part)).with_height_std(
                 float(np.hypot(map_.height_std_m[root], map_.height_std_m[part]))
             )
             used.append(edge)
             members = map_.component == part
-            w_T_b[members] = placed[part].root_T_part @ map_.w_T_b[members]
+            w_T_b[members] = poses[part].root_T_part @ map_.w_T_b[members]
             carry = se3.adjoint(se3.inverse(map_.w_T_b[members]))
-            covariances[members] += carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
-            # How high over the floor is in those of the part itself.
-            in_plane = placed[part].with_height_std(0.0).covariance
+            covariances[members] += carry @ poses[part].covariance @ carry.transpose(0, 2, 1)
+            # The height over the floor is in the covariances of the part itself.
+            in_plane = poses[part].with_height_std(0.0).covariance
             over_floor_covariances[members] += carry @ in_plane @ carry.transpose(0, 2, 1)
             component[members] = root
     if not used:
@@ -196,15 +201,15 @@ def joined(map_: Map, edges: Sequence[RelativePose]) -> Map:
     )
 
 
-def _way(map_: Map, edge: RelativePose, part: int) -> _Placed:
-    """From the other part's world to that of ``part``, in the plane, along an edge between the two."""
+def _part_transform(map_: Map, edge: RelativePose, part: int) -> _PartPose:
+    """Return the planar pose of ``part`` in the world frame of the other part, along an edge between them."""
     i, j, i_T_j, covariance = edge.i, edge.j, edge.i_T_j, edge.covariance
     if map_.component[i] == part:
         i, j = j, i
         turn = se3.adjoint(i_T_j[None])[0]
         i_T_j, covariance = se3.inverse(i_T_j[None])[0], turn @ covariance @ turn.T
     back = se3.adjoint(se3.inverse(i_T_j[None]))[0]
-    # A part that the refinement left without covariances passes none on: unknown is not certain.
+    # The covariances of a part are NaN where they are unknown, and so is the sum.
     own = [map_.covariances[k] for k in (i, j)]
     total = covariance + own[1] + back @ own[0] @ back.T
     carry = se3.adjoint(map_.w_T_b[j][None])[0]
@@ -212,12 +217,14 @@ def _way(map_: Map, edge: RelativePose, part: int) -> _Placed:
     flat = se3.from_planar(se3.to_planar((map_.w_T_b[i] @ i_T_j @ se3.inverse(map_.w_T_b[j][None])[0])[None]))
     level = np.zeros((6, 6))
     level[np.ix_(_LEVEL, _LEVEL)] = total[np.ix_(_LEVEL, _LEVEL)]
-    return _Placed(flat[0], level)
+    return _PartPose(flat[0], level)
 
 
-def _onto(parent: _Placed, way: _Placed) -> _Placed:
-    back = se3.adjoint(se3.inverse(way.root_T_part[None]))[0]
-    return _Placed(parent.root_T_part @ way.root_T_part, back @ parent.covariance @ back.T + way.covariance)
+def _composed(parent: _PartPose, child: _PartPose) -> _PartPose:
+    """Return the pose of ``child``, which is relative to ``parent``, in the world frame of the root."""
+    back = se3.adjoint(se3.inverse(child.root_T_part[None]))[0]
+    covariance = back @ parent.covariance @ back.T + child.covariance
+    return _PartPose(parent.root_T_part @ child.root_T_part, covariance)
 
 
 def _bridge_warning(edge: RelativePose) -> str:

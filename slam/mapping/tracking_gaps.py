@@ -57,18 +57,19 @@ def tracking_gaps(observations: Observations) -> tuple[TrackingGap, ...]:
 
 
 def contradicted(
-    breaks: Sequence[TrackingGap], lifted: Sequence[RelativePose], ways: Sequence[RelativePose]
+    breaks: Sequence[TrackingGap], lifted: Sequence[RelativePose], inertial: Sequence[RelativePose]
 ) -> dict[TrackingGap, str]:
-    """Which links over ``breaks``, ``lifted`` to metres, contradict ``ways`` by the instruments, and why."""
-    way_of = {(way.i, way.j): way for way in ways}
+    """Return the links over ``breaks``, ``lifted`` to metres, that contradict the ``inertial`` edges, with
+    reasons."""
+    inertial_of = {(edge.i, edge.j): edge for edge in inertial}
     pose_of = {(pose.i, pose.j): pose for pose in lifted}
     reasons = {}
     for broken in breaks:
-        if broken.pair not in way_of or broken.pair not in pose_of:
+        if broken.pair not in inertial_of or broken.pair not in pose_of:
             continue
-        way, pose = way_of[broken.pair], pose_of[broken.pair]
-        off = se3.log(se3.inverse(way.i_T_j[None]) @ pose.i_T_j)[0]
-        if off @ np.linalg.solve(way.covariance + pose.covariance, off) > chi2.ppf(_SURE, 6):
+        edge, pose = inertial_of[broken.pair], pose_of[broken.pair]
+        off = se3.log(se3.inverse(edge.i_T_j[None]) @ pose.i_T_j)[0]
+        if off @ np.linalg.solve(edge.covariance + pose.covariance, off) > chi2.ppf(_SURE, 6):
             off_m = float(np.linalg.norm(off[3:]))
             reasons[broken] = (
                 f"implausible: {off_m:.2f} m from where the instruments put it, across a gap in the pictures"
@@ -77,20 +78,20 @@ def contradicted(
 
 
 def without_false_links(observations: Observations, bridges: InertialBridges) -> Observations:
-    """Sightings whose links over breaks are not refuted by the instruments; as they are without a break."""
+    """Return the observations without links over breaks that contradict the instruments."""
     breaks = tracking_gaps(observations)
     if not breaks:
         return observations
     lifted = lift_edges(
         [link for link in observations.links if link is not None], bridges.setup
     ).relative_poses
-    ways = bridges.without([broken.pair for broken in breaks]).edges()
-    return remove_links(observations, contradicted(breaks, lifted, ways))
+    inertial = bridges.without([broken.pair for broken in breaks]).edges()
+    return remove_links(observations, contradicted(breaks, lifted, inertial))
 
 
 def remove_links(observations: Observations, reasons: Mapping[TrackingGap, str]) -> Observations:
-    """Without the links over some breaks, each refused for its reason: behind them tracking starts anew, and
-    where the frames behind them stand is not known."""
+    """Return the observations without the links over some breaks, each rejected for its reason. Tracking
+    starts anew behind them, and the poses of the frames between are unknown."""
     pairs = {broken.pair: reason for broken, reason in reasons.items()}
     before = {broken.pair[0]: broken.before for broken in reasons}
     links = tuple(None if link and (link.i, link.j) in pairs else link for link in observations.links)
