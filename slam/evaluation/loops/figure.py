@@ -46,10 +46,10 @@ def draw(evaluation: LoopEvaluation) -> bytes:
         f"{escape_math(evaluation.name)}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs "
         f"of {evaluation.compared} keyframes"
     )
-    _curves(candidates, "Candidates: all pairs by likeness", evaluation, lambda m: m.candidates)
+    _curves(candidates, "Candidates: all pairs by similarity", evaluation, lambda m: m.candidates)
     _curves(
         verified,
-        f"After verification: the {evaluation.neighbours} most alike of each, by inliers",
+        f"After verification: the {evaluation.neighbours} most similar of each, by inliers",
         evaluation,
         lambda m: m.after_verification,
     )
@@ -69,7 +69,7 @@ def _curves(
         label = method.name
         if evaluation.true_pairs:
             first = 100 * curve.full_precision_recall
-            label += f": {first:.0f} % before the first false loop, area {curve.area:.3f}"
+            label += f": {first:.0f} % before the first false loop, average precision {curve.area:.3f}"
         recall = np.concatenate([[0.0], curve.recall]) if len(curve.recall) else curve.recall
         precision = np.concatenate([curve.precision[:1], curve.precision])
         axes.plot(recall, precision, line, color=color, lw=width, label=label, drawstyle="steps-pre")
@@ -77,8 +77,8 @@ def _curves(
     if not evaluation.true_pairs:
         axes.text(0.5, 0.5, "no true loop in this flight", ha="center", color=GREY)
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.04), title=title)
-    axes.set_xlabel("recall: share of all true loops that is taken")
-    axes.set_ylabel("precision: share of what is taken that is true")
+    axes.set_xlabel("recall: share of all true loops that are accepted")
+    axes.set_ylabel("precision: share of accepted pairs that are true")
     grid(axes)
     panel_legend_below(axes, 1)
 
@@ -120,7 +120,7 @@ def _map(axes: Axes, evaluation: LoopEvaluation) -> None:
             axes.plot(x[list(pair)], y[list(pair)], "-", color=color, lw=width, zorder=3)
         axes.plot([], [], "-", color=color, lw=2, label=f"{label}: {len(pairs)}")
     kind = "truth" if reference.kind == "truth" else "GPS"
-    axes.set(xlabel="x [m]", ylabel="y [m]", title=f"Where they lie, by the {kind}")
+    axes.set(xlabel="x [m]", ylabel="y [m]", title=f"Loops on the {kind}")
     axes.set_aspect("equal", adjustable="datalim")
     panel_legend_below(axes, 2)
 

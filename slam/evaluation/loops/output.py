@@ -14,10 +14,9 @@ MOST_THRESHOLDS = 200
 """Largest number of points of each curve in loops.json."""
 
 EXPLAINED = (
-    "Before a false one: share of all true loops that a method ranks before its first false one, so that all "
-    "of them could be accepted without a mistake (recall at a precision of 100 %).",
-    "Order: 1 where all true loops rank before all false ones, near 0 where most rank after them (area "
-    "under the curve of precision over recall).",
+    "Average precision: area under the curve of precision over recall; 1 where all true loops rank before "
+    "all false ones.",
+    "Recall at full precision: share of all true loops that a method ranks before its first false one.",
 )
 """Explanation of the table's columns."""
 
@@ -88,8 +87,8 @@ def table(evaluation: LoopEvaluation) -> FigureTable:
     kept_of = f"{kept.true} of {evaluation.all_true_pairs} / {kept.false}"
     rows.append(("our map", "", "", "", kept_of, "", ""))
     columns = (
-        "", "by likeness:\norder", "\nbefore a false one", "\nproposed",
-        "after registration:\nkept", "\norder", "\nbefore a false one",
+        "", "by similarity:\naverage\nprecision", "\nrecall at full\nprecision", "\n\nproposed",
+        "registered:\n\naccepted", "\naverage\nprecision", "\nrecall at full\nprecision",
     )  # fmt: skip
     return FigureTable(
         f"{evaluation.name}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs of "

@@ -180,7 +180,7 @@ def test_the_command_writes_its_files_and_a_table(tmp_path, monkeypatch):
     assert {path.name for path in out.iterdir()} == set(LOOPS_NAMES)
     assert re.search(r"bag of words +[01](\.\d{3})?", run.stdout)
     assert re.search(r"our map +\d+ of \d+ / \d+", run.stdout)
-    assert "(recall at a precision of 100 %)" in " ".join(run.stdout.split())
+    assert "Recall at full precision: share of all true loops" in " ".join(run.stdout.split())
     summary, record = (json.loads((out / name).read_text()) for name in ("summary.json", "loops.json"))
     assert summary["status"] == "ok"
     assert summary["methods"] == record["methods"]
