@@ -1,7 +1,7 @@
 """Fill docs/blind.md from the answers of runs of the blind tests.
 
 ``python -m tests.blind.page out/blind.json...``
-Several files may hold parts of one suite or several suites; they make one card.
+The files may hold parts of one suite or of several suites; they give one card.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "blind.md"
 
 
 WITHOUT = "## Without command logs"
-"""Such cases have a card of their own."""
+"""Heading of the separate card of cases without command logs."""
 
 
 def markdown(answers: Sequence[Answer], commands: Sequence[str] = (), level: str = "##") -> str:
-    """A card: by which commands, the figures, and what came out wrong under a heading of a ``level``."""
+    """Return a card: the commands, the figures, and the wrong verdicts under a heading of ``level``."""
     kinds, commits = Counter(a.case.kind for a in answers), Counter(a.commit for a in answers)
     wrong = [a for a in answers if not came_out(a)]
     return "\n".join(
@@ -40,7 +40,7 @@ def markdown(answers: Sequence[Answer], commands: Sequence[str] = (), level: str
             "|---|---|---|---|---|---|---|---|",
             *(_line(row) for row in card(list(answers), settles) if row.of),
             "",
-            f"{level} Cases that came out wrong: {len(wrong)}",
+            f"{level} Cases with a wrong verdict: {len(wrong)}",
             "",
             "```",
             *(told(a) for a in wrong),
@@ -50,7 +50,7 @@ def markdown(answers: Sequence[Answer], commands: Sequence[str] = (), level: str
 
 
 def came_out(answer: Answer) -> bool:
-    """Whether the verdict is the one that a case of its kind asks for."""
+    """Return whether the verdict is right for a case of its kind."""
     kind = answer.case.kind.removeprefix("seen_")
     if kind == "single":
         return answer.right
@@ -77,16 +77,16 @@ def _line(row: Row) -> str:
 
 
 def main() -> None:
-    """Read, write."""
+    """Read the files and write the page."""
     if not sys.argv[1:]:
-        sys.exit("python -m tests.blind.page FILE...: name the files that tests.blind.run wrote")
+        sys.exit("python -m tests.blind.page FILE...: give the files that tests.blind.run wrote")
     runs = [read(Path(name)) for name in sys.argv[1:]]
     with atomic_file(PAGE) as path:
         path.write_text(with_block(PAGE.read_text(encoding="utf-8"), block(runs)), encoding="utf-8")
 
 
 def block(runs: Sequence[tuple[dict[str, Any], list[Answer]]]) -> str:
-    """What stands between the page's markers, of runs by what they were asked for."""
+    """Return the content between the page's markers for some runs and their arguments."""
     cards = []
     for blind in (False, True):
         own = [run for run in runs if bool(run[0].get("without_commands")) == blind]

@@ -1,4 +1,4 @@
-"""Lines of the score card: a rate or another figure, what it is held to, and whether it keeps to it."""
+"""Rows of the score card: a rate or another figure, its bounds, and whether it meets them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ WIDE = 1.959964
 
 
 def wilson(hits: int, of: int) -> tuple[float, float]:
-    """95 % interval of a rate (Wilson 1927)."""
+    """Return the 95 % interval of a rate (Wilson 1927)."""
     if of == 0:
         return 0.0, 1.0
     rate, z2 = hits / of, WIDE**2
@@ -20,15 +20,15 @@ def wilson(hits: int, of: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Bound:
-    """What a figure is held to: a smallest or a largest value, or both."""
+    """Bound of a figure: a smallest value, a largest value, or both."""
 
     least: float | None = None
     most: float | None = None
     whole_interval: bool = False
-    """Whether the rate's 95 % interval must lie within, and not the rate alone."""
+    """Whether the whole 95 % interval of the rate must lie within the bound."""
 
     def met(self, value: float, interval: tuple[float, float]) -> bool | None:
-        """Whether it is kept; None where the interval is too wide to say."""
+        """Return whether the bound is met; None where the interval is too wide to decide."""
         least = -math.inf if self.least is None else self.least
         most = math.inf if self.most is None else self.most
         if not self.whole_interval:
@@ -38,8 +38,8 @@ class Bound:
             return True
         return None if low <= most and high >= least else False
 
-    def told(self, share: float, unit: str) -> str:
-        """``at least 90 %``, ``93 to 97 %``."""
+    def in_words(self, share: float, unit: str) -> str:
+        """Return the bound in words: ``at least 90 %`` or ``93 to 97 %``."""
         ends = [f"{share * end:g}" for end in (self.least, self.most) if end is not None]
         words = (
             " to ".join(ends)
@@ -50,12 +50,12 @@ class Bound:
 
 
 def least(value: float) -> Bound:
-    """No less than this."""
+    """Return a lower bound."""
     return Bound(least=value)
 
 
 def most(value: float) -> Bound:
-    """No more than this."""
+    """Return an upper bound."""
     return Bound(most=value)
 
 
@@ -67,39 +67,39 @@ class Row:
     hits: float
     of: int
     floor: Bound | None = None
-    """What less than would be too little."""
+    """Required bound."""
     aim: Bound | None = None
-    """What would be best."""
+    """Desired bound."""
     figure: float | None = None
-    """Where it is no rate."""
+    """Value of the row if it is no rate."""
     share: bool = False
-    """Whether the figure is one that is told in percent."""
+    """Whether the figure is printed in percent."""
 
     @property
     def rate(self) -> float:
-        """Hits of all, or the figure."""
+        """Share of hits, or the figure."""
         if self.figure is not None:
             return self.figure
         return self.hits / self.of if self.of else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """95 %, of a rate."""
+        """95 % interval of a rate; the figure itself otherwise."""
         return wilson(round(self.hits), self.of) if self.figure is None else (self.rate, self.rate)
 
     def kept(self, bound: Bound | None) -> str:
-        """``met``, ``missed``, ``open`` where there are too few cases to say; empty without case or bound."""
+        """Return ``met``, ``missed``, or ``open`` with too few cases to decide; empty without a bound."""
         if not self.of or bound is None:
             return ""
         return {True: "met", False: "missed", None: "open"}[bound.met(self.rate, self.interval)]
 
     @property
     def met(self) -> bool | None:
-        """Whether the floor is kept; None without a case or a floor."""
+        """Whether the floor is met; None without cases or a floor."""
         return {"met": True, "missed": False}.get(self.kept(self.floor))
 
     def cells(self) -> list[str]:
-        """Cases, rate, its interval, floor, whether kept, aim, whether kept."""
+        """Return the cells: cases, rate, interval, floor and its result, aim and its result."""
         share, unit = (1.0, "") if self.figure is not None and not self.share else (100.0, " %")
         cases, rate, interval = f"{self.of}", f"{share * self.rate:.3g}{unit}", ""
         if self.figure is None:
@@ -108,17 +108,17 @@ class Row:
             interval = f"{low:.1f} to {high:.1f} %"
         out = [cases, rate, interval]
         for bound in (self.floor, self.aim):
-            out += [bound.told(share, unit) if bound else "", self.kept(bound)]
+            out += [bound.in_words(share, unit) if bound else "", self.kept(bound)]
         return out
 
     def line(self) -> str:
-        """For the console."""
+        """Return the row as a line for the console."""
         if not self.of:
             return f"{self.name:52s} -"
         cases, rate, interval, floor, over, aim, best = self.cells()
         kept = [
-            f"{name} {told}: {met}"
-            for name, told, met in (("floor", floor, over), ("aim", aim, best))
-            if told
+            f"{name} {words}: {met}"
+            for name, words, met in (("floor", floor, over), ("aim", aim, best))
+            if words
         ]
         return f"{self.name:52s} {cases:>10s} {rate:>8s}  {interval:18s} {', '.join(kept)}".rstrip()

@@ -147,7 +147,7 @@ def card(answers: list[Answer], settles: Callable[[Answer], bool] | None = None)
         _rate(
             "pairs: both found, each d >= 8", _at(8, of["pair"]), lambda a: true(a) <= a.claimed, 0.60, 0.85
         ),
-        *_strange("strange", of["strange"] + of["stranger"]),
+        *_strange("out of catalogue", of["strange"] + of["stranger"]),
         *_pictures(of),
         *_open(of["untellable"], settles),
         _held_out(of["single"]),
@@ -163,8 +163,8 @@ def _alarms(of: dict[str, list[Answer]]) -> list[Row]:
             Row(f"false alarms, {name}", sum(a.alarm for a in some), len(some), most(0.05), most(0.02))
             for name, some in (
                 ("heavy tails", of["null_heavy"]),
-                ("coloured noise", of["null_coloured"]),
-                ("uneven noise", of["null_uneven"]),
+                ("AR(1) noise", of["null_coloured"]),
+                ("state-dependent noise", of["null_uneven"]),
             )
         ),
     ]
@@ -211,16 +211,16 @@ def _pictures(of: dict[str, list[Answer]]) -> list[Row]:
         Row("pictures: false alarms", sum(a.alarm for a in calm), len(calm), most(0.02), ONE_IN_HUNDRED),
         _rate("pictures: detected", seen, lambda a: a.alarm, 0.80, 0.90),
         _rate("pictures: right, given detection", alarms, lambda a: a.right, 0.85, 0.95),
-        *_strange("pictures, strange", of["seen_strange"]),
+        *_strange("pictures, out of catalogue", of["seen_strange"]),
     ]
 
 
 def _open(blind: list[Answer], settles: Callable[[Answer], bool] | None) -> list[Row]:
-    rows = [_rate("cannot tell: says so", blind, says_so, 0.80, 0.95)]
+    rows = [_rate("indistinguishable: reported as such", blind, says_so, 0.80, 0.95)]
     if settles is not None:
         # Nothing is proposed where nothing can be seen.
         some = [a for a in blind if not a.case.invisible]
-        rows.append(_rate("cannot tell: its manoeuvre would settle it", some, settles, 0.80, 0.95))
+        rows.append(_rate("indistinguishable: its manoeuvre would decide", some, settles, 0.80, 0.95))
     return rows
 
 

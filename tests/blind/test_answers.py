@@ -58,8 +58,8 @@ def test_the_page_tells_the_card_and_what_came_out_wrong():
     assert "`make blind`" in good
     assert good.count("**missed**") == 3
     assert "| detected, d >= 6 | 1 of 1 | 100.0 % | 20.7 to 100.0 % | at least 90 % | met |" in good
-    assert "came out wrong: 0" in good
-    assert f"came out wrong: {len(WRONG)}" in bad
+    assert "wrong verdict: 0" in good
+    assert f"wrong verdict: {len(WRONG)}" in bad
     assert (
         "| false alarms, clean | 1 of 2 | 50.0 % | 9.5 to 90.5 % | at most 2 % | **missed** |"
         " interval within 0.5 to 1.5 % | **missed** |" in bad
@@ -69,8 +69,8 @@ def test_the_page_tells_the_card_and_what_came_out_wrong():
 def test_cases_without_command_logs_have_a_card_of_their_own():
     asked = {"seed": 3, "flights": 4, "kinds": ["null"]}
     known, blind = block([(asked, RIGHT), (asked | {"without_commands": True}, WRONG)]).split(WITHOUT)
-    assert "came out wrong: 0" in known
+    assert "wrong verdict: 0" in known
     assert "--without-commands" not in known
-    assert f"### Cases that came out wrong: {len(WRONG)}" in blind
+    assert f"### Cases with a wrong verdict: {len(WRONG)}" in blind
     assert "--kinds null --without-commands`" in blind
     assert WITHOUT not in block([(asked, RIGHT)])

@@ -119,13 +119,14 @@ def test_the_way_of_every_hidden_effect_is_that_of_its_knobs():
 def test_wrong_answers_are_seen():
     missed = {row.name for row in card(WRONG, lambda a: False) if row.met is False}
     assert missed >= {
-        "false alarms, clean", "false alarms, heavy tails", "false alarms, coloured noise",
+        "false alarms, clean", "false alarms, heavy tails", "false alarms, AR(1) noise",
         "right, given detection, d >= 6",
         "true cause in the 95 % set", "right when claiming P >= 0.95", "pairs: both found, each d >= 8",
-        "strange: not misnamed", "strange: flagged", "strange: right channel", "cannot tell: says so",
-        "pictures: false alarms", "pictures: right, given detection", "pictures, strange: not misnamed",
-        "pictures, strange: flagged", "pictures, strange: right channel", "false alarms, uneven noise",
-        "cannot tell: its manoeuvre would settle it",
+        "out of catalogue: not misnamed", "out of catalogue: flagged", "out of catalogue: right channel",
+        "pictures: false alarms", "pictures: right, given detection",
+        "pictures, out of catalogue: not misnamed", "pictures, out of catalogue: flagged",
+        "pictures, out of catalogue: right channel", "false alarms, state-dependent noise",
+        "indistinguishable: reported as such", "indistinguishable: its manoeuvre would decide",
     }  # fmt: skip
     sizes = [
         Answer(case("single", BRAKE), says("named", ("active_braking", 1.0), value=v))
