@@ -107,9 +107,9 @@ def advice(first: str, second: str, motion: str, sigma: float) -> str:
     time."""
     times = int(np.ceil((TOLD_APART_SIGMA / max(sigma, 1e-3)) ** 2))
     if times > MOST_TIMES:
-        return f"No manoeuvre of the list tells {first} from {second}: another sensor must."
+        return f"No manoeuvre of the list distinguishes {first} from {second}; another sensor is needed."
     often = "once" if times == 1 else f"{times} times"
-    return f"To tell {first} from {second} {motion} {often}: {sigma:.1f} sigma a time."
+    return f"To distinguish {first} from {second} {motion} {often}: {sigma:.1f} sigma a time."
 
 
 def _precision(name: str, other: Effect, parameters: FilterParameters) -> float:

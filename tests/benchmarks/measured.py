@@ -1,4 +1,4 @@
-"""Where the measured recordings are."""
+"""Location of the measured recordings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tests.benchmarks.metric import Skipped
 
 
 def folder(name: str) -> Path:
-    """A folder of the measured data. Raises ``Skipped`` where it is not at hand."""
+    """Return a folder of the measured data. Raises ``Skipped`` where it does not exist."""
     data = os.environ.get("SLAM_DATA")
     if not data:
         raise Skipped("SLAM_DATA does not name the folder of measured data")

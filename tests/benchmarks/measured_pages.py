@@ -1,4 +1,4 @@
-"""Write docs/measured: what ``slam criticise`` says of measured flights, a page and its pictures each.
+"""Write docs/measured: the verdicts of ``slam criticise`` on measured flights, one page with pictures each.
 
 ``SLAM_DATA=data python -m tests.benchmarks.measured_pages [NAME]...``
 Every number on the pages comes from the verdict, from a replay, or from the truth; none is typed.
@@ -35,7 +35,7 @@ MOST_SHOWN = 8
 
 
 def page(name: str, study: Study) -> None:
-    """Judge the flights of a study; write its page, its pictures and the extended model."""
+    """Criticise the flights of a study; write its page, its pictures and the extended model."""
     flights = [_flight(path) for path in study.flights]
     found = criticise(flights)
     home = HOME / name
@@ -45,17 +45,17 @@ def page(name: str, study: Study) -> None:
         study.about,
         f"```\nslam criticise {study.shown} --out out/{name}\n```",
         f"**{found.verdict}**: {found.sentence}",
-        *_section("What it found", [_causes(found), _model(home, found, flights)]),
+        *_section("Causes", [_causes(found), _model(home, found, flights)]),
         *_segment(home, evidence_segment(found, flights)),
         *_section("Why this cause", _why(home, found)),
-        *_section("What it could be", _ranking(home, found)),
-        *_section("The gain on what the fit has not seen", _gain(home, found)),
-        *_section("Flights that it never saw", _unseen(home, study, found)),
+        *_section("Ranking of the hypotheses", _ranking(home, found)),
+        *_section("Gain on held-out data", _gain(home, found)),
+        *_section("Prediction of other flights", _unseen(home, study, found)),
         *_section("Independent truth", _truth(study, flights[0], found)),
         *_section(
-            "What is left over", [f"- {part}" for part in found.remainder.split("; ")], found.remainder
+            "Unexplained findings", [f"- {part}" for part in found.remainder.split("; ")], found.remainder
         ),
-        *_section("What these flights cannot tell", _silent(found)),
+        *_section("Limits of these flights", _silent(found)),
         *_section("The next flight", [found.next_flight], found.next_flight),
         *_section("What was not judged", [f"- {line}" for line in found.dropped], found.dropped),
         f"Written at {commit()} by `python -m tests.benchmarks.measured_pages`; see "
@@ -84,7 +84,7 @@ def _causes(found: Criticism) -> str:
         (f"`{r.name}`" if r.name else "", r.equation, r.parameter, r.value, r.interval, r.probability)
         for r in cause_rows(found)
     ]
-    return _table(("cause", "what it does", "parameter", "value", "95 % interval", "probability"), rows)
+    return _table(("cause", "equation", "parameter", "value", "95 % interval", "probability"), rows)
 
 
 def _model(home: Path, found: Criticism, flights: Sequence[Flight]) -> str:
@@ -93,7 +93,7 @@ def _model(home: Path, found: Criticism, flights: Sequence[Flight]) -> str:
     save_model(found.extended, home.with_suffix(".toml"))
     replayed = " and `slam replay --model`" if any(map(has_commands, flights)) else ""
     return (
-        f"The model with all that in it: [{home.name}.toml]({home.name}.toml), for `slam simulate --model`"
+        f"The model with these causes: [{home.name}.toml]({home.name}.toml), for `slam simulate --model`"
         f"{replayed}."
     )
 
@@ -108,7 +108,7 @@ def _drawn(home: Path, kind: str, segment: Segment | None) -> list[str]:
     if segment is None:
         return []
     return [
-        _image(home, kind, "Measured, by the model, by the extended model", segment.picture),
+        _image(home, kind, "Measured, nominal model and extended model", segment.picture),
         segment.caption,
     ]
 
@@ -122,7 +122,7 @@ def _why(home: Path, found: Criticism) -> list[str]:
         return []
     picture = covariate_picture(found.covariate)
     return [
-        _image(home, "covariate", "What is missed against what causes say", picture),
+        _image(home, "covariate", "Prediction error against the error that each cause predicts", picture),
         covariate_caption(found),
     ]
 
@@ -130,7 +130,7 @@ def _why(home: Path, found: Criticism) -> list[str]:
 def _ranking(home: Path, found: Criticism) -> list[str]:
     return [
         _image(home, "ranking", "Probability and strength of each hypothesis", ranking_picture(found)),
-        "Left: probability. Right: how far each stands out alone on the model as it was; "
+        "Left: probability. Right: significance of each cause alone, added to the nominal model; "
         f"{ranking_caption(found)}.",
     ]
 
@@ -149,7 +149,7 @@ def _gain(home: Path, found: Criticism) -> list[str]:
 
 def _held_out(gain: Gain) -> str:
     if gain.by is None:
-        return "Each odd reading tells by itself"
+        return "Each anomalous reading counts by itself"
     return f"Each {gain.by} in turn is held out and predicted by the others"
 
 
@@ -166,8 +166,8 @@ def _unseen(home: Path, study: Study, found: Criticism) -> list[str]:
     captured = " Channels that begin with `truth` are the motion capture's." if truth else ""
     times = "one round" if len(rounds) == 1 else f"{len(rounds)} rounds"
     return [
-        f"Predicted over 2 s by `slam replay`, with a model that other flights made ({times}). What got "
-        f"worse is told too.{captured}",
+        f"Predicted over 2 s by `slam replay`, with a model fitted on other flights ({times}). Channels "
+        f"that became worse are listed too.{captured}",
         _table(
             ("flights", "channel", "nominal model", "extended", "change"),
             unseen_rows(rounds, models, _flight),
@@ -184,12 +184,12 @@ def _silent(found: Criticism) -> list[str]:
         if name in usual
     ]
     pairs = [f"- {a} and {b} (cosine {c:+.2f})" for a, b, c in found.confusable[:MOST_SHOWN]]
-    missed = "Smaller than this they would have missed in more than one of ten cases"
+    missed = "Smallest sizes that nine of ten such flights would have shown"
     return [
-        f"{missed}: {', '.join(sizes)}. What is not in this list they would not have shown at a usual size."
+        f"{missed}: {', '.join(sizes)}. They would not have shown other effects at a usual size."
         if sizes
         else "",
-        "Pairs whose traces look alike in them:" if pairs else "",
+        "Pairs of terms with similar sensitivities in these flights:" if pairs else "",
         *pairs,
     ]
 
@@ -201,7 +201,8 @@ def _truth(study: Study, flight: Flight, found: Criticism) -> list[str]:
 
 
 def _of_motion_capture(flight: Flight, found: Criticism) -> list[str]:
-    """The same question, asked with the motion capture in place of attitude, speed and height."""
+    """Return the lines that compare the causes with those from the motion capture in place of the
+    instruments."""
     again = criticise([with_truth_for_instruments(flight)])
     told = {cause.name: cause.parameters for cause in again.causes}
     rows = []
@@ -215,11 +216,11 @@ def _of_motion_capture(flight: Flight, found: Criticism) -> list[str]:
             rows.append((f"`{cause.name}`", name, _sized(own), *there))
     beyond = [name for name in told if name not in {cause.name for cause in found.causes}]
     return [
-        "Asked again with the motion capture's attitude, speed and height in place of the drone's own, so "
-        "that its inertial unit alone is judged:",
+        "The same with the motion capture's attitude, speed and height in place of the drone's own, so "
+        "that only its inertial unit is judged:",
         _table(("cause", "parameter", "own instruments", "motion capture", "intervals overlap"), rows),
-        f"Beyond that the motion capture names {' and '.join(beyond)}: of its own markers as much as of the "
-        "drone, as they are not where the inertial unit is."
+        f"With the motion capture there is also {' and '.join(beyond)}, which may be an error of its "
+        "markers, as they are not at the inertial unit."
         if beyond
         else "",
     ]
@@ -230,19 +231,19 @@ def _sized(p: Interval) -> str:
 
 
 def _of_gps(flight: Flight) -> list[str]:
-    """Speed over ground by GPS."""
+    """Return the lines on the speed over ground by GPS."""
     found = against_gps(flight)
     return [
-        "Of what was judged here GPS can check the flow sensor's speed alone: against the speed between GPS "
-        f"positions it reads {found.scale:.3f} of it (± {1.96 * found.std:.3f}, {found.count} stretches of "
-        f"{APART_S:g} s, GPS {found.late_s:.2f} s late, {found.rms_m_s:.2f} m/s rms left). It "
-        "cannot tell zeros of a gyro, nor, as the log holds no altitude of the receiver, what the "
-        "accelerometer feels upwards."
+        "GPS can check only the flow sensor's speed: its ratio to the speed between GPS positions is "
+        f"{found.scale:.3f} (± {1.96 * found.std:.3f}, {found.count} segments of "
+        f"{APART_S:g} s, GPS {found.late_s:.2f} s late, {found.rms_m_s:.2f} m/s rms left). It cannot check "
+        "the zeros of a gyro. The log has no altitude of the receiver, so it cannot check the vertical "
+        "accelerometer either."
     ]
 
 
 def main(names: Sequence[str]) -> None:
-    """The pages of these names, or all."""
+    """Write the pages of these names, or all."""
     for name in names or STUDIES:
         page(name, STUDIES[name])
 

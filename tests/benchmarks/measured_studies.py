@@ -1,4 +1,4 @@
-"""Which measured flights docs/measured is about, and what they are checked with."""
+"""Measured flights of docs/measured, and the references that they are checked with."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from tests.benchmarks.measured_unseen import Round
 
 @dataclass(frozen=True)
 class Study:
-    """One page."""
+    """One page of docs/measured."""
 
     title: str
     about: str
-    """What the flights are, and whose."""
+    """Description of the flights and their source."""
     flights: tuple[str, ...]
-    """Judged together."""
+    """Flights that are judged together."""
     shown: str
-    """The same as one types it."""
+    """The same flights as on a command line."""
     rounds: tuple[Round, ...] = ()
-    """Flights predicted by what others say; of the first round a stretch is drawn."""
+    """Flights that models of other flights predict; a segment of the first round is drawn."""
     drawn: str = ""
-    """Channel of a replay that this stretch is of."""
+    """Replay channel of this segment."""
     truth: Literal["", "motion capture", "gps"] = ""
-    """An independent instrument that checks what was found."""
+    """Independent instrument that checks the causes."""
 
 
 _STEPS = ("forward-1", "forward-3", "left-2", "left-3", "yaw-1", "yaw-2")
@@ -51,9 +51,9 @@ def _steps(*names: str) -> tuple[str, ...]:
 STUDIES = {
     "ardrone-pulses": Study(
         "AR.Drone: pulses of the forward stick",
-        "An AR.Drone, the first model, pushed forward in pulses of full and half stick; pitch and forward "
-        "speed as the drone itself reports them (rc500/ardrone_archive_aarons_laptop, Apache-2.0). Full "
-        "stick asks for the nominal model's greatest tilt here: the setting flown was not recorded.",
+        "An AR.Drone, the first model, flown with pulses of full and half forward stick; pitch and forward "
+        "speed are those that the drone reports (rc500/ardrone_archive_aarons_laptop, Apache-2.0). Full "
+        "stick commands the nominal model's greatest tilt here, as the limit in use was not recorded.",
         _runs(*range(1, 14)),
         "ardrone-pulses/run-*",
         (_fold(6, 7), _fold(9, 8, 11), _fold(10, 12)),
@@ -62,8 +62,8 @@ STUDIES = {
     "ardrone2-steps": Study(
         "AR.Drone 2: steps of one stick at a time",
         "An AR.Drone 2 in a motion-capture room, one stick moved in steps, the on-board attitude at three "
-        "readings a second (neroUFV/strats_dataDrivenModel_m, AGPL-3.0). Judged are six runs by commands and "
-        "on-board attitude alone; the others, and all of the motion capture, were kept to check with.",
+        "readings a second (neroUFV/strats_dataDrivenModel_m, AGPL-3.0). Six runs are judged, by commands "
+        "and on-board attitude alone. The others, and the whole motion capture, serve as a check.",
         _steps(*_STEPS),
         " ".join(_steps(*_STEPS)),
         (
@@ -80,10 +80,10 @@ STUDIES = {
         "truth.v_y",
     ),
     "ardrone2-optitrack": Study(
-        "AR.Drone 2: holding a place in a side wind",
-        "An AR.Drone 2 that holds its place, with a wind from the side in the second half "
+        "AR.Drone 2: position hold in a side wind",
+        "An AR.Drone 2 in position hold, with a wind from the side in the second half "
         "(tud-cor/ardrone2_dem_filter, Apache-2.0). Its commands were not recorded, so its motion is not "
-        "judged: its instruments are held against each other.",
+        "judged; its instruments are compared with each other.",
         ("ardrone2-optitrack",),
         "ardrone2-optitrack",
         truth="motion capture",
@@ -91,8 +91,8 @@ STUDIES = {
     "px4flow-quad": Study(
         "A quadrotor with a PX4FLOW, outdoors",
         "Circuits at up to 4 m/s, then hovering, with an optical-flow sensor and a range finder "
-        "(priseborough/InertialNav, BSD 3-clause). No commands were recorded: the instruments are held "
-        "against each other.",
+        "(priseborough/InertialNav, BSD 3-clause). No commands were recorded, so the instruments are "
+        "compared with each other.",
         ("px4flow-quad",),
         "px4flow-quad",
         truth="gps",

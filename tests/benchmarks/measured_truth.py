@@ -1,4 +1,4 @@
-"""What instruments that criticism has not seen say of measured flights: motion capture and GPS."""
+"""Checks of measured flights by instruments that criticism does not use: motion capture and GPS."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from slam.simulation.replay.channels import truth_angles
 
 EARTH_RADIUS_M = 6371000.0
 APART_S = 2.0
-"""Positions nearer in time tell more of their own scatter than of the speed."""
+"""Time between positions in seconds; nearer ones show their own noise rather than the speed."""
 LATE_S = np.arange(0.0, 1.01, 0.05)
 MOVING_M_S = 0.5
 
 
 @dataclass(frozen=True)
 class AgainstGps:
-    """The speed of an optical-flow sensor against that between GPS positions."""
+    """Comparison of an optical-flow sensor's speed with the speed between GPS positions."""
 
     scale: float
     std: float
     count: int
     late_s: float
-    """By which GPS agrees best."""
+    """Delay of GPS with the best agreement, in seconds."""
     rms_m_s: float
 
 
 def with_truth_for_instruments(flight: Flight) -> Flight:
-    """The flight with the reference motion in place of attitude, speed and height."""
+    """Return the flight with the reference motion in place of attitude, speed and height."""
     assert flight.truth is not None
     assert flight.truth.w_v_m_s is not None
     stamps, pose = flight.truth.stamps_s, flight.truth.w_T_b
@@ -47,7 +47,7 @@ def with_truth_for_instruments(flight: Flight) -> Flight:
 
 
 def against_gps(flight: Flight) -> AgainstGps:
-    """The flow's speed, turned by the vehicle's own yaw and averaged over ``APART_S``, against GPS."""
+    """Compare the flow's speed, rotated by the vehicle's yaw and averaged over ``APART_S``, with GPS."""
     gps, flow, attitude = flight.gps, flight.velocity, flight.attitude
     assert gps is not None
     assert flow is not None

@@ -1,4 +1,4 @@
-"""How much better flights are predicted that criticism has not seen."""
+"""Prediction errors on flights that criticism has not used."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from slam.simulation.replay import replay
 
 AHEAD_S = 2.0
 STILL = 0.25
-"""Share of a group's largest error of the same unit below which a channel is not worth a row."""
+"""Share of a group's largest error of the same unit below which a channel has no row."""
 
 NOT_SHOWN = ("imu.gyro", "imu.accel", "truth.x", "truth.y", "truth.z")
-"""Vibration hides the motion in what an inertial unit reads; a place is the sum of the speeds, told too."""
+"""Channels without a row: vibration hides the motion in inertial readings, and positions are sums of the
+speeds."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """Flights that are judged, and groups of others that are predicted by what was found."""
+    """Flights that are judged, and groups of other flights that the resulting model predicts."""
 
     judged: tuple[str, ...]
     groups: dict[str, tuple[str, ...]]
@@ -30,7 +31,8 @@ class Round:
 def unseen_rows(
     rounds: Sequence[Round], models: Sequence[tuple[Model, Model]], opened: Callable[[str], Flight]
 ) -> list[tuple[str, ...]]:
-    """Group, channel, error of the nominal and the extended model, change: pooled over rounds and flights."""
+    """Return rows of group, channel, error of the nominal and of the extended model, and change, pooled over
+    rounds and flights."""
     squares: dict[tuple[str, str, str], list[np.ndarray]] = {}
     for one, pair in zip(rounds, models, strict=True):
         for group, paths in one.groups.items():
