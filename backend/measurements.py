@@ -70,7 +70,7 @@ class Position:
     w_p_b_m: Array
     """(3,)."""
     std_m: Array
-    """(3,) standard deviation per axis."""
+    """(3,) standard deviation per axis; ``inf`` for an axis that was not measured."""
 
 
 @dataclass(frozen=True)

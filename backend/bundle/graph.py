@@ -216,8 +216,10 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
         for r in measurements.ranges:
             graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s))
     if measurements.positions:
-        model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Sigmas(noise.position_m))
         for p in measurements.positions:
+            # An axis with an infinite deviation was not measured: it has no weight.
+            precision = np.where(np.isfinite(p.std_m), noise.position_m**-2.0, 0.0)
+            model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Precisions(precision))
             graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
 
 
@@ -238,7 +240,7 @@ def _add_gauge(
     graph.push_back(gtsam.PoseRotationPrior3D(POSE(0), first, heading))
     sigmas = np.full(WORLD_SIZE, held)
     sigmas[LOG_SCALE] = free if problem.has_scale else held
-    sigmas[FLOOR_Z] = 1e5 if placed else held
+    sigmas[FLOOR_Z] = 1e5 if any(np.isfinite(p.std_m[2]) for p in problem.measurements.positions) else held
     sigmas[LOG_GAIN] = max(problem.measurements.range_gain_std, held)
     # A beam measures a level within the relief with a constant bias, its tops for example.
     relief_m = relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))

@@ -10,6 +10,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 _NOMINAL_COUNT = 20
 """Weight of a nominal noise level, as a number of residuals."""
+_POSITION_HUBER_SIGMAS = 2.0
+"""Residuals of positions count up to here, as those of pixels do."""
 _MAX_LAG = 5
 """Largest lag of the autocorrelation along a track, in keyframes."""
 _MIN_PIXEL_SCALE = 0.01
@@ -33,15 +36,20 @@ STUDENT_SCALE = 0.831
 def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels:
     """Return nominal noise levels, the median over the keyframes; infinite for an absent instrument."""
     tilt = [a.std_rad[:2].max() for a in measurements.attitudes]
-    position = [p.std_m for p in measurements.positions]
+    position = np.array([p.std_m for p in measurements.positions]).reshape(-1, 3)
     ranges = [r.std_m for r in measurements.ranges]
     return NoiseLevels(
         pixel_scale=1.0,
         relief=config.start_relief,
         roll_pitch_rad=float(np.median(tilt)) if tilt else np.inf,
-        position_m=np.median(position, axis=0) if position else np.full(3, np.inf),
+        position_m=np.array([_median_of_finite(axis) for axis in position.T]),
         range_m=float(np.median(ranges)) if ranges else np.inf,
     )
+
+
+def _median_of_finite(x: Array) -> float:
+    x = x[np.isfinite(x)]
+    return float(np.median(x)) if len(x) else np.inf
 
 
 def same_noise(one: NoiseLevels, other: NoiseLevels) -> bool:
@@ -152,9 +160,7 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         nominal = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
         level = replace(level, roll_pitch_rad=_pooled(nominal, autocorrelated_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
-        off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
-        horizontal, vertical = autocorrelated_std(off[:, :2]), autocorrelated_std(off[:, 2:])
-        level = replace(level, position_m=np.array([horizontal, horizontal, vertical]) + 1e-3)
+        level = replace(level, position_m=_position_noise(measurements, w_T_b, level.position_m))
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
         metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
@@ -165,6 +171,20 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         nominal = float(np.median([r.std_m for r in measurements.ranges]))
         level = replace(level, range_m=_pooled(nominal, autocorrelated_std(off[:, None]), len(off)))
     return level
+
+
+def _position_noise(measurements: Measurements, w_T_b: Array, before: Array) -> Array:
+    """Return the standard deviations east, north, up of positions; up stays where altitudes are too few.
+
+    The similarity in the plane and the height of the floor absorb four and one degrees of freedom.
+    """
+    off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
+    high = off[np.isfinite([p.std_m[2] for p in measurements.positions]), 2:]
+    horizontal = robust_autocorrelated_std(off[:, :2]) * np.sqrt(len(off) / (len(off) - 2))
+    vertical = float(before[2])
+    if len(high) > 3:
+        vertical = robust_autocorrelated_std(high) * float(np.sqrt(len(high) / (len(high) - 1))) + 1e-3
+    return np.array([horizontal + 1e-3, horizontal + 1e-3, vertical])
 
 
 def _pooled(nominal: float, found: float, count: int) -> float:
@@ -227,20 +247,31 @@ def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_
 
 
 def huber_std(x: Array, k: float) -> float:
-    """Return the standard deviation per coordinate of planar residuals (m, 2): Huber's proposal 2, cut at k.
+    """Return the standard deviation per coordinate of residuals (m, d): Huber's proposal 2, cut at k.
 
     The median would use the core alone, and the covariance of estimates with Huber's loss would be too small.
-    Source: Huber and Ronchetti 2009, section 6.4. A Rayleigh distance has
-    E[min(d, k)^2] = 2 - 2 exp(-k^2/2).
+    Source: Huber and Ronchetti 2009, section 6.4; the expectation is that of a chi-square variable.
     """
+    d = x.shape[1]
     distance = np.linalg.norm(x, axis=1)
-    sigma = float(np.median(distance)) / 1.1774
-    expected = 2.0 * (1.0 - np.exp(-(k**2) / 2))
+    sigma = float(np.median(distance)) / float(np.sqrt(chi2.median(d)))
+    expected = d * chi2.cdf(k**2, d + 2) + k**2 * chi2.sf(k**2, d)
     for _ in range(30):
         if sigma <= 0:
             break
         sigma *= float(np.sqrt(np.mean(np.minimum(distance / sigma, k) ** 2) / expected))
     return sigma
+
+
+def robust_autocorrelated_std(x: Array) -> float:
+    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut at `_POSITION_HUBER_SIGMAS`."""
+    std = huber_std(x, _POSITION_HUBER_SIGMAS)
+    if std <= 0:
+        return autocorrelated_std(x)
+    distance = np.linalg.norm(x, axis=1, keepdims=True) / std
+    cut = x / np.maximum(distance / _POSITION_HUBER_SIGMAS, 1.0)
+    plain = float(np.sqrt(np.mean(cut**2)))
+    return std * autocorrelated_std(cut) / plain if plain > 0 else std
 
 
 def autocorrelated_std(x: Array) -> float:

@@ -143,6 +143,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             *not_placed_warnings(not_placed),
             *_moving(observations, shared),
             *_instrument_warnings(context, map_, mount, shared),
+            *map_.remarks,
             *warnings,
             *solution.warnings,
         ),

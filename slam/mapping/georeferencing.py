@@ -45,6 +45,8 @@ def align_with_positions(
     placed[:, :3, :3] = R @ w_T_b[:, :3, :3]
     placed[:, :3, 3] = scale * w_T_b[:, :3, 3] @ R.T
     shift = b0 - turn * a0
-    floor_z = float(np.median(there[:, 2] - scale * here[:, 2]))
+    # Without any altitude the cameras stay at that of the origin.
+    high = np.isfinite([p.std_m[2] for p in known])
+    floor_z = float(np.median((there[:, 2] - scale * here[:, 2])[high if high.any() else slice(None)]))
     placed[:, :3, 3] += [shift.real, shift.imag, floor_z]
     return placed, floor_z

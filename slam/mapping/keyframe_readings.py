@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from backend.inertial_scale.preintegration import InertialReadings
 from backend.measurements import Attitude, Position, SlantRange
 from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar
-from slam.core.geodesy import GeoOrigin, enu_from_geodetic
+from slam.core.geodesy import GeoOrigin
 from slam.mapping.config import PipelineConfig
+from slam.mapping.fixes import Fixes, fixes_of
+from slam.mapping.position_consensus import Agreement
 
 Array = NDArray[np.float64]
 
@@ -83,37 +85,6 @@ def ranges_at(sonar: Sonar | None, at_s: Array, floor_std_m: float) -> tuple[Sla
     )
 
 
-def positions_at(flight: Flight, at_s: Array, origin: GeoOrigin | None) -> tuple[Position, ...]:
-    """GPS position in the local east-north-up world at each keyframe."""
-    gps = flight.gps
-    if gps is None or origin is None:
-        return ()
-    altitude = np.where(np.isfinite(gps.altitude_m), gps.altitude_m, origin.altitude_m)
-    enu = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, altitude, origin)
-    good = np.isfinite(enu).all(axis=1)
-    if not good.any():
-        return ()
-    stamps_s, enu, flat = gps.stamps_s[good], enu[good], ~np.isfinite(gps.altitude_m[good])
-    positions = []
-    for k, t in enumerate(at_s):
-        after = int(np.searchsorted(stamps_s, t))
-        nearest = min(
-            (q for q in (after - 1, after) if 0 <= q < len(stamps_s)), key=lambda q: abs(stamps_s[q] - t)
-        )
-        std = np.array(gps.noise_std_m, dtype=float)
-        if abs(stamps_s[nearest] - t) < 1e-6:  # a geotag
-            value = enu[nearest]
-        elif 0 < after < len(stamps_s) and stamps_s[after] - stamps_s[after - 1] < 2.0:
-            share = (t - stamps_s[after - 1]) / (stamps_s[after] - stamps_s[after - 1])
-            value = (1 - share) * enu[after - 1] + share * enu[after]
-        else:
-            continue
-        if flat[nearest]:
-            std[2] = 1e3
-        positions.append(Position(k, value, std))
-    return tuple(positions)
-
-
 def inertial_readings(imu: Imu | None) -> InertialReadings | None:
     """Gyro and accelerometer turned into body axes, in order of time; what is not finite is left out."""
     if imu is None:
@@ -140,6 +111,14 @@ class KeyframeReadings:
     """(n, 2); zero where no attitude was measured."""
     roll_pitch_std_rad: Array
     """(n, 2) standard deviations for the pose graph."""
+    fixes: Fixes | None = None
+    """The fixes that ``positions`` come from; None without GPS."""
+
+    def with_fixes(self, agreement: Agreement) -> KeyframeReadings:
+        """Return the readings with positions from the fixes that agree with the map alone."""
+        assert self.fixes is not None
+        fixes = self.fixes.only(agreement.used, agreement.altitude_used)
+        return replace(self, positions=fixes.at(self.stamps_s))
 
     @staticmethod
     def at(
@@ -147,6 +126,7 @@ class KeyframeReadings:
     ) -> KeyframeReadings:
         """Interpolate all streams at the times of the keyframes ``stamps_s`` (n,)."""
         trust = config.trust
+        fixes = fixes_of(flight, origin)
         attitudes = attitudes_at(flight.attitude, stamps_s, trust.attitude_floor_rad)
         roll_pitch = np.zeros((len(stamps_s), 2))
         std = np.full((len(stamps_s), 2), trust.level_std_rad)
@@ -157,7 +137,8 @@ class KeyframeReadings:
             stamps_s=stamps_s,
             attitudes=attitudes,
             ranges=ranges_at(flight.sonar, stamps_s, trust.range_floor_m),
-            positions=positions_at(flight, stamps_s, origin),
+            positions=fixes.at(stamps_s) if fixes else (),
+            fixes=fixes,
             range_gain_std=flight.sonar.scale_std if flight.sonar else 0.0,
             range_datum_std_m=flight.sonar.datum_std_m if flight.sonar else 0.0,
             roll_pitch_rad=roll_pitch,

@@ -46,6 +46,9 @@ class Map:
     """Refinement of the largest part; None before the refinement, or if it failed."""
     georeferenced: bool = False
     warnings: tuple[str, ...] = ()
+    """Each makes the status other than ok."""
+    remarks: tuple[str, ...] = ()
+    """What was left out without harm to the result."""
     height_std_m: tuple[float, ...] = ()
     """Standard deviation of the height of each part's first keyframe over the floor, without the common
     error of all parts; 0 if unknown. The part's own covariances treat that height as certain."""

@@ -24,10 +24,16 @@ from slam.mapping.georeferencing import align_with_positions
 from slam.mapping.inertial_scale import AccelerometerScale, accelerometer_scale
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
+from slam.mapping.position_consensus import Agreement, exact_agreement, rough_agreement
+from slam.mapping.position_words import fix_words
 from slam.mapping.refine_part import LEAST_SEEN, refine_part
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
+
+_MOST_SELECTIONS = 4
+"""Largest number of refinements of one part with other GPS fixes. One suffices in most flights."""
+_NOT_PLACED = "{} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth"
 
 
 def refine_map(
@@ -74,6 +80,7 @@ def refine_map(
         bundle=main.bundle if main else None,
         georeferenced=main.georeferenced if main else False,
         warnings=tuple(line for part in parts for line in part.warnings),
+        remarks=tuple(line for part in parts for line in part.remarks),
         height_std_m=tuple(part.height_std_m for part in parts),
         inertial=main.inertial if main else None,
         metric=main.metric if main else True,
@@ -97,6 +104,7 @@ class MapPart:
     """None where it could not be refined."""
     inertial: AccelerometerScale | None = None
     warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def metric(self) -> bool:
@@ -126,19 +134,12 @@ class _Evidence:
 
     def part(self, members: NDArray[np.int64], w_T_b: Array) -> MapPart:
         """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""
-        warnings = []
         ranged = bool(self.metric[members].all())
-        aligned = align_with_positions(w_T_b, _renumbered(self.setup, members), ranged)
-        start, floor_z_m = (
-            aligned if aligned is not None else (_headed(w_T_b, self.setup.readings, members), 0.0)
-        )
-        if aligned is None and self.setup.readings.positions:
-            warnings.append(
-                f"{len(members)} keyframes have no usable GPS position: they are in coordinates of their "
-                "own, not on Earth"
-            )
-        # Positions that could not place the part must not act on its shape either.
-        usable = self.setup if aligned is not None else self.setup.without_positions()
+        fixes = self.setup.readings.fixes
+        agreement = self._rough_agreement(members, w_T_b, ranged)
+        setup = self.setup.with_fixes(agreement)
+        aligned = align_with_positions(w_T_b, _renumbered(setup, members), ranged)
+        start, floor_z_m = aligned or (_headed(w_T_b, setup.readings, members), 0.0)
         placed = MapPart(
             members=members,
             w_T_b=start,
@@ -146,22 +147,51 @@ class _Evidence:
             georeferenced=aligned is not None,
             ranged=ranged,
         )
+        if aligned is None:
+            # Positions that could not place the part must not act on its shape either.
+            setup, agreement = setup.without_positions(), None
+            warnings = [_NOT_PLACED.format(len(members))] if fixes and self.setup.readings.positions else []
+            placed = replace(placed, warnings=tuple(warnings))
         try:
-            bundle, by_inertia = self._refined(usable, placed)
+            placed, agreement = self._refined_with_agreeing(setup, placed, agreement)
         except BackendError as error:
-            warnings.append(
-                f"the part of the map with {len(members)} keyframes could not be refined: {error}"
+            line = f"the part of the map with {len(members)} keyframes could not be refined: {error}"
+            return replace(placed, warnings=(*placed.warnings, line))
+        if agreement is None or fixes is None:
+            return placed
+        told = fix_words(fixes, agreement)
+        return replace(placed, warnings=(*placed.warnings, *told.warnings), remarks=told.remarks)
+
+    def _rough_agreement(self, members: NDArray[np.int64], w_T_b: Array, ranged: bool) -> Agreement | None:
+        """Return which fixes agree with the part before it is placed; None without fixes."""
+        readings = self.setup.readings
+        if readings.fixes is None:
+            return None
+        here_m = readings.fixes.on_map(readings.stamps_s[members], w_T_b)
+        return rough_agreement(here_m, readings.fixes.w_p_b_m, ranged)
+
+    def _refined_with_agreeing(
+        self, setup: Setup, part: MapPart, agreement: Agreement | None
+    ) -> tuple[MapPart, Agreement | None]:
+        """Refine the part, and again while the refined map changes the verdict on a fix."""
+        fixes, stamps_s = setup.readings.fixes, setup.readings.stamps_s[part.members]
+        for _ in range(_MOST_SELECTIONS):
+            bundle, by_inertia = self._refined(setup, part)
+            part = replace(
+                part,
+                w_T_b=bundle.w_T_b,
+                floor_z_m=bundle.floor_z_m,
+                bundle=bundle,
+                inertial=by_inertia if isinstance(by_inertia, AccelerometerScale) else None,
             )
-            return replace(placed, warnings=tuple(warnings))
-        warnings += _scale_warnings(by_inertia, bundle)
-        return replace(
-            placed,
-            w_T_b=bundle.w_T_b,
-            floor_z_m=bundle.floor_z_m,
-            bundle=bundle,
-            inertial=by_inertia if isinstance(by_inertia, AccelerometerScale) else None,
-            warnings=tuple(warnings),
-        )
+            if fixes is None or agreement is None:
+                break
+            off_m = fixes.w_p_b_m - fixes.on_map(stamps_s, bundle.w_T_b)
+            before, agreement = agreement, exact_agreement(off_m, fixes.std_m)
+            if agreement.same(before):
+                break
+            setup = self.setup.with_fixes(agreement)
+        return replace(part, warnings=(*part.warnings, *_scale_warnings(by_inertia, bundle))), agreement
 
     def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, AccelerometerScale | NoScale | None]:
         """Refine the part, with the accelerometer's scale where other sensors determine it less well."""

@@ -11,6 +11,7 @@ from frontend.camera import Camera
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.config import PipelineConfig
 from slam.mapping.keyframe_readings import KeyframeReadings
+from slam.mapping.position_consensus import Agreement
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,10 @@ class Setup:
             std[known] = np.hypot(np.sqrt(variance), self.config.trust.attitude_floor_rad)
         readings = replace(self.readings, roll_pitch_rad=roll_pitch, roll_pitch_std_rad=std)
         return replace(self, readings=readings)
+
+    def with_fixes(self, agreement: Agreement | None) -> Setup:
+        """Return the same setup with those GPS fixes alone that agree with the map, if they were compared."""
+        return self if agreement is None else replace(self, readings=self.readings.with_fixes(agreement))
 
     def without_positions(self) -> Setup:
         """Return the same setup without GPS."""

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 
 from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Sonar
 from slam.core.geodesy import geodetic_from_enu
-from slam.mapping.keyframe_readings import MAX_GAP_S, attitudes_at, local_value, positions_at, ranges_at
+from slam.mapping.fixes import fixes_of
+from slam.mapping.keyframe_readings import MAX_GAP_S, attitudes_at, local_value, ranges_at
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
 
@@ -134,6 +135,11 @@ def test_a_sonar_without_one_good_reading_gives_none():
     assert ranges_at(None, stamps_s, 0.005) == ()
 
 
+def positions_at(flight, at_s):
+    fixes = fixes_of(flight, ORIGIN)
+    return () if fixes is None else fixes.at(at_s)
+
+
 def gps(stamps_s: np.ndarray, enu: np.ndarray) -> Gps:
     latitude, longitude, altitude = geodetic_from_enu(enu, ORIGIN)
     return Gps(stamps_s, latitude, longitude, altitude)
@@ -143,7 +149,7 @@ def test_a_geotag_is_taken_as_it_is_and_fixes_are_joined_by_a_line():
     stamps_s = np.arange(0, 10, 0.5)
     enu = np.column_stack([3 * stamps_s, -2 * stamps_s, 50 + stamps_s])
     at_s = np.array([2.0, 3.3, 9.5, 12.0, -0.2])
-    found = positions_at(Flight("f", gps=gps(stamps_s, enu)), at_s, ORIGIN)
+    found = positions_at(Flight("f", gps=gps(stamps_s, enu)), at_s)
     assert [p.k for p in found] == [0, 1, 2]
     for p in found:
         assert p.w_p_b_m == pytest.approx(at_s[p.k] * np.array([3, -2, 1]) + [0, 0, 50], abs=1e-3)
@@ -153,7 +159,7 @@ def test_a_geotag_is_taken_as_it_is_and_fixes_are_joined_by_a_line():
 def test_fixes_that_lie_too_far_apart_are_not_joined():
     stamps_s = np.array([0.0, 1.0, 5.0, 6.0])
     flight = Flight("f", gps=gps(stamps_s, np.zeros((4, 3))))
-    assert [p.k for p in positions_at(flight, np.array([0.5, 3.0, 5.5]), ORIGIN)] == [0, 2]
+    assert [p.k for p in positions_at(flight, np.array([0.5, 3.0, 5.5]))] == [0, 2]
 
 
 def test_a_fix_without_altitude_says_nothing_of_the_height():
@@ -161,7 +167,7 @@ def test_a_fix_without_altitude_says_nothing_of_the_height():
     there = gps(stamps_s, np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]))
     there.altitude_m[2] = np.nan
     there.latitude_deg[3] = np.nan
-    found = positions_at(Flight("f", gps=there), stamps_s, ORIGIN)
+    found = positions_at(Flight("f", gps=there), stamps_s)
     assert [p.k for p in found] == [0, 1, 2]
     assert found[1].std_m[2] == 10
     assert found[2].std_m[2] >= 1e3
@@ -169,6 +175,6 @@ def test_a_fix_without_altitude_says_nothing_of_the_height():
 
 
 def test_no_gps_no_positions():
-    assert positions_at(Flight("f"), np.array([1.0]), ORIGIN) == ()
+    assert positions_at(Flight("f"), np.array([1.0])) == ()
     nothing = Gps(*(np.full(3, np.nan) for _ in range(4)))
-    assert positions_at(Flight("f", gps=nothing), np.array([1.0]), ORIGIN) == ()
+    assert positions_at(Flight("f", gps=nothing), np.array([1.0])) == ()

@@ -1,0 +1,129 @@
+"""GPS fixes of a flight in its local east-north-up world, and the positions they give to keyframes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.measurements import Position
+from slam.core.flight import Flight, Gps
+from slam.core.geodesy import GeoOrigin, enu_from_geodetic
+
+Array = NDArray[np.float64]
+
+LONGEST_STEP_S = 2.0
+"""Two fixes, or two keyframes, farther apart are not joined by a line."""
+_SAME_TIME_S = 1e-6
+
+
+@dataclass(frozen=True)
+class Fixes:
+    """Fixes in order of time."""
+
+    stamps_s: Array
+    """(n,)."""
+    w_p_b_m: Array
+    """(n, 3) east, north, up of the origin; up is NaN without a usable altitude."""
+    std_m: tuple[float, float, float]
+    """Nominal standard deviations east, north, up."""
+    stated: bool
+    """Whether the receiver states these deviations; else they are assumed."""
+    names: tuple[str, ...]
+    """Photograph or time of each fix, for messages."""
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+    def only(self, used: NDArray[np.bool_], altitude_used: NDArray[np.bool_]) -> Fixes:
+        """Return the fixes of the mask ``used`` (n,), without the altitudes outside ``altitude_used``."""
+        w_p_b_m = self.w_p_b_m.copy()
+        w_p_b_m[~altitude_used, 2] = np.nan
+        names = tuple(name for name, keep in zip(self.names, used, strict=True) if keep)
+        return replace(self, stamps_s=self.stamps_s[used], w_p_b_m=w_p_b_m[used], names=names)
+
+    def at(self, at_s: Array) -> tuple[Position, ...]:
+        """Return the position of each keyframe at the times ``at_s`` (k,) that lies on or between fixes."""
+        where = _between(self.stamps_s, at_s)
+        values = _interpolated(self.w_p_b_m, where)
+        positions = []
+        for k in np.flatnonzero(np.isfinite(values[:, :2]).all(axis=1)):
+            flat = bool(np.isnan(values[k, 2]))
+            std = np.array([*self.std_m[:2], np.inf if flat else self.std_m[2]])
+            positions.append(Position(int(k), np.nan_to_num(values[k]), std))
+        return tuple(positions)
+
+    def on_map(self, at_s: Array, w_T_b: Array) -> Array:
+        """Return the map's position (n, 3) at each fix, NaN where the map does not cover its time.
+
+        ``w_T_b`` (k, 4, 4) are the keyframes at the times ``at_s`` (k,), in increasing order.
+        """
+        return _interpolated(w_T_b[:, :3, 3], _between(at_s, self.stamps_s))
+
+
+def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
+    """Return the fixes of a flight; None if it has none."""
+    gps = flight.gps
+    if gps is None or origin is None:
+        return None
+    known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
+    w_p_b_m = enu_from_geodetic(
+        gps.latitude_deg[known], gps.longitude_deg[known], gps.altitude_m[known], origin
+    )
+    stamps_s = gps.stamps_s[known]
+    order = np.argsort(stamps_s, kind="stable")
+    stamps_s = stamps_s[order]
+    return Fixes(
+        stamps_s=stamps_s,
+        w_p_b_m=w_p_b_m[order],
+        std_m=gps.noise_std_m,
+        stated=gps.noise_std_m != Gps.noise_std_m,
+        names=fix_names(flight, stamps_s),
+    )
+
+
+def fix_names(flight: Flight, stamps_s: Array) -> tuple[str, ...]:
+    """Return the picture that was taken at each time (n,), or the time where there is none."""
+    taken = flight.frames
+    if taken is None or not len(taken):
+        return tuple(f"{t:.2f} s" for t in stamps_s)
+    nearest = np.clip(np.searchsorted(taken.stamps_s, stamps_s - _SAME_TIME_S), 0, len(taken) - 1)
+    same = flight.all_keyframes & (np.abs(taken.stamps_s[nearest] - stamps_s) < _SAME_TIME_S)
+    return tuple(
+        taken.names[k] if is_same else f"{t:.2f} s"
+        for k, is_same, t in zip(nearest, same, stamps_s, strict=True)
+    )
+
+
+def _between(stamps_s: Array, at_s: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Return the rows before and after each time (k,) in sorted stamps (n,), and the share of the latter.
+
+    The share is NaN where no stamp, or none within `LONGEST_STEP_S` on both sides, is near.
+    """
+    n = len(stamps_s)
+    share = np.full(len(at_s), np.nan)
+    if n == 0:
+        none = np.zeros(len(at_s), np.int64)
+        return none, none, share
+    after = np.clip(np.searchsorted(stamps_s, at_s), 0, n - 1)
+    before = np.maximum(after - 1, 0)
+    step_s = stamps_s[after] - stamps_s[before]
+    inside = (step_s > 0) & (step_s < LONGEST_STEP_S)
+    inside &= (at_s >= stamps_s[before]) & (at_s <= stamps_s[after])
+    share[inside] = ((at_s - stamps_s[before]) / np.where(step_s > 0, step_s, 1.0))[inside]
+    for end, value in ((before, 0.0), (after, 1.0)):
+        share[np.abs(stamps_s[end] - at_s) < _SAME_TIME_S] = value
+    return before, after, share
+
+
+def _interpolated(values: Array, where: tuple[NDArray[np.int64], NDArray[np.int64], Array]) -> Array:
+    """Return rows (k, d) of values (n, d) at the places of `_between`."""
+    before, after, share = where
+    if not len(values):
+        return np.full((len(share), values.shape[1]), np.nan)
+    rows = (1 - share[:, None]) * values[before] + share[:, None] * values[after]
+    # A missing value beside an exact match does not matter.
+    rows[share == 0.0] = values[before][share == 0.0]
+    rows[share == 1.0] = values[after][share == 1.0]
+    return rows

@@ -1,0 +1,107 @@
+"""Sentences about GPS fixes that contradict the pictures, each fix by its photograph or time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from slam.mapping.fixes import Fixes
+from slam.mapping.position_consensus import FALSE_ALARM, LEAST_FIXES, Agreement
+
+Array = NDArray[np.float64]
+
+MOST_OUTLIERS = 0.3
+"""Share of outliers up to which the fixes that agree are surely the right ones."""
+_MOST_LISTED = 40
+
+
+@dataclass(frozen=True)
+class FixWords:
+    """What is said about the fixes of one part of the map."""
+
+    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    """The result may be wrong."""
+
+
+def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:
+    """Return what is said about the fixes that are not used, and about fixes that are too few to compare."""
+    covered = np.isfinite(agreement.off_m[:, 0])
+    remarks, warnings = [], []
+    bad = np.flatnonzero(covered & ~agreement.used)
+    if len(bad):
+        distance = np.linalg.norm(agreement.off_m[bad, :2], axis=1)
+        line = (
+            f"gps0: {len(bad)} of {agreement.count} fixes contradict the pictures and the other fixes, and "
+            f"are not used: {_with_distance(fixes, bad, distance)}"
+        )
+        if len(bad) > np.ceil(MOST_OUTLIERS * agreement.count):
+            line += "; so many may be right and the others wrong: check which, and remove the wrong ones"
+            warnings.append(line)
+        else:
+            remarks.append(line)
+    high = covered & agreement.used & np.isfinite(agreement.off_m[:, 2])
+    low = np.flatnonzero(high & ~agreement.altitude_used)
+    good = np.flatnonzero(high & agreement.altitude_used)
+    if len(low):
+        step = _step(agreement.off_m[good, 2], agreement.off_m[low, 2])
+        if step is not None:
+            warnings.append(_step_line(fixes, good, low, step))
+        else:
+            off = agreement.off_m[low, 2]
+            remarks.append(
+                f"gps0: {len(low)} of {len(low) + len(good)} altitudes contradict the pictures and the other "
+                f"altitudes, and are not used: {_with_distance(fixes, low, off)}"
+            )
+    return FixWords(tuple(remarks), (*warnings, *_too_few(fixes, agreement, covered)))
+
+
+def _with_distance(fixes: Fixes, which: NDArray[np.int64], off_m: Array) -> str:
+    told = [f"{fixes.names[k]} ({_length(off)})" for k, off in zip(which, off_m, strict=True)]
+    more = len(told) - _MOST_LISTED
+    return ", ".join(told[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _length(off_m: float) -> str:
+    return f"{off_m / 1e3:.4g} km" if abs(off_m) >= 1e4 else f"{off_m:.3g} m"
+
+
+def _step(good_m: Array, bad_m: Array) -> float | None:
+    """Return the step between two groups of altitudes; None if the second is no group."""
+    if len(bad_m) < 2 or not len(good_m):
+        return None
+    # The second group may scatter as far as the first one does.
+    if np.ptp(bad_m) > 2 * float(np.abs(good_m - np.median(good_m)).max()):
+        return None
+    return float(np.median(bad_m) - np.median(good_m))
+
+
+def _step_line(fixes: Fixes, good: NDArray[np.int64], bad: NDArray[np.int64], step_m: float) -> str:
+    def first(which: NDArray[np.int64]) -> str:
+        return f"{len(which)} fixes from {fixes.names[which[0]]} to {fixes.names[which[-1]]}"
+
+    where = "above" if step_m > 0 else "below"
+    return (
+        f"gps0: the altitudes of {first(bad)} lie {_length(abs(step_m))} {where} those of the other "
+        f"{first(good)} while the pictures show no such climb: two altitude references (sea level, "
+        "ellipsoid, take-off)? The map uses those of the latter; check which are right"
+    )
+
+
+def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[str]:
+    """Return a warning where fixes contradict the pictures but are too few to tell which is wrong."""
+    off, n = agreement.off_m[covered, :2], int(covered.sum())
+    if not 2 < n < LEAST_FIXES:
+        return []
+    sums = float(np.sum((off / np.array(fixes.std_m[:2])) ** 2))
+    if sums < chi2.isf(FALSE_ALARM, 2 * n - 4):
+        return []
+    names = ", ".join(name for name, here in zip(fixes.names, covered, strict=True) if here)
+    rms = float(np.sqrt(np.sum(off**2) / max(2 * n - 4, 1)))
+    return [
+        f"gps0: the {n} fixes contradict the pictures by {_length(rms)}, and it takes {LEAST_FIXES} to tell "
+        f"which is wrong ({names}); scale and place of the map may be wrong"
+    ]
