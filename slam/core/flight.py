@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.fix_check import FixCheck, check_fixes
 from slam.core.geodesy import GeoOrigin
 from slam.core.notebook import table_html
 from slam.core.stream_source import StreamSource
@@ -267,22 +268,38 @@ class Flight:
         lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)
         return next(lines, "").split(";")[0]
 
-    def geo_origin(self) -> GeoOrigin | None:
-        """Return the first GPS fix, the origin of the local east-north-up world; None without a fix.
+    def fix_check(self) -> FixCheck | None:
+        """Compare the GPS fixes with each other; None without GPS."""
+        gps = self.gps
+        if gps is None:
+            return None
+        # Photographs have times of whole seconds, or, without an epoch, only an order.
+        resolution_s = 1.0 if self.all_keyframes else 0.0
+        return check_fixes(
+            gps.stamps_s,
+            gps.latitude_deg,
+            gps.longitude_deg,
+            gps.altitude_m,
+            gps.noise_std_m,
+            np.inf if self.all_keyframes and not self.epoch_ns else resolution_s,
+        )
 
-        The altitude is the first known one, or 0.
+    def geo_origin(self) -> GeoOrigin | None:
+        """Return the origin of the local east-north-up world: the first GPS fix that the others confirm.
+
+        The altitude is the first known one among them, or 0. The result is None without a fix.
         """
-        if self.gps is None:
+        gps, check = self.gps, self.fix_check()
+        if gps is None or check is None:
             return None
-        known = np.flatnonzero(np.isfinite(self.gps.latitude_deg) & np.isfinite(self.gps.longitude_deg))
-        if len(known) == 0:
+        known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
+        if not known.any():
             return None
-        k = known[0]
-        altitude = self.gps.altitude_m[known]
-        altitude = altitude[np.isfinite(altitude)]
+        k = int(np.argmax(known & check.believed if (known & check.believed).any() else known))
+        altitude = gps.altitude_m[known & check.altitude_believed & np.isfinite(gps.altitude_m)]
         return GeoOrigin(
-            float(self.gps.latitude_deg[k]),
-            float(self.gps.longitude_deg[k]),
+            float(gps.latitude_deg[k]),
+            float(gps.longitude_deg[k]),
             float(altitude[0]) if len(altitude) else 0.0,
         )
 

@@ -184,6 +184,7 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
         lines += _attitude_anomalies(flight.attitude)
     if flight.imu is not None:
         lines += _imu_anomalies(flight.imu)
+    lines += _gps_anomalies(flight)
     lines += [f"{name}: its noise is given as zero, which no sensor has" for name in _noiseless(flight)]
     return lines
 
@@ -274,6 +275,32 @@ def _imu_anomalies(imu: Imu) -> list[str]:
         lines.append("imu0: the accelerometer measures gravity upside down; check its signs and T_BS")
     if at_rest and gyro > GYRO_OFF_RAD_S:
         lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
+    return lines
+
+
+def _gps_anomalies(flight: Flight) -> list[str]:
+    """Return the fixes that contradict the other fixes, by picture or time."""
+    check = flight.fix_check()
+    if check is None or flight.gps is None:
+        return []
+    names = flight.picture_names(flight.gps.stamps_s)
+    lines = []
+    for bad, why in (
+        (check.far, f"farther from the others than these are wide ({check.width_m:.3g} m)"),
+        (check.fast, f"out of reach of the others at {MAX_SPEED_M_S:g} m/s"),
+        (check.jumps_up, f"at an altitude out of reach of the others at {MAX_SPEED_M_S:g} m/s"),
+    ):
+        if bad.any():
+            which = np.flatnonzero(bad)
+            verb = "lies" if len(which) == 1 else "lie"
+            told = listed(
+                [
+                    f"{names[k]} ({check.distance_m[k] / 1e3:.4g} km)" if check.far[k] else names[k]
+                    for k in which
+                ],
+                MOST_LISTED_FIXES,
+            )
+            lines.append(f"gps0: {len(which)} of {len(names)} fixes {verb} {why}: {told}")
     return lines
 
 
