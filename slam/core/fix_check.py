@@ -100,7 +100,7 @@ def _from_majority(place_m: Array, noise_m: float) -> tuple[Array, float]:
         outside = np.flatnonzero(~inside)
         away, _ = cKDTree(place_m[inside]).query(place_m[outside])
         distance[outside] = away
-        if (away > width_m).all():
+        if np.min(away) > width_m:
             break
         inside[outside[away <= width_m]] = True
         distance[inside] = 0.0

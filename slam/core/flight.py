@@ -268,6 +268,14 @@ class Flight:
         lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)
         return next(lines, "").split(";")[0]
 
+    def picture_names(self, stamps_s: Array) -> tuple[str, ...]:
+        """Return a name for each time (n,): the photograph that was taken then, or else the time."""
+        taken = self.frames
+        if taken is None or not self.all_keyframes:
+            return tuple(f"{t:.2f} s" for t in stamps_s)
+        name = dict(zip(np.round(taken.stamps_s, 6).tolist(), taken.names, strict=True))
+        return tuple(name.get(round(float(t), 6), f"{t:.2f} s") for t in stamps_s)
+
     def fix_check(self) -> FixCheck | None:
         """Compare the GPS fixes with each other; None without GPS."""
         gps = self.gps

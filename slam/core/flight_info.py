@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import NO_CAMERA
+from slam.core.fix_check import MAX_SPEED_M_S
 from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu, Sonar
+from slam.core.names import listed
 from slam.core.stream_source import StreamSource
 
 Array = NDArray[np.float64]
@@ -26,6 +28,8 @@ REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
 """Largest deviation of a sensor at rest from gravity and from zero that is no anomaly."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
+MOST_LISTED_FIXES = 40
+"""Fixes that one line names."""
 
 _MAY_MISS = {
     "sonar": "range_m",

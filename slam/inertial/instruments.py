@@ -127,17 +127,20 @@ def velocity_of(flight: Flight, trust: InertialTrust) -> Series | None:
 
 
 def positions_of(flight: Flight, trust: InertialTrust) -> Series | None:
-    """Return GPS positions east, north and up of the first fix; up is NaN without an altitude."""
-    gps, origin = flight.gps, flight.geo_origin()
-    if gps is None or origin is None:
+    """Return the GPS positions that the others confirm, east, north and up of the origin; up may be NaN."""
+    gps, origin, check = flight.gps, flight.geo_origin(), flight.fix_check()
+    if gps is None or origin is None or check is None:
         return None
     altitude = np.where(np.isfinite(gps.altitude_m), gps.altitude_m, origin.altitude_m)
     enu = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, altitude, origin)
-    enu[~np.isfinite(gps.altitude_m), 2] = np.nan
+    enu[~np.isfinite(gps.altitude_m) | ~check.altitude_believed, 2] = np.nan
+    used = check.believed
+    if not used.any():
+        return None
     std = np.maximum(gps.noise_std_m, trust.gps_floor_m)
     step_s = float(np.median(np.diff(gps.stamps_s))) if len(gps.stamps_s) > 1 else np.inf
     # Fixes with fully correlated errors count as one fix.
-    return Series(gps.stamps_s, enu, std * np.sqrt(max(1.0, 2 * trust.gps_time_s / step_s)))
+    return Series(gps.stamps_s[used], enu[used], std * np.sqrt(max(1.0, 2 * trust.gps_time_s / step_s)))
 
 
 def barometer_of(flight: Flight, trust: InertialTrust) -> Series | None:

@@ -79,20 +79,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         w_p_b_m=w_p_b_m[order],
         std_m=gps.noise_std_m,
         stated=gps.noise_std_m != Gps.noise_std_m,
-        names=fix_names(flight, stamps_s),
-    )
-
-
-def fix_names(flight: Flight, stamps_s: Array) -> tuple[str, ...]:
-    """Return the picture that was taken at each time (n,), or the time where there is none."""
-    taken = flight.frames
-    if taken is None or not len(taken):
-        return tuple(f"{t:.2f} s" for t in stamps_s)
-    nearest = np.clip(np.searchsorted(taken.stamps_s, stamps_s - _SAME_TIME_S), 0, len(taken) - 1)
-    same = flight.all_keyframes & (np.abs(taken.stamps_s[nearest] - stamps_s) < _SAME_TIME_S)
-    return tuple(
-        taken.names[k] if is_same else f"{t:.2f} s"
-        for k, is_same, t in zip(nearest, same, stamps_s, strict=True)
+        names=flight.picture_names(stamps_s),
     )
 
 

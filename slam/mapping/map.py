@@ -48,7 +48,7 @@ class Map:
     warnings: tuple[str, ...] = ()
     """Each makes the status other than ok."""
     remarks: tuple[str, ...] = ()
-    """What was left out without harm to the result."""
+    """Measurements that were left out without harm to the result."""
     height_std_m: tuple[float, ...] = ()
     """Standard deviation of the height of each part's first keyframe over the floor, without the common
     error of all parts; 0 if unknown. The part's own covariances treat that height as certain."""

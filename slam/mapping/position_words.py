@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from slam.core.flight_info import MOST_LISTED_FIXES
+from slam.core.names import listed
 from slam.mapping.fixes import Fixes
 from slam.mapping.position_consensus import FALSE_ALARM, LEAST_FIXES, Agreement
 
@@ -15,12 +17,11 @@ Array = NDArray[np.float64]
 
 MOST_OUTLIERS = 0.3
 """Share of outliers up to which the fixes that agree are surely the right ones."""
-_MOST_LISTED = 40
 
 
 @dataclass(frozen=True)
 class FixWords:
-    """What is said about the fixes of one part of the map."""
+    """Sentences about the fixes of one part of the map."""
 
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -33,7 +34,7 @@ def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:
     remarks, warnings = [], []
     bad = np.flatnonzero(covered & ~agreement.used)
     if len(bad):
-        distance = np.linalg.norm(agreement.off_m[bad, :2], axis=1)
+        distance = np.linalg.norm(np.nan_to_num(agreement.off_m[bad]), axis=1)
         line = (
             f"gps0: {len(bad)} of {agreement.count} fixes contradict the pictures and the other fixes, and "
             f"are not used: {_with_distance(fixes, bad, distance)}"
@@ -61,8 +62,7 @@ def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:
 
 def _with_distance(fixes: Fixes, which: NDArray[np.int64], off_m: Array) -> str:
     told = [f"{fixes.names[k]} ({_length(off)})" for k, off in zip(which, off_m, strict=True)]
-    more = len(told) - _MOST_LISTED
-    return ", ".join(told[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    return listed(told, MOST_LISTED_FIXES)
 
 
 def _length(off_m: float) -> str:
