@@ -29,6 +29,7 @@ Mask = NDArray[np.bool_]
 
 _EXPENSIVE = 1.5e10
 """Floating-point operations of an elimination that takes some seconds."""
+_MAX_LISTED = 5
 _MAX_RATIO = 1e10
 """Ratio of two edges' information above which covariances are computed by QR."""
 
@@ -114,12 +115,16 @@ def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
             f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g}"
             f" for {test.dof} degrees of freedom): deviations are {ratio:.2g} times what is stated"
         )
-    for kind in ("position", "range"):
+    # A pose graph's ranges may be heights from other instruments, or from the pictures.
+    for kind, words in (("position", "positions"), ("range", "heights over the floor")):
         of_kind = [a for a in problem.unary_factors if a.kind == kind]
-        far = sum(2 * a.gaussian.error(minimum.values) > OUTLIER_SIGMA**2 for a in of_kind)
+        far = [a.k for a in of_kind if 2 * a.gaussian.error(minimum.values) > OUTLIER_SIGMA**2]
         if far:
-            many = f"{far} of {len(of_kind)} {kind}s"
-            messages.append(f"{many} lie beyond {OUTLIER_SIGMA:.0f} sigma: down-weighted")
+            more = f" and {len(far) - _MAX_LISTED} more" if len(far) > _MAX_LISTED else ""
+            messages.append(
+                f"{len(far)} of {len(of_kind)} {words} lie beyond {OUTLIER_SIGMA:.0f} sigma: down-weighted "
+                f"({format_keys(far[:_MAX_LISTED], problem.name)}{more})"
+            )
     return messages
 
 

@@ -114,11 +114,14 @@ class MosaicGrid:
         return (slice(r0, r1), slice(c0, c1)), lattice
 
 
-def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int) -> tuple[MosaicGrid, str]:
+def grid_over(
+    views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int, unit: str = "m"
+) -> tuple[MosaicGrid, str]:
     """Return the grid that contains all views, and a note about its resolution.
 
     If ``gsd_m`` is None, the resolution is the median of the pictures', coarser if the mosaic would exceed
-    ``max_pixels``. It is rounded to two digits, so that one more picture rarely changes it.
+    ``max_pixels``. It is rounded to two digits, so that one more picture rarely changes it. ``unit`` is the
+    name of the unit of length in the texts.
 
     Raises ``MosaicError`` if the given ``gsd_m`` needs more than ``MAX_PIXELS``.
     """
@@ -128,8 +131,9 @@ def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int)
         size_m = extent[2:] - extent[:2]
         if (pixels := float(np.prod(size_m)) / gsd_m**2) > MAX_PIXELS:
             raise MosaicError(
-                f"{gsd_m:g} m/pixel would give {pixels:.2g} pixels over {size_m[0]:.0f} x {size_m[1]:.0f} m; "
-                f"choose {gsd_m * np.sqrt(pixels / MAX_PIXELS):.2g} m/pixel or coarser"
+                f"{gsd_m:g} {unit}/pixel would give {pixels:.2g} pixels over {size_m[0]:.3g} x "
+                f"{size_m[1]:.3g} {unit}; choose {gsd_m * np.sqrt(pixels / MAX_PIXELS):.2g} {unit}/pixel or "
+                "coarser"
             )
         return _canvas(extent, gsd_m), ""
     native = _two_digits(float(np.median([v.gsd_m for v in views])))
@@ -143,8 +147,8 @@ def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int)
     note = ""
     if canvas.gsd_m != native:
         note = (
-            f"the pictures have {native:.3g} m/pixel; the mosaic has {canvas.gsd_m:.3g} m/pixel to stay "
-            f"below {max_pixels / 1e6:.0f} megapixels"
+            f"the pictures have {native:.3g} {unit}/pixel; the mosaic has {canvas.gsd_m:.3g} {unit}/pixel to "
+            f"stay below {max_pixels / 1e6:.0f} megapixels"
         )
     return canvas, note
 

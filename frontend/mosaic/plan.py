@@ -68,12 +68,13 @@ def plan_mosaic(
     gsd_m: float | None = None,
     max_pixels: int = 60_000_000,
     leave_out: Mapping[int, str] | None = None,
+    unit: str = "m",
 ) -> MosaicPlan:
     """Plan the grid, the pictures and the owners for poses (n, 4, 4) over the floor z = floor_z_m.
 
     ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures', made
     coarser until the mosaic has at most ``max_pixels``. ``leave_out`` maps pose numbers of pictures that must
-    not be used to the reasons.
+    not be used to the reasons. ``unit`` is the name of the unit of length in the texts.
 
     Raises ``MosaicError`` if no picture sees the floor or the given ``gsd_m`` needs too many pixels.
     """
@@ -92,7 +93,7 @@ def plan_mosaic(
     if not views:
         reasons = ", ".join(sorted(set(left_out.values()))) or "there are none"
         raise MosaicError(f"no picture can be put into a mosaic: {reasons}")
-    canvas, note = grid_over(views, gsd_m, max_pixels)
+    canvas, note = grid_over(views, gsd_m, max_pixels, unit)
     kept, owner = _owners(camera, views, canvas)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),

@@ -22,6 +22,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Image
 from slam.core.geodesy import GeoOrigin
 from slam.core.progress import Progress, silent
+from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, write_geotiff, write_png
 from slam.report.rasters.quality import write_quality
 
@@ -175,14 +176,20 @@ def _planned(
     camera, frames = estimate.camera or flight.camera, flight.frames
     if camera is None or frames is None:
         raise InputError(f"{flight.name}: no camera pictures, so no mosaic; {NO_CAMERA}")
+    length = unit(estimate.metric)
     if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
-        raise InputError(f"ground resolution {gsd_m} m/pixel: give a number above 0")
+        raise InputError(f"ground resolution {gsd_m} {length}/pixel: give a number above 0")
 
     def load(k: int) -> Image | None:
         return frames[int(estimate.frame_index[k])].read()
 
+    def planned(leave_out: dict[int, str]) -> MosaicPlan:
+        return plan_mosaic(
+            camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out, unit=length
+        )
+
     try:
-        plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+        plan = planned(leave_out)
         while True:
             pictures = Pictures(plan, load, CACHE_MB)
             exposure = measure_exposure(plan, pictures, progress)
@@ -190,7 +197,7 @@ def _planned(
                 return _Planned(plan, pictures, exposure, estimate.origin, estimate.metric, progress)
             # The area of unusable pictures goes to others, perhaps to some that were not read yet.
             leave_out = leave_out | pictures.unusable
-            plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+            plan = planned(leave_out)
     except MosaicError as error:
         raise InputError(f"{flight.name}: {error}") from None
 

@@ -148,6 +148,10 @@ def test_budget_is_kept_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     files = write_mosaic(estimate, flight, tmp_path, gsd_m=None)
     assert files.width * files.height <= 40_000
     assert "m/pixel" in files.note
+    without_metres = dataclasses.replace(estimate, metric=False)
+    note = write_mosaic(without_metres, flight, tmp_path, gsd_m=None).note
+    assert "heights/pixel" in note
+    assert " m/pixel" not in note
     asked = write_mosaic(estimate, flight, tmp_path, gsd_m=0.007)
     assert asked.gsd_m == 0.007
     assert asked.note == ""
