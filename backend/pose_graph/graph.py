@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 _NOT_RIGID = 1e-3
 _ZERO_EIGENVALUE = 1e-9
 """Eigenvalue of the information (scaled to unit diagonal) below which it counts as zero: files round."""
+_SYMBOL_SHIFT = 56
 _NO_INFORMATION = 1e-10
 """Information (rad^-2, m^-2) that counts as zero."""
 
@@ -48,6 +49,16 @@ class PoseGraph:
     def has_pose(self) -> NDArray[np.bool_]:
         """(n,) True if the vertex has an initial pose."""
         return _finite(self.poses)
+
+    @property
+    def is_odometry(self) -> NDArray[np.bool_]:
+        """(m,) True if no other vertex number lies between the two that an edge joins.
+
+        The numbers of one robot follow each other, with any step and with gaps. Numbers of gtsam's symbols
+        carry the robot's letter in their highest byte; edges between two letters are loops.
+        """
+        robot = self.ids >> _SYMBOL_SHIFT
+        return np.asarray((np.abs(self.i - self.j) == 1) & (robot[self.i] == robot[self.j]))
 
     @property
     def is_rank_deficient(self) -> NDArray[np.bool_]:

@@ -181,7 +181,7 @@ def informative(problem: Problem) -> NDArray[np.bool_]:
 
 
 def from_pose_graph(graph: PoseGraph) -> Problem:
-    """Build the problem of a g2o graph; edges between consecutive vertex numbers count as odometry.
+    """Build the problem of a g2o graph; the edges of odometry are trusted.
 
     Raises ``BackendError`` for invalid arrays.
     """
@@ -194,7 +194,7 @@ def from_pose_graph(graph: PoseGraph) -> Problem:
         j=graph.j,
         ij_T=graph.ij_T,
         sqrt_information=square_roots(graph.information),
-        trusted=np.abs(graph.ids[graph.i] - graph.ids[graph.j]) == 1,
+        trusted=graph.is_odometry,
         initial=graph.poses,
         unary_factors=tuple(fixed(k, graph.poses[k], graph.dimension) for k in held),
     )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import networkx
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from backend.gauge import format_keys
 from backend.pose_graph.problem import Problem
+from backend.pose_graph.selection.agreement import place_pairs
 from backend.pose_graph.solution import Solution
 
 _SIGNIFICANCE = 1e-3
@@ -16,12 +18,12 @@ _FAR_BELOW = 0.1
 
 
 def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
-    """Return a sentence for each connected component whose accepted edges form a tree.
+    """Return a sentence for each connected component with accepted edges that no other edge checks.
 
-    A tree fits its edges exactly, whether they are right or wrong. Parallel edges count once: they check each
+    These are a whole component whose edges form a tree, and poses that a single loop joins to the rest. A
+    tree fits its edges exactly, whether they are right or wrong. Parallel edges count once: they check each
     other, and nothing else. Two fixed vertices also check the edges between them.
     """
-    i, j = np.minimum(problem.i, problem.j), np.maximum(problem.i, problem.j)
     component = solution.component
     fixed = np.bincount(
         [component[a.k] for a in problem.unary_factors if component[a.k] >= 0], minlength=len(component) + 1
@@ -30,12 +32,56 @@ def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
     for number in range(int(component.max(initial=-1)) + 1):
         members = np.flatnonzero(component == number)
         inside = component[problem.i] == number
-        kept = inside & solution.edge_kept
-        pairs = len(np.unique(np.column_stack([i[kept], j[kept]]), axis=0))
-        if len(members) < 2 or pairs >= len(members) or fixed[number] > 1:
+        if len(members) < 2 or fixed[number] > 1:
             continue
-        sentences.append(_sentence(problem, members.tolist(), int((inside & ~kept).sum()), kept))
+        graph = _simple_graph(problem, inside & solution.edge_kept)
+        if graph.number_of_edges() < len(members):
+            rejected = int((inside & ~solution.edge_kept).sum())
+            sentences.append(_sentence(problem, members.tolist(), rejected, inside & solution.edge_kept))
+            continue
+        sentences += _bridge_sentences(problem, graph)
+        sentences += _one_place_sentence(problem, inside & ~problem.trusted, solution.edge_kept)
     return sentences
+
+
+def _simple_graph(problem: Problem, kept: NDArray[np.bool_]) -> networkx.Graph:
+    """Return the graph of the kept edges; parallel edges are one, trusted if one of them is."""
+    graph = networkx.Graph()
+    order = np.argsort(problem.trusted[kept], kind="stable")
+    ends = np.column_stack([problem.i, problem.j])[kept][order].tolist()
+    for (i, j), trusted in zip(ends, problem.trusted[kept][order].tolist(), strict=True):
+        graph.add_edge(i, j, trusted=trusted)
+    return graph
+
+
+def _bridge_sentences(problem: Problem, graph: networkx.Graph) -> list[str]:
+    """Return a sentence about loops whose removal would cut the graph in two; a tail of odometry is none."""
+    bridges = [ends for ends in networkx.bridges(graph) if not graph.edges[ends]["trusted"]]
+    if not bridges:
+        return []
+    i, j = bridges[0]
+    loop = f"{problem.name(i)} to {problem.name(j)}"
+    if len(bridges) > 1:
+        return [f"{len(bridges)} loops (the first is {loop}) each join a part that no other edge checks"]
+    graph.remove_edge(i, j)
+    smaller = min((networkx.node_connected_component(graph, end) for end in (i, j)), key=len)
+    who = format_keys(sorted(smaller), problem.name)
+    return [f"one loop alone ({loop}) joins {who} to the rest, and no other edge checks it"]
+
+
+def _one_place_sentence(problem: Problem, loops: NDArray[np.bool_], kept: NDArray[np.bool_]) -> list[str]:
+    """Return a sentence if all loops but those between one pair of places were rejected."""
+    place = place_pairs(problem.i[loops], problem.j[loops])
+    accepted, rejected = (len(np.unique(place[which])) for which in (kept[loops], ~kept[loops]))
+    if accepted != 1 or rejected == 0:
+        return []
+    e = int(np.argmax(loops & kept))
+    ends = f"{problem.name(problem.i[e])} and {problem.name(problem.j[e])}"
+    count = int((~kept[loops]).sum())
+    return [
+        f"only loops near {ends} were kept, and {count} loops elsewhere were rejected: odometry alone decided"
+        " between them"
+    ]
 
 
 def _sentence(problem: Problem, members: list[int], rejected: int, kept: NDArray[np.bool_]) -> str:

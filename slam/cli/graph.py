@@ -63,7 +63,7 @@ def graph_record(path: Path) -> dict[str, Any]:
     from backend.pose_graph.graph import rank_deficient_warning
 
     graph = read_g2o(path)
-    loops = int((np.abs(graph.i - graph.j) != 1).sum())
+    loops = int(np.count_nonzero(~graph.is_odometry))
     return {
         "name": str(path),
         "dimension": graph.dimension,
@@ -97,7 +97,7 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
 
     count = len(graph.ids)
     unknown = np.full((count, 6, 6), np.nan)
-    is_loop = np.abs(graph.i - graph.j) != 1
+    is_loop = ~graph.is_odometry
     covariance = _covariances(graph)
     edges = zip(graph.i.tolist(), graph.j.tolist(), graph.ij_T, covariance, is_loop.tolist(), strict=True)
     verdicts = zip(

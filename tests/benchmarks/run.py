@@ -37,6 +37,7 @@ TITLES = {
     "caliterra": "75 aerial photographs (`caliterra`)",
     "graphs": "Standard pose graphs",
     "false_loops": "Standard pose graphs with false loops",
+    "selection_matrix": "Generated pose graphs with false loops",
     "incremental": "Incremental back end",
     "front_end": "Front end",
     "side_by_side": "Side by side on the demo's keyframes",

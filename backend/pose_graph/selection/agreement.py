@@ -17,8 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
@@ -54,6 +52,11 @@ _MAX_REJECTIONS = 2
 _MAX_FOLDS = 4
 _PLACE_RADIUS = 3
 """Difference in pose numbers up to which the ends of two loops count as the same place."""
+ROW_RADIUS = 8
+"""The same for votes: where a floor repeats, false loops come in rows that agree with each other.
+
+`tests.benchmarks.selection_matrix` calibrates it: at 3 a row votes for itself, at 12 sparse loops lose votes.
+"""
 
 
 def grow_consistent_set(
@@ -65,7 +68,7 @@ def grow_consistent_set(
     on_round: Callable[[int, int], None],
 ) -> tuple[Mask, Array]:
     """Return the consistent edges (m,) and their poses, growing from ``base`` with the poses ``w_T``."""
-    growth = _Growth(problem, base, place_pairs(problem.i, problem.j), solve, draw)
+    growth = _Growth(problem, base, place_pairs(problem.i, problem.j, ROW_RADIUS), solve, draw)
     loops = np.flatnonzero(~base)
     null_loops = NullLoops.of(problem, loops, growth.place[loops])
     kept, rejections = base.copy(), np.zeros(len(base), dtype=np.int64)
@@ -104,7 +107,7 @@ def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -
     if len(edges) == 0:
         return agrees, sigma
     found = innovations(problem, w_T, samples, edges, scale)
-    place, loops = place_pairs(problem.i, problem.j), np.flatnonzero(~problem.trusted)
+    place, loops = place_pairs(problem.i, problem.j, ROW_RADIUS), np.flatnonzero(~problem.trusted)
     null_loops = NullLoops.of(problem, loops, place[loops])
     chance = null_loops.chance(w_T, samples, scale).of(found.log_pass_probability())
     sigma[edges] = found.sigma()
@@ -196,37 +199,51 @@ def _select_loops(pending: LoopInnovations, chance: Array, place: Index, odds: f
     ``chance`` (k,) is the log probability that a false loop agrees; ``place`` (k,) is the pair of places.
     """
     agrees = pending.agrees()
-    sharp = _sharp_agreements(chance, agrees, place)
-    if sharp.any() or not agrees.any():
-        # Sharp predictions first: the others are then judged by sharper predictions.
-        return pending.edges[sharp]
+    if not agrees.any():
+        return pending.edges[:0]
     open_ = np.flatnonzero(agrees)
     open_ = open_[np.argsort(chance[open_])][:_MAX_HYPOTHESES]
     votes = _count_votes(pending, open_, place[open_], chance[open_])
-    least = -odds
+    eligible = _sharp_agreements(chance, agrees, place)[open_]
+    if not eligible.any():
+        eligible = _supported(votes, -odds)
+    # The better half first: the others are then judged by sharper predictions.
+    ranked = [h for h in np.argsort(-votes.support).tolist() if eligible[h]]
+    accepted: list[int] = []
+    for h in ranked[: (len(ranked) + 1) // 2]:
+        if votes.fits[accepted, h].all() and votes.fits[h, accepted].all():
+            accepted.append(h)
+    return pending.edges[open_[accepted]]
+
+
+def _supported(votes: _Votes, least: float) -> Mask:
+    """Return (h,) the hypotheses of enough support that fit each other, with those that follow them."""
     best = float(votes.support.max())
-    if best < least:
-        return pending.edges[:0]
     accepted: list[int] = []
     for h in np.argsort(-votes.support).tolist():
         # Among many hypotheses some gain support by chance.
-        if accepted and votes.support[h] < max(least + np.log(len(open_)), best / 2):
+        needed = max(least + np.log(len(votes.support)), best / 2) if accepted else least
+        if votes.support[h] < needed:
             break
         if votes.fits[accepted, h].all() and votes.fits[h, accepted].all():
             accepted.append(h)
-    return pending.edges[open_[votes.follows[accepted].any(axis=0)]]
+    return np.asarray(votes.follows[accepted].any(axis=0))
 
 
 def _sharp_agreements(chance: Array, agrees: Mask, place: Index) -> Mask:
     """Select agreeing loops in order of sharpness at a false discovery rate of `SIGNIFICANCE`.
 
-    If all are false, the expected number of agreeing loops among the k sharpest is the sum of their
-    probabilities. Loops between the same two places are true or false together and count as one.
-    Source: Benjamini and Hochberg 1995.
+    The expected number of false loops that agree among the k sharpest is the sum of their probabilities,
+    times the share of false loops; the loops that disagree bound that share. Loops between the same two
+    places are true or false together and count as one. Sources: Benjamini and Hochberg 1995; Storey 2002
+    (JRSS B 64).
     """
     order = np.argsort(chance, kind="stable")
+    probability = np.exp(chance[order])
     weight = (1 / np.maximum(np.bincount(place), 1))[place][order]
-    false, true = np.cumsum(weight * np.exp(chance[order])), np.cumsum(weight * agrees[order])
+    disagreeing = 1 + float(weight @ ~agrees[order])
+    share = min(1.0, disagreeing / max(float(weight @ (1 - probability)), 1.0))
+    false, true = share * np.cumsum(weight * probability), np.cumsum(weight * agrees[order])
     enough = np.flatnonzero(false <= SIGNIFICANCE * true)
     sharp = np.zeros(len(chance), dtype=bool)
     if len(enough):
@@ -271,9 +288,16 @@ def _count_votes(pending: LoopInnovations, open_: Index, place: Index, chance: A
     return _Votes(support, follows, fits)
 
 
-def place_pairs(i: Index, j: Index) -> Index:
-    """Return (k,) labels of loops that join the same two places: chains of neighbours share a label."""
-    near = cKDTree(np.column_stack([np.minimum(i, j), np.maximum(i, j)])).query_pairs(_PLACE_RADIUS, p=np.inf)
-    pairs = np.array(sorted(near), dtype=np.int64).reshape(-1, 2)
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(i), len(i)))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+def place_pairs(i: Index, j: Index, radius: int = _PLACE_RADIUS) -> Index:
+    """Return (k,) labels of loops that join the same two places: their ends lie near those of a first loop.
+
+    Labels do not chain: a whole lap of loops is many pairs of places, not one.
+    """
+    ends = np.column_stack([np.minimum(i, j), np.maximum(i, j)])
+    near = cKDTree(ends)
+    label = np.full(len(i), -1, dtype=np.int64)
+    for k in np.lexsort((ends[:, 0], ends[:, 1])).tolist():
+        if label[k] < 0:
+            members = np.array(near.query_ball_point(ends[k], radius, p=np.inf))
+            label[members[label[members] < 0]] = k
+    return np.asarray(np.unique(label, return_inverse=True)[1], dtype=np.int64)

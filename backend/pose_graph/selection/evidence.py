@@ -17,7 +17,7 @@ from scipy.sparse.linalg import SuperLU
 from backend.pose_graph.linear import cholesky, elimination_order, jacobian
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import log_odds
-from backend.pose_graph.selection.prediction import noise_scale
+from backend.pose_graph.selection.prediction import log_prior_volume, noise_scale
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -74,10 +74,26 @@ class LinearizedSet:
         """Prior log odds that a loop is true, from the share of kept ones."""
         return log_odds(self.kept, self.loops)
 
-    def evidence(self, scale: float, odds: float) -> float:
-        """Return the log evidence by Laplace's approximation, up to a constant common to all sets."""
-        d = self.J.shape[0] // len(self.kept)
-        accepted = self.kept & self.loops
-        volume = float(np.log(np.abs(self.factor.U.diagonal())).sum())
-        gained = float((self.log_volumes[accepted] - d * np.log(scale) + odds).sum())
-        return gained - self.chi_square / scale**2 / 2 - volume / 2
+    @property
+    def odometry_odds(self) -> float:
+        """Prior log odds that an edge of odometry is true: none of them is known to be false.
+
+        Laplace's rule of succession for as many true edges.
+        """
+        return float(np.log1p(np.count_nonzero(~self.loops)))
+
+    def evidence(self, odds: float) -> float:
+        """Return the log evidence by Laplace's approximation at the set's own noise scale.
+
+        It is exact up to a constant that is common to all sets of the same edges.
+        """
+        size, d = self.J.shape[1], self.J.shape[0] // len(self.kept)
+        volume = float(np.log(np.abs(self.factor.U.diagonal())).sum()) / 2 - size * np.log(self.scale)
+        prior = np.where(self.loops, odds, self.odometry_odds) - d * np.log(self.scale)
+        gained = float((self.log_volumes + prior)[self.kept].sum())
+        return float(gained - self.chi_square / self.scale**2 / 2 - volume)
+
+
+def log_unit_volumes(problem: Problem, w_T: Array) -> Array:
+    """Return (m,) log whitened volumes in which a false edge may lie, over that of a unit Gaussian."""
+    return np.asarray(log_prior_volume(problem, w_T) - problem.dof / 2 * np.log(2 * np.pi))

@@ -92,9 +92,9 @@ def log_volume(covariance: Array, within: float) -> Array:
     return np.asarray(ball + np.linalg.slogdet(covariance)[1] / 2)
 
 
-def white_noise(rows: int, d: int) -> Array:
-    """Return white noise (rows, s) from a fixed seed: the result must not depend on the call."""
-    return np.random.default_rng(0).standard_normal((rows, _SAMPLE_COUNTS[d]))
+def white_noise(rows: int, d: int, stream: int = 0) -> Array:
+    """Return white noise (rows, s), the same on every call; another ``stream`` is independent noise."""
+    return np.random.default_rng(stream).standard_normal((rows, _SAMPLE_COUNTS[d]))
 
 
 def sample_posterior(

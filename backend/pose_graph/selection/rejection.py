@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
 from backend.errors import BackendError
+from backend.gauge import format_keys
 from backend.pose_graph.chi_square import edge_limit
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
@@ -20,13 +22,16 @@ from backend.pose_graph.initialize import spanning_tree, tree_edges
 from backend.pose_graph.minimise import OptimizationResult, gauss_newton, levenberg_marquardt
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import Solve, grow_consistent_set, recheck_rejected
+from backend.pose_graph.selection.chains import Chain, chain_members, join_chains
+from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.prediction import noise_scale, sample_posterior, white_noise
 from backend.pose_graph.selection.swap import swap_loops
-from backend.pose_graph.unary_factors import aligned
+from backend.pose_graph.unary_factors import aligned, fixed
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
 
 _ROUNDS = 4
 _FEW, _COARSE = 8, 1e-3
@@ -56,17 +61,30 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> tup
         gauge_fixed.options.deadline,
     )
     other = _refit(gauge_fixed, _connected(problem, kept, at), at, everything)
-    if found is None or other[0].sum() > found[0].sum():
+    if found is None or _is_more_probable(gauge_fixed, other, found):
         return other
     return found
 
 
+def _is_more_probable(
+    gauge_fixed: GaugeFixedProblem, other: tuple[Mask, GraphFit, Array], found: tuple[Mask, GraphFit, Array]
+) -> bool:
+    """Return whether the other selection has the higher evidence, each rejected edge at its prior odds."""
+    problem = gauge_fixed.problem
+    volumes = log_unit_volumes(problem, found[1].w_T)
+    here, there = (
+        LinearizedSet.of(problem, gauge_fixed.graph, kept, fit.w_T, volumes)
+        for kept, fit, _ in (found, other)
+    )
+    if here is None or there is None:
+        return here is None
+    return there.evidence(here.odds) > here.evidence(here.odds)
+
+
 def has_loops_on_odometry(problem: Problem) -> bool:
-    """Return whether trusted edges alone connect all poses, and other edges exist."""
-    if problem.trusted.all():
-        return False
-    chain = problem.with_edges(problem.trusted)
-    return len(tree_edges(problem.count, chain.i, chain.j, np.ones(len(chain.i)))) == problem.count - 1
+    """Return whether loops exist beside chains of odometry, which have at least as many edges as joints."""
+    trusted = np.count_nonzero(problem.trusted)
+    return bool(len(chain_members(problem)) <= trusted < len(problem.trusted))
 
 
 def _outliers(problem: Problem, found: tuple[Mask, GraphFit, Array], among: Mask) -> Mask:
@@ -121,12 +139,37 @@ def _grow_set(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, Array]:
         if options.on_step is not None:
             options.on_step(number, float(accepted))
 
-    chain = problem.with_edges(problem.trusted)
-    start = spanning_tree(
-        problem.count, chain.i, chain.j, chain.ij_T, np.ones(len(chain.i)), 0, initial_poses(problem)[0]
-    )
+    members = chain_members(problem)
+    joints, start = np.zeros_like(problem.trusted), _chain_poses(problem)
+    if len(members) > 1:
+        chains = [_grown_chain(gauge_fixed, chain, number) for number, chain in enumerate(members)]
+        joints, start = join_chains(problem, chains, lambda: time.monotonic() > options.deadline)
     start = start if np.isfinite(problem.initial).any() else aligned(start, problem.unary_factors)
-    return grow_consistent_set(problem, problem.trusted, solve(problem.trusted, start), solve, draw, on_round)
+    base = problem.trusted | joints
+    return grow_consistent_set(problem, base, solve(base, start), solve, draw, on_round)
+
+
+def _chain_poses(problem: Problem) -> Array:
+    chain = problem.with_edges(problem.trusted)
+    cost, root = np.ones(len(chain.i)), initial_poses(problem)[0]
+    return spanning_tree(problem.count, chain.i, chain.j, chain.ij_T, cost, 0, root)
+
+
+def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) -> Chain:
+    """Grow the consistent loops within one chain of odometry, with its first pose held."""
+    whole = gauge_fixed.problem
+    problem = whole.restricted(members)
+    start = initial_poses(problem)
+    problem = replace(problem, unary_factors=(fixed(0, start[0], problem.dimension),))
+    own = GaugeFixedProblem(problem, problem.unary_factor_graph(), gauge_fixed.options)
+    kept, w_T = (problem.trusted, start) if problem.trusted.all() else _grow_set(own)
+    noise = white_noise(own.rows, problem.dof, number)
+    samples = sample_posterior(own.graph(kept), problem.values(w_T), problem.dof, noise)
+    if samples is None:
+        raise BackendError(
+            f"{format_keys(members.tolist(), whole.name)}: its odometry does not fix its poses"
+        )
+    return Chain(members, w_T, samples)
 
 
 def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:

@@ -13,18 +13,17 @@ Source: Hansen and Mladenovic 2001 (EJOR 130), variable neighbourhood search.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import Solve, place_pairs
-from backend.pose_graph.selection.evidence import Graph, LinearizedSet
+from backend.pose_graph.selection.evidence import Graph, LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.prediction import (
     LoopInnovations,
     innovations,
-    log_prior_volume,
     sample_posterior,
     whitened_spread,
 )
@@ -95,25 +94,29 @@ class _LocalSearch:
         Pure insertions or removals were decided earlier; ``allow_single_flips`` or a swap permits them.
         """
         # The volume is that of the first map: a growing map must not raise the evidence.
-        volumes = log_prior_volume(self.problem, w_T) - self.problem.dof / 2 * np.log(2 * np.pi)
+        volumes = log_unit_volumes(self.problem, w_T)
         current = LinearizedSet.of(self.problem, self.graph, kept, w_T, volumes)
         for _ in range(_ROUNDS):
             if current is None or self.out_of_time():
                 break
-            flips = self._best_flips(current, both=not allow_single_flips)
-            if len(flips) == 0:
+            odds, both = current.odds, not allow_single_flips
+            # False loops in a set inflate its noise until they look like noise: try the stated noise too.
+            scales = sorted({current.scale, min(current.scale, 1.0)})
+            proposals = [self._propose(replace(current, scale=scale), both, volumes) for scale in scales]
+            best = max((p for p in proposals if p is not None), key=lambda p: p.evidence(odds), default=None)
+            if best is None or best.evidence(odds) <= current.evidence(odds):
                 break
-            other = current.kept.copy()
-            other[flips] = ~other[flips]
-            proposal = LinearizedSet.of(
-                self.problem, self.graph, other, self.solve(other, current.w_T), volumes
-            )
-            if proposal is None or proposal.evidence(current.scale, current.odds) <= current.evidence(
-                current.scale, current.odds
-            ):
-                break
-            current, allow_single_flips = proposal, True
+            current, allow_single_flips = best, True
         return (kept, w_T) if current is None else (current.kept, current.w_T)
+
+    def _propose(self, current: LinearizedSet, both: bool, volumes: Array) -> LinearizedSet | None:
+        """Return the set after the best flip sequence; None if there is none."""
+        flips = self._best_flips(current, both)
+        if len(flips) == 0:
+            return None
+        other = current.kept.copy()
+        other[flips] = ~other[flips]
+        return LinearizedSet.of(self.problem, self.graph, other, self.solve(other, current.w_T), volumes)
 
     def _best_flips(self, current: LinearizedSet, both: bool) -> Index:
         """Return the loops of the best flip sequence; ``both`` demands an insertion and a removal."""

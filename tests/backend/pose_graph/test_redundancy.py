@@ -9,6 +9,8 @@ import pytest
 
 from backend import se3
 from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.redundancy import unchecked_components
 from backend.pose_graph.solve import solve_pose_graph
 from tests.backend.synthetic import graph
 
@@ -52,6 +54,42 @@ def test_a_tree_is_not_ok_and_parallel_edges_are_no_loop():
     expected = "vertices 0-11 rest on a tree of edges alone, and no loop is left that checks it"
     assert solve_pose_graph(tree).status == expected
     assert "rest on odometry alone" in solve_pose_graph(walk([(0, 1), (1, 2)])).status
+
+
+def test_a_robot_that_one_loop_joins_is_named():
+    """Two chains, the first with a loop of its own; one loop joins them, or two."""
+    made = walk([(0, 5)], n=12)
+    cut = np.ones(len(made.i), dtype=bool)
+    cut[5] = False
+    symbols = np.where(np.arange(12) < 6, ord("a") << 56, ord("b") << 56) + np.arange(12)
+    ends = [(made.i[cut], made.j[cut], made.ij_T[cut], made.information[cut])]
+    for loop in ((5, 6), (2, 9)):
+        T = se3.inverse(made.poses[loop[0]]) @ made.poses[loop[1]]
+        i, j, ij_T, information = ends[-1]
+        ends.append(
+            (
+                np.append(i, loop[0]),
+                np.append(j, loop[1]),
+                np.concatenate([ij_T, T[None]]),
+                np.concatenate([information, information[:1]]),
+            )
+        )
+    one, two = (
+        replace(made, ids=symbols, i=i, j=j, ij_T=ij_T, information=information)
+        for i, j, ij_T, information in ends[1:]
+    )
+    assert "one loop alone" in solve_pose_graph(one).status
+    assert solve_pose_graph(two).status == "ok"
+
+
+def test_loops_of_one_place_beside_rejected_ones_are_named():
+    made = walk([(0, 11), (1, 11), (5, 8)])
+    solved = solve_pose_graph(made)
+    kept = solved.edge_kept.copy()
+    kept[-1] = False
+    (sentence,) = unchecked_components(from_pose_graph(made), replace(solved, edge_kept=kept))
+    assert "only loops near vertex 0 and vertex 11 were kept, and 1 loops elsewhere" in sentence
+    assert unchecked_components(from_pose_graph(made), solved) == []
 
 
 def test_a_loop_is_ok():

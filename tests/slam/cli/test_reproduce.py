@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -111,13 +112,16 @@ def test_wrong_arguments_are_refused(tmp_path, arguments, code, words):
 @pytest.mark.parametrize(
     ("what", "code", "words"), [("interrupt", 130, "interrupted"), ("kill", 1, "--jobs")]
 )
-def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, what, code, words):
+def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, request, what, code, words):
     out = tmp_path / "out"
     command = ["reproduce", "table5", "--seeds", "200", "--jobs", "2", "--out", str(out)]
     main = [sys.executable, "-m", "slam"]
+    # A shell that runs the tests in the background ignores interrupts, and its children inherit that.
+    with_interrupts = [sys.executable, "-c", _RESTORE_INTERRUPTS, *main, *command]
     running = subprocess.Popen(
-        [*main, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+        with_interrupts, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
+    request.addfinalizer(lambda: _kill_group(running.pid))
     assert running.stderr is not None
     assert "table5" in running.stderr.readline(), "a first flight is done"
     workers = [worker for job in _children(running.pid) for worker in _children(job)]
@@ -133,6 +137,18 @@ def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, 
     assert not out.exists()
     assert not list(tmp_path.iterdir())
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+
+
+_RESTORE_INTERRUPTS = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+os.execv(sys.argv[1], sys.argv[1:])
+"""
+
+
+def _kill_group(leader: int) -> None:
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(leader, signal.SIGKILL)
 
 
 def _children(parent: int) -> list[int]:

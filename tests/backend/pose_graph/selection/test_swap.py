@@ -81,9 +81,8 @@ def test_the_gain_of_a_change_is_that_of_the_evidence(dimension: int):
         other = kept.copy()
         other[loops[flip]] = ~other[loops[flip]]
         proposal = linearized(problem, other, solved(problem, other, w_T))
-        gained = proposal.evidence(current.scale, current.odds) - current.evidence(
-            current.scale, current.odds
-        )
+        proposal = replace(proposal, scale=current.scale)
+        gained = proposal.evidence(current.odds) - current.evidence(current.odds)
         sign = 1 if other[loops[flip]] else -1
         assert sign * search.log_odds()[flip] == pytest.approx(gained, abs=0.3)
 

@@ -1,0 +1,73 @@
+"""Made graphs with false loops: the true ones are kept, and the error is that of the true ones alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.selection.chains import chain_members
+from backend.pose_graph.solve import solve_pose_graph
+from tests.benchmarks.false_loops import edges_of
+from tests.benchmarks.generated_graphs import MadeGraph, Scene, make
+from tests.benchmarks.graphs import aligned_rmse
+from tests.benchmarks.selection_matrix import WITHIN, ratio
+
+
+def error_m(w_T: np.ndarray, made: MadeGraph) -> float:
+    return aligned_rmse(w_T[:, :3, 3], made.w_T[:, :3, 3])
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        Scene("laps", 1, 2, -1.0, "random", 0),
+        Scene("laps", 1, 4, -1.0, "random", 0),
+        Scene("laps", 1, 1, 0.6, "consistent", 0),
+        Scene("eights", 1, 2, 0.3, "random", 0),
+        Scene("lawn mower", 1, 2, 0.6, "consistent", 0),
+        Scene("laps", 2, 4, 0.25, "consistent", 0),
+    ],
+    ids=lambda scene: scene.label,
+)
+def test_error_is_that_of_the_true_loops_alone(scene: Scene):
+    assert ratio("ours", scene) <= WITHIN
+
+
+def test_one_false_loop_among_forty_is_the_only_one_rejected():
+    made = make(Scene("laps", 1, 2, -1.0, "random", 0))
+    solved = solve_pose_graph(made.graph, covariances=False)
+    assert solved.status == "ok"
+    assert np.array_equal(~solved.edge_kept, made.false)
+
+
+@pytest.mark.parametrize("numbers", ["gap", "step", "symbols"])
+def test_odometry_is_found_whatever_the_vertex_numbers_are(numbers: str):
+    """Two robots; a missing number, a step of ten, and gtsam's symbols of two letters."""
+    made = make(Scene("laps", 2, 2, 0.1, "random", 1))
+    n = len(made.w_T)
+    number, second = np.arange(n), np.arange(n) >= n // 2
+    ids = {
+        "gap": number + (number > 17),
+        "step": 10 * number,
+        "symbols": np.where(second, (ord("b") << 56) - n // 2, ord("a") << 56) + number,
+    }[numbers]
+    graph = replace(made.graph, ids=ids.astype(np.int64))
+    assert np.array_equal(graph.is_odometry, made.odometry)
+    assert [len(each) for each in chain_members(from_pose_graph(graph))] == [n // 2, n // 2]
+    clean = solve_pose_graph(edges_of(graph, ~made.false), covariances=False, loops_robust=False)
+    solved = solve_pose_graph(graph, covariances=False)
+    assert error_m(solved.w_T_b, made) <= WITHIN * error_m(clean.w_T_b, made)
+
+
+def test_edges_between_robots_are_never_odometry():
+    """The last pose of one robot and the first of the next have symbols of two letters."""
+    made = make(Scene("laps", 2, 4, 0.0, "random", 0))
+    n = len(made.w_T)
+    ids = np.where(np.arange(n) < n // 2, ord("a") << 56, ord("b") << 56) + np.arange(n)
+    graph = replace(made.graph, ids=ids.astype(np.int64))
+    joined = replace(graph, i=np.append(graph.i, n // 2 - 1), j=np.append(graph.j, n // 2))
+    assert not joined.is_odometry[-1]
+    assert replace(joined, ids=np.arange(n)).is_odometry[-1]
