@@ -32,7 +32,6 @@ _TARGET_SEGMENTS, _MAX_SEGMENTS, MIN_SEGMENTS = 12, 60, 8
 """Numbers of segments; short flights have shorter segments."""
 MIN_POSES = 8
 _MAX_GAP_S = 0.5
-MAX_DELAY_S = 0.1
 MIN_SPACING_S = 0.05
 """Smallest spacing of poses: closer ones share their errors and add no information at 1 Hz."""
 PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3]))
@@ -131,11 +130,11 @@ class PathAndReadings:
             contrasts.append((contrast, np.maximum(white_noise, 0.0), random_walk))
         return contrasts
 
-    def rows(self, delay_s: float) -> RegressionRows:
-        """Return the rows of all segments for a delay of the pictures' clock."""
+    def rows(self) -> RegressionRows:
+        """Return the rows of all segments."""
         displacement, regressors = [], []
         for segment, (contrast, *_) in zip(self.segments, self.contrasts, strict=True):
-            one_displacement, one_regressors = self._segment_rows(segment, delay_s)
+            one_displacement, one_regressors = self._segment_rows(segment)
             displacement.append(contrast @ one_displacement)
             regressors.append(np.tensordot(contrast, one_regressors, axes=1))
         count = [len(white_noise) for _, white_noise, _ in self.contrasts]
@@ -149,28 +148,30 @@ class PathAndReadings:
             self.regressor_noise,
         )
 
-    def gain_sensitivity(self, delay_s: float) -> Array:
+    def gain_sensitivity(self) -> Array:
         """Return (r, 3, 3) derivatives of the displacement by the gain of each axis of the accelerometer."""
         added = []
         for segment, (contrast, *_) in zip(self.segments, self.contrasts, strict=True):
-            at_s, imu_s, w_R_b, force = self._readings_between(segment, delay_s)
+            at_s, imu_s, w_R_b, force = self._readings_between(segment)
             added.append(np.tensordot(contrast, integrate_twice(imu_s, w_R_b * force[:, None], at_s), axes=1))
         return np.concatenate(added)
 
-    def _segment_rows(self, segment: slice, delay_s: float) -> tuple[Array, Array]:
+    def _segment_rows(self, segment: slice) -> tuple[Array, Array]:
         """Return displacement (m, 3) and regressors (m, 3, 7) of a segment."""
-        at_s, imu_s, w_R_b, b_force = self._readings_between(segment, delay_s)
+        at_s, imu_s, w_R_b, b_force = self._readings_between(segment)
         force = np.einsum("kab,kb->ka", w_R_b, b_force) - [0, 0, GRAVITY_M_S2]
         twice = integrate_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
         w_T_b = self.w_T_b[segment]
         path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
         return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
 
-    def _readings_between(self, segment: slice, delay_s: float) -> tuple[Array, Array, Array, Array]:
-        """Return pose times (m,) on the readings' clock, and times (k,), attitudes (k, 3, 3) and specific
-        force (k, 3) of the readings around them."""
-        at_s, readings = self.stamps_s[segment] - delay_s, self.readings
-        first, last = np.searchsorted(readings.stamps_s, at_s[[0, -1]]) + [-1, 1]
+    def _readings_between(self, segment: slice) -> tuple[Array, Array, Array, Array]:
+        """Return pose times (m,), and times (k,), attitudes (k, 3, 3) and specific force (k, 3) of the
+        readings around them."""
+        at_s, readings = self.stamps_s[segment], self.readings
+        # One reading at or before the first pose, and one at or after the last.
+        first = int(np.searchsorted(readings.stamps_s, at_s[0], side="right")) - 1
+        last = int(np.searchsorted(readings.stamps_s, at_s[-1])) + 1
         imu_s = readings.stamps_s[first:last]
         turned = self.w_T_b[segment, :3, :3]
         w_R_b = interpolate_attitudes(at_s, turned, imu_s, readings.gyro_rad_s[first:last])
@@ -178,13 +179,11 @@ class PathAndReadings:
 
 
 def find_segments(stamps_s: Array, imu_s: Array) -> list[slice]:
-    """Find segments of poses without a gap in poses or readings."""
+    """Find segments of poses without a gap in poses or readings, the first and last reading included."""
     gap = np.diff(imu_s) > _MAX_GAP_S / 5
-    # As many gaps have ended before a pose as have begun until it, whatever the delay.
-    inside = np.searchsorted(imu_s[1:][gap], stamps_s - MAX_DELAY_S) == np.searchsorted(
-        imu_s[:-1][gap], stamps_s + MAX_DELAY_S
-    )
-    inside &= (stamps_s >= imu_s[0] + MAX_DELAY_S) & (stamps_s <= imu_s[-1] - MAX_DELAY_S)
+    # As many gaps have ended before a pose as have begun until it.
+    inside = np.searchsorted(imu_s[1:][gap], stamps_s) == np.searchsorted(imu_s[:-1][gap], stamps_s)
+    inside &= (stamps_s >= imu_s[0]) & (stamps_s <= imu_s[-1])
     broken = (np.diff(stamps_s) > _MAX_GAP_S) | ~inside[1:] | ~inside[:-1]
     runs = [run[inside[run]] for run in np.split(np.arange(len(stamps_s)), np.flatnonzero(broken) + 1)]
     runs = [run for run in runs if len(run) >= MIN_POSES]

@@ -6,8 +6,9 @@ to the same keyframe over the same uneven floor. Least squares with either side 
 down or up; this is total least squares over both. The random walk must be modelled: attributed to the force,
 it would make the path look exact. Position and tilt errors of a pose are almost fully correlated (a tilt
 error displaces the camera by the height times that), so their joint covariance is used: otherwise a lever arm
-as long as the height would explain both, and most of the path. The levels of all noises and the delay of the
-pictures' clock are maximum-likelihood estimates.
+as long as the height would explain both, and most of the path. The levels of all noises are
+maximum-likelihood estimates. The poses are stamped by the clock of the readings
+(`backend.inertial_scale.picture_clock`).
 
 Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that err together; Harville 1977
 (JASA 72) for the likelihood of the noise.
@@ -20,11 +21,10 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, minimize, minimize_scalar
+from scipy.optimize import least_squares, minimize
 
 from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.regression_rows import (
-    MAX_DELAY_S,
     MIN_POSES,
     MIN_SEGMENTS,
     MIN_SPACING_S,
@@ -47,8 +47,6 @@ _MIN_SIGNIFICANCE = 5.0
 _MAX_OFFSET_M_S2 = 3.0
 """A larger offset means that the accelerometer has wrong signs or units."""
 _ROUNDS = 3
-_DELAY_STEP_S = 0.005
-"""Step of the finite difference that gives the delay's standard deviation from the cost's curvature."""
 _MAX_SCALE_RATIO = 10.0
 """Largest ratio of the scale to its initial guess."""
 
@@ -67,10 +65,6 @@ class InertialScale:
     arm_m: tuple[float, float, float]
     """Lever arm from the body's origin to the accelerometer, in body axes."""
     arm_std_m: tuple[float, float, float]
-    delay_s: float
-    """Delay of the pictures' stamps relative to the accelerometer's."""
-    delay_std_s: float
-    """Standard deviation of the delay; infinite if the likelihood has no curvature."""
     gain_slopes: tuple[float, float, float]
     """d log(scale) / d log(gain) for the accelerometer's gain along each body axis. The rotors' thrust is
     almost constant along one axis, where a gain error acts like an offset; the scale then comes from the
@@ -99,7 +93,9 @@ _INCONSISTENT = NoScale(
 def inertial_scale(
     stamps_s: Array, w_T_b: Array, readings: InertialReadings, covariance: Array
 ) -> InertialScale | NoScale:
-    """Estimate the scale of a path (n, 4, 4) over a horizontal floor at z = 0, at ``stamps_s`` (n,), sorted.
+    """Estimate the scale of a path (n, 4, 4) over a horizontal floor at z = 0.
+
+    ``stamps_s`` (n,), sorted, are on the clock of the readings.
 
     ``covariance`` (6, 6), rotation first, right perturbation, is that of the independent error of a pose;
     only its shape matters, its size is estimated. Returns `NoScale` if path and readings overlap too little,
@@ -114,18 +110,12 @@ def inertial_scale(
             f"pictures each are needed and {len(segments)} found: fly longer, or with more pictures a second"
         )
     path = PathAndReadings(stamps_s, w_T_b, readings, segments, regressor_covariance(covariance))
-    noise, delay_s = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE]), 0.0
-    rows = path.rows(delay_s)
+    noise, rows = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE]), path.rows()
     parameters = _initial_parameters(rows, noise)
     for _ in range(_ROUNDS):
         parameters = _total_least_squares(rows, noise, parameters)
         noise = _maximum_likelihood_noise(rows, parameters, noise)
-        delay_s = _maximum_likelihood_delay(path, parameters, noise)
-        rows = path.rows(delay_s)
-    delay = delay_s, _delay_std(path, parameters, noise, delay_s)
-    return _result(
-        rows, path.gain_sensitivity(delay_s), _total_least_squares(rows, noise, parameters), noise, delay
-    )
+    return _result(rows, path.gain_sensitivity(), _total_least_squares(rows, noise, parameters), noise)
 
 
 def _initial_parameters(rows: RegressionRows, noise: Array) -> Array:
@@ -154,30 +144,8 @@ def _maximum_likelihood_noise(rows: RegressionRows, parameters: Array, start: Ar
     return np.asarray(found.x)
 
 
-def _maximum_likelihood_delay(path: PathAndReadings, parameters: Array, noise: Array) -> float:
-    within = (-MAX_DELAY_S, MAX_DELAY_S)
-    cost = partial(_delay_cost, path, parameters, noise)
-    return float(minimize_scalar(cost, bounds=within, method="bounded", options={"xatol": 1e-3}).x)
-
-
-def _delay_cost(path: PathAndReadings, parameters: Array, noise: Array, delay_s: float) -> float:
-    rows = path.rows(delay_s)
-    return float(np.sum(rows.whitened(rows.fit_at_scale(float(parameters[0]), noise), noise) ** 2))
-
-
-def _delay_std(path: PathAndReadings, parameters: Array, noise: Array, delay_s: float) -> float:
-    """Return the standard deviation of the delay from the curvature of the cost, a chi-square."""
-    center_s = np.clip(delay_s, -MAX_DELAY_S + _DELAY_STEP_S, MAX_DELAY_S - _DELAY_STEP_S)
-    costs = [
-        _delay_cost(path, parameters, noise, float(center_s + side))
-        for side in (-_DELAY_STEP_S, 0.0, _DELAY_STEP_S)
-    ]
-    curvature = (costs[0] + costs[2] - 2 * costs[1]) / _DELAY_STEP_S**2
-    return float(np.sqrt(2.0 / curvature)) if curvature > 0 else float("inf")
-
-
 def _result(
-    rows: RegressionRows, gain_sensitivity: Array, parameters: Array, noise: Array, delay: tuple[float, float]
+    rows: RegressionRows, gain_sensitivity: Array, parameters: Array, noise: Array
 ) -> InertialScale | NoScale:
     scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:]
     residuals, w = rows.residuals(parameters), rows.weight(parameters, noise)
@@ -211,8 +179,6 @@ def _result(
         offset_std_m_s2=_triple(std[1:4]),
         arm_m=_triple(arm),
         arm_std_m=_triple(std[4:7]),
-        delay_s=delay[0],
-        delay_std_s=delay[1],
         gain_slopes=_triple(gain_effect / scale),
     )
 

@@ -67,18 +67,39 @@ class AccelerometerErrors:
     arm_m: tuple[float, float, float]
     """Lever arm from the body's origin to the accelerometer."""
     arm_std_m: tuple[float, float, float]
-    delay_s: float
-    """Delay of the pictures' stamps behind those of the accelerometer for the same moment."""
     scale: float
     """Ratio of the lengths that the accelerometer measures to those of the map without it."""
     scale_std: float
     """Standard deviation of ``scale``; it includes the uncertainty of the accelerometer's own gain."""
     used: bool
     """Whether the map's scale uses the accelerometer."""
-    delay_std_s: float = float("nan")
+    delay_s: float = 0.0
+    """Delay of the pictures' stamps behind those of the IMU for the same moment, before any step of it."""
+    delay_std_s: float = float("inf")
     """Standard deviation of the delay; infinite where the flight does not determine it."""
     delay_taken_out_s: float = 0.0
-    """Part of the delay that was removed from the instruments' stamps; 0 where none was removed."""
+    """Part of the delay that was removed from the pictures' stamps; 0 where none was removed."""
+
+
+@dataclass(frozen=True)
+class ClockSpan:
+    """A time in which the delay of the pictures' clock is constant."""
+
+    begin_s: float | None
+    """Stamp of its first picture; None for the first span."""
+    delay_s: float
+    """Delay of the pictures' stamps behind those of the gyro for the same moment."""
+    delay_std_s: float
+    taken_out: bool
+    """Whether the delay was removed from the pictures' stamps."""
+
+
+@dataclass(frozen=True)
+class ClockErrors:
+    """Delay of the pictures' clock behind the gyro's."""
+
+    spans: tuple[ClockSpan, ...]
+    """In order of time; more than one where the clock steps."""
 
 
 @dataclass(frozen=True)
@@ -103,6 +124,8 @@ class InstrumentErrors:
     """None where the camera's mount was held at its nominal value."""
     systematic: SystematicErrors | None = None
     """Errors that all pictures or all positions share; None without any beyond chance."""
+    picture_clock: ClockErrors | None = None
+    """None without a gyro that explains how the pictures turn."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -16,7 +16,13 @@ from slam.core.flight_info import describe, missing_for_map
 from slam.core.names import listed
 from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from slam.mapping.camera_mount import mount_tilt, mount_warning
-from slam.mapping.clock_offset import delay_warning
+from slam.mapping.clock_offset import (
+    NO_CORRECTION,
+    clock_contradiction,
+    clock_errors,
+    clock_warning,
+    with_clock_error,
+)
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context
 from slam.mapping.contradictions import contradictions
@@ -53,18 +59,19 @@ def _loop_verdicts(
 
 
 def _status(
-    flight: Flight,
-    stamps_s: Array,
+    context: Context,
     map_: Map,
     metric: bool,
     not_placed: dict[str, str],
     shared: SystematicErrors | None,
 ) -> tuple[str, list[str]]:
+    flight, stamps_s = context.flight, map_.observations.stamps_s
     by_metres = metric or map_.georeferenced
     main = map_.of_main(map_.w_T_b)
     # First, because instruments contradict a map that a lens has bent.
     bent = [_systematic_warning(map_, shared)] if is_outside_covariances(shared) else []
     warnings = [*bent, *map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
+    warnings += [line for line in [clock_contradiction(map_.clock, context.clock)] if line]
     parts = int(map_.component.max(initial=-1)) + 1
     lost = [name for name, reason in not_placed.items() if reason == ALONE]
     if parts > 1:
@@ -105,7 +112,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     metric = bool(edges.heights.metric[map_.component >= 0].all())
     shared = systematic_errors(map_.bundle) if map_.bundle is not None else None
     not_placed = pictures_not_placed(flight, map_)
-    status, warnings = _status(flight, observations.stamps_s, map_, metric, not_placed, shared)
+    status, warnings = _status(context, map_, metric, not_placed, shared)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount = mount_tilt(flight.camera, map_.bundle)
     chained = chain(
@@ -118,11 +125,11 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         name=flight.name,
         status=status,
         epoch_ns=flight.epoch_ns,
-        stamps_s=observations.stamps_s - context.picture_delay_s,
+        stamps_s=observations.stamps_s,
         frame_names=tuple(flight.frames.names[k] for k in observations.frame_index),
         frame_index=observations.frame_index,
         w_T_b=map_.w_T_b,
-        covariances=map_.covariances,
+        covariances=_covariances(context, map_),
         over_floor_covariances=map_.over_floor_covariances,
         component=map_.component,
         camera=map_.camera,
@@ -150,15 +157,25 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         floor_slope_rad=map_.slope_rad,
         instruments=InstrumentErrors(
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
-            accelerometer_errors(map_.inertial, context.picture_delay_s),
+            accelerometer_errors(map_.inertial, map_.clock, context.clock),
             mount,
             shared,
+            clock_errors(map_.clock, context.clock),
         ),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
     )
+
+
+def _covariances(context: Context, map_: Map) -> Array:
+    """Return the covariances of the poses, with the error of a corrected clock."""
+    if context.clock is NO_CORRECTION:
+        return map_.covariances
+    camera_stamps_s = map_.observations.camera_stamps_s[map_.observations.frame_index]
+    std_s = context.clock.stds_at(camera_stamps_s)
+    return with_clock_error(map_.covariances, map_.w_T_b, map_.observations.stamps_s, std_s)
 
 
 def _rejected_counts(map_: Map, loops: tuple[LoopVerdict, ...]) -> dict[str, int]:
@@ -196,7 +213,7 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
 def _instrument_warnings(
     context: Context, map_: Map, mount: MountTilt | None, shared: SystematicErrors | None
 ) -> list[str]:
-    lines = [mount_warning(mount), delay_warning(map_.inertial, context.picture_delay_s)]
+    lines = [mount_warning(mount), clock_warning(map_.clock, context.clock)]
     if not map_.georeferenced and not context.flight.parts:
         # Positions would have determined the slope of the ground.
         poses = map_.of_main(map_.w_T_b)

@@ -1,65 +1,150 @@
-"""The time offset between camera and instruments: estimated with the map, and taken out of a flight.
+"""The time offset between camera and instruments: found with the map, and taken out of the pictures' stamps.
 
-The pictures give the path, the accelerometer gives the moments at which the vehicle accelerated: the offset
-is what makes both fit best (`backend.inertial_scale`). Attitude and ranges are assumed to share the clock of
-gyro and accelerometer.
+The pictures show how the vehicle turned, and the gyro measured it: the offset is what makes both agree
+(`backend.inertial_scale.picture_clock`). All other instruments are assumed to share the gyro's clock.
 """
 
 from __future__ import annotations
 
-from backend.inertial_scale.regression_rows import MAX_DELAY_S
-from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
-from slam.mapping.inertial_scale import AccelerometerScale
+from dataclasses import replace
 
-_NOTABLE_S = 0.025
-"""Largest offset that exposure, transfer and the jitter of cheap cameras' stamps cause on one clock."""
-_SURE = 6.0
-"""Standard deviations by which a delay must differ from none: its own is of white noise alone."""
-_EDGE_S = 0.002
-"""So near to the longest delay that is looked for it may be any longer one; the search is exact to half of
-this."""
-_VAGUE_S = _NOTABLE_S / 2
-"""Known no better than this, a delay that matters could hide."""
+import numpy as np
+from numpy.typing import NDArray
 
+from backend import se3
+from backend.inertial_scale.picture_clock import ClockPiece, PictureClock
+from slam.core.estimate import ClockErrors, ClockSpan
 
-def shift_instrument_stamps(flight: Flight, late_s: float) -> Flight:
-    """The flight with its instruments' stamps on the clock of its pictures, ``late_s`` after theirs."""
-    return flight.restamped(VEHICLE_CLOCK_STREAMS, lambda stamps_s: stamps_s + late_s)
+Array = NDArray[np.float64]
+
+_EDGE_S = 0.02
+"""So near to the longest delay that is looked for it may be any longer one; two steps of the search."""
+NO_CORRECTION = PictureClock((ClockPiece(float("-inf"), 0.0, 0.0),), float("inf"))
 
 
-def correctable_delay(by_inertia: AccelerometerScale | None) -> float:
-    """Seconds by which the pictures are stamped late; 0 where that is too little or too vague."""
-    if by_inertia is None:
-        return 0.0
-    delay_s, std_s = by_inertia.found.delay_s, by_inertia.found.delay_std_s
-    sure = abs(delay_s) >= max(_NOTABLE_S, _SURE * std_s)
-    return delay_s if sure and abs(delay_s) < MAX_DELAY_S - _EDGE_S else 0.0
+def clock_correction(clock: PictureClock | None) -> PictureClock:
+    """Return the delays to be taken out of the pictures' stamps; none where they are too small or too vague.
+
+    A clock that steps is corrected as a whole or not at all, because one side alone would tear the order of
+    the pictures.
+    """
+    if clock is None or not all(_correctable(piece, clock) for piece in clock.pieces):
+        return NO_CORRECTION
+    kept = [piece if piece.differs(0.0) else replace(piece, delay_s=0.0) for piece in clock.pieces]
+    return replace(clock, pieces=tuple(kept)) if any(piece.delay_s for piece in kept) else NO_CORRECTION
 
 
-def delay_warning(by_inertia: AccelerometerScale | None, taken_out_s: float) -> str:
-    """In words, where pictures and accelerometer are stamped by clocks that differ, or may; else empty."""
-    if by_inertia is None:
-        return ""
-    std_s = by_inertia.found.delay_std_s
-    delay_s = by_inertia.found.delay_s + taken_out_s
-    if not std_s < _VAGUE_S:
-        return (
-            "the time offset between camera and imu0 cannot be determined from this flight and is taken as "
-            "zero; to have it found, fly with more acceleration"
-        )
-    if abs(delay_s) < max(_NOTABLE_S, _SURE * std_s):
-        return ""
-    offset = (
-        f"pictures are stamped {1e3 * abs(delay_s):.0f} ± {1e3 * max(std_s, 5e-4):.0f} ms "
-        f"{'after' if delay_s > 0 else 'before'} the imu's readings of the same moment"
+def finer_correction(clock: PictureClock | None, taken_out: PictureClock) -> PictureClock:
+    """Return the whole correction after ``clock`` was found in a map that lacks the delays ``taken_out``.
+
+    It is ``taken_out`` itself where nothing is left that exceeds the estimate's own error.
+    """
+    if taken_out is NO_CORRECTION:
+        return clock_correction(clock)
+    if clock is None or len(clock.pieces) > 1 or not clock.pieces[0].known:
+        return taken_out
+    (left,) = clock.pieces
+    return taken_out if abs(left.delay_s) < 2 * left.std_s else taken_out.later(left.delay_s, left.std_s)
+
+
+def with_clock_error(covariances: Array, w_T_b: Array, stamps_s: Array, std_s: Array) -> Array:
+    """Return covariances (n, 6, 6) of poses at times that are known to ``std_s`` (n,).
+
+    An error of the time moves a pose along its own motion, which is that between its neighbours in time.
+    """
+    placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
+    if len(placed) < 2:
+        return covariances
+    poses, at_s = w_T_b[placed], stamps_s[placed]
+    before, after = (
+        np.maximum(np.arange(len(placed)) - 1, 0),
+        np.minimum(np.arange(len(placed)) + 1, len(placed) - 1),
     )
-    if taken_out_s != 0.0:
-        return (
-            f"{offset}: corrected in the map, whose poses are stamped by the imu's clock; "
-            "for other programs shift the stamps in cam0/data.csv by "
-            f"{-1e3 * delay_s:+.0f} ms"
+    lasts_s = np.maximum(at_s[after] - at_s[before], 1e-9)
+    moved = se3.log(se3.inverse(poses[before]) @ poses[after]) / lasts_s[:, None] * std_s[placed, None]
+    widened = covariances.copy()
+    widened[placed] += np.einsum("na,nb->nab", moved, moved)
+    return widened
+
+
+def clock_errors(clock: PictureClock | None, taken_out: PictureClock) -> ClockErrors | None:
+    """Summarise the delays of the pictures' clock: those taken out, or else those found; None without any."""
+    told = clock if taken_out is NO_CORRECTION else taken_out
+    if told is None:
+        return None
+    spans = [
+        ClockSpan(
+            begin_s=None if np.isinf(piece.begin_s) else piece.begin_s,
+            delay_s=piece.delay_s,
+            delay_std_s=piece.std_s,
+            taken_out=told is taken_out,
         )
+        for piece in told.pieces
+    ]
+    return ClockErrors(tuple(spans))
+
+
+def clock_warning(clock: PictureClock | None, taken_out: PictureClock) -> str:
+    """Describe a delay or a step that was corrected, or that the flight does not determine; else empty."""
+    if taken_out is not NO_CORRECTION:
+        return _corrected(taken_out)
+    if clock is None or all(piece.known for piece in clock.pieces):
+        return ""
     return (
-        f"{offset}, or more, too much to correct: attitude and ranges are read at wrong times; shift the "
-        f"stamps in cam0/data.csv by {-1e3 * delay_s:+.0f} ms and run again"
+        "the time offset between camera and imu0 cannot be determined from this flight and is taken as zero; "
+        "to have it found, fly with more turns and tilts"
     )
+
+
+def clock_contradiction(clock: PictureClock | None, taken_out: PictureClock) -> str:
+    """Describe a delay or a step that remains in the map, so that its poses carry wrong times; else empty."""
+    if clock is None or not any(piece.differs(0.0) for piece in clock.pieces):
+        return ""
+    if taken_out is not NO_CORRECTION:
+        return (
+            "the clocks of camera and imu0 still disagree after correction: the stamps of some poses may be "
+            "wrong; check the stamps in cam0/data.csv"
+        )
+    if len(clock.pieces) > 1:
+        return (
+            f"{_steps(clock)}; one side of it is too vague to correct: stamps of poses, and instruments read "
+            "at them, are wrong; check the stamps in cam0/data.csv"
+        )
+    (piece,) = clock.pieces
+    return (
+        f"{_offset(piece)}, or more, too much to correct: the instruments are read at wrong times; shift the "
+        f"stamps in cam0/data.csv by {-1e3 * piece.delay_s:+.0f} ms and run again"
+    )
+
+
+def _correctable(piece: ClockPiece, clock: PictureClock) -> bool:
+    return piece.known and abs(piece.delay_s) < clock.longest_s - _EDGE_S
+
+
+def _corrected(taken_out: PictureClock) -> str:
+    where = "corrected in the map, whose poses are stamped by the imu's clock"
+    if len(taken_out.pieces) > 1:
+        return f"{_steps(taken_out)}: {where}; check cam0/data.csv before you use its stamps"
+    (piece,) = taken_out.pieces
+    return (
+        f"{_offset(piece)}: {where}; for other programs shift the stamps in cam0/data.csv by "
+        f"{-1e3 * piece.delay_s:+.0f} ms"
+    )
+
+
+def _offset(piece: ClockPiece) -> str:
+    return (
+        f"pictures are stamped {1e3 * abs(piece.delay_s):.0f} ± {1e3 * piece.std_s:.0f} ms "
+        f"{'after' if piece.delay_s > 0 else 'before'} the imu's readings of the same moment"
+    )
+
+
+def _steps(clock: PictureClock) -> str:
+    """Describe where and by how much the clock steps, at most the first three times."""
+    steps = [
+        f"{after.delay_s - before.delay_s:+.3f} ± {np.hypot(after.std_s, before.std_s):.3f} s at "
+        f"{after.begin_s:.2f} s"
+        for before, after in zip(clock.pieces, clock.pieces[1:], strict=False)
+    ]
+    more = f" and {len(steps) - 3} times more" if len(steps) > 3 else ""
+    return f"the clock of cam0 steps against imu0 by {', '.join(steps[:3])}{more}"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from backend.inertial_scale.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
-from slam.mapping.clock_offset import shift_instrument_stamps
+from slam.mapping.clock_offset import NO_CORRECTION
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.inertial_bridges import InertialBridges
@@ -35,8 +36,8 @@ class Context:
     front_end: FrontEnd
     setup: Setup
     bridges: InertialBridges
-    picture_delay_s: float = 0.0
-    """Delay of the pictures' stamps that was added to the instruments' stamps."""
+    clock: PictureClock = NO_CORRECTION
+    """Delays that were taken out of the pictures' stamps."""
 
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:
@@ -51,11 +52,10 @@ class Context:
         """Timer of the stages."""
         return self.job.timer
 
-    def calibrated(self, delay_s: float, camera: Camera, observations: Observations) -> Context:
-        """Return the context with the instruments' stamps shifted by ``delay_s`` and another camera."""
-        flight = shift_instrument_stamps(self.flight, delay_s)
+    def calibrated(self, clock: PictureClock, camera: Camera, observations: Observations) -> Context:
+        """Return the context for another camera, and for pictures without the delays of ``clock``."""
         job = replace(self.job, camera=camera)
-        return replace(Context.of(flight, job, self.front_end, observations), picture_delay_s=delay_s)
+        return replace(Context.of(self.flight, job, self.front_end, observations), clock=clock)
 
     def with_warning(self, line: str) -> Context:
         """Return the context with one more warning for the user."""

@@ -50,7 +50,9 @@ class Observations:
     moving: int = 0
     """Frames in which something moves otherwise than the floor."""
     frame_stamps_s: Array = field(default_factory=lambda: np.empty(0))
-    """(f,) of all frames."""
+    """(f,) of all frames, on the clock of the instruments as far as it is known."""
+    camera_stamps_s: Array = field(default_factory=lambda: np.empty(0))
+    """(f,) of all frames, on the camera's clock."""
     passed: tuple[IntermediateFrame, ...] = ()
     """Frames between keyframes."""
     dropped: dict[int, str] = field(default_factory=dict)
@@ -67,6 +69,11 @@ class Observations:
             if link is not None:
                 seen[link.i].append((int(self.frame_index[link.j]), link.i_H_j))
         return [sorted(frames, key=lambda row: row[0]) for frames in seen]
+
+    def stamped_by(self, delays_at: Callable[[Array], Array]) -> Observations:
+        """Return the same with the cameras' stamps less the delay (n,) that a function gives for them."""
+        stamps_s = self.camera_stamps_s - delays_at(self.camera_stamps_s)
+        return replace(self, stamps_s=stamps_s[self.frame_index], frame_stamps_s=stamps_s)
 
     def without(self, reasons: dict[tuple[int, int], str]) -> Observations:
         """The same with some pairs (i, j) refused, each for its reason."""
@@ -121,6 +128,7 @@ class FrontEnd:
             rejected=_with_reasons(tracker.rejected, failures),
             moving=len(tracker.moving),
             frame_stamps_s=frame_stamps_s,
+            camera_stamps_s=frame_stamps_s,
             passed=tuple(tracker.passed),
             dropped=tracker.dropped | failures,
         )

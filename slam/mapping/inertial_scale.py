@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle
+from backend.inertial_scale.picture_clock import PictureClock, picture_clock
 from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.scale import InertialScale, NoScale, inertial_scale
 from frontend.camera import Camera
@@ -35,7 +36,7 @@ sharpens the scale by a twentieth."""
 
 @dataclass(frozen=True)
 class AccelerometerScale:
-    """Scale, bias and delay from the accelerometer for a refined part of a map."""
+    """Scale and bias from the accelerometer for a refined part of a map."""
 
     found: InertialScale
     lengths: ScalePrior
@@ -63,27 +64,44 @@ class AccelerometerScale:
         )
 
 
-def accelerometer_scale(
+@dataclass(frozen=True)
+class InertialComparison:
+    """What gyro and accelerometer tell of a refined part of a map."""
+
+    clock: PictureClock | None
+    scale: AccelerometerScale | NoScale
+
+
+def compare_with_inertia(
     readings: InertialReadings,
     observations: Observations,
     members: NDArray[np.int64],
     bundle: Bundle,
     camera: Camera,
     gain_std: float,
-) -> AccelerometerScale | NoScale:
-    """Compare refined keyframes ``members`` with the accelerometer; `NoScale` if it determines nothing."""
+) -> InertialComparison:
+    """Compare refined keyframes ``members`` with gyro and accelerometer.
+
+    The accelerometer is read at the times of the pictures on the gyro's clock, as far as that is known.
+    """
     w_T_b = np.full((len(observations.stamps_s), 4, 4), np.nan)
     w_T_b[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
     w_T_b[members, 2, 3] -= bundle.floor_z_m
     stamps_s, path, covariances = path_at_frames(observations, w_T_b, camera)
     if len(covariances) == 0:
-        return NoScale("no picture shows motion relative to its neighbours")
+        return InertialComparison(None, NoScale("no picture shows motion relative to its neighbours"))
+    clock = picture_clock(stamps_s, path[:, :3, :3], np.zeros(len(stamps_s), np.int64), readings)
+    if clock is not None:
+        stamps_s = stamps_s - clock.delays_at(stamps_s)
+        order = np.argsort(stamps_s, kind="stable")
+        stamps_s, path = stamps_s[order], path[order]
     level_T = np.eye(4)
     level_T[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
     found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances))
     if isinstance(found, NoScale):
-        return found
-    return AccelerometerScale(found, ScalePrior(found.scale, found.log_std(gain_std)), bundle.scale_std)
+        return InertialComparison(clock, found)
+    lengths = ScalePrior(found.scale, found.log_std(gain_std))
+    return InertialComparison(clock, AccelerometerScale(found, lengths, bundle.scale_std))
 
 
 def path_at_frames(observations: Observations, w_T_b: Array, camera: Camera) -> tuple[Array, Array, Array]:

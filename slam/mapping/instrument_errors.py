@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.noise import autocorrelated_std
+from backend.inertial_scale.picture_clock import PictureClock
 from slam.core.estimate import AccelerometerErrors, AttitudeErrors
 from slam.core.flight import Flight
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.attitude_floor_tilt import LEAST_KEYFRAMES
+from slam.mapping.clock_offset import clock_errors
 from slam.mapping.inertial_scale import AccelerometerScale
 from slam.mapping.keyframe_readings import attitudes_at
 
@@ -51,22 +53,25 @@ def attitude_errors(
 
 
 def accelerometer_errors(
-    by_inertia: AccelerometerScale | None, taken_out_s: float
+    by_inertia: AccelerometerScale | None, clock: PictureClock | None, taken_out: PictureClock
 ) -> AccelerometerErrors | None:
-    """Summarise bias, lever arm, delay and scale of the accelerometer; ``taken_out_s`` of the delay was
-    corrected before."""
+    """Summarise bias, lever arm and scale of the accelerometer, and the delay of the pictures; ``taken_out``
+    was corrected before."""
     if by_inertia is None:
         return None
     found, lengths = by_inertia.found, by_inertia.lengths
+    delays = clock_errors(clock, taken_out)
+    first = delays.spans[0] if delays else None
+    delay_s, delay_std_s = (first.delay_s, first.delay_std_s) if first else (0.0, float("inf"))
     return AccelerometerErrors(
         offset_m_s2=found.offset_m_s2,
         offset_std_m_s2=found.offset_std_m_s2,
         arm_m=found.arm_m,
         arm_std_m=found.arm_std_m,
-        delay_s=found.delay_s + taken_out_s,
         scale=lengths.ratio,
         scale_std=lengths.ratio * lengths.log_std,
         used=by_inertia.helps,
-        delay_std_s=found.delay_std_s,
-        delay_taken_out_s=taken_out_s,
+        delay_s=delay_s,
+        delay_std_s=delay_std_s,
+        delay_taken_out_s=delay_s if first and first.taken_out else 0.0,
     )

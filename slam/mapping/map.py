@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.refinement import Bundle
+from backend.inertial_scale.picture_clock import PictureClock
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
@@ -53,7 +54,9 @@ class Map:
     """Standard deviation of the height of each part's first keyframe over the floor, without the common
     error of all parts; 0 if unknown. The part's own covariances treat that height as certain."""
     inertial: AccelerometerScale | None = None
-    """Scale, bias and delay from the accelerometer, for the largest part."""
+    """Scale and bias from the accelerometer, for the largest part."""
+    clock: PictureClock | None = None
+    """Delay of the pictures' stamps behind the gyro's, from the largest part."""
     metric: bool = True
     """Whether lengths of the largest part are metres; otherwise the unit is the camera's mean height."""
     bridges: tuple[RelativePose, ...] = ()

@@ -15,7 +15,6 @@ from slam.core.heap import trim_heap
 from slam.core.progress import Progress, silent
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.build_estimate import build_estimate
-from slam.mapping.clock_offset import shift_instrument_stamps
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.floor_visibility import without_horizon_frames
@@ -64,9 +63,8 @@ def optimize_with_observations(
         refined = refine(context, solve_again(context, matched), with_inertia=True)
         context, refined = self_calibrate(context, matched, refined)
         estimate = build_estimate(context, refined)
-        sonar = shift_instrument_stamps(flight, context.picture_delay_s).sonar
         stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
-        echoes = echoes_in_map(sonar, stamps_s, poses, refined.floor_z_m)
+        echoes = echoes_in_map(flight.sonar, stamps_s, poses, refined.floor_z_m)
         elevation = echoes.map if echoes else None
         return replace(estimate, elevation=elevation, metric=refined.metric), refined.observations
 

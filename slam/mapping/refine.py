@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
+from backend.inertial_scale.picture_clock import PictureClock
 from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import FloorTracks, Position
@@ -21,7 +22,7 @@ from slam.core.heap import trim_heap
 from slam.core.progress import Progress
 from slam.mapping.front_end import Observations
 from slam.mapping.georeferencing import align_with_positions
-from slam.mapping.inertial_scale import AccelerometerScale, accelerometer_scale
+from slam.mapping.inertial_scale import AccelerometerScale, InertialComparison, compare_with_inertia
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
 from slam.mapping.position_consensus import Agreement, exact_agreement, rough_agreement
@@ -83,6 +84,7 @@ def refine_map(
         remarks=tuple(line for part in parts for line in part.remarks),
         height_std_m=tuple(part.height_std_m for part in parts),
         inertial=main.inertial if main else None,
+        clock=main.clock if main else None,
         metric=main.metric if main else True,
     )
 
@@ -103,6 +105,7 @@ class MapPart:
     bundle: Bundle | None = None
     """None where it could not be refined."""
     inertial: AccelerometerScale | None = None
+    clock: PictureClock | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
 
@@ -176,13 +179,15 @@ class _Evidence:
         """Refine the part, and again while the refined map changes the verdict on a fix."""
         fixes, stamps_s = setup.readings.fixes, setup.readings.stamps_s[part.members]
         for _ in range(_MOST_SELECTIONS):
-            bundle, by_inertia = self._refined(setup, part)
+            bundle, compared = self._refined(setup, part)
+            by_inertia = compared.scale if compared else None
             part = replace(
                 part,
                 w_T_b=bundle.w_T_b,
                 floor_z_m=bundle.floor_z_m,
                 bundle=bundle,
                 inertial=by_inertia if isinstance(by_inertia, AccelerometerScale) else None,
+                clock=compared.clock if compared else None,
             )
             if fixes is None or agreement is None:
                 break
@@ -193,7 +198,7 @@ class _Evidence:
             setup = self.setup.with_fixes(agreement)
         return replace(part, warnings=(*part.warnings, *_scale_warnings(by_inertia, bundle))), agreement
 
-    def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, AccelerometerScale | NoScale | None]:
+    def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None]:
         """Refine the part, with the accelerometer's scale where other sensors determine it less well."""
 
         def step(iteration: int, _: float) -> None:
@@ -206,12 +211,13 @@ class _Evidence:
         if self.inertial is None:
             return bundle, None
         camera, gain_std = _calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
-        by_inertia = accelerometer_scale(self.inertial, self.observations, members, bundle, camera, gain_std)
+        compared = compare_with_inertia(self.inertial, self.observations, members, bundle, camera, gain_std)
+        by_inertia = compared.scale
         if isinstance(by_inertia, NoScale) or not by_inertia.helps:
-            return bundle, by_inertia
+            return bundle, compared
         start[members] = bundle.w_T_b
         lengths, noise = by_inertia.lengths, bundle.noise
-        return refine_part(setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise), by_inertia
+        return refine_part(setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise), compared
 
 
 def _scale_warnings(by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle) -> list[str]:

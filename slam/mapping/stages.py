@@ -8,19 +8,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from backend.inertial_scale.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.mapping.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.build_estimate import reason_kind
 from slam.mapping.camera_mount import estimated_mount
-from slam.mapping.clock_offset import correctable_delay
+from slam.mapping.clock_offset import clock_correction, finer_correction
 from slam.mapping.context import Context, Job
 from slam.mapping.front_end import FrontEnd, Observations
-from slam.mapping.keyframe_readings import inertial_readings
+from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first
 from slam.mapping.obstacles import Masks
+from slam.mapping.picture_turns import tracked_clock
 from slam.mapping.refine import refine_map
 from slam.mapping.rolling_shutter import correct_rolling_shutter
 from slam.mapping.search_radius import KnownPoses, implausible_edges, search_radius
@@ -37,6 +39,8 @@ def track(job: Job, flight: Flight, masks: Masks) -> tuple[Context, Observations
     front_end = FrontEnd(flight, job.camera, job.config, job.progress)
     with job.timer("track"):
         observations = front_end.track(masks)
+        clock = clock_correction(_tracked_clock(flight, job, observations))
+        observations = observations.stamped_by(clock.delays_at)
         if job.camera.readout_s > 0:
             observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)
         _refuse_unless(len(observations.stamps_s) >= 2, flight, observations)
@@ -44,7 +48,7 @@ def track(job: Job, flight: Flight, masks: Masks) -> tuple[Context, Observations
         checked = without_false_links(observations, context.bridges)
         if checked is not observations:
             context = Context.of(flight, job, front_end, checked)
-        return context, front_end.neighbours(checked)
+        return replace(context, clock=clock), front_end.neighbours(checked)
 
 
 def odometry(context: Context, observations: Observations) -> Map:
@@ -108,13 +112,14 @@ def solve_again(context: Context, matched: Map) -> Map:
 
 def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Context, Map]:
     """Correct clock offset and camera mount where the flight determines them, and refine once more."""
-    delay_s = correctable_delay(refined.inertial)
+    clock = finer_correction(refined.clock, context.clock)
     camera = _estimated_mount(context, refined)
-    if delay_s == 0.0 and camera is None:
+    if clock is context.clock and camera is None:
         return context, refined
-    observations, chain = matched.observations, matched.odometry or matched
-    context = context.calibrated(delay_s, camera or context.job.camera, observations)
-    chain = odometry(context, chain.observations)
+    chain = matched.odometry or matched
+    observations = matched.observations.stamped_by(clock.delays_at)
+    context = context.calibrated(clock, camera or context.job.camera, observations)
+    chain = odometry(context, chain.observations.stamped_by(clock.delays_at))
     again = solve_again(context, replace(refined, observations=observations, odometry=chain))
     return context, refine(context, again, with_inertia=True)
 
@@ -125,6 +130,11 @@ def _estimated_mount(context: Context, refined: Map) -> Camera | None:
     poses = refined.of_main(refined.w_T_b)
     tilt = attitude_floor_tilt(context.flight, refined.observations.stamps_s, poses)
     return estimated_mount(context.job.camera, tilt, refined.inertial)
+
+
+def _tracked_clock(flight: Flight, job: Job, observations: Observations) -> PictureClock | None:
+    readings = KeyframeReadings.at(flight, observations.stamps_s, None, job.config)
+    return tracked_clock(flight, observations, Setup(job.camera, readings, job.config))
 
 
 def _solved(

@@ -1,4 +1,4 @@
-"""Scale, offset, arm and delay put into made flights are found again, with honest deviations."""
+"""Scale, offset and arm put into made flights are found again, with honest deviations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.scale import InertialScale, NoScale, inertial_scale
 from backend.measurements import GRAVITY_M_S2
 
-SCALE, DELAY_S = 1.3, -0.02
+SCALE = 1.3
 OFFSET_M_S2, ARM_M = np.array([0.1, -0.2, -0.6]), np.array([-0.02, 0.03, 0.06])
 STEP_S = 1e-3
 
@@ -81,7 +81,7 @@ def made(
     w_T_b[:, :3, 3] = (place_m[seen] + off_m) / SCALE
     both = np.hstack([np.eye(3), to_place / SCALE])
     covariance = tilt_std**2 * both.T @ both + np.diag([0.0] * 3 + [(1e-3 / SCALE) ** 2] * 3)
-    return Made(time_s[seen] + DELAY_S, w_T_b, readings, covariance)
+    return Made(time_s[seen], w_T_b, readings, covariance)
 
 
 @pytest.mark.slow
@@ -96,7 +96,6 @@ def test_parameters_are_recovered_within_their_deviations():
     assert (squares < high).all()
     assert max(f.scale_std for f in found) < 0.02
     assert max(max(f.arm_std_m) for f in found) < 0.004
-    assert np.abs([f.delay_s - DELAY_S for f in found]).max() < 0.004
     # Where the vehicle hardly turns, the offset's level axes and tilt errors are one.
     assert np.abs([np.array(f.offset_m_s2) - OFFSET_M_S2 for f in found]).max() < 0.03
 

@@ -1,0 +1,179 @@
+"""Turns of the pictures against turns of the gyro, for every delay of the pictures' clock.
+
+Between two pictures the vehicle turns by what the gyro measured between the moments of their exposure. A
+delay moves these moments. The difference of the two turns is a vector of three components, which has the
+gyro's bias times the duration, white noise of both pictures, and the gyro's random walk. Unlike displacements
+from the accelerometer, turns need neither scale nor gravity, lever arm or a second integral.
+
+Source: Li and Mourikis 2014 (IJRR 33), section 3, for the model of the delay; Harville 1977 (JASA 72) for the
+likelihood of the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky_banded, lapack
+from scipy.spatial.transform import Rotation
+
+from backend.inertial_scale.preintegration import InertialReadings
+
+Array = NDArray[np.float64]
+
+GRID_STEP_S = 0.01
+"""Step of the delays: a vehicle turns at less than 10 Hz, so that the likelihood is smooth at this step."""
+LONGEST_DELAY_S = 2.0
+"""Longest delay that is looked for besides a step of the clock: encoders and networks hold pictures back for
+a second or so."""
+_SHARE = 0.25
+"""Largest share of the flight that the search may leave out at each end."""
+_SPACING_S, _MOST_TURNS = 0.05, 1500
+"""Smallest spacing of pictures, and the largest number of turns; longer flights are sampled more coarsely."""
+_AT_ONCE = 100_000
+"""Rotations in a block, which bounds the working memory."""
+_MAX_GAP_S = 0.1
+"""Longest gap in the gyro's readings within a turn."""
+_LONGEST_TURN_S = 2.0
+"""Over longer turns the gyro's bias and gain matter more than its noise."""
+_COARSE = 4
+"""Every so many delays are tried to find out what kind of noise there is."""
+_RATIOS = np.geomspace(1e-2, 1e3, 11)
+"""Tried ratios of the gyro's random walk over a turn to the white noise of a picture, as variances."""
+
+
+@dataclass(frozen=True)
+class DelayResiduals:
+    """Differences between the turns of pictures and gyro, for each turn and each delay."""
+
+    delays_s: Array
+    """(g,) tried delays, evenly spaced."""
+    begin_s: Array
+    """(n,) stamps of the pictures at which the turns begin."""
+    end_s: Array
+    """(n,)."""
+    turn_rad: Array
+    """(n, 3) turns by the pictures."""
+    difference_rad: Array
+    """(n, g, 3)."""
+
+    def part(self, turns: slice) -> DelayResiduals:
+        """Return the residuals of some turns that follow each other."""
+        rows = (self.begin_s, self.end_s, self.turn_rad, self.difference_rad)
+        begin_s, end_s, turn_rad, difference_rad = (values[turns] for values in rows)
+        return replace(self, begin_s=begin_s, end_s=end_s, turn_rad=turn_rad, difference_rad=difference_rad)
+
+    def whitened(self, axis: int, ratio: float) -> tuple[Array, float]:
+        """Return residuals (n, g) of an axis, white up to their size and without the gyro's bias, and the
+        logarithm of the determinant of the covariance that was divided out.
+
+        ``ratio``: variance of the random walk over a turn, over that of a picture's white noise.
+        """
+        lasts_s = self.end_s - self.begin_s
+        joined = self.begin_s[1:] == self.end_s[:-1]
+        band = np.zeros((2, len(lasts_s)))
+        band[0] = 2.0 + ratio * lasts_s / np.median(lasts_s)
+        band[1, :-1] = np.where(joined, -1.0, 0.0)
+        factor = cholesky_banded(band, lower=True)
+        values = np.column_stack([self.difference_rad[:, :, axis], lasts_s])
+        white = lapack.dtbtrs(factor, values, uplo="L")[0]
+        white, lasting = white[:, :-1], white[:, -1]
+        white = white - np.outer(lasting, lasting @ white / (lasting @ lasting))
+        return np.asarray(white), 2.0 * float(np.log(factor[0]).sum())
+
+
+def delay_residuals(
+    stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
+) -> DelayResiduals | None:
+    """Compare attitudes (n, 3, 3) at stamps (n,), sorted, with a gyro; None where the two do not overlap.
+
+    Turns within one ``chain`` (n,) of attitudes are known, turns between two are not.
+    """
+    if len(stamps_s) < 2:
+        return None
+    lasts_s = float(stamps_s[-1] - stamps_s[0])
+    spacing_s = max(_SPACING_S, lasts_s / _MOST_TURNS)
+    apart = np.unique(np.floor((stamps_s - stamps_s[0]) / spacing_s), return_index=True)[1]
+    stamps_s, attitude, chain = stamps_s[apart], Rotation.from_matrix(w_R_b[apart]), chain[apart]
+    longest_s = min(LONGEST_DELAY_S + float(np.diff(stamps_s, append=stamps_s[-1]).max()), _SHARE * lasts_s)
+    steps = int(longest_s / GRID_STEP_S)
+    delays_s = np.arange(-steps, steps + 1, dtype=np.float64) * GRID_STEP_S
+    kept = _covered(stamps_s, readings.stamps_s, delays_s[-1]) & (chain[1:] == chain[:-1])
+    if not kept.any():
+        return None
+    first, last = np.flatnonzero(kept), np.flatnonzero(kept) + 1
+    turned = attitude[first].inv() * attitude[last]
+    by_gyro = _GyroAttitude.of(readings)
+    difference_rad = np.empty((len(first), len(delays_s), 3))
+    for some in np.array_split(np.arange(len(delays_s)), len(stamps_s) * len(delays_s) // _AT_ONCE + 1):
+        begin, end = (by_gyro.at((stamps_s[k, None] - delays_s[some]).ravel()) for k in (first, last))
+        by_pictures = turned[np.repeat(np.arange(len(first)), len(some))]
+        difference = (end.inv() * begin * by_pictures).as_rotvec()
+        difference_rad[:, some] = difference.reshape(len(first), len(some), 3)
+    return DelayResiduals(delays_s, stamps_s[first], stamps_s[last], turned.as_rotvec(), difference_rad)
+
+
+def squared_residuals(residuals: DelayResiduals) -> Array:
+    """Return squares (3, n, g) of the white residuals of each axis, turn and delay.
+
+    Whether the noise of an axis is white or a random walk is estimated at the best delay.
+    """
+    n, tried = len(residuals.begin_s), []
+    coarse = replace(residuals, difference_rad=residuals.difference_rad[:, ::_COARSE])
+    for ratio in _RATIOS.tolist():
+        axes = [coarse.whitened(axis, ratio) for axis in range(3)]
+        tried.append([n * np.log(mean_square(white**2)) + log_det for white, log_det in axes])
+    costs = np.array(tried)
+    best = int(np.argmin(costs.min(axis=0).sum(axis=0)))
+    ratios = _RATIOS[costs[:, :, best].argmin(axis=0)]
+    return np.stack([residuals.whitened(axis, ratio)[0] ** 2 for axis, ratio in enumerate(ratios.tolist())])
+
+
+def turn_costs(squares: Array) -> Array:
+    """Return the log-likelihood (n, g) of each turn at each delay, times -2, from squares (3, n, g).
+
+    The size of the noise of each axis is estimated at each delay.
+    """
+    variance = mean_square(squares)[:, None]
+    return np.asarray((squares / variance + np.log(variance)).sum(axis=0))
+
+
+def mean_square(squares: Array) -> Array:
+    """Return the mean (..., g) of squares (..., n, g); readings without noise have rounding errors."""
+    return np.asarray(np.maximum(squares.mean(axis=-2), 1e-24))
+
+
+def _covered(stamps_s: Array, imu_s: Array, longest_s: float) -> NDArray[np.bool_]:
+    """(n - 1,) between which successive pictures the gyro has no gap, whatever the delay."""
+    gap = np.diff(imu_s) > _MAX_GAP_S
+    begin_s, end_s = stamps_s[:-1] - longest_s, stamps_s[1:] + longest_s
+    whole = np.searchsorted(imu_s[1:][gap], begin_s) == np.searchsorted(imu_s[:-1][gap], end_s)
+    inside = (begin_s >= imu_s[0]) & (end_s <= imu_s[-1])
+    return np.asarray(whole & inside & (np.diff(stamps_s) <= _LONGEST_TURN_S + longest_s))
+
+
+@dataclass(frozen=True)
+class _GyroAttitude:
+    """Attitude by the gyro relative to its first reading."""
+
+    stamps_s: Array
+    rate_rad_s: Array
+    """(k - 1, 3) mean rate between two readings."""
+    attitude: Rotation
+    """(k,)."""
+
+    @staticmethod
+    def of(readings: InertialReadings) -> _GyroAttitude:
+        rate = 0.5 * (readings.gyro_rad_s[1:] + readings.gyro_rad_s[:-1])
+        turns = Rotation.from_rotvec(rate * np.diff(readings.stamps_s)[:, None])
+        reach, composed = 1, Rotation.concatenate([Rotation.identity(1), turns])
+        while reach < len(readings.stamps_s):  # a prefix product in log2(k) passes
+            composed = Rotation.concatenate([composed[:reach], composed[:-reach] * composed[reach:]])
+            reach *= 2
+        return _GyroAttitude(readings.stamps_s, rate, composed)
+
+    def at(self, at_s: Array) -> Rotation:
+        piece = np.clip(np.searchsorted(self.stamps_s, at_s, side="right") - 1, 0, len(self.rate_rad_s) - 1)
+        since_s = at_s - self.stamps_s[piece]
+        return self.attitude[piece] * Rotation.from_rotvec(self.rate_rad_s[piece] * since_s[:, None])

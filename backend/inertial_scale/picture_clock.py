@@ -1,0 +1,204 @@
+"""Delay of the pictures' clock behind the gyro's, and steps of it, from the posterior over all delays.
+
+The posterior decides, not the curvature at one minimum of the cost: where another delay explains the turns
+nearly as well, the standard deviation is as large as the distance of the two.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from backend.inertial_scale.delay_residuals import (
+    DelayResiduals,
+    delay_residuals,
+    squared_residuals,
+    turn_costs,
+)
+from backend.inertial_scale.preintegration import InertialReadings
+
+Array = NDArray[np.float64]
+
+NOTABLE_S = 0.025
+"""Largest delay that exposure, transfer and the jitter of cheap cameras' stamps cause on one clock."""
+SURE = 6.0
+"""Standard deviations by which a delay must differ from none, or from that before a step. A step is looked
+for between any two pictures, so that chance has thousands of trials."""
+_LEAST_TURNS = 15
+"""Fewer determine the noise of an axis, its bias and the delay too poorly."""
+_BLOCKS = 12
+"""Blocks of time whose scores are compared."""
+_ROUNDS = 3
+_AS_LIKELY = 9.0
+"""Difference of a log-likelihood, times -2, that is three standard deviations."""
+_GAIN_ERROR, _GAIN_SURE = 0.1, 3.0
+"""Largest error of a gyro's gain, three times what makers of small ones state, and standard deviations of the
+gain that are allowed besides."""
+_FINE = 20
+"""Steps of the posterior's grid in one of the likelihood's."""
+
+
+@dataclass(frozen=True)
+class ClockPiece:
+    """A time in which the delay of the pictures' stamps is constant."""
+
+    begin_s: float
+    """Stamp of its first picture; minus infinity for the first piece."""
+    delay_s: float
+    """Mean of the posterior: how much later a picture is stamped than the gyro's reading of that moment."""
+    std_s: float
+    """Standard deviation of the posterior, which covers all delays that explain the turns as well."""
+
+    @property
+    def known(self) -> bool:
+        """Return whether no delay that matters could hide."""
+        return self.std_s < NOTABLE_S / 2
+
+    def differs(self, delay_s: float, std_s: float = 0.0) -> bool:
+        """Return whether its delay differs notably and surely from another one."""
+        return abs(self.delay_s - delay_s) >= max(NOTABLE_S, SURE * float(np.hypot(self.std_s, std_s)))
+
+
+@dataclass(frozen=True)
+class PictureClock:
+    """Delay of the pictures' stamps behind the gyro's."""
+
+    pieces: tuple[ClockPiece, ...]
+    """In order of time; more than one where the clock steps."""
+    longest_s: float
+    """Longest delay that was looked for."""
+
+    def stds_at(self, stamps_s: Array) -> Array:
+        """Return the standard deviation (n,) of the delay of pictures stamped ``stamps_s`` (n,)."""
+        return np.array([piece.std_s for piece in self.pieces])[self._numbers(stamps_s)]
+
+    def _numbers(self, stamps_s: Array) -> NDArray[np.int64]:
+        return np.searchsorted([piece.begin_s for piece in self.pieces[1:]], stamps_s, side="right")
+
+    def later(self, delay_s: float, std_s: float) -> PictureClock:
+        """Return the clock with pictures that are stamped later by ``delay_s`` throughout, known to
+        ``std_s``."""
+        pieces = [replace(p, delay_s=p.delay_s + delay_s, std_s=std_s) for p in self.pieces]
+        return replace(self, pieces=tuple(pieces))
+
+    def delays_at(self, stamps_s: Array) -> Array:
+        """Return the delay (n,) of pictures stamped ``stamps_s`` (n,); 0 where it is not known."""
+        delays_s = [piece.delay_s if piece.known else 0.0 for piece in self.pieces]
+        return np.array(delays_s)[self._numbers(stamps_s)]
+
+
+def picture_clock(
+    stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
+) -> PictureClock | None:
+    """Estimate the delay of pictures with attitudes (n, 3, 3) at ``stamps_s`` (n,), sorted.
+
+    Turns within one ``chain`` (n,) of attitudes are known, turns between two are not. Returns None where too
+    few pictures overlap with the readings, or where the gyro does not explain how the pictures turn, whatever
+    the delay.
+    """
+    residuals = delay_residuals(stamps_s, w_R_b, chain, readings)
+    if residuals is None or len(residuals.begin_s) < _LEAST_TURNS:
+        return None
+    pieces = _pieces(residuals, float("-inf"), _piece(residuals, float("-inf")))
+    if not _explained(residuals, pieces):
+        return None
+    return PictureClock(tuple(pieces), float(residuals.delays_s[-1]))
+
+
+def _piece(residuals: DelayResiduals, begin_s: float) -> ClockPiece:
+    """Return mean and standard deviation of the posterior over the delays."""
+    turn_cost = turn_costs(squared_residuals(residuals))
+    delays_s, weight = _posterior(residuals.delays_s, turn_cost.sum(axis=0))
+    mean_s = float(weight @ delays_s)
+    weight = _posterior(residuals.delays_s, _robust_cost(turn_cost))[1]
+    # A width below the step of the grid is not resolved.
+    std_s = np.sqrt(weight @ (delays_s - mean_s) ** 2 + (delays_s[1] - delays_s[0]) ** 2 / 12)
+    return ClockPiece(begin_s, mean_s, float(std_s))
+
+
+def _posterior(tried_s: Array, cost: Array) -> tuple[Array, Array]:
+    """Return a fine grid of delays and their probabilities, from costs (g,) at delays (g,)."""
+    delays_s = np.linspace(tried_s[0], tried_s[-1], (len(tried_s) - 1) * _FINE + 1)
+    fine = CubicSpline(tried_s, cost)(delays_s)
+    weight = np.exp(-0.5 * (fine - fine.min()))
+    return delays_s, weight / weight.sum()
+
+
+def _robust_cost(turn_cost: Array) -> Array:
+    """Return how much each delay (g,) costs more than the best one, from the costs (n, g) of the turns.
+
+    Where turns, or blocks of time, disagree by more than the model implies, the difference is known no better
+    than its variation between them allows (Vuong 1989, Econometrica 57, equation 3.1). That is so at other
+    periods of a regular motion: the gyro's own noise then makes one of equal delays the best by chance.
+    """
+    dearer = turn_cost - turn_cost[:, [int(turn_cost.sum(axis=0).argmin())]]
+    total = dearer.sum(axis=0)
+    spread = ((dearer - dearer.mean(axis=0)) ** 2).sum(axis=0)
+    blocks = np.stack([block.sum(axis=0) for block in np.array_split(dearer, _BLOCKS)])
+    between = ((blocks - blocks.mean(axis=0)) ** 2).sum(axis=0) * _BLOCKS / (_BLOCKS - 1)
+    return np.asarray(np.minimum(total, 4 * total**2 / np.maximum(np.maximum(spread, between), 1e-300)))
+
+
+def _pieces(residuals: DelayResiduals, begin_s: float, whole: ClockPiece) -> list[ClockPiece]:
+    """Split at a step of the clock, and again on both sides of it, as long as the delays differ surely."""
+    if len(residuals.begin_s) < 2 * _LEAST_TURNS + 1:
+        return [whole]
+    stop, start = _likeliest_step(residuals)
+    before, after = residuals.part(slice(None, stop)), residuals.part(slice(start, None))
+    first, second = _piece(before, begin_s), _piece(after, float(after.begin_s[0]))
+    if not first.differs(second.delay_s, second.std_s):
+        return [whole]
+    return [*_pieces(before, begin_s, first), *_pieces(after, second.begin_s, second)]
+
+
+def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
+    """Return the end of the turns before the likeliest step of the clock, and the beginning of those after.
+
+    The step lies within the turn between them, which no delay explains, or between two turns.
+    """
+    squares, n = squared_residuals(residuals), len(residuals.begin_s)
+    variance = squares[:, :, int(turn_costs(squares).sum(axis=0).argmin())].mean(axis=1)
+    start = np.arange(_LEAST_TURNS + 1, n - _LEAST_TURNS)
+    parted = start[residuals.begin_s[start] > residuals.end_s[start - 1]]
+    stops, starts = np.concatenate([start - 1, parted]), np.concatenate([start, parted])
+    # A turn that is left out would have cost as much as its three components have variances.
+    left_out, cost, step_s = np.where(stops < starts, 3.0, 0.0), np.zeros(len(stops)), 0.0
+    for _ in range(_ROUNDS):
+        sums = np.cumsum(np.tensordot(1 / np.maximum(variance, 1e-24), squares, axes=1), axis=0)
+        before, after = sums[stops - 1], sums[-1] - sums[starts - 1]
+        cost = before.min(axis=1) + after.min(axis=1) + left_out
+        best = int(np.argmin(cost))
+        first, second = int(before[best].argmin()), int(after[best].argmin())
+        sides = squares[:, : stops[best], first], squares[:, starts[best] :, second]
+        variance = np.concatenate(sides, axis=1).mean(axis=1)
+        step_s = float(residuals.delays_s[second] - residuals.delays_s[first])
+    # Of the turns that are as likely, the step lies in that whose duration it makes unusual.
+    lasts_s = residuals.begin_s[starts] - residuals.end_s[stops - 1]
+    usual_s = float(np.median(residuals.end_s - residuals.begin_s))
+    unusual = np.abs(lasts_s - step_s - np.where(stops < starts, usual_s, 0.0))
+    best = int(np.argmin(np.where(cost < cost.min() + _AS_LIKELY, unusual, np.inf)))
+    return int(stops[best]), int(starts[best])
+
+
+def _explained(residuals: DelayResiduals, pieces: list[ClockPiece]) -> bool:
+    """Return whether pictures and gyro turn by the same angles, bias apart.
+
+    A wrong sign, axis or unit of the gyro leaves another ratio of the two at any delay; at a false delay of
+    an irregular motion it is below 1 as well.
+    """
+    delays_s = PictureClock(tuple(pieces), 0.0).delays_at(residuals.begin_s)
+    nearest = np.abs(residuals.delays_s - delays_s[:, None]).argmin(axis=1)
+    difference = np.take_along_axis(residuals.difference_rad, nearest[:, None, None], axis=1)[:, 0]
+    lasts_s = residuals.end_s - residuals.begin_s
+    left, turned = (
+        values - np.outer(lasts_s, lasts_s @ values / (lasts_s @ lasts_s))
+        for values in (difference, residuals.turn_rad)
+    )
+    by_gyro = turned - left
+    size = max(float((by_gyro**2).sum()), 1e-300)
+    off = float((by_gyro * left).sum()) / size
+    std = np.sqrt(float((left**2).mean()) / size)
+    return bool(abs(off) < _GAIN_ERROR + _GAIN_SURE * std)
