@@ -66,7 +66,7 @@ class AccelerometerScale:
 
 @dataclass(frozen=True)
 class InertialComparison:
-    """What gyro and accelerometer tell of a refined part of a map."""
+    """Results of comparing a refined part of a map with gyro and accelerometer."""
 
     clock: PictureClock | None
     scale: AccelerometerScale | NoScale

@@ -150,6 +150,19 @@ def test_gaps_in_pictures_and_readings_do_no_harm():
     assert thinned.found.scale_std > flight.found.scale_std
 
 
+@pytest.mark.parametrize("end", [0, -1])
+def test_a_pose_at_the_first_or_last_reading_is_used(end: int):
+    flight = made(2, lasts_s=20.0)
+    r = flight.readings
+    at = int(np.argmin(np.abs(r.stamps_s - flight.stamps_s[end])))
+    stamps_s = flight.stamps_s.copy()
+    stamps_s[end] = r.stamps_s[at]
+    kept = slice(at, None) if end == 0 else slice(None, at + 1)
+    within = InertialReadings(r.stamps_s[kept], r.gyro_rad_s[kept], r.accel_m_s2[kept])
+    found = replace(flight, stamps_s=stamps_s, readings=within).found
+    assert found.scale == pytest.approx(SCALE, abs=4 * found.scale_std)
+
+
 @pytest.mark.slow
 def test_the_scale_of_a_slow_flight_is_unbiased():
     """Where noise is no longer small beside the way, least squares on either side would bend the scale."""
