@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from slam.core.errors import InputError
+from slam.io.content import HEAD_BYTES, content_name
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -35,11 +36,13 @@ def kind_of(path: Path) -> Kind:
         return "recording" if _is_recording(path) else _kind_of_folder(path)
     if not path.is_file():
         raise InputError(f"{path}: neither a file nor a folder; {_GIVE}")
-    if path.suffix.lower() == ".g2o" or _reads_like_graph(path):
+    found = _content_of(path)
+    if _reads_like_graph(path) or (path.suffix.lower() == ".g2o" and found in ("", "an empty file")):
         return "graph"
     if _is_recording(path):
         return "recording"
-    raise InputError(f"{path}: a file of another kind; {_GIVE}")
+    what = f"is {found}, which slam does not read" if found else "a file of another kind"
+    raise InputError(f"{path}: {what}; {_GIVE}")
 
 
 def open_flight(
@@ -114,6 +117,11 @@ def _kind_of_folder(path: Path) -> Kind:
     holds_flights = any(True for depth in ("*", "*/*") for _ in path.glob(f"{depth}/mav0"))
     # The reader of flights refuses a folder of another kind and names what it found.
     return "photos" if not holds_flights and holds_photos(path) else "flight"
+
+
+def _content_of(path: Path) -> str:
+    with path.open("rb") as stream:
+        return content_name(stream.read(HEAD_BYTES))
 
 
 def _reads_like_graph(path: Path) -> bool:

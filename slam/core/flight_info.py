@@ -22,7 +22,8 @@ GAP_FACTOR, GAP_MIN_S = 3.0, 0.1
 ECHO_RATIO = 1.5
 """A single range that exceeds its neighbours by this factor is a multipath echo or an obstacle's edge."""
 STUCK_S, STUCK_COUNT = 5.0, 20
-"""A range that repeats for so long and so many readings is stuck, or the vehicle is on the ground."""
+"""A range that repeats for so long and so many readings is stuck, or the vehicle is on the ground. In a
+shorter recording, so many readings must be all."""
 REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
 """The vehicle rests if the deviations of gyro (rad/s) and accelerometer (m/s^2) in a window are smaller."""
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
@@ -232,7 +233,7 @@ def _sonar_anomalies(sonar: Sonar) -> list[str]:
     edges = np.flatnonzero(np.diff(ranges, prepend=np.nan, append=np.nan) != 0)
     first, last = edges[:-1], edges[1:] - 1
     lasted = np.where(last - first + 1 >= STUCK_COUNT, stamps[last] - stamps[first], 0.0)
-    if lasted.max() > STUCK_S:
+    if lasted.max() > STUCK_S or (len(first) == 1 and lasted.max() > 0):
         at = first[int(np.argmax(lasted))]
         lines.append(
             f"sonar0: reads exactly {ranges[at]:g} m for {lasted.max():.1f} s from {stamps[at]:.1f} s "

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from slam.core.errors import InputError
 from slam.io.csv_header import CsvColumn, column_indices, extra_columns, header_of, parse_header
-from slam.io.files import brief, read_bytes, refusal
+from slam.io.files import brief, read_bytes, refusal, refuse_other_content, without_zero_tail
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -177,12 +177,10 @@ def _read_text(path: Path, root: Path, expected: str) -> _CsvText:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise refusal(path, "is UTF-16 text", "save it as UTF-8")
     data = data.removeprefix(b"\xef\xbb\xbf")
-    notes = []
-    if zeros := len(data) - len(data.rstrip(b"\0")):
-        data = data[:-zeros]
-        notes.append(f"the last {zeros} bytes are zeros (power loss?) and were dropped")
+    data, notes = without_zero_tail(data)
     if not data.strip():
         raise refusal(path, "is empty", f"write the header {expected}, or remove the folder")
+    refuse_other_content(path, data)
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     first, *lines = data.split(b"\n")

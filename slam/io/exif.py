@@ -19,6 +19,7 @@ from PIL import Image
 from PIL.ExifTags import GPS, IFD, Base
 
 from slam.core.errors import InputError
+from slam.io.content import unreadable_reason
 from slam.io.images import MAX_PIXELS
 from slam.io.lens_tags import LensTags, read_lens
 from slam.io.photo_position import PhotoPosition, read_position
@@ -102,7 +103,7 @@ def read_tags(path: Path) -> PhotoTags:
     except Image.DecompressionBombError as error:
         raise InputError(f"more than {MAX_PIXELS // 10**6} million pixels") from error
     except Exception as error:  # Pillow raises any exception for a damaged file
-        raise InputError("not a readable picture") from error
+        raise InputError(unreadable_reason(path)) from error
     if size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"more than {MAX_PIXELS // 10**6} million pixels")
     if not complete:

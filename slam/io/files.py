@@ -7,6 +7,7 @@ import stat
 from pathlib import Path
 
 from slam.core.errors import InputError, one_line
+from slam.io.content import HEAD_BYTES, content_name
 
 OUTPUT_MARKER = ".slam-output"
 """Name of the file that marks a folder as an output of slam."""
@@ -63,6 +64,32 @@ def read_bytes(path: Path, root: Path, limit_bytes: int) -> bytes:
         raise refusal(path, "does not exist", "check the folder is complete") from None
     except OSError as error:
         raise refusal(path, f"cannot be read ({error.strerror})", "check its permissions") from None
+
+
+def read_text(path: Path, root: Path, limit_bytes: int) -> tuple[str, list[str]]:
+    """Return the UTF-8 text of a small file, and a note about zero bytes at its end, which are dropped.
+
+    Raises ``InputError`` as ``read_bytes`` does, and where the file holds something else than text.
+    """
+    data, notes = without_zero_tail(read_bytes(path, root, limit_bytes))
+    refuse_other_content(path, data)
+    try:
+        return data.decode("utf-8-sig"), [f"{path.name}: {note}" for note in notes]
+    except UnicodeDecodeError:
+        raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
+
+
+def without_zero_tail(data: bytes) -> tuple[bytes, list[str]]:
+    """Return data without the zero bytes at its end, and a note about them."""
+    text = data.rstrip(b"\0")
+    zeros = len(data) - len(text)
+    return text, [f"the last {zeros} bytes are zeros (power loss?) and were dropped"] if zeros else []
+
+
+def refuse_other_content(path: Path, head: bytes) -> None:
+    """Raise ``InputError`` where the first bytes of a text file are those of another format."""
+    if head and (found := content_name(head[:HEAD_BYTES])):
+        raise refusal(path, f"is {found}, not a text file", "put the right file there")
 
 
 def _kind(mode: int) -> str:

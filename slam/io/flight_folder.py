@@ -60,7 +60,7 @@ def read_flight(path: Path | str) -> Flight:
     )
     recording = _Recording(root, metadata)
     all_keyframes = _flag(metadata, "all_keyframes")
-    recording.warnings += _assumptions(metadata)
+    recording.warnings += [*metadata.notes, *_assumptions(metadata)]
     _read_streams(recording)
     check_stamps_agree(recording.tables)
     truncated = [name for name, table in recording.tables.items() if table.truncated]
@@ -71,7 +71,8 @@ def read_flight(path: Path | str) -> Flight:
     epoch_ns = min(firsts, default=0)
     parts = _build(recording, epoch_ns)
     _note_truncation(recording, truncated)
-    landmarks = read_landmarks(root) if _exists(root / "landmarks.csv") else {}
+    landmarks, notes = read_landmarks(root) if _exists(root / "landmarks.csv") else ({}, [])
+    recording.warnings += notes
     return Flight(
         name=brief(metadata.text("name", "") or root.resolve().name, 120),
         epoch_ns=epoch_ns,
@@ -145,7 +146,7 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
             raise refusal(folder / part, "does not exist", f"add it, or remove the folder {name}")
     if _exists(folder / "sensor.yaml"):
         sensor = read_yaml(folder / "sensor.yaml", root)
-        recording.note(name, sensor.misspelt_keys(KNOWN_KEYS))
+        recording.note(name, (*sensor.notes, *sensor.misspelt_keys(KNOWN_KEYS)))
     else:
         sensor = YamlFile(folder / "sensor.yaml")
         recording.note(name, ["has no sensor.yaml: nominal figures assumed"])

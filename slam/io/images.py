@@ -21,6 +21,7 @@ import numpy as np
 from PIL import Image as Pillow
 
 from slam.core.flight import Image
+from slam.io.content import content_name
 from slam.io.levels import Levels, Raw, levels_of, range_of
 from slam.io.tiff import MAGIC as TIFF_MAGIC
 from slam.io.tiff import deep_pixels, tiff_header
@@ -35,7 +36,6 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _TAG_BLOCKS = re.compile(rb"(\xff[\xe1\xe2]..)(Exif|MPF\0)", re.DOTALL)
 """Start of a JPEG's Exif and multi-picture blocks."""
-_OTHER_FORMATS = {b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
 _PICTURES_FOR_LEVELS = 8
 """Number of pictures from which the levels are taken. One with a bright spot is enough."""
 
@@ -274,5 +274,5 @@ def _format_reason(head: bytes) -> str:
         return "empty" if not head else "zeroed"
     if _PNG.startswith(head[:8]) or head.startswith(_PNG):
         return "truncated"
-    name = next((name for magic, name in _OTHER_FORMATS.items() if head.startswith(magic)), None)
-    return "no PNG, JPEG or TIFF" if name is None else f"is {name}, no PNG, JPEG or TIFF"
+    name = content_name(head)
+    return f"is {name}, no PNG, JPEG or TIFF" if name else "no PNG, JPEG or TIFF"

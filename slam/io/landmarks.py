@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.io.files import brief, read_bytes, refusal
+from slam.io.files import brief, read_text, refusal
 from slam.io.sensor_yaml import YamlFile
 
 Array = NDArray[np.float64]
@@ -19,14 +19,11 @@ HEADER = ("name", "x [m]", "y [m]", "z [m]")
 MAX_BYTES = 1 << 24
 
 
-def read_landmarks(root: Path) -> dict[str, Array]:
+def read_landmarks(root: Path) -> tuple[dict[str, Array], list[str]]:
     """Return a map of names to (3,) metres in the world. Raises ``InputError`` with the faulty line."""
     path = root / "landmarks.csv"
     header = ",".join(HEADER)
-    try:
-        text = read_bytes(path, root, MAX_BYTES).rstrip(b"\0").decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
+    text, notes = read_text(path, root, MAX_BYTES)
     rows = csv.reader(io.StringIO(text.replace("\r\n", "\n").replace("\r", "\n")))
     landmarks: dict[str, Array] = {}
     try:
@@ -44,7 +41,7 @@ def read_landmarks(root: Path) -> dict[str, Array]:
                 landmarks[name] = point
     except csv.Error as error:
         raise refusal(path, f"is not a csv file ({error})", f"write {header}", rows.line_num) from None
-    return landmarks
+    return landmarks, notes
 
 
 def check_pairs(metadata: YamlFile, key: str, landmarks: dict[str, Array]) -> tuple[tuple[str, str], ...]:

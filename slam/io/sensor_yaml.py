@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from slam.io.files import brief, read_bytes, refusal
+from slam.io.files import brief, read_text, refusal
 
 Array = NDArray[np.float64]
 Value = str | list["Value"] | dict[str, "Value"]
@@ -35,6 +35,8 @@ class YamlFile:
     path: Path
     fields: dict[str, Value] = field(default_factory=dict)
     lines: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    """Damage of the file that was repaired."""
 
     def has(self, key: str) -> bool:
         """Return whether the key is present and has a value."""
@@ -144,11 +146,7 @@ def read_yaml(path: Path, root: Path) -> YamlFile:
     """Read a mapping of text, lists and mappings. Raises ``InputError`` for any other content or for an
     unsafe file.
     """
-    data = read_bytes(path, root, MAX_BYTES).rstrip(b"\0")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
+    text, notes = read_text(path, root, MAX_BYTES)
     if text.startswith("%YAML:"):
         text = "#" + text  # OpenCV and EuRoC write this line, which is not a valid YAML directive
     try:
@@ -160,13 +158,13 @@ def read_yaml(path: Path, root: Path) -> YamlFile:
     except (yaml.YAMLError, ValueError) as error:
         raise refusal(path, f"is not YAML ({error})", "repair it") from None
     if node is None:
-        return YamlFile(path)
+        return YamlFile(path, notes=tuple(notes))
     if not isinstance(node, yaml.MappingNode):
         raise refusal(path, "is not a list of `key: value` lines", "repair it")
     fields = _plain(path, node)
     assert isinstance(fields, dict)
     lines = {str(key.value): _line(key) for key, _ in node.value}
-    return YamlFile(path, fields, lines)
+    return YamlFile(path, fields, lines, tuple(notes))
 
 
 def _check_events(path: Path, text: str) -> None:

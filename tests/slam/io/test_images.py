@@ -107,7 +107,9 @@ def test_sixteen_bit_colour_keeps_its_upper_byte(put):
     np.testing.assert_array_equal(read_image(path), picture(3, SIZE))
 
 
-@pytest.mark.parametrize(("kind", "name"), [("GIF", "a GIF"), ("BMP", "a BMP")])
+@pytest.mark.parametrize(
+    ("kind", "name"), [("GIF", "a GIF"), ("BMP", "a BMP"), ("WEBP", "a WebP"), ("PDF", "a PDF")]
+)
 def test_other_formats_are_named_in_the_error(put, kind, name):
     assert name in reason(put(encoded(kind)))
 
