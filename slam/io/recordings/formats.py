@@ -9,10 +9,9 @@ from importlib import import_module
 from pathlib import Path
 
 from slam.core.errors import explain
+from slam.io.content import HEAD_BYTES, content_name
 from slam.io.files import refusal
 from slam.io.recordings.recording import Recording
-
-_HEAD_BYTES = 256
 
 
 @dataclass(frozen=True)
@@ -67,13 +66,15 @@ def format_of(path: Path) -> Format | None:
         return ROS2_FOLDER if (path / "metadata.yaml").is_file() and _holds_bag(path) else None
     try:
         with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
+            head = file.read(HEAD_BYTES)
     except OSError as error:
         raise refusal(path, "cannot be read", explain(error)) from None
     found = next((known for known in FORMATS if known.begins(head)), None)
     named = next((known for known in FORMATS if path.suffix.lower() in known.suffixes), None)
     if found is None and named is not None:
-        what = "is empty" if not head else f"has the name of {named.description}, but begins otherwise"
+        content = content_name(head)
+        other = f"is {content}" if content else "begins otherwise"
+        what = f"has the name of {named.description}, but {other}" if head else "is empty"
         raise refusal(path, what, "copy it again from the recorder, or correct its name")
     return found
 

@@ -28,13 +28,19 @@ def optional_reader(path: Path, description: str, extra: str) -> Iterator[None]:
 def damage_reported(path: Path, description: str) -> Iterator[None]:
     """Turn whatever a reader raises for a damaged file into one line.
 
-    Readers let errors of their own and of Python through. Errors of this project, of the system and of
-    memory pass.
+    Readers let errors of their own and of Python through. Errors of this project and of the system pass.
     """
     try:
         yield
-    except (InputError, OSError, MemoryError):
+    except (InputError, OSError):
         raise
+    except MemoryError:  # a reader believes every length
+        raise refusal(
+            path,
+            f"is {description} that asks for more memory than there is: a length in it is damaged, or memory "
+            "is short",
+            "copy it again from the recorder, or close other programs",
+        ) from None
     except Exception as error:  # noqa: BLE001  a reader's errors have no common class
         cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise refusal(

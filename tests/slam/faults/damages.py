@@ -86,11 +86,6 @@ def file(name: str, content: bytes) -> Callable[[Path], Path]:
     return damage
 
 
-def folder(name: str, content: bytes) -> Damage:
-    """Write a file into the input, and give its folder to the command alone."""
-    return lambda place: file(name, content)(place).parent
-
-
 def also(name: str, content: bytes) -> Damage:
     """Write a file into the input."""
     return lambda folder: (folder / name).write_bytes(content)

@@ -127,6 +127,13 @@ def told(fault: Fault, sources: Sources, place: Path) -> str:
     return " ".join(result.stdout.split())
 
 
+def optimized(source: Path, out: Path) -> str:
+    """Map a flight or solve a graph, and return its summary."""
+    result = CliRunner().invoke(app, ["optimize", str(source), "--out", str(out), "--no-mosaic"])
+    assert result.exit_code == 0, result.stderr
+    return json.dumps(json.loads((out / "summary.json").read_text()))
+
+
 def listing(place: Path) -> list[str]:
     """Every file and folder below a place."""
     return sorted(str(path) for path in place.rglob("*"))

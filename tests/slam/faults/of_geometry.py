@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from typer.testing import CliRunner
 
 from frontend.features import Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.points import Points
 from frontend.registration import register
-from slam.cli import app
 from slam.core.flight import Flight
 from slam.io.flight_folder import write_flight
 from tests.frontend.floor_pairs import CAMERA
-from tests.slam.faults.fault import Event, Fault, Sources
+from tests.slam.faults.fault import Event, Fault, Sources, optimized
 from tests.slam.faults.made_graph import edited, laps
 from tests.slam.small_flight import flown, seeing
 
@@ -32,13 +29,6 @@ def mapped(made: Callable[[], Flight]) -> Callable[[Sources, Path], str]:
         return optimized(place / "flight", place / "out")
 
     return play
-
-
-def optimized(source: Path, out: Path) -> str:
-    """Map a flight or solve a graph, and return its summary."""
-    result = CliRunner().invoke(app, ["optimize", str(source), "--out", str(out), "--no-mosaic"])
-    assert result.exit_code == 0, result.stderr
-    return json.dumps(json.loads((out / "summary.json").read_text()))
 
 
 def short(**tables: dict[str, Any]) -> Flight:
@@ -123,15 +113,15 @@ SPREAD = RNG.uniform([0, 0], CAMERA.size_px, (60, 2))
 SHUFFLED = RNG.permutation(SPREAD)
 LINE = np.linspace([10, 20], [150, 110], 60)
 FAULTS = (
-    Event(45, "some pictures without features", "W", "too few features", mapped(partly_plain)),
-    Event(45, "frozen camera", "W", "same picture as the one before", mapped(frozen)),
-    Event(45, "hover", "W", '"status": ', mapped(hovering)),
+    Event(45, "some pictures without features", "W", "too few features", mapped(partly_plain), is_slow=True),
+    Event(45, "frozen camera", "W", "same picture as the one before", mapped(frozen), is_slow=True),
+    Event(45, "hover", "W", '"status": ', mapped(hovering), is_slow=True),
     Event(46, "collinear points", "W", ".", registered(LINE, LINE + 5)),
     Event(46, "identical points", "W", ".", registered(np.full((60, 2), 50.0), np.full((60, 2), 60.0))),
     Event(46, "three points", "W", "too few matches", registered(SPREAD[:3], SPREAD[:3] + 5)),
     Event(46, "random matches", "W", ".", registered(SPREAD, SHUFFLED)),
-    Event(47, "pure rotation", "W", '"status": ', mapped(turning)),
-    Event(47, "sloping ground", "W", "slope|tilted|sky|lean", mapped(sloping)),
+    Event(47, "pure rotation", "W", '"status": ', mapped(turning), is_slow=True),
+    Event(47, "sloping ground", "W", "slope|tilted|sky|lean", mapped(sloping), is_slow=True),
     Event(48, "half the loops false", "W", "edges were rejected", half_false),
     Fault(49, "disconnected graph", "W", "2 parts", edited(two_parts), "optimize", "graph"),
     Fault(49, "graph held nowhere", "W", '"status": ', edited(lambda t: t), "optimize", "graph"),

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
+from slam.io.flight_folder import write_flight
 from tests.slam.faults.damages import Rows, column, key, later, rows, without
-from tests.slam.faults.fault import Damage, Fault
+from tests.slam.faults.fault import Damage, Event, Fault, Sources, optimized
+from tests.slam.small_flight import flown
 
 
 def at_once(table: Rows) -> Rows:
@@ -21,6 +26,17 @@ def bent(k1: float) -> Damage:
 HOUR_NS = 3600 * 10**9
 LOUD = "noise_std: [1e300]"
 LOOKS_UP = "data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]"
+
+
+def stamped_late(_: Sources, place: Path) -> str:
+    """The map of a flight whose pictures are stamped 50 ms late."""
+    flight = flown(0)
+    assert flight.frames is not None
+    late = replace(flight, frames=replace(flight.frames, stamps_s=flight.frames.stamps_s + 0.05))
+    write_flight(late, place / "flight")
+    return optimized(place / "flight", place / "out")
+
+
 FAULTS = (
     Fault(28, "NaN stamps", "W", "without a finite stamp", column("imu0", 0, lambda _: "nan", every=50)),
     Fault(28, "Inf stamps", "W", "without a finite stamp", column("sonar0", 0, lambda _: "inf", every=50)),
@@ -30,6 +46,7 @@ FAULTS = (
     Fault(32, "clock an hour ahead", "W", "jumps ahead by 3600", rows("sonar0", later(HOUR_NS))),
     Fault(33, "microseconds", "E", "microseconds", column("imu0", 0, lambda s: int(s) // 1000)),
     Fault(33, "seconds", "E", "seconds", column("imu0", 0, lambda s: int(s) // 10**9)),
+    Event(34, "pictures stamped late", "W", "ms late", stamped_late, is_slow=True),
     Fault(35, "gap", "W", "1 gap", rows("sonar0", lambda t: [*t[:20], *t[-20:]])),
     Fault(36, "no IMU", "W", "no IMU", without("imu0"), "optimize"),
     Fault(36, "attitude upside down", "W", "the sky", column("attitude0", 1, lambda _: 3.0), "optimize"),
@@ -43,7 +60,7 @@ FAULTS = (
         "W",
         "reads exactly 0.7 m",
         column("sonar0", 1, lambda _: 0.7),
-        "optimize",
+        source="optimize",
     ),
     Fault(39, "sonar saturated", "W", "no metric scale", column("sonar0", 1, lambda _: 6.0), "optimize"),
     Fault(39, "sonar echoes", "W", "echoes", column("sonar0", 1, lambda r: 2 * float(r or 1), every=9)),
