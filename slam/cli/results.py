@@ -89,7 +89,7 @@ def _write_mosaics(
     A mosaic that cannot be drawn gives a warning.
     """
     from frontend.mosaic.canvas import MosaicError
-    from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
+    from slam.report.rasters.mosaic import REDUNDANT, write_chain_picture, write_mosaic
 
     if not options.wanted:
         return Mosaics(), (), {}
@@ -105,7 +105,8 @@ def _write_mosaics(
         return Mosaics(), (f"no mosaic: {refusal}",), {}
     names: dict[str, list[str]] = {}
     for name, reason in made.not_drawn.items():
-        names.setdefault(reason, []).append(name)
+        if reason != REDUNDANT:  # summary.json names these
+            names.setdefault(reason, []).append(name)
     notes = [f"mosaic: {len(of)} keyframes left out: {why} ({listed(of)})" for why, of in names.items()]
     if made.note:
         notes.append(f"mosaic: {made.note}")

@@ -169,7 +169,7 @@ class Estimate:
     not_placed: dict[str, str] = field(default_factory=dict)
     """Name of each keyframe without a pose -> reason; of photographs also those that are no keyframe."""
     not_drawn: dict[str, str] = field(default_factory=dict)
-    """Name of each keyframe that the mosaic could not use -> reason."""
+    """Name of each keyframe that the mosaic does not show -> reason."""
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     graph_error: float = float("nan")

@@ -34,7 +34,7 @@ class Summary:
     not_placed: dict[str, str] = field(default_factory=dict)
     """Name of each picture that should have a pose and has none -> reason."""
     not_drawn: dict[str, str] = field(default_factory=dict)
-    """Name of each picture that the mosaic could not use -> reason."""
+    """Name of each keyframe that the mosaic does not show -> reason."""
     landmarks: int = 0
     """Number of surveyed points of the flight."""
     timing_s: dict[str, float] = field(default_factory=dict)

@@ -51,7 +51,7 @@ def test_photographs_of_two_places_are_two_parts(mixed):
     assert "2 parts (12, 9 keyframes) that no overlapping pictures connect" in estimate.status
 
 
-def test_photographs_that_are_not_placed_are_named():
+def test_photographs_that_are_not_placed_are_named(capfd):
     """One belongs to nothing, one shows nothing, and one cannot be read."""
     here, there = flown(0), elsewhere()
     flight = photographs([(here, 3 * k) for k in range(10)] + [(there, 0)])
@@ -71,6 +71,7 @@ def test_photographs_that_are_not_placed_are_named():
     assert f"not on the map ({names[10]})" in estimate.status
     for k, reason in ((4, "too few features"), (6, "unreadable: truncated")):
         assert f"1 photographs not placed: {reason} ({names[k]})" in estimate.warnings
+    assert capfd.readouterr() == ("", "")  # nothing of the libraries reaches the terminal
 
 
 def test_a_photograph_that_belongs_to_nothing_is_left_out():

@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 MAX_MOSAIC_PIXELS = 60_000_000
 MAX_PNG_PIXELS = 40_000_000
+REDUNDANT = "other pictures show its ground"
+"""Reason of a usable keyframe that the mosaic does not need."""
 CACHE_MB = 256
 """Memory for pictures while tiles are rendered."""
 
@@ -57,7 +59,7 @@ class MosaicFiles:
     left_out: dict[str, int]
     """Reason -> number of keyframes that could not be used."""
     not_drawn: dict[str, str]
-    """Name of each of these -> reason."""
+    """Name of each keyframe that the mosaic does not show -> reason, ``REDUNDANT`` among them."""
     seam_before: float
     """Brightness difference (rms share) between pictures of one point, as read; NaN without overlap."""
     seam_after: float
@@ -114,13 +116,20 @@ def write_mosaic(
         pictures=len(plan.views),
         redundant=plan.redundant,
         left_out=dict(Counter(plan.left_out.values())),
-        not_drawn={estimate.frame_names[k]: plan.left_out[k] for k in sorted(plan.left_out)},
+        not_drawn=_not_drawn(estimate, plan),
         seam_before=made.exposure.seam_before,
         seam_after=made.exposure.seam_after,
         note=plan.note,
         tiles=tiles.drawn + tiles.kept,
         kept=tiles.kept,
     )
+
+
+def _not_drawn(estimate: Estimate, plan: MosaicPlan) -> dict[str, str]:
+    drawn = {view.k for view in plan.views}
+    return {
+        name: plan.left_out.get(k, REDUNDANT) for k, name in enumerate(estimate.frame_names) if k not in drawn
+    }
 
 
 def write_chain_picture(

@@ -12,6 +12,7 @@ from PIL.ExifTags import GPS, IFD, Base
 from PIL.TiffImagePlugin import IFDRational
 
 SIZE = (64, 48)
+XMP_TAG = 700
 NADIR = {"GimbalYawDegree": "+0.00", "GimbalPitchDegree": "-90.00", "GimbalRollDegree": "+0.00"}
 
 
@@ -38,8 +39,15 @@ def jpeg(
     elements=False,
     container="JPEG",
     seed=0,
+    packet=None,
+    deep=False,
 ) -> bytes:
-    """A picture file; None leaves a tag out, ``drone`` and ``camera`` are XMP names and values."""
+    """A picture file; None leaves a tag out, ``drone`` and ``camera`` are XMP names and values.
+
+    ``packet`` is a whole XMP packet instead, and ``deep`` gives grey pixels of 12 bits, for a TIFF.
+    """
+    if packet is None and (drone or camera):
+        packet = xmp(drone or {}, camera or {}, elements=elements)
     exif = Image.Exif()
     exif[Base.Make], exif[Base.Model] = make, model
     inner = exif.get_ifd(IFD.Exif)
@@ -57,13 +65,14 @@ def jpeg(
     where.update(gps or {})
     if container == "TIFF":  # Pillow writes a TIFF's inner directories only where they are values
         exif[IFD.Exif], exif[IFD.GPSInfo] = dict(inner), dict(where)
+        if packet is not None:
+            exif[XMP_TAG] = packet
     pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
     out = io.BytesIO()
+    pixels = pixels[..., 0].astype(np.uint16) << 4 if deep else pixels
     Image.fromarray(pixels).save(out, container, exif=exif)
     data = out.getvalue()
-    if drone or camera:
-        data = with_xmp(data, xmp(drone or {}, camera or {}, elements=elements))
-    return data
+    return with_xmp(data, packet) if packet is not None and container == "JPEG" else data
 
 
 def xmp(drone: dict[str, str], camera: dict[str, str], *, elements: bool = False) -> bytes:

@@ -12,7 +12,7 @@ from slam.io.exif import read_tags
 from slam.io.photo_bands import band_of, chosen_band
 from slam.io.photo_camera import photo_camera
 from slam.io.photos import import_photos
-from tests.slam.io.photo_files import fill, jpeg, with_xmp
+from tests.slam.io.photo_files import fill, jpeg
 
 Base = ExifTags.Base
 PX_PER_MM = 1 / 0.00375
@@ -51,7 +51,12 @@ def xmp(values, items=()):
 
 def shot(k, packet, **options):
     place, time = (30 + k * 1e-4, -98.0), f"2017:01:01 10:10:{2 * k:02d}"
-    return with_xmp(jpeg(place=place, time=time, make="Parrot", model="Sequoia", **options), packet)
+    return jpeg(place=place, time=time, make="Parrot", model="Sequoia", packet=packet, **options)
+
+
+def narrow(k, band, **options):
+    packet = xmp(FISHEYE | {"BandName": band})
+    return shot(k, packet, size=(64, 48), tags=RESOLUTION, container="TIFF", deep=True, **options)
 
 
 def sequoia(count=3):
@@ -63,9 +68,7 @@ def sequoia(count=3):
             k, xmp(COLOUR, ("Red", "Green", "Blue")), size=(92, 68), tags=RESOLUTION, seed=k
         )
         for suffix, band in NARROW.items():
-            files[f"{stem}_{suffix}.TIF"] = shot(
-                k, xmp(FISHEYE | {"BandName": band}), size=(64, 48), tags=RESOLUTION, seed=k + 7
-            )
+            files[f"{stem}_{suffix}.TIF"] = narrow(k, band, seed=k + 7)
     return files
 
 
@@ -186,3 +189,25 @@ def test_the_choice_among_bands():
     assert chosen_band(["Green"] * 9 + ["RGB"], None) == "Green"  # one stray colour photograph
     assert chosen_band(["Green"] * 9 + ["RGB"] * 5, None) == "RGB"
     assert chosen_band(["band 2", "band 1"], None) == "band 1"
+
+
+def test_mutated_tiffs_give_a_flight_or_a_refusal(tmp_path):
+    """Flipped bytes and cuts; warnings are errors here."""
+    rng = np.random.default_rng(0)
+    original = narrow(0, "NIR")
+    outcomes = {"flight": 0, "refused": 0}
+    for _ in range(150):
+        data = bytearray(original)
+        for at in rng.integers(2, len(data), rng.integers(1, 30)):
+            data[at] = rng.integers(256)
+        cut = rng.integers(len(data)) if rng.random() < 0.15 else len(data)
+        (tmp_path / "a_NIR.TIF").write_bytes(data[:cut])
+        try:
+            flight = import_photos(tmp_path)
+        except InputError:
+            outcomes["refused"] += 1
+        else:
+            flight.frames.load(0)
+            assert np.isfinite([*flight.camera.focal_px, *flight.camera.distortion]).all()
+            outcomes["flight"] += 1
+    assert min(outcomes.values()) > 0

@@ -64,6 +64,7 @@ def test_files_hold_the_floor_where_it_lies(tmp_path: Path) -> None:
     files = write_mosaic(estimate, flight, tmp_path / "new", progress=lambda *step: told.append(step))
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == FILES
     assert files.pictures + files.redundant == 12
+    assert list(files.not_drawn.values()) == ["other pictures show its ground"] * files.redundant
     assert files.left_out == {}
     assert files.note == ""
     assert files.geotiff is not None
