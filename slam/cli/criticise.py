@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import JSON, OUT, QUIET, TOPICS, topics_of
+from slam.cli.options import JSON, OUT, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -56,8 +56,8 @@ def criticise(
     screen = Screen(quiet, as_json)
     nominal = load_model(model)
     with output_folder(out) as folder, screen.progress() as progress:
-        topics = topics_of(topic)
-        opened = with_unique_names([open_flight(path, progress, topics)[0] for path in flights])
+        request = request_of(topic)
+        opened = with_unique_names([open_flight(path, progress, request)[0] for path in flights])
         for flight in opened:
             show_sources(flight, screen)
         result = run(opened, nominal, progress)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, topics_of
+from slam.cli.options import JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, request_of
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -55,7 +55,7 @@ def estimate(
     settings = pipeline_config(config, None)
     instruments = load_model(model) if model is not None else None
     with output_folder(out) as folder, screen.progress() as progress:
-        opened, _ = open_flight(source, progress, topics_of(topic))
+        opened, _ = open_flight(source, progress, request_of(topic))
         show_sources(opened, screen)
         flight = _without(opened, without or [])
         if instruments is not None:

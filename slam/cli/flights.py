@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import FLIGHT_OUT, JSON, QUIET, TOPICS, topics_of
+from slam.cli.options import FLIGHT_OUT, JSON, PICTURE_RATE, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
@@ -35,6 +35,7 @@ def import_flight(
     source: Annotated[Path, _IMPORTED],
     out: Annotated[Path, FLIGHT_OUT],
     topic: Annotated[list[str] | None, TOPICS] = None,
+    picture_rate: Annotated[float | None, PICTURE_RATE] = None,
     band: Annotated[str | None, _BAND] = None,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
@@ -45,7 +46,7 @@ def import_flight(
 
     screen = Screen(quiet)
     with screen.progress() as progress:
-        flight = import_source(source, progress, topics_of(topic), band)
+        flight = import_source(source, progress, request_of(topic), band)
         write_flight(flight, out, progress)
     show(flight, screen)
     screen.files([out])
@@ -71,7 +72,7 @@ def info(
         screen.json(json_text(record))
         screen.table(graph_table(record))
         return
-    flight, _ = open_flight(source, silent, topics_of(topic))
+    flight, _ = open_flight(source, silent, request_of(topic))
     screen.json(json_text(asdict(describe(flight))))
     show(flight, screen)
 

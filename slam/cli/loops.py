@@ -8,7 +8,17 @@ from typing import Annotated
 import typer
 
 from frontend.feature_kinds import FeatureKind
-from slam.cli.options import CONFIG, FEATURES, JSON, OUT, QUIET, TOPICS, pipeline_config, topics_of
+from slam.cli.options import (
+    CONFIG,
+    FEATURES,
+    JSON,
+    OUT,
+    PICTURE_RATE,
+    QUIET,
+    TOPICS,
+    pipeline_config,
+    request_of,
+)
 
 _FLIGHT = typer.Argument(
     metavar="FLIGHT",
@@ -23,6 +33,7 @@ def loops(
     config: Annotated[Path | None, CONFIG] = None,
     features: Annotated[FeatureKind | None, FEATURES] = None,
     topic: Annotated[list[str] | None, TOPICS] = None,
+    picture_rate: Annotated[float | None, PICTURE_RATE] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -39,7 +50,7 @@ def loops(
     screen = Screen(quiet, as_json)
     settings = pipeline_config(config, features)
     with output_folder(out) as folder, screen.progress() as progress:
-        flight, _ = open_flight(source, progress, topics_of(topic))
+        flight, _ = open_flight(source, progress, request_of(topic, picture_rate))
         show_sources(flight, screen)
         result = evaluate_loops(flight, settings, progress)
         (folder / "loops.json").write_text(json_text(full_record(result)), encoding="utf-8")

@@ -8,13 +8,25 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from frontend.feature_kinds import FeatureKind
-from slam.cli.options import CONFIG, FEATURES, JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, topics_of
+from slam.cli.options import (
+    CONFIG,
+    FEATURES,
+    JSON,
+    MODEL,
+    OUT,
+    PICTURE_RATE,
+    QUIET,
+    TOPICS,
+    pipeline_config,
+    request_of,
+)
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
     from slam.cli.results import MosaicOptions, Results
     from slam.core.flight import Flight
     from slam.core.progress import Progress
+    from slam.io.recordings.choice import Request
     from slam.mapping.config import PipelineConfig
     from slam.simulation.model import Model
 
@@ -41,6 +53,7 @@ def optimize(
     features: Annotated[FeatureKind | None, FEATURES] = None,
     model: Annotated[str | None, MODEL] = None,
     topic: Annotated[list[str] | None, TOPICS] = None,
+    picture_rate: Annotated[float | None, PICTURE_RATE] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -59,7 +72,7 @@ def optimize(
     else:
         options = MosaicOptions(mosaic, gsd, out)
         settings = pipeline_config(config, features)
-        results = _flights(sources, topics_of(topic), out, options, settings, model, screen)
+        results = _flights(sources, request_of(topic, picture_rate), out, options, settings, model, screen)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:
@@ -70,7 +83,7 @@ def optimize(
 
 def _flights(
     sources: list[Path],
-    topics: dict[str, str],
+    request: Request,
     out: Path,
     mosaic: MosaicOptions,
     settings: PipelineConfig,
@@ -89,7 +102,7 @@ def _flights(
     with output_folder(out) as folder, screen.progress() as progress:
         flights = []
         for source in sources:
-            flight, kind = open_flight(source, progress, topics)
+            flight, kind = open_flight(source, progress, request)
             flights.append(flight)
             if kind != "flight":
                 screen.line(f"{source}: {kind}, imported on the fly")

@@ -10,6 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     from frontend.feature_kinds import FeatureKind
+    from slam.io.recordings.choice import Request
     from slam.mapping.config import PipelineConfig
 
 OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
@@ -33,6 +34,12 @@ TOPICS = typer.Option(
     help="The channel of a recording to take as a stream, such as cam0=/camera/image_raw; STREAM= leaves "
     "the stream out. Can be repeated.",
 )
+PICTURE_RATE = typer.Option(
+    "--picture-rate",
+    metavar="HZ",
+    min=1e-3,
+    help="Most pictures per second to take from a recording; default: all.",
+)
 SEED = typer.Option(min=0, help="Seed of all random numbers.")
 
 
@@ -48,9 +55,10 @@ def pipeline_config(path: Path | None, features: FeatureKind | None) -> Pipeline
     return config if features is None else replace(config, features=replace(config.features, kind=features))
 
 
-def topics_of(given: list[str] | None) -> dict[str, str]:
-    """Return the folder of a stream -> the channel to take, of all ``--topic``. Raises ``InputError``."""
+def request_of(given: list[str] | None, picture_rate_hz: float | None = None) -> Request:
+    """Return what ``--topic`` and ``--picture-rate`` ask for. Raises ``InputError``."""
     from slam.core.errors import InputError
+    from slam.io.recordings.choice import Request
 
     topics: dict[str, str] = {}
     for text in given or []:
@@ -59,4 +67,4 @@ def topics_of(given: list[str] | None) -> dict[str, str]:
             what = "is given twice" if stream in topics else "is not of the form STREAM=CHANNEL"
             raise InputError(f"--topic {text}: {what}; write, for example, cam0=/camera/image_raw")
         topics[stream] = channel
-    return topics
+    return Request(topics, picture_rate_hz)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +11,7 @@ from slam.io.content import HEAD_BYTES, content_name
 if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.core.progress import Progress
+    from slam.io.recordings.choice import Request
 
 Kind = Literal["flight", "euroc", "photos", "recording", "graph"]
 
@@ -45,23 +45,21 @@ def kind_of(path: Path) -> Kind:
     raise InputError(f"{path}: {what}; {_GIVE}")
 
 
-def open_flight(
-    path: Path, progress: Progress, topics: Mapping[str, str] | None = None
-) -> tuple[Flight, Kind]:
+def open_flight(path: Path, progress: Progress, request: Request | None = None) -> tuple[Flight, Kind]:
     """Read the flight at ``path``; import photos, EuRoC and other recordings.
 
-    ``topics`` maps the folder of a stream to the channel of a recording. Raises ``InputError``.
+    ``request`` says what to take from a recording. Raises ``InputError``.
     """
     kind = kind_of(path)
-    if kind == "flight" and not topics:
+    if kind == "flight" and (request is None or request.is_empty):
         from slam.io.flight_folder import read_flight
 
         return read_flight(path), kind
-    return import_source(path, progress, topics), kind
+    return import_source(path, progress, request), kind
 
 
 def import_source(
-    path: Path, progress: Progress, topics: Mapping[str, str] | None = None, band: str | None = None
+    path: Path, progress: Progress, request: Request | None = None, band: str | None = None
 ) -> Flight:
     """Import photos, a EuRoC recording or another one as a flight.
 
@@ -74,11 +72,12 @@ def import_source(
         raise InputError(f"--band: {path} is no folder of photographs; leave --band out")
     if kind == "recording":
         from slam.io.recordings.assemble import flight_of
+        from slam.io.recordings.choice import Request
         from slam.io.recordings.formats import open_recording
 
-        return flight_of(open_recording(path), topics, progress)
-    if topics:
-        raise InputError(f"--topic: {path} is no recording with channels to choose from; leave --topic out")
+        return flight_of(open_recording(path), request or Request(), progress)
+    if request is not None and not request.is_empty:
+        raise InputError(f"{path}: --topic and --picture-rate are for recordings; leave them out")
     if kind == "photos":
         from slam.io.photos import import_photos
 

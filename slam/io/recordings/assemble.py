@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,21 +16,20 @@ from slam.io.csv_stream import CsvTable
 from slam.io.files import brief
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.recorded_pictures import RecordedPictures
-from slam.io.recordings.choice import choose
+from slam.io.recordings.choice import Request, choose
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 from slam.io.sensor_yaml import YamlFile
 from slam.io.series_fields import build_fields
 
+_EVERYTHING = Request()
 
-def flight_of(
-    recording: Recording, topics: Mapping[str, str] | None = None, progress: Progress = silent
-) -> Flight:
+
+def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Progress = silent) -> Flight:
     """Return the flight of a recording; its pictures stay there until they are requested.
 
-    ``topics`` maps the folder of a stream to the channel to take. Raises ``InputError`` where no stream is
-    found, or where the meaning of the readings is uncertain.
+    Raises ``InputError`` where no stream is found, or where the meaning of the readings is uncertain.
     """
-    chosen = choose(recording, topics or {})
+    chosen = choose(recording, request.topics)
     content = recording.read(chosen, progress)
     warnings = list(content.warnings)
 
@@ -47,8 +46,10 @@ def flight_of(
         note(name, ["no message has a value; treated as not recorded"])
         del tables[name]
     check_stamps_agree(tables)
-    recorded = tables
-    tables, remarks = sort_by_time(recorded)
+    recorded = dict(tables)
+    if "cam0" in tables and request.picture_rate_hz is not None:
+        tables["cam0"] = _thinned(tables["cam0"], request.picture_rate_hz, note)
+    tables, remarks = sort_by_time(tables)
     warnings += remarks
     epoch_ns = min((int(t.stamps_ns[0]) for t in tables.values() if len(t.stamps_ns)), default=0)
     fields = build_fields(tables, sensors, epoch_ns, note)
@@ -63,6 +64,15 @@ def flight_of(
         sources=(*_taken(chosen, recorded), *_left(recording, chosen)),
         **fields,
     )
+
+
+def _thinned(table: CsvTable, rate_hz: float, note: Callable[[str, list[str]], None]) -> CsvTable:
+    """Return the pictures that come first after each multiple of 1 / ``rate_hz``."""
+    slots = np.floor((table.stamps_ns - table.stamps_ns.min()) * (rate_hz * 1e-9) + 1e-6)
+    keep = np.sort(np.unique(slots, return_index=True)[1])
+    if len(keep) < len(slots):
+        note("cam0", [f"{len(keep)} of {len(slots)} pictures are used, at most {rate_hz:g} a second"])
+    return table.rows(keep, table.stamps_ns[keep])
 
 
 def _is_empty(table: CsvTable) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from slam.core.errors import InputError
 from slam.core.flight import FIELD_BY_FOLDER
@@ -11,6 +12,21 @@ from slam.io.files import brief, refusal
 from slam.io.recordings.recording import Offer, Recording
 
 _MAX_LISTED = 8
+
+
+@dataclass(frozen=True)
+class Request:
+    """A user's wishes about what is taken from a recording."""
+
+    topics: Mapping[str, str] = field(default_factory=dict)
+    """Folder of a stream -> the channel to take; an empty name leaves the stream out."""
+    picture_rate_hz: float | None = None
+    """Largest number of pictures per second; None for all."""
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is asked for."""
+        return not self.topics and self.picture_rate_hz is None
 
 
 def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]:

@@ -17,6 +17,7 @@ from slam.core.errors import InputError
 from slam.core.progress import silent
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.recordings.assemble import flight_of
+from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from tests.slam.io.recordings.made_bag import ROS1, ROS2, START_NS, Maker, ros1, write
 
@@ -27,7 +28,7 @@ HALF = math.sqrt(0.5)
 
 
 def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), topics)
+    return flight_of(open_recording(path), Request(topics))
 
 
 def at(k: int) -> int:

@@ -15,6 +15,7 @@ from slam.core.errors import InputError
 from slam.core.rotations import rotation_of
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.recordings.assemble import flight_of
+from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from tests.slam.io.recordings.made_ulog import log, message
 
@@ -29,7 +30,7 @@ def imu_rows(count: int = 5) -> list[tuple]:
 
 
 def read(path: Path, **topics: str):
-    return flight_of(open_recording(path), topics)
+    return flight_of(open_recording(path), Request(topics))
 
 
 def test_forward_right_down_becomes_forward_left_up(tmp_path):

@@ -11,6 +11,7 @@ import pytest
 from slam.core.errors import InputError
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.recordings.assemble import flight_of
+from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from slam.io.recordings.mp4 import read_tracks
 from tests.slam.io.recordings.made_video import SIZE_PX, file_of_samples, grey_of, video, with_durations
@@ -19,8 +20,8 @@ SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
 
 
-def read(path: Path):
-    return flight_of(open_recording(path))
+def read(path: Path, picture_rate_hz: float | None = None):
+    return flight_of(open_recording(path), Request(picture_rate_hz=picture_rate_hz))
 
 
 def number_in(picture: np.ndarray) -> int:
@@ -45,6 +46,13 @@ def test_stamps_of_a_variable_rate_come_from_the_index(tmp_path):
     assert flight.frames.stamps_s == pytest.approx(expected)
     for k in (0, 3, 4, 25, 7, 39):
         assert number_in(flight.frames[k].read()) == k
+
+
+def test_fewer_pictures_are_taken_on_request(tmp_path):
+    flight = read(video(tmp_path / "a.mp4"), picture_rate_hz=4.0)
+    assert flight.frames.stamps_s[:5] == pytest.approx([0.0, 0.3, 0.5, 0.8, 1.0]), "each 0.25 s"
+    assert [number_in(frame.read()) for frame in flight.frames][:5] == [0, 3, 5, 8, 10]
+    assert any("16 of 40 pictures are used, at most 4 a second" in line for line in flight.warnings)
 
 
 def ticks_per_picture(path: Path) -> int:
