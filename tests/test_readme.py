@@ -92,7 +92,7 @@ def test_every_command_is_in_the_table_and_the_other_way_round():
     told = set(re.findall(r"^\| `slam (\w+)", page("README.md"), re.MULTILINE))
     assert told == set(get_command(app).commands)
     for command, rest in re.findall(r"slam (\w+)([^`\n]*)", page("README.md")):
-        for option in re.findall(r"--[a-z]+", rest):
+        for option in re.findall(r"--[a-z]+(?:-[a-z]+)*", rest):
             options = {name for p in get_command(app).commands[command].params for name in p.opts}
             assert option in options, (command, option)
 
