@@ -69,7 +69,7 @@ def _status(
     by_metres = metric or map_.georeferenced
     main = map_.of_main(map_.w_T_b)
     # First, because instruments contradict a map that a lens has bent.
-    bent = [_systematic_warning(map_, shared)] if is_outside_covariances(shared) else []
+    bent = [_systematic_warning(flight, map_, shared)] if is_outside_covariances(shared) else []
     warnings = [*bent, *map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
     warnings += [line for line in [clock_contradiction(map_.clock, context.clock)] if line]
     parts = int(map_.component.max(initial=-1)) + 1
@@ -220,13 +220,14 @@ def _instrument_warnings(
         tilt = attitude_floor_tilt(context.flight, map_.observations.stamps_s, poses)
         lines.insert(0, attitude_floor_tilt_warning(tilt))
     if not is_outside_covariances(shared):
-        lines.append(_systematic_warning(map_, shared))
+        lines.append(_systematic_warning(context.flight, map_, shared))
     return [line for line in lines if line]
 
 
-def _systematic_warning(map_: Map, shared: SystematicErrors | None) -> str:
+def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> str:
+    assert flight.camera is not None
     height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
-    return systematic_warning(shared, map_.camera, height_m, map_.metric)
+    return systematic_warning(shared, flight.camera, height_m, map_.metric)
 
 
 def reason_kind(reason: str) -> str:

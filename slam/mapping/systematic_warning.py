@@ -41,8 +41,8 @@ def is_outside_covariances(found: SystematicErrors | None) -> bool:
 def systematic_warning(found: SystematicErrors | None, camera: Camera, height_m: float, metric: bool) -> str:
     """Return the errors in words; empty where they concern no position and the covariances include them.
 
-    ``camera`` is the one whose residuals were tested, ``height_m`` its typical height over the floor. Lengths
-    are metres if ``metric``.
+    ``camera`` is the declared one, ``height_m`` its typical height over the floor. Lengths are metres if
+    ``metric``.
     """
     if found is None:
         return ""
@@ -72,9 +72,8 @@ def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) 
         each = zip(("forward", "left"), coefficients, found.stds[kind], strict=True)
         sure = [f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in each if abs(at) > _CERTAIN * std]
         alike_px = float(np.linalg.norm(coefficients)) / height_m * camera.focal_px[0]
-        return (
-            f"positions off by {', '.join([*sure, f'as much as {alike_px:.2g} px of the principal point'])}"
-        )
+        sure.append(f"as much as {_figure(alike_px)} px of the principal point")
+        return f"positions off by {', '.join(sure)}"
     if kind == "principal point":
         u, v = coefficients * camera.focal_px
         return f"principal point off by {u:+.2g}, {v:+.2g} px"
@@ -82,6 +81,10 @@ def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) 
     displaced = lens_displacement(kind, coefficients, corners) * camera.focal_px
     largest = float(np.linalg.norm(displaced, axis=1).max())
     if kind == "decentring":
-        return f"tangential terms: {largest:.2g} px at the corners"
+        return f"tangential terms: {_figure(largest)} px at the corners"
     inward = np.sum(displaced * corners) < 0
-    return f"radial terms r³ and r⁵: {largest:.2g} px {'inward' if inward else 'outward'} at the corners"
+    return f"radial terms r³ and r⁵: {_figure(largest)} px {'inward' if inward else 'outward'} at the corners"
+
+
+def _figure(size: float) -> str:
+    return f"{size:.0f}" if size >= 10.0 else f"{size:.2g}"
