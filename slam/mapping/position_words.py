@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,10 @@ class FixWords:
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     """The result may be wrong."""
+
+    def with_warning(self, line: str) -> FixWords:
+        """Return the sentences with one more warning."""
+        return replace(self, warnings=(*self.warnings, line))
 
 
 def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:

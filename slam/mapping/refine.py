@@ -20,13 +20,13 @@ from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
+from slam.mapping.fix_comparison import FixComparison
 from slam.mapping.front_end import Observations
 from slam.mapping.georeferencing import align_with_positions
 from slam.mapping.inertial_scale import AccelerometerScale, InertialComparison, compare_with_inertia
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
-from slam.mapping.position_consensus import Agreement, exact_agreement, rough_agreement
-from slam.mapping.position_words import fix_words
+from slam.mapping.position_consensus import Agreement
 from slam.mapping.refine_part import LEAST_SEEN, refine_part
 from slam.mapping.setup import Setup
 
@@ -138,8 +138,9 @@ class _Evidence:
     def part(self, members: NDArray[np.int64], w_T_b: Array) -> MapPart:
         """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""
         ranged = bool(self.metric[members].all())
-        fixes = self.setup.readings.fixes
-        agreement = self._rough_agreement(members, w_T_b, ranged)
+        readings = self.setup.readings
+        fixes = FixComparison(readings.fixes, readings.stamps_s[members]) if readings.fixes else None
+        agreement = fixes.rough(w_T_b, ranged) if fixes else None
         setup = self.setup.with_fixes(agreement)
         aligned = align_with_positions(w_T_b, _renumbered(setup, members), ranged)
         start, floor_z_m = aligned or (_headed(w_T_b, setup.readings, members), 0.0)
@@ -153,31 +154,22 @@ class _Evidence:
         if aligned is None:
             # Positions that could not place the part must not act on its shape either.
             setup, agreement = setup.without_positions(), None
-            warnings = [_NOT_PLACED.format(len(members))] if fixes and self.setup.readings.positions else []
+            warnings = [_NOT_PLACED.format(len(members))] if readings.positions else []
             placed = replace(placed, warnings=tuple(warnings))
         try:
-            placed, agreement = self._refined_with_agreeing(setup, placed, agreement)
+            placed, agreement = self._refined_with_agreeing(setup, placed, fixes, agreement)
         except BackendError as error:
             line = f"the part of the map with {len(members)} keyframes could not be refined: {error}"
             return replace(placed, warnings=(*placed.warnings, line))
         if agreement is None or fixes is None:
             return placed
-        told = fix_words(fixes, agreement)
-        return replace(placed, warnings=(*placed.warnings, *told.warnings), remarks=told.remarks)
-
-    def _rough_agreement(self, members: NDArray[np.int64], w_T_b: Array, ranged: bool) -> Agreement | None:
-        """Return which fixes agree with the part before it is placed; None without fixes."""
-        readings = self.setup.readings
-        if readings.fixes is None:
-            return None
-        here_m = readings.fixes.on_map(readings.stamps_s[members], w_T_b)
-        return rough_agreement(here_m, readings.fixes.w_p_b_m, ranged)
+        words = fixes.words(agreement, placed.w_T_b)
+        return replace(placed, warnings=(*placed.warnings, *words.warnings), remarks=words.remarks)
 
     def _refined_with_agreeing(
-        self, setup: Setup, part: MapPart, agreement: Agreement | None
+        self, setup: Setup, part: MapPart, fixes: FixComparison | None, agreement: Agreement | None
     ) -> tuple[MapPart, Agreement | None]:
         """Refine the part, and again while the refined map changes the verdict on a fix."""
-        fixes, stamps_s = setup.readings.fixes, setup.readings.stamps_s[part.members]
         for _ in range(_MOST_SELECTIONS):
             bundle, compared = self._refined(setup, part)
             by_inertia = compared.scale if compared else None
@@ -191,8 +183,7 @@ class _Evidence:
             )
             if fixes is None or agreement is None:
                 break
-            off_m = fixes.w_p_b_m - fixes.on_map(stamps_s, bundle.w_T_b)
-            before, agreement = agreement, exact_agreement(off_m, fixes.std_m)
+            before, agreement = agreement, fixes.exact(bundle.w_T_b)
             if agreement.same(before):
                 break
             setup = self.setup.with_fixes(agreement)

@@ -1,0 +1,111 @@
+"""The accuracy that a GPS receiver states against its fixes' differences from the map, and which is doubted.
+
+The map's own errors have a pattern that errors of satellite positions lack. An error of the camera model is
+constant in the axes of the body, one of the lens bends the map smoothly, and one of the stamps follows the
+velocity. The pattern is chosen by the Bayesian information criterion. Source: Schwarz 1978.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from slam.mapping.position_consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
+
+Array = NDArray[np.float64]
+
+_DOUBTED = {
+    "body": "they are constant in the axes of the vehicle ({value}), as a wrong principal point, mount or "
+    "antenna position makes them: the camera model is doubted, not the GPS",
+    "place": "they vary smoothly over the map ({value}), as lens distortion makes them: the map's shape is "
+    "doubted, not the GPS",
+    "delay": "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the GPS",
+    "": "they have no pattern that camera, lens or clock would make: the stated accuracy is doubted",
+}
+
+
+@dataclass(frozen=True)
+class FixesOnMap:
+    """Fixes that the map uses, each with the map's pose at its time."""
+
+    off_m: Array
+    """(n, 2) fix minus map, horizontal."""
+    w_p_m: Array
+    """(n, 2) position on the map."""
+    w_R_b: Array
+    """(n, 3, 3) attitude."""
+    velocity_m_s: Array
+    """(n, 2); zero where the times are unknown."""
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Pattern in the differences between fixes and map."""
+
+    kind: str
+    """``body``, ``place``, ``delay``, or empty for none."""
+    share: float
+    """Share of the squared differences that it explains."""
+    value: str
+    """The pattern in figures."""
+
+
+def stated_accuracy_warning(fixes: FixesOnMap, stated_std_m: tuple[float, float, float]) -> str:
+    """Return a sentence where the fixes differ from the map by far more than they state; else empty."""
+    n = len(fixes.off_m)
+    stated = float(np.hypot(*stated_std_m[:2]) / np.sqrt(2))
+    if n < LEAST_FIXES or stated <= 0:
+        return ""
+    squares, dof = float(np.sum(fixes.off_m**2)), 2 * n - 4
+    std = float(np.sqrt(squares / dof))
+    if std < STATED_SIGMAS * stated or squares / stated**2 < chi2.isf(FALSE_ALARM, dof):
+        return ""
+    found = pattern(fixes)
+    why = _DOUBTED[found.kind].format(value=f"{found.value}; {100 * found.share:.0f} % of the squares")
+    return (
+        f"gps0: states {stated:.2g} m, but its fixes differ from the map by {std:.2g} m a horizontal axis "
+        f"({std / stated:.0f} sigmas): {why}; the fixes count with what they differ by"
+    )
+
+
+def pattern(fixes: FixesOnMap) -> Pattern:
+    """Return the pattern that explains the horizontal differences best; none if chance explains them."""
+    r = fixes.off_m.reshape(-1)
+    best, least = Pattern("", 0.0, ""), len(r) * np.log(np.mean(r**2) + 1e-30)
+    for kind, J in _models(fixes).items():
+        if len(r) <= J.shape[1] + 2:
+            continue
+        parameters: Array = np.linalg.lstsq(J, r, rcond=None)[0].astype(float)
+        left = float(np.sum((r - J @ parameters) ** 2))
+        criterion = len(r) * np.log(left / len(r) + 1e-30) + J.shape[1] * np.log(len(r))
+        if criterion < least:
+            share = 1.0 - left / float(np.sum(r**2))
+            best, least = Pattern(kind, share, _in_figures(kind, J, parameters)), criterion
+    return best
+
+
+def _models(fixes: FixesOnMap) -> dict[str, Array]:
+    """Return the design matrices (2n, k), of the differences east and north of each fix in turn."""
+    n = len(fixes.off_m)
+    centred = fixes.w_p_m - fixes.w_p_m.mean(axis=0)
+    x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
+    # The map's similarity has taken what is constant and linear, up to its robust weights.
+    terms = np.column_stack([np.ones(n), x, y, x**2, x * y, y**2])
+    models = {
+        "body": fixes.w_R_b[:, :2, :2].reshape(2 * n, 2),
+        "place": np.kron(terms, np.eye(2)),
+        "delay": fixes.velocity_m_s.reshape(2 * n, 1),
+    }
+    return {kind: J for kind, J in models.items() if np.linalg.matrix_rank(J) == J.shape[1]}
+
+
+def _in_figures(kind: str, J: Array, parameters: Array) -> str:
+    if kind == "body":
+        return f"{parameters[0]:+.2g} m forward, {parameters[1]:+.2g} m left"
+    if kind == "delay":
+        return f"{-parameters[0]:+.2g} s"
+    bend = (J @ parameters).reshape(-1, 2)
+    return f"up to {float(np.linalg.norm(bend, axis=1).max()):.2g} m"

@@ -1,0 +1,74 @@
+"""What is said about fixes: each by its name, with its distance, and whether the result may be wrong."""
+
+import numpy as np
+import pytest
+
+from slam.mapping.fixes import Fixes
+from slam.mapping.position_consensus import Agreement
+from slam.mapping.position_words import fix_words
+
+
+def fixes(n):
+    names = tuple(f"P{k:02}.jpg" for k in range(n))
+    return Fixes(2.0 * np.arange(n), np.zeros((n, 3)), (1.0, 1.0, 2.0), True, names)
+
+
+def agreement(off_m, bad=(), bad_altitude=()):
+    n = len(off_m)
+    used = ~np.isin(np.arange(n), bad)
+    return Agreement(used, used & ~np.isin(np.arange(n), bad_altitude), off_m)
+
+
+def noise(n):
+    return np.random.default_rng(0).normal(0, 0.5, (n, 3))
+
+
+def test_fixes_that_agree_need_no_words():
+    assert fix_words(fixes(12), agreement(noise(12))).remarks == ()
+    assert fix_words(fixes(12), agreement(noise(12))).warnings == ()
+
+
+def test_few_outliers_are_named_and_do_no_harm():
+    off = noise(12)
+    off[3], off[7] = [443.0, 0, 0], [0, 2e4, 0]
+    said = fix_words(fixes(12), agreement(off, bad=[3, 7]))
+    assert said.warnings == ()
+    (line,) = said.remarks
+    assert "2 of 12 fixes" in line
+    assert "P03.jpg (443 m), P07.jpg (20 km)" in line
+
+
+def test_more_than_thirty_percent_may_be_the_right_ones():
+    off = noise(12)
+    off[:5, 0] += 100.0
+    (line,) = fix_words(fixes(12), agreement(off, bad=range(5))).warnings
+    assert "so many may be right" in line
+
+
+def test_a_step_in_the_altitudes_is_told_with_its_size():
+    off = noise(12)
+    off[6:, 2] += 400.0
+    said = fix_words(fixes(12), agreement(off, bad_altitude=range(6, 12)))
+    (line,) = said.warnings
+    assert "6 fixes from P06.jpg to P11.jpg lie 400 m above" in line
+    assert "two altitude references" in line
+    assert said.remarks == ()
+
+
+def test_single_altitudes_are_named():
+    off = noise(12)
+    off[2, 2], off[9, 2] = -80.0, 300.0
+    (line,) = fix_words(fixes(12), agreement(off, bad_altitude=[2, 9])).remarks
+    assert "2 of 12 altitudes" in line
+    assert "P02.jpg (-80 m), P09.jpg (300 m)" in line
+
+
+@pytest.mark.parametrize(("off_m", "told"), [(200.0, True), (0.5, False)])
+def test_three_fixes_that_contradict_the_pictures_are_told_without_a_culprit(off_m, told):
+    off = np.zeros((3, 3))
+    off[:, 0] = [off_m, -off_m, 0.0]
+    warnings = fix_words(fixes(3), agreement(off)).warnings
+    assert len(warnings) == told
+    if told:
+        assert "P00.jpg, P01.jpg, P02.jpg" in warnings[0]
+        assert "it takes 4 to tell which is wrong" in warnings[0]

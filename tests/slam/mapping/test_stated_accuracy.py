@@ -1,0 +1,71 @@
+"""A receiver that states far less than its fixes differ from the map: which of the two is doubted."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from slam.mapping.stated_accuracy import FixesOnMap, pattern, stated_accuracy_warning
+
+STATED = (0.01, 0.01, 0.02)
+
+
+def survey(rng, n=40):
+    """Lanes flown there and back; the vehicle looks along its way."""
+    lane, along = np.arange(n) // 8, np.arange(n) % 8
+    back = lane % 2 == 1
+    x = 12.0 * np.where(back, 7 - along, along)
+    heading = np.where(back, np.pi, 0.0) + rng.normal(0, 0.1, n)
+    w_R_b = Rotation.from_euler("z", heading[:, None]).as_matrix()
+    velocity = np.column_stack([np.where(back, -4.0, 4.0), np.zeros(n)]) * rng.uniform(0.5, 1.5, (n, 1))
+    return np.column_stack([x, 15.0 * lane]), w_R_b, velocity
+
+
+def fixes(kind, n=40, seed=0, std_m=0.01):
+    rng = np.random.default_rng(seed)
+    place, w_R_b, velocity = survey(rng, n)
+    centred = (place - place.mean(axis=0)) / 45.0
+    off = {
+        "body": w_R_b[:, :2, :2] @ [0.4, -0.2],
+        "place": 0.5 * centred * np.sum(centred**2, axis=1, keepdims=True) + 0.4 * centred[:, :1] ** 2,
+        "delay": -0.15 * velocity,
+        "": rng.normal(0, 0.5, (n, 2)),
+        "good": np.zeros((n, 2)),
+    }[kind] + rng.normal(0, std_m, (n, 2))
+    return FixesOnMap(off, place, w_R_b, velocity)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    ("kind", "doubted"),
+    [
+        ("body", "the camera model is doubted"),
+        ("place", "the map's shape is doubted"),
+        ("delay", "the clocks are doubted"),
+        ("", "the stated accuracy is doubted"),
+    ],
+)
+def test_the_pattern_of_the_differences_says_what_is_doubted(kind, doubted, seed):
+    made = fixes(kind, seed=seed)
+    assert pattern(made).kind == kind
+    line = stated_accuracy_warning(made, STATED)
+    assert doubted in line
+    assert "states 0.01 m" in line
+    assert "\n" not in line
+
+
+def test_the_pattern_is_told_in_figures():
+    assert "+0.4 m forward, -0.2 m left" in stated_accuracy_warning(fixes("body"), STATED)
+    assert "+0.15 s" in stated_accuracy_warning(fixes("delay"), STATED)
+
+
+@pytest.mark.parametrize("n", [3, 4, 12, 40])
+def test_a_receiver_that_keeps_its_word_is_not_contradicted(n):
+    for seed in range(50):
+        assert stated_accuracy_warning(fixes("good", n, seed), STATED) == ""
+    assert stated_accuracy_warning(fixes("good", n, std_m=0.02), STATED) == ""
+
+
+def test_fixes_without_attitude_or_motion_are_no_trouble():
+    made = fixes("", n=6)
+    standing = FixesOnMap(made.off_m, np.zeros((6, 2)), np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 2)))
+    assert "doubted" in stated_accuracy_warning(standing, STATED)
