@@ -57,9 +57,20 @@ class Fixes:
     def on_map(self, at_s: Array, w_T_b: Array) -> Array:
         """Return the map's position (n, 3) at each fix, NaN where the map does not cover its time.
 
-        ``w_T_b`` (k, 4, 4) are the keyframes at the times ``at_s`` (k,), in increasing order.
+        ``w_T_b`` (k, 4, 4) are the keyframes at the times ``at_s`` (k,), in increasing order. Beyond the ends
+        of a stretch of keyframes the map is extrapolated as far as a fix gives positions to a keyframe.
         """
-        return _interpolated(w_T_b[:, :3, 3], _between(at_s, self.stamps_s))
+        here = _interpolated(w_T_b[:, :3, 3], _between(at_s, self.stamps_s))
+        if len(at_s) < 2:
+            return here
+        after = np.clip(np.searchsorted(at_s, self.stamps_s), 1, len(at_s) - 1)
+        late = at_s[after] - self.stamps_s < self.stamps_s - at_s[after - 1]
+        nearest = np.where(late, after, after - 1)
+        away_s = self.stamps_s - at_s[nearest]
+        beyond = np.isnan(here[:, 0]) & (np.abs(away_s) < LONGEST_STEP_S)
+        velocity_m_s = _velocity(at_s, w_T_b[:, :3, 3])[nearest]
+        here[beyond] = (w_T_b[nearest, :3, 3] + velocity_m_s * away_s[:, None])[beyond]
+        return here
 
 
 def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
@@ -81,6 +92,17 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         stated=gps.noise_std_m != Gps.noise_std_m,
         names=flight.picture_names(stamps_s),
     )
+
+
+def _velocity(at_s: Array, p_m: Array) -> Array:
+    """Return the velocity (k, 3) of each keyframe by its neighbours that are near in time; 0 without any."""
+    step_s = np.diff(at_s)
+    near = (step_s > 0) & (step_s < LONGEST_STEP_S)
+    step = np.where(near[:, None], np.diff(p_m, axis=0), 0.0)
+    length_s = np.where(near, step_s, 0.0)
+    moved = np.vstack([step, np.zeros(3)]) + np.vstack([np.zeros(3), step])
+    lasted_s = np.append(length_s, 0.0) + np.insert(length_s, 0, 0.0)
+    return np.asarray(moved / np.where(lasted_s > 0, lasted_s, 1.0)[:, None])
 
 
 def _between(stamps_s: Array, at_s: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:

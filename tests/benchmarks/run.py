@@ -35,6 +35,7 @@ TITLES = {
     "instruments": "Instruments together, simulated flights",
     "estimates": "Measured flights without a camera (`slam estimate`)",
     "caliterra": "75 aerial photographs (`caliterra`)",
+    "gps_outliers": "Gross outliers among GPS fixes",
     "graphs": "Standard pose graphs",
     "false_loops": "Standard pose graphs with false loops",
     "selection_matrix": "Generated pose graphs with false loops",
