@@ -1,4 +1,4 @@
-"""What a file holds, by its first bytes: the name of a format that was found in place of another one."""
+"""Name of a file's format by its first bytes, for messages about a file of another kind."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ _SIGNATURES: tuple[tuple[int, bytes, str], ...] = (
     (0, b"\xff\xd8\xff", "a JPEG picture"),
     (0, b"II*\0", "a TIFF picture"),
     (0, b"MM\0*", "a TIFF picture"),
+    (0, b"II+\0", "a BigTIFF picture"),
+    (0, b"MM\0+", "a BigTIFF picture"),
     (0, b"GIF8", "a GIF picture"),
     (0, b"BM", "a BMP picture"),
     (8, b"WEBP", "a WebP picture"),

@@ -24,7 +24,7 @@ from slam.core.flight import Image
 from slam.io.content import content_name
 from slam.io.levels import Levels, Raw, levels_of, range_of
 from slam.io.tiff import MAGIC as TIFF_MAGIC
-from slam.io.tiff import deep_pixels, tiff_header
+from slam.io.tiff import gdal_pixels, tiff_header
 
 MAX_PIXELS = 89_000_000
 """Largest number of pixels, just below the limit at which Pillow reports a decompression bomb."""
@@ -127,7 +127,7 @@ def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
             if not _header(paths[k]).is_deep:
                 continue
             pixels, is_integer = _decoded(_bytes(paths[k], MAX_BYTES), is_deep=True)
-            if (limits := range_of(pixels)) is not None:
+            if pixels.dtype != np.uint8 and (limits := range_of(pixels)) is not None:
                 ranges.append(limits)
                 integer &= is_integer
     if not ranges:
@@ -149,7 +149,8 @@ def image_size(path: Path) -> tuple[int, int]:
 class _Header:
     size_px: tuple[int, int]
     is_deep: bool = False
-    """Whether a sample has more than 8 bits."""
+    """Whether Pillow alone does not read all of its pixels: more than 8 bits or, in a TIFF, than four
+    samples."""
 
 
 def _header(path: Path) -> _Header:
@@ -192,7 +193,7 @@ def _tiff_header(path: Path) -> _Header:
         raise UnreadableImageError("truncated")
     if header.decoded_bytes > MAX_BYTES:
         raise UnreadableImageError(f"needs more than {MAX_BYTES >> 20} MB")
-    return _Header(header.size_px, header.bits > 8)
+    return _Header(header.size_px, header.bits > 8 or header.samples > 4)
 
 
 def _jpeg_size(head: bytes) -> tuple[int, int]:
@@ -218,7 +219,7 @@ def _decoded(data: bytes, is_deep: bool) -> tuple[Raw, bool]:
     """Return all bits of a picture, (h, w) grey or (h, w, 3) BGR, and whether they are integers."""
     try:
         if data.startswith(TIFF_MAGIC) and is_deep:
-            pixels, is_integer = deep_pixels(data)
+            pixels, is_integer = gdal_pixels(data)
             return (np.ascontiguousarray(pixels[..., ::-1]) if pixels.ndim == 3 else pixels), is_integer
         if data.startswith(_PNG):
             # Pillow checks no CRC while decoding, so a flipped bit would be undetected.

@@ -98,10 +98,11 @@ def _focal(tags: PhotoTags) -> _Focal:
     if film is not None:
         candidates.append(film)
     assumed = max(width, height) / 2 / float(np.tan(np.radians(ASSUMED_VIEW_DEG / 2)))
+    none = "no plausible one" if candidates else "none"
     fallback = _Focal(
         assumed,
         "assumed",
-        f"assumed: a view of {ASSUMED_VIEW_DEG:g} degrees along the longer side; the tags give none",
+        f"assumed: a view of {ASSUMED_VIEW_DEG:g} degrees along the longer side; the tags give {none}",
     )
     return next((c for c in candidates if _is_plausible(c.px, tags)), fallback)
 

@@ -1,7 +1,7 @@
 """Header and pixels of a TIFF with any number type.
 
-Pillow reads the tags, and the pixels of up to 8 bits. GDAL reads the deeper ones, packed ones included, which
-Pillow refuses or shortens. Source: Adobe, TIFF 6.0 (1992), sections 8 and 19.
+Pillow reads the tags, and up to four samples of up to 8 bits. GDAL reads the other kinds of pixels, packed
+ones included, which Pillow refuses or shortens. Source: Adobe, TIFF 6.0 (1992), sections 8 and 19.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from PIL import Image as Pillow
 
 from slam.io.levels import Raw
 
-MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-"""First bytes of a TIFF and of a BigTIFF."""
+MAGIC = (b"II*\0", b"MM\0*")
+"""First bytes of a TIFF."""
 
 _WIDTH, _HEIGHT, _BITS, _SAMPLES = 256, 257, 258, 277
 _STRIPS_AND_TILES = ((273, 279), (324, 325))
@@ -31,6 +31,8 @@ class TiffHeader:
     """(width, height)."""
     bits: int
     """Largest number of bits of a sample."""
+    samples: int
+    """Number of samples of a pixel."""
     decoded_bytes: int
     """Number of bytes of the decoded pixels."""
     end: int
@@ -55,10 +57,10 @@ def tiff_header(file: IO[bytes]) -> TiffHeader:
     width, height, samples = int(tags[_WIDTH]), int(tags[_HEIGHT]), int(tags.get(_SAMPLES, 1))
     bits = max(map(int, _values(tags.get(_BITS, 1))))
     decoded_bytes = width * height * min(samples, 3) * -(-bits // 8)
-    return TiffHeader((width, height), bits, decoded_bytes, max(ends), exif)
+    return TiffHeader((width, height), bits, samples, decoded_bytes, max(ends), exif)
 
 
-def deep_pixels(data: bytes) -> tuple[Raw, bool]:
+def gdal_pixels(data: bytes) -> tuple[Raw, bool]:
     """Return all bits of the pixels of a TIFF, (h, w) or (h, w, 3) RGB, and whether they are integers.
 
     Of more than four samples or of two, the first alone is read; alpha is dropped. Pixels marked as missing

@@ -132,6 +132,18 @@ def test_photographs_of_one_set_share_their_levels(tmp_path):
     assert isinstance(common_levels(paths, []), Levels)
 
 
+def test_of_more_than_four_samples_the_first_is_read(tmp_path):
+    many = np.dstack([GREY, *[GREY // 2] * 4])
+    np.testing.assert_array_equal(read(tmp_path, tiff(many)), GREY)
+    np.testing.assert_array_equal(read(tmp_path, tiff(many.astype(np.uint16) << 8)), GREY)
+
+
+def test_a_big_tiff_is_named(tmp_path):
+    (tmp_path / "a.tif").write_bytes(tiff(GREY, BIGTIFF="YES"))
+    with pytest.raises(UnreadableImageError, match="is a BigTIFF picture, no PNG"):
+        read_image(tmp_path / "a.tif")
+
+
 def test_eight_bit_tiffs_are_as_opencv_reads_them(tmp_path):
     path = tmp_path / "a.tif"
     path.write_bytes(tiff(picture(3, SIZE)[..., ::-1].copy()))
