@@ -40,6 +40,7 @@ _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOT
 
 FORMATS: tuple[Format, ...] = (
     Format("a PX4 log", "slam.io.recordings.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
+    Format("an ArduPilot log", "slam.io.recordings.dataflash", (".bin",), (b"\xa3\x95\x80",)),
     Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
     Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
     Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), _MP4),
