@@ -20,7 +20,7 @@ from slam.simulation import simulate
 from slam.simulation.manoeuvre import Manoeuvre, WayPoint
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.alone import print_alone
-from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
 FLIGHTS = 50
 WAYS = ("eight", "round twice", "there and back", "lines", "heights")
@@ -51,19 +51,19 @@ def measure() -> list[Metric]:
     with_loops = [f for f in flown if f.true_pairs]
     worst = min(with_loops, key=lambda f: f.true_kept / f.true_pairs)
     refused = sum(f.refused for f in flown)
-    pairs = f"of {sum(f.true_pairs for f in flown)} true ones {sum(f.true_kept for f in flown)} are kept"
+    pairs = f"{sum(f.true_kept for f in flown)} of {sum(f.true_pairs for f in flown)} true ones are kept"
     furthest = max(flown, key=lambda f: f.error_m)
     return [
         at_most(
             f"false loops in the maps of {FLIGHTS} flights", sum(f.false_kept for f in flown), "", 0,
-            f"{pairs}; {refused} pairs whose homography holds were refused by the poses",
+            f"{pairs}; {refused} pairs with a valid homography were rejected by the poses",
         ),
         at_least(
             "least share of true loops kept in a flight", 100 * worst.true_kept / worst.true_pairs, "%", 50,
             f"flight {worst.seed}, {worst.way}",
         ),
-        told("largest error of a map", 1e3 * furthest.error_m, "mm", f"flight {furthest.seed}"),
-        told("least share of keyframes placed", 100 * min(f.placed for f in flown), "%"),
+        reported("largest error of a map", 1e3 * furthest.error_m, "mm", f"flight {furthest.seed}"),
+        reported("least share of keyframes placed", 100 * min(f.placed for f in flown), "%"),
     ]  # fmt: skip
 
 

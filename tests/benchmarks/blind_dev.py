@@ -11,7 +11,7 @@ from typing import Any
 from unittest import mock
 
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 from tests.blind.critic import flights_of, verdict_on
 
 MOST_COLD_S = 120.0
@@ -46,7 +46,7 @@ def figures(scored: dict[str, Any], seconds: list[float]) -> list[Metric]:
         at_most("their sizes' relative error, median", error["rate"], "", MOST_ERROR),
         at_least("pairs of which both are found", pair["hits"], f"of {pair['of']}", pair["of"]),
         at_least("effects of no term that are not misnamed", kept, f"of {strange}", strange),
-        told("cases without a verdict", len(scored["missing"]), f"of {len(seconds)}"),
+        reported("cases without a verdict", len(scored["missing"]), f"of {len(seconds)}"),
         at_most("first case after an installation", seconds[0], "s", MOST_COLD_S, "compiles, too"),
-        told("slowest other case", seconds[slowest], "s", case),
+        reported("slowest other case", seconds[slowest], "s", case),
     ]  # fmt: skip

@@ -20,7 +20,7 @@ from slam.evaluation.trajectory import gauge
 from slam.mapping.config import PipelineConfig
 from slam.mapping.pipeline import optimize_with_observations
 from slam.simulation import simulate
-from tests.benchmarks.metric import Metric, told, within
+from tests.benchmarks.metric import Metric, reported, within
 
 SEEDS = range(20)
 BAND = (0.85, 1.15)
@@ -62,7 +62,7 @@ def measure() -> list[Metric]:
     ways = ", ".join(f"{name} {_ratio(runs, part):.3f}" for name, part in PARTS.items())
     return [
         within(f"{len(runs)} seeds: position error over its bound", error / bound, "x", BAND, told_by_seed),
-        told(
+        reported(
             "standard deviation of that ratio by chance", 1 / np.sqrt(2 * freedom), "",
             f"{freedom:.0f} effective degrees of freedom",
         ),
@@ -70,13 +70,13 @@ def measure() -> list[Metric]:
             "position error over that of an estimate that knows truth and noise", error / informed, "x",
             EFFICIENT, "the same measurements; chance cancels",
         ),
-        told("the ratio to the bound without the scale", _ratio(runs, _without_scale), "x", ways),
+        reported("the ratio to the bound without the scale", _ratio(runs, _without_scale), "x", ways),
         within(
             f"{len(runs)} seeds: error of landmark distances over its bound",
             _rms(distances[:, 0]) / _rms(distances[:, 1]), "x", BAND,
             f"{1e3 * _rms(distances[:, 0]):.2f} over {1e3 * _rms(distances[:, 1]):.2f} mm",
         ),
-        told("told uncertainty over the bound", _mean(runs, lambda r: r.told_m) / bound, "x"),
+        reported("reported uncertainty over the bound", _mean(runs, lambda r: r.told_m) / bound, "x"),
     ]  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.aliased import WAYS, way
 from tests.benchmarks.alone import print_alone
-from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
 FLIGHTS = 24
 WIDTH, HEIGHT = 176, 144
@@ -56,14 +56,16 @@ def measure() -> list[Metric]:
     furthest, worst = (max(flown, key=lambda f, key=key: getattr(f, key)) for key in ("error_m", "nees"))
     return [
         at_least("flights whose keyframes are all in one map", len(joined), "", FLIGHTS),
-        at_most("maps that are half a tile off", sum(f.error_m > TILE_M / 2 for f in flown), "", 0),
-        told(f"false loops in the maps of {FLIGHTS} flights", sum(f.false_kept for f in flown), ""),
-        told(
+        at_most("maps with errors of half a tile", sum(f.error_m > TILE_M / 2 for f in flown), "", 0),
+        reported(f"false loops in the maps of {FLIGHTS} flights", sum(f.false_kept for f in flown), ""),
+        reported(
             "largest error of a map", 1e3 * furthest.error_m, "mm",
             f"flight {furthest.seed}, bridged {furthest.bridges} times",
         ),
-        told("largest mean NEES of a map", worst.nees, "", f"flight {worst.seed}; 6 expected"),
-        told("maps whose mean NEES is inside its band", 100 * sum(f.in_band for f in flown) / FLIGHTS, "%"),
+        reported("largest mean NEES of a map", worst.nees, "", f"flight {worst.seed}; 6 expected"),
+        reported(
+            "maps whose mean NEES is inside its band", 100 * sum(f.in_band for f in flown) / FLIGHTS, "%"
+        ),
     ]  # fmt: skip
 
 

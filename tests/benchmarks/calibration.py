@@ -25,7 +25,7 @@ from slam.mapping.inertial_bridges import inertial_edges
 from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
 from tests.backend.made_floor import Made, Scene, aligned, make, mark_nees, nees
-from tests.benchmarks.metric import Metric, told, within
+from tests.benchmarks.metric import Metric, reported, within
 
 FLIGHTS = 400
 CHANCE = 0.05
@@ -79,7 +79,7 @@ def measure() -> list[Metric]:
 def _wrong_speed() -> Metric:
     scores = [bridge(seed, True, WRONG_SPEED_M_S) for seed in range(BRIDGED)]
     what = f"the same, speed always read {100 * WRONG_SPEED_M_S:.0f} cm/s too large: mean NEES"
-    return told(what, float(np.mean(scores)), "", "6 expected; the maker names no such error")
+    return reported(what, float(np.mean(scores)), "", "6 expected; the maker names no such error")
 
 
 def judged(kind: str, nees: Array, dof: int) -> list[Metric]:
@@ -89,7 +89,7 @@ def judged(kind: str, nees: Array, dof: int) -> list[Metric]:
     beyond = float(np.mean(nees > chi2.ppf(1 - CHANCE, dof)))
     return [
         within(f"{kind}: mean NEES of {n} flights", float(nees.mean()), "", (low, high), f"{dof} expected"),
-        told(f"{kind}: share of flights beyond 95 %", beyond, "", "0.05 expected"),
+        reported(f"{kind}: share of flights beyond 95 %", beyond, "", "0.05 expected"),
     ]
 
 

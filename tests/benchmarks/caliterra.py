@@ -20,7 +20,7 @@ from slam.io.photos import import_photos
 from slam.mapping.pipeline import optimize
 from tests.benchmarks.by_pycolmap import mapped
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, told
+from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, reported
 
 Array = NDArray[np.float64]
 
@@ -87,9 +87,9 @@ def shape(p: Positions) -> list[Metric]:
     tilt_deg = float(np.degrees(np.arccos(np.clip(onto.R[2, 2], -1, 1))))
     return [
         at_most("RMS to sfm_reference.csv after a similarity", rms(off), "m", 3.0),
-        told("the same, horizontally", rms(off[:, :2]), "m"),
-        told("the same, vertically", rms(off[:, 2:]), "m"),
-        told("tilt of that reference against our level map", tilt_deg, "deg"),
+        reported("the same, horizontally", rms(off[:, :2]), "m"),
+        reported("the same, vertically", rms(off[:, 2:]), "m"),
+        reported("tilt of that reference against our level map", tilt_deg, "deg"),
     ]
 
 
@@ -100,15 +100,17 @@ def against_gps(p: Positions) -> list[Metric]:
     stand = p.ours_m - p.gps_m, reference - p.gps_m
     fitted = tuple(aligned(q, p.gps_m).apply(q) - p.gps_m for q in (p.ours_m, reference))
     metrics = []
-    for how, (ours, theirs) in (("as they stand", stand), ("after a similarity each", fitted)):
+    for how, (ours, theirs) in (("without alignment", stand), ("each after a similarity", fitted)):
         for axes, name in ((slice(0, 2), "horizontal"), (slice(2, 3), "vertical"), (slice(0, 3), "3-D")):
             a, b = rms(ours[:, axes]), rms(theirs[:, axes])
             key, source = f"{name} GPS residual over the reference's, {how}", f"{a:.2f} m over {b:.2f} m"
-            asked = name == "horizontal" and how == "as they stand"
-            source += "; " + LEANS if how == "as they stand" and name == "vertical" else ""
-            metrics.append(at_most(key, a / b, "x", 1.1, source) if asked else told(key, a / b, "x", source))
+            asked = name == "horizontal" and how == "without alignment"
+            source += "; " + LEANS if how == "without alignment" and name == "vertical" else ""
+            metrics.append(
+                at_most(key, a / b, "x", 1.1, source) if asked else reported(key, a / b, "x", source)
+            )
     level = leveled(p.ours_m, p.gps_m)
-    return [*metrics, told("horizontal GPS residual of a level map at its least", level, "m")]
+    return [*metrics, reported("horizontal GPS residual of a level map at its least", level, "m")]
 
 
 def leveled(moving_m: Array, fixed_m: Array) -> float:
@@ -126,7 +128,7 @@ def heights(p: Positions) -> list[Metric]:
     """Why the vertical residual is what it is: by how much each says the camera climbed after its climb."""
     span = {name: float(np.ptp(q[CLIMB_PHOTOS:, 2])) for name, q in (("our map", p.ours_m), ("GPS", p.gps_m))}
     return [
-        told(f"range of heights after the first {CLIMB_PHOTOS} photos, {name}", value, "m")
+        reported(f"range of heights after the first {CLIMB_PHOTOS} photos, {name}", value, "m")
         for name, value in span.items()
     ]
 
@@ -158,7 +160,7 @@ def good_gps(flight: Flight, estimate: Estimate, p: Positions, placed: NDArray[n
 
 def beside_pycolmap(photos: Path, seconds: float, reference_m: Array) -> list[Metric]:
     """Its time on the same photos in the same run: SIFT on two cores, every photo against every other."""
-    ours = told("our time, pictures to poses", seconds, "s")
+    ours = reported("our time, pictures to poses", seconds, "s")
     try:
         theirs = mapped(photos, sorted(path.name for path in photos.glob("*.jpg")), PYCOLMAP_SIDE_PX)
     except Skipped as skipped:
@@ -166,8 +168,8 @@ def beside_pycolmap(photos: Path, seconds: float, reference_m: Array) -> list[Me
     placed = f"it placed {len(theirs.c_T_w)} of {len(reference_m)}"
     return [
         ours,
-        told(f"pycolmap's time, {PYCOLMAP_SIDE_PX} px, exhaustive matching, CPU", theirs.seconds, "s"),
-        told(
+        reported(f"pycolmap's time, {PYCOLMAP_SIDE_PX} px, exhaustive matching, CPU", theirs.seconds, "s"),
+        reported(
             "our time over pycolmap's", seconds / theirs.seconds, "x",
             f"{seconds:.0f} s over {theirs.seconds:.0f} s; {placed}",
         ),

@@ -7,7 +7,7 @@ import time
 from slam.criticism import criticise
 from slam.criticism.simulated_flights import at_lower_rates, healthy_case
 from slam.simulation.model import Model, load_model
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 FLIGHTS, SECONDS, SEED = 10, 60.0, 1
 MOST_S = 60.0
@@ -24,7 +24,7 @@ def measure() -> list[Metric]:
         seconds, verdict = _timed(vehicle)
         metrics.append(at_most(f"ten flights of 60 s, {name}", seconds, "s", MOST_S, f"verdict {verdict}"))
     seconds, verdict = _timed(nominal)
-    metrics.append(told("the same with the IMU read 200 times a second, healthy", seconds, "s", verdict))
+    metrics.append(reported("the same with the IMU read 200 times a second, healthy", seconds, "s", verdict))
     return metrics
 
 

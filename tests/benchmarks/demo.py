@@ -10,7 +10,7 @@ from slam.evaluation import Evaluation, evaluate
 from slam.evaluation.landmarks import PerMap
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
-from tests.benchmarks.metric import Metric, at_most, told, within
+from tests.benchmarks.metric import Metric, at_most, reported, within
 
 SEEDS = (0, 1, 2, 3, 4)
 LARGEST_PERCENT, GAP_M = 0.5, 0.010
@@ -46,20 +46,20 @@ def one(run: Evaluation) -> list[Metric]:
     assert run.loops is not None
     pose = run.nees.pose
     return [
-        told("seed 0: largest landmark error, chain of homographies", largest.chain, "%"),
-        told("seed 0: largest landmark error, optimized without loops", largest.odometry, "%"),
+        reported("seed 0: largest landmark error, chain of homographies", largest.chain, "%"),
+        reported("seed 0: largest landmark error, optimized without loops", largest.odometry, "%"),
         at_most("seed 0: largest landmark error, with loops", largest.loops, "%", LARGEST_PERCENT),
-        told("seed 0: A-E gap error, chain of homographies", gap.chain, "m"),
-        told("seed 0: A-E gap error, optimized without loops", gap.odometry, "m"),
+        reported("seed 0: A-E gap error, chain of homographies", gap.chain, "m"),
+        reported("seed 0: A-E gap error, optimized without loops", gap.odometry, "m"),
         at_most("seed 0: A-E gap error, with loops", gap.loops, "m", GAP_M),
-        told(
+        reported(
             "seed 0: position error (ATE)", run.ate_m.rmse, "m", "first keyframe's position and yaw aligned"
         ),
         within(
             "seed 0: mean NEES of poses", pose.mean, "", (pose.lower95, pose.upper95), "95 % band; 6 expected"
         ),
-        told("seed 0: loop precision", run.loops.precision, ""),
-        told("seed 0: loop recall", run.loops.recall, ""),
+        reported("seed 0: loop precision", run.loops.precision, ""),
+        reported("seed 0: loop recall", run.loops.recall, ""),
     ]
 
 
@@ -76,13 +76,15 @@ def several(runs: list[Evaluation]) -> list[Metric]:
     ]
     for key, unit, figure, limit in asked:
         values = np.array([figure(run) for run in runs])
-        metrics.append(told(f"{len(runs)} seeds, median: {key}", float(np.median(values)), unit))
+        metrics.append(reported(f"{len(runs)} seeds, median: {key}", float(np.median(values)), unit))
         worst = f"{len(runs)} seeds, worst: {key}"
         metrics.append(
-            told(worst, values.max(), unit) if limit is None else at_most(worst, values.max(), unit, limit)
+            reported(worst, values.max(), unit)
+            if limit is None
+            else at_most(worst, values.max(), unit, limit)
         )
     poses = [run.nees.pose for run in runs if run.nees is not None]
     listed = ", ".join(f"{p.mean:.2f} in {p.lower95:.2f}-{p.upper95:.2f}" for p in poses)
     inside = sum(p.consistent for p in poses)
-    metrics.append(told(f"{len(runs)} seeds: mean NEES inside its 95 % band", inside, "", listed))
+    metrics.append(reported(f"{len(runs)} seeds: mean NEES inside its 95 % band", inside, "", listed))
     return metrics

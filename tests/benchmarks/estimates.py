@@ -14,7 +14,7 @@ from slam.evaluation.score import Tracks
 from slam.inertial.navigate import navigate
 from slam.io.flight_folder import read_flight
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def _compared(
 ) -> list[Metric]:
     ours, reckoned = (error_m(tracks, way) for way in (tracks.loops_m, tracks.chain_m))
     return [
-        told(f"{name}: horizontally from {reference}", ours, "m"),
-        told(f"{name}: the same of dead reckoning on board", reckoned, "m"),
+        reported(f"{name}: horizontally from {reference}", ours, "m"),
+        reported(f"{name}: the same of dead reckoning on board", reckoned, "m"),
         at_most(f"{name}: our error over dead reckoning's", ours / reckoned, "x", 1.0),
     ]

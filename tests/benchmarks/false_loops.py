@@ -21,7 +21,7 @@ from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.graphs import aligned_rmse
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 from tests.benchmarks.rivals import RIVALS, Rival
 
 NAMES = ("CSAIL", "intel", "manhattan", "parking-garage", "sphere2500", "torus3D", "city10000")
@@ -71,7 +71,7 @@ def measure() -> list[Metric]:
     within = float(np.mean([case.ratio <= MOST_WITHIN for case in most]))
     metrics.append(at_least("90 % false: share of cases within 2 x", within, "", MOST, _said(most)))
     return metrics + [
-        told(f"{name}, 50 % false, by {method}: error over the clean one's", worst, "x", how)
+        reported(f"{name}, 50 % false, by {method}: error over the clean one's", worst, "x", how)
         for name in COMPARED
         for method, worst, how in _by_others(data / f"{name}.g2o")
     ]

@@ -29,7 +29,7 @@ from slam.mapping.config import PipelineConfig
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, Skipped, at_least, told
+from tests.benchmarks.metric import Metric, Skipped, at_least, reported
 
 Array = NDArray[np.float64]
 KINDS: tuple[FeatureKind, ...] = tuple(kind for kind in get_args(FeatureKind) if kind != "surf")
@@ -71,7 +71,7 @@ def measure() -> list[Metric]:
     for name, by_kind in scores.items():
         for kind, got in by_kind.items():
             said = f"{got.held} of {PAIRS} pairs, {got.inliers:.0f} inliers, {got.ms:.1f} ms a picture"
-            metrics.append(told(f"{name}: {kind}", got.error_px, "px", said))
+            metrics.append(reported(f"{name}: {kind}", got.error_px, "px", said))
     default = PipelineConfig().features.kind
     held = {kind: sum(by_kind[kind].held for by_kind in scores.values()) for kind in KINDS}
     error = {kind: float(np.mean([by_kind[kind].error_px for by_kind in scores.values()])) for kind in KINDS}

@@ -17,7 +17,7 @@ HEADLINES = {
     "5 seeds, worst: largest landmark error, with loops": f"{_DEMO}: landmarks, one map",
     "5 seeds, worst: A-E gap error, with loops": f"{_DEMO}: a gap of 0.30 m seen a whole loop apart",
     "position error after similarity (ate_sim3_m)": "A real drone's motion: positions after a similarity",
-    "position error (ate_m)": "A real drone's motion: positions as they stand, sonar 4 % short",
+    "position error (ate_m)": "A real drone's motion: positions without alignment, sonar 4 % short",
     "RMS to sfm_reference.csv after a similarity": "75 aerial photographs: distance to structure from motion",
     "our time over pycolmap's": "75 aerial photographs: our time over pycolmap's",
     "front end on the demo's frames, 320x240, two cores": "Pictures a second, 320x240",
@@ -82,7 +82,7 @@ def markdown(sections: Sequence[Section]) -> str:
     lines = [
         f"Measured by `make bench` on {_cores()}, each part at the commit that stands beside it (a + where"
         " files differed from it); `python -m tests.benchmarks.run NAME` takes one part alone. Speed and"
-        " memory are told as ratios of runs side by side; seconds and megabytes are those of that one run.",
+        " memory are given as ratios of runs side by side; seconds and megabytes are those of that one run.",
         "",
         "| figure | measured | target | |",
         "|---|---|---|---|",

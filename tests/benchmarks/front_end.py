@@ -30,7 +30,7 @@ from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
-from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
 CORES = 2
 PIECES, TURNS = 8, 5
@@ -63,7 +63,7 @@ def of_size(size: str, pieces: list[Flight], asked: float) -> list[Metric]:
             f"front end over the bare OpenCV calls it makes, {size}", ours / bare, "x", 1.15,
             per_frame.format(1e3 * bare / count),
         ),
-        told(
+        reported(
             f"front end over the same with OpenCV's matcher (batchDistance) for its matrix product, {size}",
             ours / (bare + matching), "x", per_frame.format(1e3 * (bare + matching) / count),
         ),

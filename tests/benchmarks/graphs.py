@@ -27,7 +27,7 @@ from backend.pose_graph.solution import Solution
 from backend.pose_graph.solve import solve_pose_graph
 from backend.pose_graph.synchronization import Synchronization, descend, elimination_order, isotropic
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, Skipped, at_most, told
+from tests.benchmarks.metric import Metric, Skipped, at_most, reported
 
 T = TypeVar("T")
 
@@ -139,12 +139,12 @@ def _certified(data: Path, name: str) -> list[Metric]:
 def _rejection(f: FalseLoopResult) -> list[Metric]:
     name = "bicocca25b, a robot's own loops"
     return [
-        told(
+        reported(
             f"{name}: share of the false ones rejected", f.recall, "",
-            f"{f.false_loops} of {f.loops} are off by more than {FALSE_LOOP_M:g} m",
+            f"{f.false_loops} of {f.loops} have errors above {FALSE_LOOP_M:g} m",
         ),
-        told(f"{name}: share of the rejected ones that are false", f.precision, ""),
-        told(
+        reported(f"{name}: share of the rejected ones that are false", f.precision, ""),
+        reported(
             f"{name}: position error after rejection", f.ate_after_m, "m",
             f"odometry {f.ate_odometry_m:.1f} m, all loops believed {f.ate_before_m:.1f} m",
         ),

@@ -10,7 +10,7 @@ from slam.inertial.navigate import navigate
 from slam.io.flight_folder import read_flight
 from slam.mapping.pipeline import optimize
 from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, at_most, told, within
+from tests.benchmarks.metric import Metric, at_most, reported, within
 
 
 def measure() -> list[Metric]:
@@ -36,7 +36,7 @@ def measure() -> list[Metric]:
             0.05,
             "first keyframe's position and yaw aligned; its height sensor reads 3 to 5 % short",
         ),
-        *(told(f"the same from {name} alone", error, "m") for name, error in error_m.items()),
+        *(reported(f"the same from {name} alone", error, "m") for name, error in error_m.items()),
         at_most(
             "the same over the best of any two",
             run.ate_m.rmse / min(error_m.values()),
@@ -44,16 +44,19 @@ def measure() -> list[Metric]:
             1.0,
             "one draw of two gains; over many: instruments together, simulated flights",
         ),
-        told(
-            "accelerometer's offset upwards, as found",
+        reported(
+            "accelerometer's offset upwards, estimated",
             found.offset_m_s2[2],
             "m/s^2",
             "-0.7 by its readings at rest",
         ),
-        told(
-            "accelerometer's place on the body, upwards, as found", 1e3 * found.arm_m[2], "mm", _aside(found)
+        reported(
+            "accelerometer's position on the body, upwards, estimated",
+            1e3 * found.arm_m[2],
+            "mm",
+            _aside(found),
         ),
-        told("scale that the similarity takes out", run.scale, ""),
+        reported("scale of the similarity", run.scale, ""),
         within("mean NEES of poses", pose.mean, "", (pose.lower95, pose.upper95), "95 % band; 6 expected"),
     ]
 

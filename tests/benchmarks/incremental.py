@@ -10,7 +10,7 @@ import numpy as np
 from backend.pose_graph.incremental import BUDGET_S, Incremental
 from backend.pose_graph.solve import solve
 from tests.backend.synthetic import flight
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 KEYFRAMES, LOOPS, SEED = 5000, 250, 1
 MAX_OFF = 0.01
@@ -39,10 +39,10 @@ def measure() -> list[Metric]:
     return [
         at_most("time for a keyframe, 99th percentile", 1e3 * percentile, "ms", 1e3 * BUDGET_S, slowest),
         at_most("final error: relative difference to the batch's", run.off, "", MAX_OFF),
-        told(
+        reported(
             "in flight against the final answer, RMS", run.moved_m, "m", f"{run.waited} loops waited at most"
         ),
-        told("built anew", run.rebuilds, ""),
+        reported("built anew", run.rebuilds, ""),
     ]
 
 

@@ -26,7 +26,7 @@ from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
 from tests.benchmarks.alone import print_alone
 from tests.benchmarks.calibration import judged
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 FLIGHTS, CORES = 24, 2
 ALL, NO_SONAR, NO_IMU = "camera, IMU and sonar", "camera and IMU", "camera and sonar"
@@ -82,8 +82,8 @@ def measure() -> list[Metric]:
     together = error_m.pop(ALL)
     best = [min(flight.maps[name].error_m for name in (NO_SONAR, NO_IMU)) for flight in flown]
     smaller = sum(flight.maps[ALL].error_m < two for flight, two in zip(flown, best, strict=True))
-    metrics = [told(f"{ALL}: position error (ate_m), RMS of {FLIGHTS} flights", together, "m")]
-    metrics += [told(f"the same from {name} alone", error, "m") for name, error in error_m.items()]
+    metrics = [reported(f"{ALL}: position error (ate_m), RMS of {FLIGHTS} flights", together, "m")]
+    metrics += [reported(f"the same from {name} alone", error, "m") for name, error in error_m.items()]
     metrics.append(
         at_most(
             "the same over the best of any two", together / min(error_m.values()), "x", 1.0,
@@ -93,7 +93,7 @@ def measure() -> list[Metric]:
     for name, found in maps.items():
         metrics += judged(f"{name}, farthest keyframe", np.array([m.farthest for m in found]), 6)
         metrics += judged(f"{name}, scale", np.array([(m.log_scale / m.scale_std) ** 2 for m in found]), 1)
-        metrics.append(told(f"{name}: flights whose mean NEES is inside its band", _share(found), "%"))
+        metrics.append(reported(f"{name}: flights whose mean NEES is inside its band", _share(found), "%"))
     return metrics
 
 

@@ -12,7 +12,7 @@ from slam.evaluation.loops import LoopEvaluation, evaluate_loops
 from slam.evaluation.loops.comparison import MethodScore
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
-from tests.benchmarks.metric import Metric, at_least, told
+from tests.benchmarks.metric import Metric, at_least, reported
 
 LIGHT = {"gain": 0.15, "gamma": 0.30, "tau": 0.02}
 
@@ -35,10 +35,10 @@ def beside(name: str, result: LoopEvaluation, asked_percent: float) -> list[Metr
     metrics = [at_least(key, recall, "%", asked_percent, areas(ours))]
     for method in others:
         value = 100 * method.after_verification.full_precision_recall
-        metrics.append(told(f"{name}: the same, {method.name}", value, "%", areas(method)))
+        metrics.append(reported(f"{name}: the same, {method.name}", value, "%", areas(method)))
     kept = result.stages[-1].counts
     share = 100 * kept.true / result.all_true_pairs
-    metrics.append(told(f"{name}: true loops in the map", share, "%", f"{kept.false} false"))
+    metrics.append(reported(f"{name}: true loops in the map", share, "%", f"{kept.false} false"))
     return metrics
 
 

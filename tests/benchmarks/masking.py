@@ -18,13 +18,13 @@ from slam.mapping.obstacles import echoes_in_map, find_obstacles
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 Array = NDArray[np.float64]
 
 HEIGHTS_M = (0.8, 1.5, 0.5)
 ON, OFF = MaskingConfig(), MaskingConfig(pixels=False, echoes=False)
-PARTS = {"pixels alone": MaskingConfig(echoes=False), "echoes alone": MaskingConfig(pixels=False)}
+PARTS = {"pixels only": MaskingConfig(echoes=False), "echoes only": MaskingConfig(pixels=False)}
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Errors:
     """(n,) of each keyframe on the plain chain; NaN behind a break."""
 
     @property
-    def holds_s(self) -> float:
+    def unbroken_s(self) -> float:
         """How long the chain holds together."""
         return float(self.stamps_s[np.isfinite(self.chain_off_m)][-1])
 
@@ -55,16 +55,23 @@ def measure() -> list[Metric]:
         on, off = errors(flight, ON), errors(flight, OFF)
         at = f"at {height_m:g} m"
         metrics += [
-            told(f"{at}: map error without masking", off.map_m, "m"),
-            told(f"{at}: map error with masking", on.map_m, "m"),
-            told(
+            reported(f"{at}: map error without masking", off.map_m, "m"),
+            reported(f"{at}: map error with masking", on.map_m, "m"),
+            reported(
                 f"{at}: chain of homographies without masking",
                 off.chain_m(),
                 "m",
-                f"holds {off.holds_s:.0f} s",
+                f"unbroken for {off.unbroken_s:.0f} s",
             ),
-            told(f"{at}: the same as long as the one with masking holds", off.chain_m(on.holds_s), "m"),
-            told(f"{at}: chain of homographies with masking", on.chain_m(), "m", f"holds {on.holds_s:.0f} s"),
+            reported(
+                f"{at}: the same while the one with masking is unbroken", off.chain_m(on.unbroken_s), "m"
+            ),
+            reported(
+                f"{at}: chain of homographies with masking",
+                on.chain_m(),
+                "m",
+                f"unbroken for {on.unbroken_s:.0f} s",
+            ),
         ]
         if height_m == 0.8:
             metrics.append(
@@ -72,7 +79,7 @@ def measure() -> list[Metric]:
             )
             for name, config in PARTS.items():
                 part = errors(flight, config)
-                metrics.append(told(f"{at}: map error with {name}", part.map_m, "m"))
+                metrics.append(reported(f"{at}: map error with {name}", part.map_m, "m"))
     return [*metrics, *price()]
 
 

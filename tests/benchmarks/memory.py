@@ -20,7 +20,7 @@ from slam.report.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 from slam.simulation.recipe import Recipe, load_recipe
 from tests.benchmarks.apart import peak_mb, run_apart
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 _ME = "tests.benchmarks.memory"
 
@@ -60,7 +60,7 @@ def ratio(what: str, short: float, long: float, unit: str, limit: float | None) 
     """Ten laps over one."""
     key, source = f"{what}, {LAPS} laps over 1", f"{long:.0f} over {short:.0f} {unit}".strip()
     value = long / short
-    return told(key, value, "x", source) if limit is None else at_most(key, value, "x", limit, source)
+    return reported(key, value, "x", source) if limit is None else at_most(key, value, "x", limit, source)
 
 
 def fly_and_map(laps: int, path: Path) -> Job:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-Perturbation = Literal["at most", "at least", "within", "told"]
+Direction = Literal["at most", "at least", "within", "reported"]
 
 
 class Skipped(Exception):
@@ -15,12 +15,12 @@ class Skipped(Exception):
 
 @dataclass(frozen=True)
 class Metric:
-    """One figure with unit, direction and limit; ``told`` ones have no limit."""
+    """One figure with unit, direction and limit; ``reported`` ones have no limit."""
 
     key: str
     value: float
     unit: str
-    direction: Perturbation = "told"
+    direction: Direction = "reported"
     limit: tuple[float, ...] = ()
     """One figure, or the two ends of a band."""
     source: str = ""
@@ -29,7 +29,7 @@ class Metric:
     @property
     def met(self) -> bool | None:
         """Whether the limit is kept; None where there is none. What is not finite keeps no limit."""
-        if self.direction == "told":
+        if self.direction == "reported":
             return None
         if not math.isfinite(self.value):
             return False
@@ -53,6 +53,6 @@ def within(key: str, value: float, unit: str, band: tuple[float, float], source:
     return Metric(key, float(value), unit, "within", band, source)
 
 
-def told(key: str, value: float, unit: str, source: str = "") -> Metric:
+def reported(key: str, value: float, unit: str, source: str = "") -> Metric:
     """A figure without a limit."""
     return Metric(key, float(value), unit, source=source)

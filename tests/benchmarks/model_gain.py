@@ -12,7 +12,7 @@ from slam.evaluation.map_gain import MapGain, map_gain
 from slam.simulation import simulate
 from slam.simulation.inverse import correct_flight
 from slam.simulation.recipe import load_recipe
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 HIDDEN: dict[str, tuple[dict[str, float], float]] = {
     "sonar_scale": ({"eps": 0.06}, 5.0),
@@ -48,10 +48,10 @@ def figures(term: str, size: dict[str, float], named: str, gain: MapGain) -> lis
     both = f"{1e3 * gain.after.position_m:.2f} over {1e3 * gain.before.position_m:.1f} mm"
     return [
         at_most(
-            f"{term} ({hidden}): position error with what was found taken out, over that as recorded",
+            f"{term} ({hidden}): position error with the found causes corrected, over that as recorded",
             gain.after.position_m / gain.before.position_m, "x", 0.5, f"{both}; found: {named}",
         ),
-        told(
+        reported(
             f"{term}: mean NEES of poses then", gain.after.nees, "",
             f"6 expected; {gain.before.nees:.0f} as recorded",
         ),

@@ -20,7 +20,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames
 from slam.report.rasters.mosaic import write_mosaic
 from tests.benchmarks.apart import peak_mb, run_apart
-from tests.benchmarks.metric import Metric, at_most, told
+from tests.benchmarks.metric import Metric, at_most, reported
 
 CAMERA = Camera((1000.0, 1000.0), (599.5, 449.5), (1200, 900))
 HEIGHT_M = 30.0
@@ -70,8 +70,10 @@ def measure() -> list[Metric]:
                 0.5,
                 seams,
             ),
-            told(f"mosaic memory, {many} over {few} pictures {where}", b.peak_mb / a.peak_mb, "x", source),
-            told(
+            reported(
+                f"mosaic memory, {many} over {few} pictures {where}", b.peak_mb / a.peak_mb, "x", source
+            ),
+            reported(
                 f"mosaic time, {many} over {few} pictures {where}",
                 b.seconds / a.seconds,
                 "x",
@@ -84,7 +86,7 @@ def measure() -> list[Metric]:
                 at_most(
                     f"time of a mosaic of {many} pictures", b.seconds, "s", 600, f"{b.megapixels:.0f} Mpx"
                 ),
-                told(
+                reported(
                     f"tiles rendered again after {MOVED} of {many} pictures moved by {MOVED_M:g} m", b.again,
                     "", f"of {b.tiles}, in {b.again_s:.0f} s",
                 ),

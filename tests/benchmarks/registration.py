@@ -30,7 +30,7 @@ from slam.simulation.camera.photometry import falloff
 from slam.simulation.inverse.camera import vignetting_correction
 from slam.simulation.recipe import Recipe, load_recipe
 from slam.simulation.terms import CATALOGUE
-from tests.benchmarks.metric import Metric, at_least, told, within
+from tests.benchmarks.metric import Metric, at_least, reported, within
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def measure() -> list[Metric]:
         metrics += [
             at_least(f"{kind.name}: pairs that register", 100 * came.held / PAIRS, "%", 90)
             if kind.ratio == 1.0
-            else told(f"{kind.name}: pairs that register", 100 * came.held / PAIRS, "%"),
+            else reported(f"{kind.name}: pairs that register", 100 * came.held / PAIRS, "%"),
             within(
                 f"{kind.name}: mean NEES of relative poses", float(came.nees.mean()), "", tuple(band), told_of
             ),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from frontend.inverted_file import InvertedFile
-from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
 Float = NDArray[np.float32]
 SIZES = (1_000, 10_000, 100_000)
@@ -25,7 +25,7 @@ SHARED = 4
 
 
 def measure() -> list[Metric]:
-    """Times of a query by ours, by looking at all, and by OpenCV's index; the share of places found again."""
+    """Times of a query by ours, by looking at all, and by OpenCV's index; the share of places recognised."""
     cv2.setNumThreads(1)
     metrics, seconds = [], {}
     with threadpool_limits(1):
@@ -38,10 +38,10 @@ def measure() -> list[Metric]:
             seconds[n], found = timed(lambda k, x=x, index=index: ours(index, x[k]), queries, n)
             linear, most = timed(lambda k, x=x: highest(x @ x[k]), queries, n)
             metrics += [
-                told(f"{n} keyframes: a query", 1e3 * seconds[n], "ms", f"index built in {built:.1f} s"),
-                told(f"{n} keyframes: a query that looks at all", 1e3 * linear, "ms"),
+                reported(f"{n} keyframes: a query", 1e3 * seconds[n], "ms", f"index built in {built:.1f} s"),
+                reported(f"{n} keyframes: a query that looks at all", 1e3 * linear, "ms"),
                 at_least(
-                    f"{n} keyframes: places found again",
+                    f"{n} keyframes: places recognised",
                     100 * found,
                     "%",
                     95,
@@ -49,8 +49,10 @@ def measure() -> list[Metric]:
                 ),
             ]
         annoy, again = timed(annoys(signatures(SIZES[-1])), queries, SIZES[-1])
-    source = f"places found again {100 * again:.1f} %"
-    metrics.append(told(f"{SIZES[-1]} keyframes: a query of OpenCV's Annoy index", 1e3 * annoy, "ms", source))
+    source = f"places recognised {100 * again:.1f} %"
+    metrics.append(
+        reported(f"{SIZES[-1]} keyframes: a query of OpenCV's Annoy index", 1e3 * annoy, "ms", source)
+    )
     growth = seconds[SIZES[2]] / seconds[SIZES[1]]
     source = "sublinear: 10 were linear, 3.2 the square root"
     metrics.append(at_most("10 000 to 100 000 keyframes: time of a query grows", growth, "x", 7, source))

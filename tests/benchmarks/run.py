@@ -3,7 +3,7 @@
 That is docs/figures.md, with all figures, and the README's few. ``--write`` writes them without measuring.
 
 Each benchmark runs in a fresh process. Named ones replace their own figures and keep the others' of earlier
-runs; what has no figures is told as such.
+runs; a benchmark without figures is listed with the reason.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tests.benchmarks.metric import Metric, Skipped
 TITLES = {
     "demo": "Figure-eight demo",
     "bound": "Figure eight against its Cramer-Rao bound",
-    "calibration": "Covariances against errors, made flights",
+    "calibration": "Covariances against errors, simulated flights",
     "hybrid": "AR.Drone 2 over a photographed floor (`ardrone2-hybrid`)",
     "instruments": "Instruments together, simulated flights",
     "estimates": "Measured flights without a camera (`slam estimate`)",
@@ -45,15 +45,15 @@ TITLES = {
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
     "criticism": "Criticism of ten flights",
-    "blind_dev": "Blind cases of others (`blind-dev`)",
-    "model_gain": "What criticism gains in the map",
+    "blind_dev": "Blind cases of the test data (`blind-dev`)",
+    "model_gain": "Gain of criticism in the map",
     "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",
     "features": "Features compared",
     "registration": "Registration of rendered pairs",
     "loops": "Loop closure",
-    "aliased": "Floors that repeat",
-    "breaks": "Stretches without features",
+    "aliased": "Repetitive floors",
+    "breaks": "Segments without features",
     "retrieval": "Loop candidates among many keyframes",
 }
 ROOT = Path(__file__).parents[2]

@@ -29,7 +29,7 @@ from slam.report.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 from tests.benchmarks.by_pycolmap import mapped_apart
 from tests.benchmarks.by_stitcher import stitched_apart
-from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, told
+from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, reported
 
 Array = NDArray[np.float64]
 
@@ -108,9 +108,11 @@ def measure() -> list[Metric]:
     return [
         *told_of("ours", [o.map for o in ours]),
         *told_of("chain of homographies", [o.chain for o in ours]),
-        told("ours: keyframes placed", sum(o.placed for o in ours), "", f"of {sum(map(keyframes, ours))}"),
-        told("ours: time, mosaics included", sum(o.seconds for o in ours), "s", f"{len(ours)} flights"),
-        told("chain of homographies: time, without a mosaic", sum(o.chain_seconds for o in ours), "s"),
+        reported(
+            "ours: keyframes placed", sum(o.placed for o in ours), "", f"of {sum(map(keyframes, ours))}"
+        ),
+        reported("ours: time, mosaics included", sum(o.seconds for o in ours), "s", f"{len(ours)} flights"),
+        reported("chain of homographies: time, without a mosaic", sum(o.chain_seconds for o in ours), "s"),
         *rivals,
     ]
 
@@ -155,7 +157,7 @@ def beside_stitcher(ours: Ours) -> list[Metric]:
     ]
     name = "cv2.Stitcher (SCANS), first flight"
     return [
-        told(f"{name}: time, mosaic included", made.seconds, "s", made.status),
+        reported(f"{name}: time, mosaic included", made.seconds, "s", made.status),
         at_most(
             "our time over cv2.Stitcher's", ours.seconds / made.seconds, "x", 1.0, f"{ours.seconds:.0f} s"
         ),
@@ -169,7 +171,7 @@ def beside_pycolmap(ours: list[Ours]) -> list[Metric]:
     try:
         made = [mapped_apart(o.scene.pictures, o.scene.camera, LIMIT_S) for o in ours]
     except Skipped as skipped:
-        return [told(f"{name}: keyframes placed", float("nan"), "", str(skipped))]
+        return [reported(f"{name}: keyframes placed", float("nan"), "", str(skipped))]
     pairs = [(o, m) for o, m in zip(ours, made, strict=True) if m is not None]
     theirs = [judge(o.scene.flight, nearest_to_rays(o.scene, m.c_T_w)) for o, m in pairs]
     placed, late = sum(len(m.c_T_w) for _, m in pairs), LIMIT_S * (len(ours) - len(pairs))
@@ -178,12 +180,12 @@ def beside_pycolmap(ours: list[Ours]) -> list[Metric]:
     ratio = rms([a for a, _ in both]) / rms([b for _, b in both])
     listed = ", ".join(f"{1e3 * a:.2f} over {1e3 * b:.2f} mm" for a, b in both)
     return [
-        told(f"{name}: flights without an answer within {LIMIT_S:.0f} s", len(ours) - len(pairs), ""),
-        told(f"{name}: keyframes placed", placed, "", "in the largest of its models, intrinsics given"),
+        reported(f"{name}: flights without an answer within {LIMIT_S:.0f} s", len(ours) - len(pairs), ""),
+        reported(f"{name}: keyframes placed", placed, "", "in the largest of its models, intrinsics given"),
         at_least(
             "our keyframes placed over pycolmap's", sum(o.placed for o in ours) / max(placed, 1), "x", 1.0
         ),
-        told(f"{name}: time, without mosaics, CPU", seconds, "s"),
+        reported(f"{name}: time, without mosaics, CPU", seconds, "s"),
         at_most(
             "our time, mosaics included, over pycolmap's", sum(o.seconds for o in ours) / seconds, "x", 1.0
         ),
@@ -217,11 +219,11 @@ def told_of(name: str, verdicts: list[Verdict]) -> list[Metric]:
     each = f"{', '.join(known)} mm" if known else ""
     largest = max((v.largest_percent for v in verdicts), default=float("nan"))
     return [
-        at_least(key, in_place, "", count) if name == "ours" else told(key, in_place, ""),
-        told(
+        at_least(key, in_place, "", count) if name == "ours" else reported(key, in_place, ""),
+        reported(
             f"{name}: RMS of landmark places after a similarity", rms([v.rms_m for v in verdicts]), "m", each
         ),
-        told(f"{name}: largest landmark error", largest, "%", "of a named distance, after a similarity"),
+        reported(f"{name}: largest landmark error", largest, "%", "of a named distance, after a similarity"),
     ]
 
 
