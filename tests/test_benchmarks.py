@@ -6,7 +6,7 @@ import pytest
 
 from tests.benchmarks import blind_dev
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
-from tests.benchmarks.metric import at_least, at_most, told, within
+from tests.benchmarks.metric import at_least, at_most, reported, within
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ from tests.benchmarks.metric import at_least, at_most, told, within
         (within("", 6.1, "", (4.0, 6.0)), False),
         (at_most("", math.nan, "x", 1.0), False),
         (at_least("", math.inf, "x", 1.0), False),
-        (told("", 1.0, "x"), None),
+        (reported("", 1.0, "x"), None),
     ],
 )
 def test_a_limit_is_kept_or_not(metric, met):

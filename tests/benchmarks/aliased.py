@@ -1,10 +1,11 @@
-"""Floors that repeat: 50 flights over the paper's tile, nine times the same, its wear too and no marks.
+"""Repetitive floors: 50 flights over nine equal copies of the paper's tile, with equal weathering and no
+marks.
 
-A loop between two places one tile apart verifies as well as a true one. Flights differ in their floor, start,
-height, shape and heading: the figure eight, a random way flown round and once more, there and back, a
-lawn mower's lines and a crossing, a closed way at changing heights.
+A loop between two places one tile apart verifies as well as a true one. Flights differ in floor, start,
+height, shape and heading: the figure eight, a random closed path flown twice, there and back, a lawn-mower
+pattern with a crossing, a closed path at changing heights.
 
-``python -m tests.benchmarks.aliased FIRST LAST`` flies some of them alone, a line of JSON each.
+``python -m tests.benchmarks.aliased FIRST LAST`` runs some of them and prints one line of JSON each.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ LEAST_LEG_M = 1.0
 
 @dataclass(frozen=True)
 class Aliased:
-    """What came of one flight."""
+    """Result of one flight."""
 
     seed: int
     way: str
@@ -38,9 +39,9 @@ class Aliased:
     true_kept: int
     true_pairs: int
     refused: int
-    """Pairs whose homography holds, refused by the poses."""
+    """Number of pairs with a valid homography that the poses rejected."""
     error_m: float
-    """RMS of positions."""
+    """RMS error of the positions, in metres."""
     placed: float
     """Share of the keyframes in the main map."""
 
@@ -87,7 +88,7 @@ def fly(seed: int) -> Aliased:
 
 
 def repeated(seed: int, corners: int = 6, rate_hz: float = 3.0) -> Flight:
-    """A flight over a floor that repeats."""
+    """Simulate a flight over a repetitive floor."""
     eight = load_recipe("figure_eight")
     assert eight.camera is not None
     rng = np.random.default_rng((seed, 3))
@@ -105,7 +106,7 @@ def repeated(seed: int, corners: int = 6, rate_hz: float = 3.0) -> Flight:
 
 
 def way(eight: Manoeuvre, shape: str, seed: int, corners: int, rng: np.random.Generator) -> Manoeuvre:
-    """Where a flight goes; even ones keep their heading, odd ones fly nose first."""
+    """Return the way points of a flight. Even flights keep their heading; odd ones turn along the path."""
     height_m = float(rng.uniform(0.6, 1.0))
     if shape == "eight":
         return replace(eight, height_m=height_m)

@@ -1,4 +1,4 @@
-"""Jobs in processes of their own, so that time and peak memory belong to one job alone."""
+"""Jobs in separate processes, so that time and peak memory belong to one job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STATUS = Path("/proc/self/status")
 
 
 def run_apart(module: str, *arguments: object, limit_s: float | None = None) -> Any:
-    """What ``python -m module arguments`` prints as JSON on its last line; None where it takes too long."""
+    """Return the JSON of the last line that ``python -m module arguments`` prints; None after a time-out."""
     command = [sys.executable, "-m", module, *map(str, arguments)]
     try:
         done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, timeout=limit_s)
@@ -23,10 +23,10 @@ def run_apart(module: str, *arguments: object, limit_s: float | None = None) -> 
 
 
 def peak_mb() -> float:
-    """Peak resident memory of this process.
+    """Return the peak resident memory of this process.
 
-    From the kernel's own book where there is one: ``ru_maxrss`` survives exec, so that a child starts with
-    the peak of its parent.
+    It is read from ``/proc`` where that exists: ``ru_maxrss`` survives exec, so a child would start with the
+    peak of its parent.
     """
     if _STATUS.exists():
         line = next(line for line in _STATUS.read_text().splitlines() if line.startswith("VmHWM:"))

@@ -1,4 +1,4 @@
-"""What `slam criticise` says of the measured data's sixteen blind cases, by their own score card."""
+"""Verdicts of `slam criticise` on the sixteen blind cases of the test data, by their own score card."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_ERROR = 0.25
 
 
 def measure() -> list[Metric]:
-    """Verdicts of all cases, a process each; the first one compiles as after an installation."""
+    """Return the verdicts of all cases, one process each; the first one compiles as after an installation."""
     home = folder("blind-dev")
     with tempfile.TemporaryDirectory() as scratch, mock.patch.dict(os.environ):
         answers, seconds = Path(scratch) / "answers", []
@@ -33,7 +33,7 @@ def measure() -> list[Metric]:
 
 
 def figures(scored: dict[str, Any], seconds: list[float]) -> list[Metric]:
-    """Rows of what the folder's ``score`` returns, and of how long each case took, the first one cold."""
+    """Return figures from the folder's ``score`` and the times of the cases, of which the first is cold."""
     gate, card = scored["gate"], scored["card"]
     nulls, singles, strange = (gate[name] for name in ("nulls", "singles", "unknowns"))
     kept = strange - gate["unknowns_misnamed"]

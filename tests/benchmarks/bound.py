@@ -1,9 +1,9 @@
-"""The figure eight against its Cramer-Rao bound: errors over what the measurements allow.
+"""The figure eight against its Cramer-Rao bound: ratio of the errors to the bound.
 
-Four fifths of the expected squared error are one number a flight, the scale that the ranges tell, so the
-ratio scatters from chance alone. Told beside it, therefore: by how much; the ratio for each direction; and
-the error over that of an estimate from the same measurements that begins at the truth and is told the true
-noise, in which chance cancels.
+Four fifths of the expected squared error are one number a flight, the scale from the ranges, so the ratio has
+a large random scatter. The benchmark therefore reports this scatter, the ratio for each direction, and the
+ratio to the error of an estimate from the same measurements that starts at the truth and has the true noise,
+in which chance cancels.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from tests.benchmarks.metric import Metric, reported, within
 
 SEEDS = range(20)
 BAND = (0.85, 1.15)
-"""Too good is a bug, too."""
+"""Errors far below the bound are a fault too."""
 EFFICIENT = (0.95, 1.05)
 
 Array = np.ndarray
@@ -32,26 +32,26 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Run:
-    """One seed: errors and what the bound expects of them."""
+    """Errors of one seed and their bounds."""
 
     error_m: Array
-    """(n, 3) of positions, in world axes, in the gauge of the first keyframe."""
+    """(n, 3) position errors in world axes, in the gauge of the first keyframe."""
     informed_m: Array
-    """The same of the estimate that knows truth and noise."""
+    """(n, 3) position errors of the estimate that knows truth and noise."""
     covariance_m2: Array
-    """(3n, 3n) of the bound."""
+    """(3n, 3n) covariance of the bound."""
     bound_m: float
     freedom: float
     told_m: float
-    """What the estimate's own covariances expect."""
+    """Position error that the estimate's own covariances predict."""
     distances_m: Array
     """(p, 2) errors of the landmark distances and their bounds."""
     along: Array
-    """(n, 3) from the first keyframe to each."""
+    """(n, 3) displacement from the first keyframe to each."""
 
 
 def measure() -> list[Metric]:
-    """Over all seeds together: single flights scatter."""
+    """Return the figures of all seeds together, since single flights scatter."""
     runs = [run(seed) for seed in SEEDS]
     told_by_seed = ", ".join(f"{1e3 * _rms(r.error_m):.2f} over {1e3 * r.bound_m:.2f} mm" for r in runs)
     error = _mean(runs, lambda r: _rms(r.error_m))
@@ -81,7 +81,7 @@ def measure() -> list[Metric]:
 
 
 def run(seed: int) -> Run:
-    """Fly, map, and compare with the truth and the bound."""
+    """Simulate, map, and compare with the truth and the bound."""
     flight, config = simulate("figure_eight", seed), PipelineConfig()
     estimate, observations = optimize_with_observations(flight, config)
     bound = cramer_rao(flight, estimate, observations, config)
@@ -108,7 +108,7 @@ def _error(w_T_b: Array, bound: Bound) -> Array:
 
 
 def _scale(along: Array) -> Array:
-    """(1, 3n) the scale of least squares of errors, as the length that it moves them by."""
+    """Return (1, 3n) the least-squares scale of errors, as a displacement."""
     return along.reshape(1, -1) / np.linalg.norm(along)
 
 
@@ -125,7 +125,7 @@ PARTS = {"scale": _scale, "x": _axis(0), "y": _axis(1), "z": _axis(2)}
 
 
 def _ratio(runs: list[Run], part: Callable[[Array], Array]) -> float:
-    """Of a part of the errors to what the bound expects of it."""
+    """Return the ratio of a part of the errors to its bound."""
     ways = [part(r.along) for r in runs]
     error = sum(float(np.sum((w @ r.error_m.ravel()) ** 2)) for w, r in zip(ways, runs, strict=True))
     bound = sum(float(np.sum(w * (w @ r.covariance_m2))) for w, r in zip(ways, runs, strict=True))
@@ -133,7 +133,7 @@ def _ratio(runs: list[Run], part: Callable[[Array], Array]) -> float:
 
 
 def _rms(x: Array) -> float:
-    """Of the lengths of the rows, or of numbers."""
+    """Return the RMS of the lengths of rows, or of numbers."""
     return float(np.sqrt(np.sum(x**2) / len(x)))
 
 

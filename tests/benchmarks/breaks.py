@@ -1,10 +1,11 @@
-"""Stretches without features: flights blind once or twice for 1 to 3 s, half of them over floors that repeat.
+"""Segments without features: flights without pictures once or twice for 1 to 3 s, half of them over
+repetitive floors.
 
-Behind a break the first picture may match the last one before it by another copy of the floor; what the
-instruments read says which. Ways are those of `tests.benchmarks.aliased`; half the flights have no speed over
-ground.
+Behind a break the first picture may match the last one before it with another copy of the floor; only the
+instruments can decide. Paths are those of `tests.benchmarks.aliased`; half of the flights have no velocity
+stream.
 
-``python -m tests.benchmarks.breaks FIRST LAST`` flies some of them alone, a line of JSON each.
+``python -m tests.benchmarks.breaks FIRST LAST`` runs some of them and prints one line of JSON each.
 """
 
 from __future__ import annotations
@@ -27,14 +28,14 @@ WIDTH, HEIGHT = 176, 144
 TILE_M = 1.6
 BREAK_S = (1.0, 3.0)
 WITHIN = (0.15, 0.8)
-"""Of the flight, where a break begins."""
+"""Shares of the flight between which a break begins."""
 SECOND = 0.3
-"""Share of the flights with two."""
+"""Share of the flights with two breaks."""
 
 
 @dataclass(frozen=True)
 class Broken:
-    """What came of one flight."""
+    """Result of one flight."""
 
     seed: int
     repeats: bool
@@ -43,14 +44,14 @@ class Broken:
     bridges: int
     false_kept: int
     error_m: float
-    """RMS of positions."""
+    """RMS error of the positions, in metres."""
     nees: float
     in_band: bool
-    """Whether the mean NEES is in its own band."""
+    """Whether the mean NEES is in its 95 % band."""
 
 
 def measure() -> list[Metric]:
-    """Whether what belongs together is one map, and a right one."""
+    """Whether all parts are joined in one correct map."""
     flown = [fly(seed) for seed in range(FLIGHTS)]
     joined = [f for f in flown if f.placed == 1.0]
     furthest, worst = (max(flown, key=lambda f, key=key: getattr(f, key)) for key in ("error_m", "nees"))
@@ -89,7 +90,7 @@ def fly(seed: int) -> Broken:
 
 
 def broken(seed: int) -> Flight:
-    """A flight that is blind once or twice."""
+    """Simulate a flight with one or two breaks."""
     rng = np.random.default_rng((seed, 21))
     eight = load_recipe("figure_eight")
     assert eight.camera is not None
@@ -115,7 +116,7 @@ def broken(seed: int) -> Flight:
         blind |= (stamps_s >= begin_s) & (stamps_s < begin_s + rng.uniform(*BREAK_S))
     grey = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
     frames = replace(flight.frames, load=lambda k: grey if blind[k] else load(k))
-    # The simulated speed has the scale that it is told to have.
+    # The simulated speed has the nominal scale.
     velocity = replace(flight.velocity, scale_std=0.0) if seed // 2 % 2 == 0 else None
     return replace(flight, frames=frames, velocity=velocity)
 

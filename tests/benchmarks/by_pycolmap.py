@@ -1,4 +1,4 @@
-"""Structure from motion by pycolmap on the CPU: every picture against every other, incremental mapping.
+"""Structure from motion by pycolmap on the CPU: exhaustive matching, incremental mapping.
 
 ``python -m tests.benchmarks.by_pycolmap PICTURES CAMERA`` maps a folder with a known camera (OpenCV's fx, fy,
 cx, cy, k1, k2, p1, p2 with commas, pixel (0, 0) the centre of the first); prints seconds and poses as JSON.
@@ -26,16 +26,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Mapped:
-    """What came of some pictures."""
+    """Result of some pictures."""
 
     seconds: float
     c_T_w: dict[str, Array]
-    """Poses (3, 4) by file name, of the pictures in the largest model; its world is of no particular size."""
+    """Poses (3, 4) by file name, of the pictures in the largest model, whose scale is arbitrary."""
     models: int
 
 
 def mapped_apart(pictures: Path, camera: Camera, limit_s: float) -> Mapped | None:
-    """Map a folder in a process of its own; None where it takes too long.
+    """Map a folder in a separate process; None after a time-out.
 
     Raises ``Skipped`` where the package is missing.
     """
@@ -96,7 +96,7 @@ def _package() -> Any:
 
 
 def main(pictures: Path, camera: str) -> None:
-    """The process of its own."""
+    """Run the separate process."""
     names = sorted(path.name for path in pictures.iterdir())
     done = mapped(pictures, names, camera=tuple(map(float, camera.split(","))))
     poses = {name: pose.tolist() for name, pose in done.c_T_w.items()}

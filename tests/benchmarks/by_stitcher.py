@@ -1,7 +1,7 @@
-"""A mosaic by OpenCV's stitcher for scans: every picture against every other.
+"""Mosaic by OpenCV's stitcher for scans, with exhaustive matching.
 
-``python -m tests.benchmarks.by_stitcher PICTURES`` stitches a folder; prints seconds, what became of it, and
-where each picture used lies on the canvas as JSON.
+``python -m tests.benchmarks.by_stitcher PICTURES`` stitches a folder; it prints the time, the result, and the
+place on the canvas of each picture used, as JSON.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Stitched:
-    """What came of some pictures."""
+    """Result of some pictures."""
 
     seconds: float
     canvas_H: dict[int, Array]
-    """(3, 3) pixels to canvas, by number of the picture, of those used."""
+    """Homographies (3, 3) from pixels to canvas, by index, of the pictures used."""
     status: str
 
 
 def stitched_apart(pictures: Path, limit_s: float) -> Stitched:
-    """Stitch a folder in a process of its own; where it takes too long, no picture is used."""
+    """Stitch a folder in a separate process; after a time-out no picture is used."""
     found = run_apart("tests.benchmarks.by_stitcher", pictures, limit_s=limit_s)
     if found is None:
         return Stitched(limit_s, {}, f"no answer within {limit_s:.0f} s")
@@ -41,7 +41,7 @@ def stitched_apart(pictures: Path, limit_s: float) -> Stitched:
 
 
 def main(pictures: Path) -> None:
-    """The process of its own."""
+    """Run the separate process."""
     images = [cv2.imread(str(path)) for path in sorted(pictures.iterdir())]
     cv2.setRNGSeed(0)
     stitcher = cv2.Stitcher.create(cv2.Stitcher_SCANS)

@@ -1,12 +1,12 @@
 """Calibration of covariances: NEES over hundreds of synthetic flights of each kind.
 
-Made are the measurements (`tests.backend.made_floor`: followed floor points, attitudes, ranges, fixes, each
-with its own Gaussian noise); the refinement is the real one. Of each flight one keyframe counts, the one that
-lies farthest out, so that the flights are independent and the band is that of a chi-square; and one landmark,
-where that keyframe shows it, with the covariance that the mosaic's uncertainty is drawn from.
+The measurements are synthetic (`tests.backend.made_floor`: tracked floor points, attitudes, ranges, fixes,
+each with Gaussian noise); the refinement is the real one. One keyframe of each flight counts, the one
+farthest from the start, so the flights are independent and the band is that of a chi-square. One landmark in
+its picture counts too, with the covariance that the mosaic uses.
 
-Of flights over two seconds without features the instruments are those of the simulator, as is the filter that
-carries the map across; what pictures tell of the steps before and behind is made.
+Flights across two seconds without features use the simulator's instruments and the real filter; the picture
+steps before and after are synthetic.
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def bridge(seed: int, with_velocity: bool, velocity_error_m_s: float = 0.0) -> f
         i_T_j[:3, 3] /= w_T_b[k, 2, 3]
         noisy = i_T_j @ se3.exp(rng.normal(0, _STEP_STD, (1, 6)))[0]
         steps.append(VisualStep(k, k + 1, noisy, np.diag(_STEP_STD**2)))
-    # The simulated speed has the scale that it is told to have.
+    # The simulated speed has the nominal scale.
     velocity = flown.velocity if with_velocity else None
     if velocity is not None:
         velocity = replace(velocity, scale_std=0.0, v_m_s=velocity.v_m_s + velocity_error_m_s)

@@ -1,4 +1,4 @@
-"""75 aerial photographs with a coarse GPS: against structure from motion and GPS, and beside pycolmap."""
+"""75 aerial photographs with a coarse GPS, compared with structure from motion, GPS and pycolmap."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Positions:
 
 
 def measure() -> list[Metric]:
-    """All figures; pycolmap's time is left out where the package is missing."""
+    """Return all figures, without pycolmap's time where the package is missing."""
     photos = folder("photos/caliterra")
     began = time.perf_counter()
     flight = import_photos(photos)
@@ -64,7 +64,7 @@ def measure() -> list[Metric]:
 
 
 def positions_of(flight: Flight, estimate: Estimate, photos: Path, placed: NDArray[np.bool_]) -> Positions:
-    """Ours, the reference's and the GPS's, photo by photo."""
+    """Positions of each photo: ours, the reference's and the GPS's."""
     with (photos / "sfm_reference.csv").open() as stream:
         rows = {row[0]: [float(x) for x in row[1:]] for row in list(csv.reader(stream))[1:]}
     reference = np.array([rows[name] for name in estimate.frame_names])
@@ -75,13 +75,13 @@ def positions_of(flight: Flight, estimate: Estimate, photos: Path, placed: NDArr
 
 
 def origin_of(estimate: Estimate) -> GeoOrigin:
-    """Where the map stands on Earth."""
+    """Return the georeferenced camera positions of the map."""
     assert estimate.origin is not None, "the map is not georeferenced"
     return estimate.origin
 
 
 def shape(p: Positions) -> list[Metric]:
-    """Against structure from motion after a similarity."""
+    """Return the errors against structure from motion after a similarity."""
     onto = umeyama(p.ours_m, p.reference_m, with_scale=True)
     off = onto.apply(p.ours_m) - p.reference_m
     tilt_deg = float(np.degrees(np.arccos(np.clip(onto.R[2, 2], -1, 1))))
@@ -94,7 +94,7 @@ def shape(p: Positions) -> list[Metric]:
 
 
 def against_gps(p: Positions) -> list[Metric]:
-    """Our residual beside the reference's, as both stand and after a similarity each."""
+    """Return our GPS residual and the reference's, without alignment and each after a similarity."""
     # The reference's origin is not recorded; its least squares put its mean on the GPS's mean.
     reference = p.reference_m + (p.gps_m - p.reference_m).mean(axis=0)
     stand = p.ours_m - p.gps_m, reference - p.gps_m
@@ -114,18 +114,18 @@ def against_gps(p: Positions) -> list[Metric]:
 
 
 def leveled(moving_m: Array, fixed_m: Array) -> float:
-    """Horizontal residual after turn, scale and shift in the plane: all that a level map is free to do."""
+    """Return the horizontal residual after a planar similarity, the only freedom of a level map."""
     flat = np.array([1.0, 1.0, 0.0])
     return rms((aligned(moving_m * flat, fixed_m * flat).apply(moving_m * flat) - fixed_m)[:, :2])
 
 
 def aligned(moving_m: Array, fixed_m: Array) -> Similarity:
-    """Least-squares similarity."""
+    """Return the least-squares similarity."""
     return umeyama(moving_m, fixed_m, with_scale=True)
 
 
 def heights(p: Positions) -> list[Metric]:
-    """Why the vertical residual is what it is: by how much each says the camera climbed after its climb."""
+    """Return the range of heights after the climb by each source, which explains the vertical residual."""
     span = {name: float(np.ptp(q[CLIMB_PHOTOS:, 2])) for name, q in (("our map", p.ours_m), ("GPS", p.gps_m))}
     return [
         reported(f"range of heights after the first {CLIMB_PHOTOS} photos, {name}", value, "m")
@@ -134,7 +134,8 @@ def heights(p: Positions) -> list[Metric]:
 
 
 def good_gps(flight: Flight, estimate: Estimate, p: Positions, placed: NDArray[np.bool_]) -> Metric:
-    """Structure from motion's own positions as GPS, tilted and noisy; nothing is aligned afterwards."""
+    """Return the residual to a GPS made of structure from motion's positions, tilted and noisy, without
+    alignment."""
     rng = np.random.default_rng(0)
     onto = umeyama(p.reference_m, p.ours_m, with_scale=True)
     level = onto.apply(p.reference_m)
@@ -159,7 +160,7 @@ def good_gps(flight: Flight, estimate: Estimate, p: Positions, placed: NDArray[n
 
 
 def beside_pycolmap(photos: Path, seconds: float, reference_m: Array) -> list[Metric]:
-    """Its time on the same photos in the same run: SIFT on two cores, every photo against every other."""
+    """Return pycolmap's time on the same photos in the same run: SIFT on two cores, exhaustive matching."""
     ours = reported("our time, pictures to poses", seconds, "s")
     try:
         theirs = mapped(photos, sorted(path.name for path in photos.glob("*.jpg")), PYCOLMAP_SIDE_PX)
@@ -177,5 +178,5 @@ def beside_pycolmap(photos: Path, seconds: float, reference_m: Array) -> list[Me
 
 
 def rms(off_m: Array) -> float:
-    """Root mean square length of (n, d) differences."""
+    """Return the root mean square length of (n, d) differences."""
     return float(np.sqrt(np.mean(np.sum(off_m**2, axis=1))))

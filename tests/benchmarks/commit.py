@@ -1,4 +1,4 @@
-"""Which state of the repository was measured."""
+"""State of the repository that was measured."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 WRITTEN = ("docs/figures.json", "docs/figures.md", "docs/blind.md", "docs/measured/", "README.md")
-"""What measuring itself writes: files and a folder."""
+"""Files and a folder that the benchmarks write themselves."""
 
 
 def commit() -> str:
-    """The commit that was measured, with a + where the work tree differs from it in more than figures."""
-    told, changed = _git("rev-parse", "--short=7", "HEAD"), _git("diff", "--name-only", "HEAD")
+    """Return the commit, with a + where the work tree differs from it in more than figures."""
+    commit_id, changed = _git("rev-parse", "--short=7", "HEAD"), _git("diff", "--name-only", "HEAD")
     differs = any(not name.startswith(WRITTEN) for name in changed.splitlines())
-    return f"{told or 'unknown'}{'+' if differs else ''}"
+    return f"{commit_id or 'unknown'}{'+' if differs else ''}"
 
 
 def _git(*arguments: str) -> str:

@@ -1,4 +1,4 @@
-"""How long criticism takes on ten flights of a minute without pictures, once compiled for the machine."""
+"""Time of criticism on ten flights of a minute without pictures, after compilation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_S = 60.0
 
 
 def measure() -> list[Metric]:
-    """Seconds with the whole catalogue tried: a healthy vehicle, and one with two effects in it."""
+    """Return the seconds with the whole catalogue: a healthy vehicle, and one with two effects."""
     nominal = load_model("nominal")
     slower = at_lower_rates(nominal)
     criticise(healthy_case(slower, SEED, 1, 10.0))
