@@ -1,4 +1,4 @@
-"""The figure-eight demo over several seeds: landmark errors, the loop's gap, consistency."""
+"""Figure-eight demo over several seeds: landmark errors, loop gap, consistency."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ LARGEST_PERCENT, GAP_M = 0.5, 0.010
 
 
 def measure() -> list[Metric]:
-    """Seed 0 by itself, then all of them."""
+    """Return the figures of seed 0, then of all seeds."""
     runs = [evaluated(seed) for seed in SEEDS]
     return [*one(runs[0]), *several(runs)]
 
 
 def evaluated(seed: int) -> Evaluation:
-    """Fly, map and compare with the truth."""
+    """Simulate, map and compare with the truth."""
     flight = simulate("figure_eight", seed)
     return evaluate(optimize(flight), flight)
 
 
 def largest_percent(evaluation: Evaluation) -> PerMap:
-    """Of all named distances, for each way to make the map."""
+    """Errors of all named distances, for each method of mapping."""
     rows = [row.error_percent for row in evaluation.landmarks]
     return PerMap(*(max(getattr(row, way) for row in rows) for way in ("chain", "odometry", "loops")))
 
@@ -40,7 +40,7 @@ def gap_m(evaluation: Evaluation) -> PerMap:
 
 
 def one(run: Evaluation) -> list[Metric]:
-    """The default recipe and seed: what ``slam demo`` shows."""
+    """Return the figures of the default recipe and seed, as ``slam demo`` shows them."""
     largest, gap = largest_percent(run), gap_m(run)
     assert run.nees is not None
     assert run.loops is not None
@@ -64,7 +64,7 @@ def one(run: Evaluation) -> list[Metric]:
 
 
 def several(runs: list[Evaluation]) -> list[Metric]:
-    """Median and worst over the seeds."""
+    """Return the median and the worst over the seeds."""
     metrics = []
     asked: list[tuple[str, str, Callable[[Evaluation], float], float | None]] = [
         ("largest landmark error, chain of homographies", "%", lambda e: largest_percent(e).chain, None),

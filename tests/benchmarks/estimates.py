@@ -1,4 +1,4 @@
-"""``slam estimate`` on measured flights without a camera: against motion capture, and against GPS."""
+"""``slam estimate`` on measured flights without a camera, compared with motion capture and GPS."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from tests.benchmarks.metric import Metric, at_most, reported
 Array = NDArray[np.float64]
 
 GPS_FOR_S = 300.0
-"""Of the flight outdoors so much of the GPS is used where the rest is what the way is held against."""
+"""Time of the outdoor flight whose GPS is used, in seconds; the rest of it is the reference."""
 
 
 def measure() -> list[Metric]:
-    """How far the smoothed way is from the reference, over dead reckoning on board."""
+    """Return the error of the smoothed path over that of the on-board dead reckoning."""
     indoors, outdoors = (
         read_flight(folder(f"flights/{name}")) for name in ("ardrone2-optitrack", "px4flow-quad")
     )
@@ -38,12 +38,12 @@ def measure() -> list[Metric]:
 
 
 def off_m(tracks: Tracks, way_m: Array) -> float:
-    """Horizontal RMS distance of a way (n, 3) to the reference."""
+    """Return the horizontal RMS distance of a path (n, 3) to the reference."""
     return _rms((way_m - tracks.reference_m)[:, :2])
 
 
 def drift_m(tracks: Tracks, way_m: Array) -> float:
-    """The same of how a way (n, 3) moves away from the reference once ``GPS_FOR_S`` are over."""
+    """Return the same for the drift of a path (n, 3) from the reference after ``GPS_FOR_S``."""
     later = tracks.stamps_s > GPS_FOR_S
     off = (way_m - tracks.reference_m)[later, :2]
     return _rms(off - off[0])
@@ -54,7 +54,7 @@ def _rms(off: Array) -> float:
 
 
 def with_early_gps(flight: Flight) -> Tracks:
-    """The ways where only the first fixes are used, beside all of them."""
+    """Return the paths with the first fixes only, and with all."""
     assert flight.gps is not None
     early = flight.gps.stamps_s < GPS_FOR_S
     gps = replace(

@@ -1,7 +1,7 @@
-"""Fill docs/experiments.md from what ``slam reproduce`` wrote.
+"""Fill docs/experiments.md from the output of ``slam reproduce``.
 
 ``python -m tests.benchmarks.experiments_page DIR...``
-Several folders may hold different experiments; of one that stands in two the later is taken.
+The folders may hold different experiments; the later folder counts for one that is in two.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from tests.benchmarks.figures import with_block
 
 PAGE = Path(__file__).parents[2] / "docs" / "experiments.md"
 MOST_ROWS = 18
-"""Of an experiment; its JSON has all."""
+"""Number of rows shown of an experiment; its JSON has all."""
 
 
 def markdown(records: dict[str, dict[str, Any]]) -> str:
-    """The sections of all experiments, in the paper's order."""
+    """Return the sections of all experiments, in the paper's order."""
     parts = [section(records[name]) for name in NAMES if name in records]
     return "\n\n".join(["", *parts, ""])
 
 
 def section(record: dict[str, Any]) -> str:
-    """One experiment: sentence and table."""
+    """Return the section of one experiment: sentence and table."""
     rows = tuple(
         Row(row["name"], row["unit"], row["paper"], {name: _spread(of) for name, of in row["ours"].items()})
         for row in record["rows"][:MOST_ROWS]

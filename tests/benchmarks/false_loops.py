@@ -1,10 +1,10 @@
 """Standard graphs with a share of their loops made false: error over that of the true loops alone.
 
 A false loop looks like a true one (its measurement is another loop's) and joins two places that lie farther
-apart than a tenth of the map. ``alone``: each for itself; ``groups``: ten in a row, consistent with each
-other and with the odometry, as a floor that repeats makes them. Error is the position error after alignment
-against the optimum of the whole, clean graph; it is divided by that of the loops that were left true. Other
-methods (`tests.benchmarks.rivals`) are told beside.
+apart than a tenth of the map. ``alone``: independent ones; ``groups``: ten in a row, consistent with each
+other and with the odometry, as on a repetitive floor. The error is the position error after alignment with
+the optimum of the whole, clean graph, divided by the error with the remaining true loops alone. Other methods
+(`tests.benchmarks.rivals`) run on the same graphs.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The detectors and descriptors beside one another: simulated floors, a hybrid flight, aerial photographs.
+"""Comparison of detectors and descriptors: simulated floors, a hybrid flight, aerial photographs.
 
-Per scene a dozen pairs of pictures that share 35 to 95 % of the ground, the same for all. The transfer
+Each scene has a dozen pairs of pictures that share 35 to 95 % of the ground, the same for all. The transfer
 error is that of the registration's homography against the true poses' (``ardrone2-hybrid``: against
-motion capture), over a grid of the pixels that both show; photographs have no such truth, and tell the
-residual of their inliers. Prints the table under *Features compared* in docs/figures.md.
+motion capture), over a grid of the common pixels. Photographs have no such truth, so the residual of their
+inliers is given. Prints the table under *Features compared* in docs/figures.md.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ LIGHT = {"gain": 0.15, "gamma": 0.30, "tau": 0.02}
 
 @dataclass(frozen=True)
 class Scene:
-    """Pairs of pictures with the homographies between them; None where these are not known."""
+    """Pairs of pictures with the homographies between them; None where these are unknown."""
 
     name: str
     camera: Camera
@@ -50,20 +50,20 @@ class Scene:
 
 @dataclass(frozen=True)
 class Score:
-    """What one kind of feature makes of a scene."""
+    """Result of one kind of feature on a scene."""
 
     held: int
-    """Pairs that register."""
+    """Number of pairs that register."""
     error_px: float
-    """Median over them."""
+    """Median error over these pairs."""
     inliers: float
-    """Median."""
+    """Median number of inliers."""
     ms: float
-    """Features of one picture and half a match."""
+    """Time for the features of one picture and half a match."""
 
 
 def measure() -> list[Metric]:
-    """All scenes; the default must register most pairs of all, and be the most exact where truth is known."""
+    """Return all scenes; the default must register most pairs, and be the most accurate where truth is known."""
     made = [*simulated(), *measured()]
     scores = {scene.name: {kind: score(scene, kind) for kind in KINDS} for scene in made}
     print("\n".join(table(scores, {scene.name: len(scene.pairs) for scene in made})))
@@ -120,7 +120,7 @@ def score(scene: Scene, kind: FeatureKind) -> Score:
 
 
 def transfer_error(found: Array, true: Array, camera: Camera) -> float:
-    """Mean distance in px between where the two put the pixels that both pictures show."""
+    """Return the mean distance in px between two transfers of the common pixels."""
     w, h = camera.size_px
     grid = np.stack(np.meshgrid(np.linspace(0, w - 1, GRID), np.linspace(0, h - 1, GRID)), -1).reshape(-1, 2)
     grid = camera.undistort(grid)
@@ -130,7 +130,7 @@ def transfer_error(found: Array, true: Array, camera: Camera) -> float:
 
 
 def simulated() -> list[Scene]:
-    """Floors, blur, white balance and noise, in 320x240."""
+    """Return simulated scenes with blur, white balance and noise, at 320x240."""
     eight, gym = load_recipe("figure_eight"), load_recipe("gym")
     flat = replace(gym, world=replace(gym.world, boxes=(), pylons=()))
     assert eight.camera is not None
@@ -146,7 +146,7 @@ def simulated() -> list[Scene]:
 
 
 def measured() -> list[Scene]:
-    """What has been recorded, where it is at hand."""
+    """Return the recorded scenes that exist."""
     try:
         hybrid = with_truth("ardrone2-hybrid", read_flight(folder("flights/ardrone2-hybrid")))
         return [hybrid, neighbours("photographs (caliterra)", import_photos(folder("photos/caliterra")))]
@@ -155,7 +155,7 @@ def measured() -> list[Scene]:
 
 
 def with_truth(name: str, flight: Flight) -> Scene:
-    """Pairs drawn over the whole flight by their true overlap."""
+    """Draw pairs over the whole flight by their true overlap."""
     frames, camera, truth = flight.frames, flight.camera, flight.truth
     assert frames is not None
     assert camera is not None
@@ -175,7 +175,7 @@ def with_truth(name: str, flight: Flight) -> Scene:
 
 
 def neighbours(name: str, flight: Flight) -> Scene:
-    """Consecutive photographs."""
+    """Return pairs of consecutive photographs."""
     assert flight.frames is not None
     assert flight.camera is not None
     first = np.linspace(0, len(flight.frames) - 2, PAIRS).astype(int).tolist()
@@ -185,7 +185,7 @@ def neighbours(name: str, flight: Flight) -> Scene:
 def loaded(
     flight: Flight, chosen: Sequence[tuple[int, int, Array | None]]
 ) -> tuple[tuple[Image, Image, Array | None], ...]:
-    """The pictures of pairs of frames."""
+    """Return the pictures of pairs of frames."""
     assert flight.frames is not None
     pairs = []
     for i, j, i_H_j in chosen:

@@ -1,9 +1,9 @@
-"""The README's first picture: the demo's flight as a chain of pictures, and as one map.
+"""First picture of the README: the demo's flight as a chain of pictures, and as one map.
 
 ``python -m tests.benchmarks.figure_eight_picture`` writes docs/figure_eight.jpg.
 
-Both are drawn in the world of the truth, each with its own first keyframe there. The square through the marks
-is the true one, laid on mark A; it leaves out the marks, and each letter stands beside its mark.
+Both are drawn in the world frame of the truth, aligned at their first keyframes. The square through the marks
+is the true one, placed on mark A; it leaves out the marks, and each letter is beside its mark.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ Array = NDArray[np.float64]
 PICTURE = Path(__file__).parents[2] / "docs" / "figure_eight.jpg"
 CORNERS = ("B", "C", "G", "F")
 CLEAR_M = 0.1
-"""The square keeps so far from the middle of a mark, which is 12 cm across."""
+"""Gap between the square and the centre of a mark, which is 12 cm in diameter."""
 BESIDE_M = 0.17
 GSD_M = 0.005
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """One map as a picture, in the truth's world."""
+    """One map as a picture in the world frame of the truth."""
 
     title: str
     rgb: NDArray[np.uint8]
     extent_m: tuple[float, float, float, float]
-    """West, east, south, north."""
+    """Bounds: west, east, south, north."""
     marks: dict[str, Array]
-    """Where the map has each landmark, (2,)."""
+    """Landmark -> (2,) its position in the map."""
 
 
 def main() -> None:
-    """Fly, map, and draw."""
+    """Simulate, map, and draw."""
     flight = simulate("figure_eight", 0)
     estimate = optimize(flight)
     maps = aligned_maps(estimate, associate(estimate, flight))
@@ -68,7 +68,7 @@ def main() -> None:
 
 
 def drawn(title: str, estimate: Estimate, flight: Flight, maps: AlignedMaps, made: AlignedMap) -> Drawn:
-    """The mosaic of one map, and its landmarks."""
+    """Return the mosaic of one map, and its landmarks."""
     level = {"floor_z_m": made.floor_z_m, "floor_slope_rad": (0.0, 0.0)}
     there = replace(estimate, w_T_b=made.w_T_b, **level)
     with tempfile.TemporaryDirectory() as folder:
@@ -85,7 +85,7 @@ def drawn(title: str, estimate: Estimate, flight: Flight, maps: AlignedMaps, mad
 
 
 def page(flight: Flight, maps: tuple[Drawn, ...]) -> bytes:
-    """The maps side by side at one scale, as PNG."""
+    """Return the maps side by side at one scale, as PNG."""
     figure = Figure(figsize=(14.0, 7.9), dpi=100, layout="constrained")
     panels = figure.subplots(1, len(maps), sharex=True, sharey=True)
     for axes, made in zip(panels, maps, strict=True):

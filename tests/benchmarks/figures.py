@@ -1,4 +1,4 @@
-"""Figures as docs/figures.md, the README and the screen show them."""
+"""Formatting of figures for docs/figures.md, the README and the screen."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ HEADLINES = {
     "sphere2500: solve over raw gtsam's, both from arrays": "A graph of 2500 poses: our time over gtsam's",
     "peak memory, without mosaic, 10 laps over 1": "Peak memory of a flight ten times as long",
 }
-"""Key of a figure -> what the README calls it: the few that a newcomer asks for."""
+"""Key of a figure -> its name in the README: the few of most interest."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """What one benchmark has measured."""
+    """Figures of one benchmark."""
 
     title: str
     metrics: Sequence[Metric]
     skipped: str = ""
     """Why there are no figures."""
     commit: str = ""
-    """That was measured."""
+    """Commit that was measured."""
 
     @property
     def state(self) -> str:
-        """What stands beside its title."""
+        """Text beside the title."""
         if self.skipped:
             return f"skipped: {self.skipped}"
         return f"at {self.commit}" if self.commit else ""
 
 
 def number(value: float) -> str:
-    """Three digits, whole numbers as they are."""
+    """Return three digits; whole numbers unchanged."""
     if value == int(value) and abs(value) < 1e6:
         return str(int(value))
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -55,7 +55,7 @@ def number(value: float) -> str:
 
 
 def measured(metric: Metric) -> str:
-    """``1.25 mm``: metres below a tenth are shown as millimetres."""
+    """Return value and unit: ``1.25 mm``, as metres below a tenth are shown in millimetres."""
     if not math.isfinite(metric.value):
         return "no answer"
     value, unit = _readable(metric.value, metric)
@@ -63,7 +63,7 @@ def measured(metric: Metric) -> str:
 
 
 def verdict(metric: Metric) -> tuple[str, str]:
-    """The target, and ``met`` or ``missed``; both empty where there is none."""
+    """Return the target, and ``met`` or ``missed``; both empty without a target."""
     if metric.met is None:
         return "", ""
     limits = [number(_readable(limit, metric)[0]) for limit in metric.limit]
@@ -78,7 +78,7 @@ def _readable(value: float, metric: Metric) -> tuple[float, str]:
 
 
 def markdown(sections: Sequence[Section]) -> str:
-    """All of them: the block of docs/figures.md."""
+    """Return the block of docs/figures.md with all figures."""
     lines = [
         f"Measured by `make bench` on {_cores()}, each part at the commit that stands beside it (a + where"
         " files differed from it); `python -m tests.benchmarks.run NAME` takes one part alone. Speed and"
@@ -96,7 +96,7 @@ def markdown(sections: Sequence[Section]) -> str:
 
 
 def headlines(sections: Sequence[Section]) -> str:
-    """The few that a newcomer asks for, and how many of all meet their target: the README's block."""
+    """Return the README's block: the figures of most interest, and the number of targets that are met."""
     metrics = [m for section in sections for m in section.metrics]
     lines = ["| figure | measured | target |", "|---|---|---|"]
     named = {m.key: m for m in metrics}
@@ -124,7 +124,7 @@ def _cores() -> str:
 
 
 def with_block(text: str, block: str) -> str:
-    """``text`` with what stands between the two markers replaced; they are added at its end where missing."""
+    """Return ``text`` with the block between the two markers replaced; missing markers are added at its end."""
     before, found, rest = text.partition(BEGIN)
     if not found:
         return f"{text.rstrip()}\n\n## Figures\n\n{BEGIN}\n{block}\n{END}\n"

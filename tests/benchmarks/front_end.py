@@ -1,8 +1,7 @@
-"""Speed of the front end on the demo's frames, and beside the bare OpenCV calls that it makes.
+"""Speed of the front end on the demo's frames, and its ratio to the time of its OpenCV calls alone.
 
-Frames are rendered beforehand. For each piece of the flight one untimed run records every call that goes
-into OpenCV. Then, in turns, the front end runs and the recorded calls are made again straight from a list;
-the best of several turns counts.
+Frames are rendered beforehand. For each segment of the flight one untimed run records every OpenCV call. Then
+the front end and the list of recorded calls run in alternation; the best of several rounds counts.
 """
 
 from __future__ import annotations
@@ -35,11 +34,11 @@ from tests.benchmarks.metric import Metric, at_least, at_most, reported
 CORES = 2
 PIECES, TURNS = 8, 5
 ASKED = {(176, 144): 100.0, (320, 240): 60.0}
-"""Frames a second that are the target, by the size of the pictures."""
+"""Target in frames a second, by the size of the pictures."""
 
 
 def measure() -> list[Metric]:
-    """Frames a second, and the two ratios, of pictures of two sizes."""
+    """Return frames a second and the two ratios, for two sizes of pictures."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:CORES])
     cv2.setNumThreads(CORES)
@@ -53,7 +52,7 @@ def measure() -> list[Metric]:
 
 
 def of_size(size: str, pieces: list[Flight], asked: float) -> list[Metric]:
-    """The figures of one size of pictures."""
+    """Return the figures of one size of pictures."""
     count = sum(len(piece.frames) for piece in pieces if piece.frames)
     ours, bare, matching = map(sum, zip(*(best_of(piece) for piece in pieces), strict=True))
     per_frame = f"{1e3 * ours / count:.1f} ms over {{:.1f}} ms a frame, best of {TURNS} turns"
@@ -71,7 +70,7 @@ def of_size(size: str, pieces: list[Flight], asked: float) -> list[Metric]:
 
 
 def in_memory(flight: Flight) -> list[Flight]:
-    """The flight in pieces, pictures rendered: the best of a short piece is free of other work's noise."""
+    """Return the flight in rendered segments: the best time of a short segment is free of other load."""
     assert flight.frames is not None
     frames, pieces = flight.frames, []
     for k in np.array_split(np.arange(len(frames)), PIECES):
@@ -83,7 +82,8 @@ def in_memory(flight: Flight) -> list[Flight]:
 
 
 def best_of(piece: Flight) -> tuple[float, float, float]:
-    """Least seconds of the front end, of its OpenCV calls, and of OpenCV's matcher, taken in turns."""
+    """Return the least seconds of the front end, of its OpenCV calls, and of OpenCV's matcher, in
+    alternation."""
     with recorded() as record:
         track(piece)
     turns = [
@@ -95,14 +95,14 @@ def best_of(piece: Flight) -> tuple[float, float, float]:
 
 
 def track(flight: Flight) -> None:
-    """Track, gate, keyframe: the front end's pass over all frames."""
+    """Run the front end over all frames: tracking, gates, keyframes."""
     assert flight.camera is not None
     with threadpool_limits(1, "blas"):  # as the pipeline has it
         FrontEnd(flight, flight.camera, PipelineConfig(), silent).track()
 
 
 def timed(work: Callable[[], object]) -> float:
-    """Seconds."""
+    """Return the seconds of a call."""
     began = time.perf_counter()
     work()
     return time.perf_counter() - began
@@ -113,20 +113,20 @@ Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 
 @dataclass(frozen=True)
 class Record:
-    """What went into OpenCV, and what was matched."""
+    """Recorded OpenCV calls and matched descriptors."""
 
     calls: list[Call]
     pairs: list[tuple[Features, Features]]
 
 
 def again(calls: list[Call]) -> None:
-    """The same calls, straight."""
+    """Repeat the recorded calls."""
     for call, arguments, named in calls:
         call(*arguments, **named)
 
 
 def matched(record: Record) -> None:
-    """What the front end matches, by OpenCV: two nearest forward, the nearest backward."""
+    """Match the same descriptors by OpenCV: two nearest forward, the nearest backward."""
     for a, b in record.pairs:
         cv2.batchDistance(a.descriptor, b.descriptor, cv2.CV_32F, normType=cv2.NORM_L2, K=2)
         cv2.batchDistance(b.descriptor, a.descriptor, cv2.CV_32F, normType=cv2.NORM_L2, K=1)
@@ -172,7 +172,7 @@ def recorded() -> Iterator[Record]:
 
 
 def functions() -> set[str]:
-    """Names of the OpenCV functions that the front end calls."""
+    """Return the names of the OpenCV functions that the front end calls."""
     names = set()
     for path in Path(frontend.__path__[0]).glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):

@@ -1,4 +1,4 @@
-"""A figure that a benchmark tells, and its target."""
+"""A figure of a benchmark, and its target."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class Metric:
     unit: str
     direction: Direction = "reported"
     limit: tuple[float, ...] = ()
-    """One figure, or the two ends of a band."""
+    """One limit, or the two ends of a band."""
     source: str = ""
-    """How it was taken, where the key does not say it."""
+    """Method of measurement, where the key does not give it."""
 
     @property
     def met(self) -> bool | None:
-        """Whether the limit is kept; None where there is none. What is not finite keeps no limit."""
+        """Whether the limit is met; None without a limit. A figure that is not finite meets no limit."""
         if self.direction == "reported":
             return None
         if not math.isfinite(self.value):
@@ -39,20 +39,20 @@ class Metric:
 
 
 def at_most(key: str, value: float, unit: str, limit: float, source: str = "") -> Metric:
-    """A figure that must not exceed its limit."""
+    """Return a figure that must not exceed its limit."""
     return Metric(key, float(value), unit, "at most", (limit,), source)
 
 
 def at_least(key: str, value: float, unit: str, limit: float, source: str = "") -> Metric:
-    """A figure that must reach its limit."""
+    """Return a figure that must reach its limit."""
     return Metric(key, float(value), unit, "at least", (limit,), source)
 
 
 def within(key: str, value: float, unit: str, band: tuple[float, float], source: str = "") -> Metric:
-    """A figure that must lie in its band."""
+    """Return a figure that must lie in its band."""
     return Metric(key, float(value), unit, "within", band, source)
 
 
 def reported(key: str, value: float, unit: str, source: str = "") -> Metric:
-    """A figure without a limit."""
+    """Return a figure without a limit."""
     return Metric(key, float(value), unit, source=source)

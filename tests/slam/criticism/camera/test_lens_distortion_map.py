@@ -121,12 +121,12 @@ def test_a_drop_is_not_taken_for_a_camera_that_leans():
     a, b = (pixel + drop(pixel) for pixel in (matches.pixel_i, matches.pixel_j))
     pairs, pair = np.unique(np.column_stack([matches.earlier, matches.later]), axis=0, return_inverse=True)
     fits = np.stack([cv2.findHomography(b[pair == k], a[pair == k], 0)[0] for k in range(len(pairs))])
-    matches = PairMatches(pair.ravel(), matches.earlier, matches.later, a, b, matches.std_px, fits)
+    pair_matches = PairMatches(pair.ravel(), matches.earlier, matches.later, a, b, matches.std_px, fits)
     bent = replace(
         matches,
         pixel_i=a,
         pixel_j=b,
-        lens_distortion=lens_distortion_map(matches.camera, len(matches.stamps_s), matches),
+        lens_distortion=lens_distortion_map(matches.camera, len(matches.stamps_s), pair_matches),
     )
     directions = [
         *(Perturbation(CAMERA[k], "camera", k, STEPS[k]) for k in (TILT_X, TILT_X + 1)),
