@@ -124,7 +124,7 @@ def _cores() -> str:
 
 
 def with_block(text: str, block: str) -> str:
-    """Return ``text`` with the block between the two markers replaced; missing markers are added at its end."""
+    """Return ``text`` with another block between the two markers; missing markers are added at its end."""
     before, found, rest = text.partition(BEGIN)
     if not found:
         return f"{text.rstrip()}\n\n## Figures\n\n{BEGIN}\n{block}\n{END}\n"
