@@ -105,7 +105,7 @@ def test_bad_pictures_are_counted_by_name_and_survived(spoil, reason, count):
     assert evaluate(estimate, spoiled).ate_m.rmse < 3e-3
 
 
-def test_a_camera_without_rows_and_one_picture_alone_are_told_as_such():
+def test_a_camera_without_rows_and_one_picture_alone_are_reported_as_such():
     flight = flown(0)
     told = flight.with_warning("cam0: data.csv has no rows; treated as not recorded")
     assert "cam0: data.csv has no rows, so no map" in refusal(replace(told, camera=None, frames=None))

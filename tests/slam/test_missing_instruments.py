@@ -16,7 +16,7 @@ from tests.slam.whole_job import assert_whole, normal
 
 
 @pytest.mark.slow
-def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_told():
+def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_reported():
     flight = replace(flown(0), sonar=None, imu=None)
     estimate = optimize(flight)
     assert_whole(estimate)
@@ -44,7 +44,7 @@ def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
 
 
 @pytest.mark.slow
-def test_a_sonar_on_another_clock_and_an_accelerometer_that_tells_no_lengths_are_told():
+def test_a_sonar_on_another_clock_and_an_accelerometer_that_tells_no_lengths_are_reported():
     flight = flown(0)
     sonar = replace(flight.sonar, stamps_s=flight.sonar.stamps_s + 1e6)
     imu = replace(flight.imu, accel_m_s2=-flight.imu.accel_m_s2)
@@ -94,7 +94,7 @@ def test_missing_values_in_sonar_and_attitude_are_no_harm():
 
 
 @pytest.mark.slow
-def test_a_sonar_that_reads_one_figure_only_is_told():
+def test_a_sonar_that_reads_one_figure_only_is_reported():
     flight = flown(0)
     stuck = replace(flight.sonar, range_m=np.full(len(flight.sonar.stamps_s), 0.8))
     estimate = optimize(replace(flight, sonar=stuck))

@@ -46,7 +46,7 @@ def fisheye(view_deg: float, seed: int) -> Flight:
     return replace(pictures, camera=told)
 
 
-def test_an_undeclared_distortion_is_told_first() -> None:
+def test_an_undeclared_distortion_is_reported_first() -> None:
     estimate = optimize(undeclared(-0.3))
     assert estimate.status.startswith(RADIAL)
     assert "px inward at the corners), likely by a lens distortion other" in estimate.status
@@ -59,13 +59,13 @@ def test_an_undeclared_distortion_is_told_first() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_a_moderate_distortion_is_told(seed: int) -> None:
+def test_a_moderate_distortion_is_reported(seed: int) -> None:
     assert RADIAL in optimize(undeclared(-0.1, seed)).status
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("view_deg", [64.0, 90.0, 110.0])
-def test_a_fisheye_that_is_declared_as_a_pinhole_is_told(view_deg: float) -> None:
+def test_a_fisheye_that_is_declared_as_a_pinhole_is_reported(view_deg: float) -> None:
     estimate = optimize(fisheye(view_deg, 0))
     assert RADIAL in estimate.status
 
@@ -83,7 +83,7 @@ def test_no_false_alarm_over_twenty_flights() -> None:
 
 
 @pytest.mark.slow
-def test_positions_that_differ_by_a_constant_in_body_axes_are_told() -> None:
+def test_positions_that_differ_by_a_constant_in_body_axes_are_reported() -> None:
     if "SLAM_DATA" not in os.environ:
         pytest.skip("SLAM_DATA is not set: no measured photographs")
     folder = Path(os.environ["SLAM_DATA"]) / "photos" / "isfm"

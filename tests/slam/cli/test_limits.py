@@ -103,7 +103,7 @@ def supervised(job: str, **options) -> subprocess.Popen:
         ("pass", 0, ""),
     ],
 )
-def test_the_end_of_the_child_is_told(job, code, said):
+def test_the_end_of_the_child_is_reported(job, code, said):
     process = supervised(f"continue_in_child()\n{job}")
     _, stderr = process.communicate(timeout=30)
     assert process.returncode == code

@@ -81,7 +81,7 @@ def test_such_a_flight_is_left_out_with_the_reason_and_the_others_are_judged():
 
 
 @pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="measured flights: set SLAM_DATA")
-def test_measured_pulses_with_late_stamps_are_told_from_those_without():
+def test_measured_pulses_with_late_stamps_are_distinguished_from_those_without():
     home = Path(os.environ["SLAM_DATA"]) / "flights" / "ardrone-pulses"
     found = {p.name: clock_error(record_of(read_flight(p))) for p in sorted(home.iterdir())}
     late = {name: answer.late_s for name, answer in found.items() if answer is not None}

@@ -71,7 +71,7 @@ def test_a_healthy_vehicle_is_left_in_peace(seed, student):
 
 
 @pytest.mark.slow
-def test_coloured_noise_is_healthy_and_told():
+def test_correlated_noise_is_healthy_and_reported():
     found = criticise(case(4, colour=(0.5, 0.4)))
     assert found.verdict == "nothing_wrong", found.sentence
     assert found.noise_correlation["gyro"] == pytest.approx(0.5, abs=0.06)
@@ -82,7 +82,7 @@ def test_coloured_noise_is_healthy_and_told():
     assert found.extended.imu.gyro_noise_correlation == found.noise_correlation["gyro"]
 
 
-def test_progress_tells_each_stage_and_that_it_goes_on():
+def test_progress_names_each_stage():
     told = []
     flights = case(1)[:2]
     criticise(flights, progress=lambda *step: told.append(step))
@@ -126,7 +126,7 @@ def test_the_rival_that_is_drawn_is_that_of_the_verdict():
 @pytest.mark.parametrize(
     ("name", "parameter", "size"), [("quadratic_drag", "c", 0.15), ("control_latency", "T", 0.06)]
 )
-def test_a_cause_beside_coloured_noise_is_named(name, parameter, size):
+def test_a_cause_beside_correlated_noise_is_named(name, parameter, size):
     found = criticise(case(3, colour=(0.5, 0.4), **{name: {parameter: size}}))
     assert found.causes[0].name == name, found.sentence
     interval = found.causes[0].parameters[parameter]

@@ -29,7 +29,7 @@ def record():
     return record_of(simulate_flight(quieter, stick_for(["climb and descend by 0.6 m"]), 1, told=quieter))
 
 
-def test_noise_is_what_the_flights_tell_of_it_times_what_was_fitted(record):
+def test_noise_is_the_flights_figure_times_the_fitted_factor(record):
     belief = replace(filter_parameters_of(NOMINAL), noise_factor=by_channel(1.1, 1.0, 1.2, 1.0, 0.9))
     made = extended_model(NOMINAL, belief, (), [record])
     assert made.attitude.noise_std_deg == pytest.approx(1.2 * 0.5 * NOMINAL.attitude.noise_std_deg)
@@ -37,7 +37,7 @@ def test_noise_is_what_the_flights_tell_of_it_times_what_was_fitted(record):
     assert made.sonar.noise_std_m == pytest.approx(0.9 * NOMINAL.sonar.noise_std_m)
 
 
-def test_a_foreign_vehicle_and_a_missing_instrument_keep_the_models_noise(record):
+def test_an_out_of_model_vehicle_and_a_missing_instrument_keep_the_models_noise(record):
     factors = by_channel(3.0, 3.0, 3.0, 3.0, 3.0)
     out_of_model = replace(filter_parameters_of(NOMINAL), noise_factor=factors, out_of_model=True)
     assert extended_model(NOMINAL, out_of_model, (), [record]).attitude == NOMINAL.attitude

@@ -51,7 +51,7 @@ def test_a_hover_is_judged_beside_flights_that_move(flight):
     assert "never moved" in dropped[0]
 
 
-def test_what_follows_a_pause_is_told_as_not_judged():
+def test_what_follows_a_pause_is_reported_as_not_judged():
     flight = simulate_flight(
         load_model("nominal"), stick_for(["climb and descend by 0.6 m", "hover for 8 s"]), 1
     )
@@ -72,7 +72,7 @@ def test_what_follows_a_pause_is_told_as_not_judged():
     assert (len(records), dropped) == (1, [])
 
 
-def test_a_hover_by_itself_tells_of_what_lasts_if_it_is_seen_to_fly():
+def test_a_hover_alone_shows_lasting_effects_if_a_sonar_shows_that_it_flies():
     hover = simulate_flight(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
     assert len(usable_records([hover])[0]) == 1
     # On the floor the sonar is too near to see.
@@ -95,7 +95,7 @@ def test_no_command_and_no_readings(flight):
     assert "no imu" in unusable(replace(flight, imu=None, attitude=None, velocity=None, sonar=None))
 
 
-def test_a_stick_that_nothing_shows_is_told_and_not_called_healthy(flight):
+def test_a_stick_motion_that_no_instrument_shows_is_reported_and_not_called_healthy(flight):
     few = slice(None, None, 30)
     attitude = replace(
         flight.attitude,
@@ -108,7 +108,7 @@ def test_a_stick_that_nothing_shows_is_told_and_not_called_healthy(flight):
     assert "the attitude was read" in told
 
 
-def test_a_dead_stream_is_left_out_and_told(flight):
+def test_a_dead_stream_is_left_out_and_reported(flight):
     stuck = replace(flight, sonar=replace(flight.sonar, range_m=np.full_like(flight.sonar.range_m, 1.0)))
     records, dropped = usable_records([stuck])
     assert not records[0].has(11)
@@ -119,7 +119,7 @@ def test_a_dead_stream_is_left_out_and_told(flight):
     assert "velocity has too few readings (0 of at least 20)" in dropped[0]
 
 
-def test_an_attitude_that_lies_on_its_side_is_left_out_and_told(flight):
+def test_an_attitude_that_lies_on_its_side_is_left_out_and_reported(flight):
     angles = flight.attitude.roll_pitch_yaw_rad.copy()
     angles[:, 1] = np.pi / 2
     lying = replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles))
@@ -141,7 +141,7 @@ def test_rest_is_rest():
     assert REST[1:] == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_flights_of_one_name_are_told_apart(flight):
+def test_flights_of_one_name_are_distinguished(flight):
     nothing = Flight("pulses", command=flight.command)
     dropped = criticise([nothing, nothing]).dropped
     assert [line.partition(":")[0] for line in dropped] == ["pulses.1", "pulses.2"]

@@ -36,14 +36,14 @@ def told(kinds: set[int]) -> tuple[str, float]:
     return name, float(sigma)
 
 
-def test_without_an_attitude_a_wind_is_told_from_a_trim_by_a_turn(few):
+def test_without_an_attitude_a_rotation_distinguishes_wind_from_trim(few):
     _, with_all = told({IMU, ATTITUDE, VELOCITY, SONAR})
     name, with_few = told({VELOCITY, SONAR})
     assert "turn by 180 deg" in name
     assert with_few < 0.5 * with_all
 
 
-def test_a_lag_is_told_from_a_latency_with_the_lag_itself_free(monkeypatch):
+def test_a_lag_is_distinguished_from_a_latency_with_the_lag_itself_free(monkeypatch):
     """Within ±10 % of its healthy value it explains little of a latency: then the two seem far apart."""
     model, pulse = load_model("nominal"), "full stick forward for 0.5 s"
     record = record_of(simulate_flight(model, stick_for([pulse]), 1))

@@ -75,7 +75,7 @@ def same(what):
     ],
     ids=["imu off the centre", "tilts lose lift", "sticks askew", "flow turned", "attitude late"],
 )  # fmt: skip
-def test_it_is_unknown_and_told_by_what_shows_it(obeyed, read, signs):
+def test_it_is_unknown_and_reported_with_its_channel(obeyed, read, signs):
     nominal = at_lower_rates(load_model("nominal"))
     vehicle = draw_vehicle(nominal, np.random.default_rng(5))
     flights = []

@@ -108,7 +108,7 @@ def delayed(flight, by_s):
     return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + by_s))
 
 
-def test_what_it_asks_for_tells_a_bias_from_a_scale():
+def test_the_proposed_manoeuvre_distinguishes_a_bias_from_a_scale():
     model = load_model("nominal")
     vehicle = model.with_term("accel_bias", z=0.1)
     few = flights("accel_bias", z=0.1)
@@ -148,7 +148,7 @@ def test_healthy_instruments_agree_when_carried(name):
         ("accel_bias", "z", 0.2, "height from the accelerometer", 0.2),
     ],
 )
-def test_the_gain_is_told_in_the_units_of_what_is_read(term, parameter, size, channel, due):
+def test_the_gain_is_reported_in_the_units_of_what_is_read(term, parameter, size, channel, due):
     found = criticise(flights(term, **{parameter: size}))
     ahead = {c.channel: c for c in found.causes[0].gain.channels if c.horizon_s == 2.0}
     assert abs(ahead[channel].before - due) < 0.3 * due
@@ -172,7 +172,7 @@ def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away()
     np.testing.assert_allclose(curved, -1.0, atol=0.1)
 
 
-def test_a_size_that_changes_is_told_as_left_over():
+def test_a_size_that_changes_is_reported_as_left_over():
     model = load_model("nominal")
     plan = stick_for(["hover for 8 s"] * 8)
     steady = simulate_flight(model.with_term("accel_bias", y=0.5, z=0.3), plan, 3, told=model)
@@ -235,7 +235,7 @@ def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about
     assert abs(second["focal_length.eps"] - first["focal_length.eps"]) < 0.002
 
 
-def test_pictures_that_nothing_agrees_with_are_told_and_name_no_cause():
+def test_pictures_that_nothing_agrees_with_are_reported_and_name_no_cause():
     flight = replace(camera_flight({}, 5), command=None)
     wild = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
     found = criticise([replace(flight, velocity=wild)])
@@ -245,7 +245,7 @@ def test_pictures_that_nothing_agrees_with_are_told_and_name_no_cause():
     assert criticise([replace(flight, imu=None, attitude=None, velocity=None)]).verdict == "unusable"
 
 
-def test_what_single_readings_show_is_told_without_commands():
+def test_what_single_readings_show_is_reported_without_commands():
     spiked = flights()
     ranges = spiked[0].sonar.range_m.copy()
     ranges[[100, 200, 300]] *= 2.0

@@ -63,7 +63,7 @@ def test_a_perfect_map_has_no_error_and_the_names_of_the_recipe():
     assert record["loop_gap_m"]["A-E"]["error_m"] == pytest.approx(0, abs=1e-12)
 
 
-def test_the_three_maps_are_told_apart():
+def test_the_three_maps_are_distinguished():
     truth, flight = flown()
     estimate = estimate_of(truth, 0.5)
     # Height and speed read 4 % too large: then so is everything on the floor.
@@ -127,7 +127,7 @@ def test_a_gap_without_a_second_visit_is_null():
     assert record["landmarks"]["B-G"]["measured_m"] is None
 
 
-def test_a_chain_that_broke_is_told_and_does_not_break_the_rest():
+def test_a_chain_that_broke_is_reported_and_does_not_break_the_rest():
     truth, flight = flown()
     broken = truth.copy()
     broken[30:] = np.nan

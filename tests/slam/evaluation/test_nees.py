@@ -143,7 +143,7 @@ def test_the_band_allows_for_a_scale_that_all_poses_share(told):
     assert np.mean([each.rotation.consistent for each in found]) >= 0.9
 
 
-def test_a_scale_that_errs_twice_as_much_as_told_is_found():
+def test_a_scale_that_errs_twice_as_much_as_stated_is_found():
     beyond = []
     for seed in range(60):
         hat, truth, P = with_a_common_scale(seed, 0.02)

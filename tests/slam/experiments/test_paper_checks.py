@@ -22,7 +22,7 @@ def check(name):
     return found
 
 
-def test_names_are_told_apart():
+def test_names_are_distinguished():
     names = [one.name for one in checks()]
     assert len(set(names)) == len(names)
 

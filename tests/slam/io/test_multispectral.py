@@ -134,7 +134,7 @@ def test_the_fisheye_lens_of_the_tags(tmp_path):
     assert np.linalg.norm(pinhole - expected, axis=1)[inside].max() > 50
 
 
-def test_a_fisheye_wider_than_a_pinhole_camera_is_told(tmp_path):
+def test_a_fisheye_wider_than_a_pinhole_camera_is_reported(tmp_path):
     wide = FISHEYE | {"FisheyeAffineMatrix": "700,0,0,700"}
     camera, (remark,) = photo_camera([tags_of(tmp_path, wide, (1280, 960))])
     assert not camera.is_distorted

@@ -28,14 +28,14 @@ def said(flight, *parts):
         ({GPS.GPSLongitude: (IFDRational(1), IFDRational(0))}, "GPSLongitude is not in degrees"),
     ],
 )
-def test_a_position_that_is_not_used_is_told_with_its_reason_and_photographs(tmp_path, gps, reason):
+def test_a_position_that_is_not_used_is_reported_with_its_reason_and_photographs(tmp_path, gps, reason):
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=gps), "b.jpg": jpeg(gps=gps, time=None)}))
     assert flight.gps is None
     assert "not used in 2 photographs" in said(flight, reason, "(a.jpg, b.jpg)")
     assert said(flight, "no GPS position of any photograph can be used")
 
 
-def test_photographs_without_position_tags_are_not_told_as_faulty(tmp_path):
+def test_photographs_without_position_tags_are_not_reported_as_faulty(tmp_path):
     flight = import_photos(fill(tmp_path, strip(2, place=None)))
     assert said(flight, "no GPS position of any photograph is recorded")
     assert not any("not used" in line for line in flight.warnings)
@@ -95,7 +95,7 @@ def test_the_horizontal_error_of_exif_is_read(tmp_path):
     assert not any("accuracy of the GPS assumed" in line for line in flight.warnings)
 
 
-def test_the_stated_accuracy_of_a_set_is_its_median_and_gaps_are_told(tmp_path):
+def test_the_stated_accuracy_of_a_set_is_its_median_and_gaps_are_reported(tmp_path):
     """One photograph of five without RTK, and one that states nothing, change nothing."""
     std = {f"RtkStd{axis}": "0.01" for axis in ("Lon", "Lat", "Hgt")}
     files = {

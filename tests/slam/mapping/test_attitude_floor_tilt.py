@@ -53,7 +53,7 @@ def test_a_mount_that_two_instruments_say_leans_is_found_and_taken_out(turning, 
 
 
 @pytest.mark.slow
-def test_the_mount_that_is_told_for_other_programs_is_right(turning, mended):
+def test_the_mount_that_is_written_for_other_programs_is_right(turning, mended):
     """Written back, nothing leans any more."""
     (told,) = [w for w in mended.warnings if "askew" in w]
     rows = [float(x) for x in re.search(r"\[(.*)\]", told)[1].split(",")]
@@ -83,7 +83,7 @@ def test_under_one_heading_the_mount_is_held_and_named():
 
 
 @pytest.mark.slow
-def test_a_mount_told_as_uncertain_is_estimated_whatever_it_is(turning):
+def test_a_mount_stated_as_uncertain_is_estimated_whatever_it_is(turning):
     tilt_rad = np.array([0.004, 0.002])
     flight = askew(turning, tilt_rad)
     uncertain = replace(flight, camera=replace(flight.camera, mount_std_rad=0.02))
@@ -107,7 +107,7 @@ def leaning(of_ground_rad: float, of_mount_rad: float, turns_rad: float) -> str:
     )
 
 
-def test_ground_that_slopes_is_told_and_from_what():
+def test_ground_that_slopes_is_reported_and_from_what():
     told = leaning(0.06, 0.0, 6.0)
     size_deg, uphill_deg = (float(n) for n in re.findall(r"([-+]?[\d.]+)°", told))
     assert size_deg == pytest.approx(np.degrees(0.06), abs=0.1)

@@ -51,7 +51,7 @@ def test_an_attitude_that_hardly_knows_contradicts_nothing(flight: Flight):
     assert told(replace(flight, attitude=vague)) == []
 
 
-def test_signs_of_the_attitude_are_told(flight: Flight):
+def test_signs_of_the_attitude_are_reported(flight: Flight):
     turned = flight.attitude.roll_pitch_yaw_rad * [-1.0, -1.0, 1.0]
     (line,) = told(replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=turned)))
     assert line.startswith(
@@ -59,20 +59,20 @@ def test_signs_of_the_attitude_are_told(flight: Flight):
     )
 
 
-def test_pictures_in_another_order_are_told(flight: Flight):
+def test_pictures_in_another_order_are_reported(flight: Flight):
     lines = told(flight, backwards=True)
     assert any("motion seen in the pictures" in line and line.startswith("velocity0: ") for line in lines)
     assert any("motion seen in the pictures" in line and line.startswith("imu0 (gyro): ") for line in lines)
 
 
-def test_a_gyro_that_is_stuck_is_told(flight: Flight):
+def test_a_gyro_that_is_stuck_is_reported(flight: Flight):
     still = replace(flight.imu, gyro_rad_s=np.zeros_like(flight.imu.gyro_rad_s))
     assert told(replace(flight, imu=still)) == [
         "imu0 (gyro): reads no motion while the pictures show some; check whether the sensor is stuck"
     ]
 
 
-def test_a_unit_is_told_where_lengths_are_metres(flight: Flight):
+def test_a_unit_is_reported_where_lengths_are_metres(flight: Flight):
     read = replace(flight, velocity=replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s))
     (line,) = told(read)
     assert line.startswith("velocity0: the path on the map is 0.01 times as long as this sensor says")

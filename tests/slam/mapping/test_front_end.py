@@ -198,7 +198,7 @@ def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
     assert "\n" not in str(refused.value)
 
 
-def test_what_looks_alike_out_of_reach_is_not_compared_and_says_why():
+def test_similar_pictures_out_of_reach_are_not_compared_with_the_reason():
     _, front_end, observations = watched()
     everywhere = front_end.close_loops(observations, unknown_reach(len(observations.store)))
     n = len(observations.store)

@@ -76,7 +76,7 @@ def test_covariances_hold_on_both_sides_of_the_bridge():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("velocity_error_m_s", [pytest.param(0.0, marks=pytest.mark.slow), 0.03])
-def test_a_speed_that_reads_too_much_is_told_from_a_faultless_one(velocity_error_m_s):
+def test_a_speed_that_reads_too_much_is_distinguished_from_a_faultless_one(velocity_error_m_s):
     """By the steps that pictures tell: a bridge is off as far as told with either."""
     scores = [bridge(seed, True, velocity_error_m_s) for seed in range(10)]
     low, high = chi2.ppf([0.0005, 0.9995], 6 * len(scores))

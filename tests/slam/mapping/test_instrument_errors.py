@@ -44,7 +44,7 @@ def test_what_is_wrong_with_the_instruments_is_found_with_an_honest_deviation(fl
     assert np.max(found.accelerometer.offset_std_m_s2) < 0.1
 
 
-def test_a_healthy_flight_s_instruments_are_told_healthy():
+def test_a_healthy_flight_s_instruments_are_reported_healthy():
     found = optimize(flown(3)).instruments
     assert np.abs(found.attitude.offset_rad).max() < 0.004
     assert found.attitude.heading_wander_rad < 0.03
@@ -70,7 +70,7 @@ def test_the_map_of_a_flight_whose_attitude_leans_says_so(flight):
 @pytest.mark.parametrize(
     "late_s", [-0.05, pytest.param(0.0, marks=pytest.mark.slow), pytest.param(0.08, marks=pytest.mark.slow)]
 )
-def test_pictures_on_another_clock_are_told_with_the_shift_that_mends_them(late_s):
+def test_pictures_on_another_clock_are_reported_with_the_shift_that_mends_them(late_s):
     clean = flown(3)
     frames = replace(clean.frames, stamps_s=clean.frames.stamps_s + late_s)
     said = [w for w in optimize(replace(clean, frames=frames)).warnings if "stamped" in w]

@@ -208,7 +208,7 @@ def test_edges_at_other_heights_are_the_same_edges_in_other_metres():
         assert tall.covariance[0, 4] == pytest.approx(3 * edge.covariance[0, 4])
 
 
-def test_tilts_that_were_found_replace_those_that_were_told():
+def test_tilts_that_were_found_replace_the_stated_ones():
     w_T_b = truth()
     told = setup_of(w_T_b, attitude=False)
     covariances = np.tile(np.diag([1e-6, 4e-6, 1, 1, 1, 1.0]), (12, 1, 1))

@@ -47,7 +47,7 @@ def some_poses(over: Flight, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.96, 1.05])
-def test_echoes_from_boxes_are_told_from_the_floor_whatever_the_scale_of_the_map(scale):
+def test_echoes_from_boxes_are_distinguished_from_the_floor_whatever_the_scale_of_the_map(scale):
     over = flight()
     found = find_obstacles(over, over.camera, *some_poses(over, scale), 0.0, MaskingConfig())
     where = poses_at(over.truth, over.sonar.stamps_s)
@@ -130,7 +130,7 @@ def test_a_climb_that_no_keyframe_saw_is_no_obstacle():
 
 
 @pytest.mark.slow
-def test_masks_that_leave_no_floor_to_see_are_dropped_and_told(monkeypatch):
+def test_masks_that_leave_no_floor_to_see_are_dropped_and_reported(monkeypatch):
     over = flight()
     monkeypatch.setattr(
         "slam.mapping.obstacles.ObstacleMask",
@@ -168,7 +168,7 @@ def test_pixels_and_echoes_are_switched_one_by_one():
     assert "pixels" not in echoes.warning
 
 
-def test_what_stands_below_the_least_range_is_masked_where_others_are_heard():
+def test_objects_below_the_least_range_are_masked_beside_measured_ones():
     """The highest box is nearer than the sonar hears: silence there; a flat floor's silence is left alone."""
     over = flight()
     deaf = replace(over, sonar=replace(over.sonar, min_range_m=0.6, range_m=silenced(over, 0.6)))

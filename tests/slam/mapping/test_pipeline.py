@@ -72,7 +72,7 @@ def test_two_runs_give_the_same_bits():
     assert flight.name == again.name
 
 
-def test_progress_is_told_and_what_it_raises_passes_through():
+def test_progress_is_reported_and_what_it_raises_passes_through():
     stages: dict[str, int] = {}
 
     def note(stage: str, done: int, total: int) -> None:

@@ -71,7 +71,7 @@ def test_other_ground_is_not_found(mapped):
         (np.zeros((240, 320, 3), np.uint8), "320x240"),
     ],
 )
-def test_a_picture_that_says_nothing_is_told_as_such(mapped, image, reason):
+def test_a_picture_without_information_is_reported(mapped, image, reason):
     assert reason in mapped[2].locate(image).reason
 
 

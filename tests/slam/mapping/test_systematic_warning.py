@@ -32,7 +32,7 @@ def warning(found: SystematicErrors | None) -> str:
     return systematic_warning(found, CAMERA, 50.0, True)
 
 
-def test_a_lens_is_told_with_its_size_at_the_corners() -> None:
+def test_a_lens_is_reported_with_its_size_at_the_corners() -> None:
     """The corner lies at 0.64 focal lengths: 1000 px times 0.1 times its cube is 26 px."""
     line = warning(RADIAL)
     assert "cam0: the residuals grow with the radius in the same way in all pictures" in line
@@ -42,7 +42,7 @@ def test_a_lens_is_told_with_its_size_at_the_corners() -> None:
     assert "outward" in warning(replace(RADIAL, coefficients={"radial": (0.1, 0.0)}))
 
 
-def test_an_offset_is_told_with_all_its_causes() -> None:
+def test_an_offset_is_reported_with_all_its_causes() -> None:
     line = warning(OFFSET)
     assert line.startswith("gps0: the positions differ from the pictures by a constant in the body's axes")
     assert "positions off by forward +0.30 ± 0.02 m" in line
@@ -55,7 +55,7 @@ def test_an_offset_is_told_with_all_its_causes() -> None:
     ) in line
 
 
-def test_an_error_inside_the_covariances_is_told_of_positions_alone() -> None:
+def test_an_error_inside_the_covariances_is_reported_for_positions_alone() -> None:
     assert is_outside_covariances(RADIAL)
     small = replace(RADIAL, excess=0.9)
     assert not is_outside_covariances(small)

@@ -111,7 +111,7 @@ def test_the_sentence_names_what_is_wrong():
     assert sentence(gather(nothing, made_flight())).startswith("Nothing could be placed")
 
 
-def test_what_a_flight_tells_of_its_height_sensor_is_told_apart_from_what_is_assumed():
+def test_what_a_flight_shows_of_its_height_sensor_is_distinguished_from_what_is_assumed():
     facts = gather(made_estimate(), made_flight())
     assert "this flight does not determine it" in facts.sensor_gain
     assert facts.sensor_zero == "+3.5 ±\N{NO-BREAK SPACE}1.1\N{NO-BREAK SPACE}mm"
@@ -197,7 +197,7 @@ def test_lengths_read_well(metres, said):
     assert length(metres).replace("\N{NO-BREAK SPACE}", " ") == said
 
 
-def test_a_map_without_a_scale_tells_no_metres():
+def test_a_map_without_a_scale_has_no_metres():
     """Nowhere on the page, in no table and not in the trajectory's header."""
     estimate = replace(made_estimate(), metric=False, range_errors=None, scale_std=None)
     text = page(estimate, made_flight(with_sonar=False)).text.replace("\N{NO-BREAK SPACE}", " ")

@@ -104,7 +104,7 @@ def test_noise_has_its_size_at_any_rate_and_no_mean(motion, kind, rate_hz):
 
 
 @pytest.mark.parametrize("correlation", [0.3, 0.8])
-def test_coloured_noise_keeps_its_spread_and_resembles_the_sample_before(correlation):
+def test_ar1_noise_keeps_its_variance_and_has_its_correlation(correlation):
     white = np.random.default_rng(3).normal(0.0, 0.2, (40_000, 2))
     noise = sensors.autoregressive(white, correlation)
     chance = 5 / np.sqrt(len(noise) * (1 - correlation) / (1 + correlation))
@@ -116,7 +116,7 @@ def test_coloured_noise_keeps_its_spread_and_resembles_the_sample_before(correla
 
 
 @pytest.mark.parametrize("kind", ["imu", "attitude", "velocity", "sonar"])
-def test_each_instrument_has_the_colour_that_its_model_says(motion, kind):
+def test_each_instrument_has_the_noise_correlation_of_its_model(motion, kind):
     names = ("gyro_noise_correlation", "accel_noise_correlation") if kind == "imu" else ("noise_correlation",)
     own = replace(getattr(Model(), kind), rate_hz=500.0, **dict.fromkeys(names, 0.6))
     quiet = replace(getattr(CLEAN, kind), rate_hz=500.0)
@@ -247,7 +247,7 @@ def test_clocks_drift_and_jitter_but_stamps_increase(motion):
     assert np.array_equal(command.stamps_s, sensors.log_command(motion.stick, CLEAN).stamps_s)
 
 
-def test_the_sonar_hears_boxes_and_slopes(motion):
+def test_the_sonar_measures_boxes_and_slopes(motion):
     x, y = motion.states[-1, :2]
     box = replace(WORLD, boxes=(Box((x, y), (0.6, 0.6, 0.3)),))
     range_m = clean("sonar", motion, world=box).range_m

@@ -111,7 +111,7 @@ def test_a_recipe_made_in_python_is_checked():
         simulate(SHORT, -1)
 
 
-def test_the_gym_s_boxes_are_heard_by_the_sonar():
+def test_the_sonar_measures_the_boxes_of_the_gym():
     flight = simulate("gym", seed=0)
     world = flight.frames.load.world
     height = np.interp(flight.sonar.stamps_s, flight.truth.stamps_s, flight.truth.w_T_b[:, 2, 3])
@@ -144,7 +144,7 @@ def test_the_white_balance_filter_tones_each_picture_anew():
     assert np.array_equal(toned.truth.w_T_b, plain.truth.w_T_b)
 
 
-def test_a_pilot_who_is_blown_away_is_told():
+def test_a_pilot_who_is_blown_away_is_reported():
     windy = replace(SHORT, camera=None, model=SHORT.model.with_term("steady_wind", x=19.0))
     with pytest.raises(
         InputError, match=r"recipe short: maneuver: the vehicle leaves the floor after"

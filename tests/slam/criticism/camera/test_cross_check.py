@@ -38,7 +38,7 @@ def test_a_wrong_neighbour_is_found_by_both_ways_over_it() -> None:
     assert {(2, 3), (4, 5)} <= kept
 
 
-def test_a_far_one_that_nothing_can_ask_is_not_believed_but_a_neighbour_is() -> None:
+def test_an_unchecked_pair_is_accepted_only_between_neighbours() -> None:
     pairs = registrations()
     pairs[10, 11], pairs[20, 24] = shift(5.0), shift(20.0)
     kept = confirmed(pairs, CAMERA)
@@ -46,7 +46,7 @@ def test_a_far_one_that_nothing_can_ask_is_not_believed_but_a_neighbour_is() -> 
     assert (20, 24) not in kept
 
 
-def test_wrong_ones_that_agree_with_each_other_are_told_by_the_halves_of_one() -> None:
+def test_consistent_wrong_registrations_are_refuted_by_their_halves() -> None:
     """A floor that repeats: three pairs have the same wrong copy of it."""
     pairs = {(j - step, j): shift(5.0 * step) for step in (1, 2, 4, 8) for j in range(step, 17)}
     wrong = {(4, 8), (0, 8), (4, 12)}

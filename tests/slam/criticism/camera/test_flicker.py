@@ -71,6 +71,6 @@ def test_what_is_no_band_is_none(light: Light) -> None:
     assert flicker_of(CAMERA, cells(light)) < 0.5 * LEAST_FLICKER
 
 
-def test_few_pairs_tell_nothing() -> None:
+def test_few_pairs_show_nothing() -> None:
     assert flicker_of(CAMERA, cells(flicker(0.2, 1), pairs=10)) == 0.0
     assert flicker_of(CAMERA, Cells.of(())) == 0.0

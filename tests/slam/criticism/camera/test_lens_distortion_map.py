@@ -86,7 +86,7 @@ def test_a_drop_is_mapped_where_it_is_and_as_it_is():
     assert np.hypot(*true.T).max() > 1.5
 
 
-def test_either_half_is_foretold_by_the_other():
+def test_each_half_is_predicted_by_the_other():
     lens_distortion = lens_distortion_map(AT, PICTURES, flown(nothing, 1))
     lens_distortion = replace(
         lens_distortion, halves=np.stack([np.full((len(places(AT)), 2), k) for k in (1.0, 2.0)])

@@ -48,7 +48,7 @@ def test_a_healthy_flight_keeps_all(record: Record) -> None:
     assert told == ""
 
 
-def test_what_is_half_a_picture_off_is_left_out_and_told(record: Record) -> None:
+def test_a_pair_with_an_error_of_half_a_picture_is_left_out_and_reported(record: Record) -> None:
     pairs = pairs_of(record)
     wrong = pairs[len(pairs) // 2 :: len(pairs) // 3][:2]
     kept, told = without_mismatched_pairs(displaced(record, wrong, 88.0), filter_parameters_of(NOMINAL))

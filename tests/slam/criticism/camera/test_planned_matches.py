@@ -44,7 +44,7 @@ def filmed():
     return referred(replace(record_of(flight), matches=matches), parameters), matches, parameters
 
 
-def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
+def test_a_plan_predicts_the_standard_deviation_of_each_term(filmed):
     record, matches, parameters = filmed
     perturbations = [p for e in effects_for([record], parameters) for p in e.perturbations]
     directions = [p for p in perturbations if p.name in PLACED + TONED]
@@ -60,7 +60,7 @@ def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
         assert 0.5 < ratio[name] < 2.0, name
 
 
-def test_rows_read_late_are_told_from_late_pictures_by_turns(filmed, monkeypatch):
+def test_rotations_distinguish_rolling_shutter_from_late_pictures(filmed, monkeypatch):
     record, matches, parameters = filmed
     for name in set(MANOEUVRES) - {TURNS, "hover for 8 s"}:
         monkeypatch.delitem(MANOEUVRES, name)

@@ -141,7 +141,7 @@ def test_pictures_are_likeliest_at_the_size_that_the_simulator_gave_each_term(
     assert max(likelihood(less), likelihood(more)) < best - 2.0
 
 
-def test_the_path_is_as_near_to_the_truth_as_it_says(parameters: FilterParameters) -> None:
+def test_the_errors_of_the_path_agree_with_its_covariance(parameters: FilterParameters) -> None:
     flight = camera_flight({}, 5)
     assert flight.truth is not None
     moments = np.arange(0.5, 9.5, 0.5)
@@ -206,7 +206,7 @@ def test_a_lens_projects_as_the_simulator_s_camera() -> None:
     np.testing.assert_allclose(back, points, atol=1e-4)
 
 
-def test_no_camera_is_believed_beyond_its_tolerance(
+def test_camera_information_is_limited_by_its_tolerance(
     healthy: tuple[Record, FeatureMatches, ReprojectionScore],
 ) -> None:
     for entry in (FOCAL, TILT_Y):
@@ -256,7 +256,7 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
     )
 
 
-def test_a_picture_from_the_floor_says_nothing(
+def test_a_picture_on_the_floor_is_no_evidence(
     healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
 ) -> None:
     """A centimetre of another landing gear is a tenth of the height there."""

@@ -134,7 +134,7 @@ def test_fog_is_a_shape_of_its_own_and_no_exposure() -> None:
     assert abs(z[VIGNETTING]) < 4.0
 
 
-def test_a_focus_that_hunts_is_restless_sharpness_and_no_exposure() -> None:
+def test_a_hunting_focus_is_random_sharpness_and_no_exposure() -> None:
     z, _ = judged(*made(1, focus=np.exp(-np.abs(0.4 * walk(1)))))
     restless = [z[len(CAMERA) + PICTURE_PATTERNS.index(name)] for name in VARIANCE_PATTERNS]
     assert restless[1] > 10.0
@@ -142,13 +142,13 @@ def test_a_focus_that_hunts_is_restless_sharpness_and_no_exposure() -> None:
     assert max(z[GAIN], z[GAMMA]) < 4.0
 
 
-def test_an_automatic_exposure_is_restless() -> None:
+def test_an_automatic_exposure_is_a_variance() -> None:
     z, found = judged(*made(2, gain=np.exp(0.05 * walk(2))))
     assert z[GAIN] > 10.0
     assert np.sqrt(found.score[GAIN] / found.information[GAIN, GAIN]) == pytest.approx(0.05, rel=0.5)
 
 
-def test_a_restless_gamma_is_no_restless_gain() -> None:
+def test_a_random_gamma_is_no_random_gain() -> None:
     """It makes brighter and darker as well; contrast tells them apart."""
     matches, path = made(4, gamma=np.exp(0.15 * walk(4)))
     camera = np.zeros(len(CAMERA))

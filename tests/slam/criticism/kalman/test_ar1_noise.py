@@ -42,7 +42,7 @@ def flight(seed, colour=COLOUR):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_innovations_are_white_under_the_true_colour_alone(seed):
+def test_innovations_are_white_under_the_true_ar1_coefficient_only(seed):
     measured, true = flight(seed)
     record = record_of(measured)
     _, deviate = lag_one_correlation([record], [whole(record, true)])
@@ -51,7 +51,7 @@ def test_innovations_are_white_under_the_true_colour_alone(seed):
     assert (deviate > 3.0).all()
 
 
-def test_the_likelihood_peaks_at_each_instruments_own_colour():
+def test_the_likelihood_peaks_at_each_instruments_ar1_coefficient():
     measured, true = flight(3)
     record = record_of(measured)
     right = whole(record, true).log_likelihood
@@ -78,7 +78,7 @@ def test_lost_samples_let_the_noise_fade_as_long_as_they_are_many():
     assert np.array_equal(noise.samples[thinned.kinds == SONAR][1:], apart)
 
 
-def test_hardly_any_colour_is_as_none():
+def test_a_tiny_ar1_coefficient_acts_as_none():
     measured, true = flight(5, np.zeros(5))
     record = record_of(measured)
     assert ar1_noise_for(record, true, 19, 0) is None

@@ -56,7 +56,7 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
     assert abs(score) / information < max(3.0 * information**-0.5, 0.05 * lag_s)
 
 
-def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
+def test_jitter_makes_gyros_scatter_no_more_than_modelled():
     vehicle = at_lower_rates(load_model("nominal")).with_term("timestamp_jitter", sigma=0.006)
     record = record_of(simulate_flight(vehicle, stick_for(TILTS), 6))
     run = whole(record, filter_parameters_of(vehicle))
@@ -134,7 +134,7 @@ def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
 
 
 @pytest.mark.parametrize(("term", "parameter", "step"), COLUMNS, ids=lambda x: str(x))
-def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
+def test_the_sensitivity_to_a_term_is_that_of_the_simulator(term, parameter, step):
     model = at_lower_rates(load_model("nominal"))
     size = step if term != "active_braking" else 0.05
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
@@ -167,12 +167,12 @@ def term_with(name, **parameters):
     ],
     ids=["gain", "drag", "attitude time", "attitude_lag", "datum"],
 )
-def test_the_trace_of_what_may_differ_is_what_the_simulator_does(name, ill, times):
+def test_the_sensitivity_to_a_nuisance_is_that_of_the_simulator(name, ill, times):
     nuisance = next(n for n in MEAN_NUISANCES if n.name == name)
     assert miss_of(ill, perturbation_of(nuisance), times) < 0.02
 
 
-def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch):
+def test_the_sensitivity_to_a_tilt_limit_is_that_of_the_simulator(monkeypatch):
     """Over the whole step from no limit at all to one that cuts a little: more would be outliers at first."""
     monkeypatch.setattr(effects_module, "TILT_LIMITS", (0.98,))
     model = vehicle_with()
@@ -188,14 +188,14 @@ def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch
     assert miss_of(ill, limit, 1.0, near_jumps=False) < 0.08
 
 
-def test_the_trace_of_a_clock_that_drifts_is_what_the_simulator_does():
+def test_the_sensitivity_to_clock_drift_is_that_of_the_simulator():
     record = record_of(simulate_flight(vehicle_with(), stick_for(TILTS[:1]), 5))
     known = [d for e in effects_for([record], filter_parameters_of(vehicle_with())) for d in e.perturbations]
     drift = next(d for d in known if d.name == "clock_drift.ppm")
     assert miss_of(term_with("clock_drift", ppm=20.0), drift, 20e-6, near_jumps=False) < 0.06
 
 
-def test_gusts_of_the_simulator_are_as_restless_as_the_filter_has_them():
+def test_gusts_of_the_simulator_have_the_variance_of_the_filter():
     """Under their true size and time innovations are white; with more or less of either less likely."""
     blown = {"sigma": 0.15, "tau": 1.0}
     vehicle = term_with("gusts", **blown)
@@ -241,7 +241,7 @@ def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
     assert abs(wider[since < 0.0]).max() < 0.02
 
 
-def test_the_unrest_that_is_left_near_the_floor_tells_no_height():
+def test_the_process_noise_near_the_floor_shows_no_height():
     from slam.criticism.kalman.transition import jacobian
 
     parameters = filter_parameters_of(load_model("nominal"))

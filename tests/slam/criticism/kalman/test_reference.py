@@ -63,7 +63,7 @@ def test_a_zero_of_the_sonar_shows_after_the_take_off():
 
 
 @pytest.mark.parametrize("late_s", [0.05, 0.14])
-def test_a_belief_gains_nothing_by_what_it_does_not_judge(late_s):
+def test_a_parameter_set_gains_nothing_by_readings_that_it_ignores(late_s):
     """The greater a latency, the fewer readings beside jumps of the stick are judged."""
     truth = filter_parameters_of(vehicle(control_latency={"T": late_s}))
     record = record_of(simulate_flight(vehicle(control_latency={"T": late_s}), stick_for(STARTS), 2))

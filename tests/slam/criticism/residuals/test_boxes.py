@@ -123,7 +123,7 @@ def test_under_tilts_boxes_are_as_high_as_they_are():
 
 
 @pytest.mark.parametrize("left_out", ["all", "first", "most", "high"])
-def test_flights_whose_sonar_tells_little_are_left_as_they_are(records, left_out):
+def test_flights_with_little_sonar_information_are_unchanged(records, left_out):
     def silent(record, k):
         values, sonar = record.values.copy(), record.kinds == SONAR
         rows = np.flatnonzero(sonar)

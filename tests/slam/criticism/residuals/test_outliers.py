@@ -18,7 +18,7 @@ from slam.simulation.model import load_model
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.02, False), (0.1, True)])
-def test_a_share_that_no_noise_makes_is_told(share, told):
+def test_a_share_that_no_noise_makes_is_reported(share, told):
     model = load_model("nominal")
     record = record_of(simulate_flight(model, stick_for(["climb and descend by 0.6 m"]), 1))
     values, rng = record.values.copy(), np.random.default_rng(2)

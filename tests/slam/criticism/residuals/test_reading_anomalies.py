@@ -65,7 +65,7 @@ def seen(taken: int, missing: int) -> FeatureMatches:
 
 
 @pytest.mark.parametrize(("missing", "told"), [(0, False), (2, False), (14, True)])
-def test_lost_pictures_are_told_where_they_are_many(record, missing, told):
+def test_lost_pictures_are_reported_where_they_are_many(record, missing, told):
     odd = _dropped([replace(record, matches=seen(480 - missing, missing))])
     assert [o.name for o in odd] == ["dropped_frames"] * told
     if told:
@@ -128,7 +128,7 @@ def test_a_step_is_held_out_by_flight(record):
     assert sum(predicted_by_others(other, nats_by_others)) < 0.2 * sum(odd.nats)
 
 
-def test_second_echoes_are_not_told_as_held_out(record):
+def test_second_echoes_are_not_reported_as_held_out(record):
     def spiked(r):
         r = r.copy()
         r[[40, 90, 200]] *= 2.02

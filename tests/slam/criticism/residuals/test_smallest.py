@@ -62,7 +62,7 @@ def test_a_dead_zone_shows_from_that_limit_on(record):
 
 
 @pytest.mark.parametrize("taken", [150, 2000])
-def test_pictures_lost_at_that_share_tell_enough_in_nine_of_ten_cases(taken):
+def test_pictures_lost_at_that_share_are_detected_in_nine_of_ten_cases(taken):
     share = _lost(taken)
     lost = np.random.default_rng(1).poisson(share * taken, 2000)
     told = [n > 0 and Lost(n, taken + n).nats(n / (taken + n)) >= LOST_NATS for n in lost.tolist()]

@@ -22,7 +22,7 @@ def flights(model):
 
 
 @pytest.mark.parametrize("sigma", [pytest.param(0.0015, marks=pytest.mark.slow), 0.008])
-def test_stamps_that_are_off_are_told_by_how_much_and_put_right(sigma):
+def test_jitter_is_reported_with_its_size_and_corrected(sigma):
     shaken = judged(flights(SLOWER.with_term("timestamp_jitter", sigma=sigma)))
     even, found = without_jitter(shaken, NOMINAL)
     assert [o.name for o in found] == ["timestamp_jitter"]

@@ -43,7 +43,7 @@ def test_white_noise_has_no_line(hover, student):
     )
 
 
-def test_lines_of_noise_are_about_as_rare_as_they_are_told():
+def test_spectral_lines_of_noise_have_the_stated_probability():
     rng, flights, samples, rare = np.random.default_rng(1), 4, 4000, -12.0
     least = []
     for _ in range(1500):

@@ -47,7 +47,7 @@ def asked(vehicle, most_nats=10.0, attitude=lambda angles, t: angles):
 
 
 @pytest.mark.slow
-def test_only_what_is_coloured_is_said_to_be():
+def test_only_correlated_noise_is_reported():
     vehicle = slow()
     vehicle = replace(
         vehicle,
@@ -71,12 +71,12 @@ def test_only_what_is_coloured_is_said_to_be():
         ("quadratic_drag", {"c": 0.2}),
     ],
 )
-def test_an_effect_is_no_colour_even_where_nothing_else_would_explain_it(name, values):
+def test_an_effect_is_no_ar1_noise_even_where_nothing_else_explains_it(name, values):
     assert asked(slow().with_term(name, **values), most_nats=0.0) is None
 
 
 @pytest.mark.slow
-def test_a_late_sonar_explains_more_than_its_colour():
+def test_a_late_sonar_explains_more_than_ar1_noise():
     """One channel by itself: here only the comparison tells them apart."""
     records, model, parameters = measured(slow().with_term("sonar_lag", T=0.1))
     expansion = expand(records, model, parameters)
@@ -85,7 +85,7 @@ def test_a_late_sonar_explains_more_than_its_colour():
     assert with_ar1_noise(records, model, parameters, expansion.fisher.passes, (), late.nats) is None
 
 
-def test_one_axis_that_wanders_is_no_colour_of_the_unit():
+def test_one_drifting_axis_is_no_ar1_noise_of_the_instrument():
     def wandering(angles, t):
         off = 0.01 * np.sin(2 * np.pi * t / 3.0)
         return angles + off[:, None] * [0.0, 0.0, 1.0]

@@ -15,7 +15,7 @@ NOMINAL = load_model("nominal")
 
 
 @pytest.mark.parametrize(("plan", "turns"), [("hover for 8 s", False), ("yaw steps at 0.3, 0.6 and 1", True)])
-def test_the_rate_of_turn_is_judged_only_of_a_vehicle_that_was_told_to_turn(plan, turns):
+def test_the_yaw_rate_is_judged_only_for_a_vehicle_that_was_commanded_to_turn(plan, turns):
     record = record_of(simulate_flight(NOMINAL, stick_for([plan]), 1))
     names = {effect.name for effect in effects_for([record], filter_parameters_of(NOMINAL))}
     assert ("yaw_drag" in names) == turns

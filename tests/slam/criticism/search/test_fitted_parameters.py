@@ -26,7 +26,7 @@ FREE = {
 
 
 @pytest.mark.parametrize("name", FREE)
-def test_a_step_is_held_told_and_taken_out_again(name):
+def test_a_nuisance_step_is_stored_read_and_undone(name):
     column = fitted_parameter(name)
     step, told = FREE[name]
     changed = column.stepped(NOMINAL, step)
@@ -62,5 +62,5 @@ def test_gusts_of_another_time_are_not_these():
     assert fitted_parameter("gusts@2.5").stepped(blown, 0.05).hold[-2:] == pytest.approx([0.3, 2.5])
 
 
-def test_what_is_off_in_the_gains_is_nothing_that_a_belief_holds():
+def test_gain_corrections_are_no_parameters():
     assert fitted_parameter("weight of gyro_noise").stepped(NOMINAL, 0.3) is NOMINAL

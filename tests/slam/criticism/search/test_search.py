@@ -19,7 +19,7 @@ BRAKE = Effect("active_braking", relaxes=("k_b",))
 BIAS = Effect("gyro_bias", relaxes=("x", "y", "z"))
 
 
-def test_a_term_that_says_why_goes_before_a_constant_out_of_its_range_that_explains_little_more():
+def test_a_term_takes_precedence_over_a_constant_out_of_range_that_explains_little_more():
     drag = next(e for e in relaxed_nuisances() if e.name.startswith("vehicle.drag"))
     loose = ScoreTest(drag, 30.0, 7.7)
     assert ScoreTest(BRAKE, 28.0, 7.5).worth > loose.worth > ScoreTest(BRAKE, 20.0, 6.3).worth

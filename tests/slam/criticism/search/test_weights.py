@@ -54,7 +54,7 @@ def test_a_wrong_gain_is_a_target_that_goes_with_tilt(seen):
     assert share_left(fisher, "tilt_std_rad", [*vehicle, *BEHIND_TILT]) > 0.3
 
 
-def test_weights_are_free_but_nothing_that_a_belief_holds(seen):
+def test_gain_corrections_are_free_and_no_parameters(seen):
     fisher, parameters = seen
     quadratic = quadratic_likelihood(fisher, parameters, parameters, {})
     maximum = quadratic.maximise([])

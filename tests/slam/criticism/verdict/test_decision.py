@@ -44,13 +44,13 @@ def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_m
     return verdict, [c.probability for c in likely], [c.probability for c in faint]
 
 
-def test_what_contradicts_itself_and_unrest_are_not_claimed_beside_something_unknown():
+def test_inconsistent_causes_and_process_noise_are_not_claimed_beside_something_unknown():
     causes = cause("flow_scale"), cause("gusts")
     assert told(*causes, unknown=1.0, doubted=("flow_scale",)) == ("unknown", [0.5, 0.5], [])
     assert told(*causes, unknown=1.0, doubted=("flow_scale",), out_of_model=True)[1] == [1.0, 1.0]
 
 
-def test_one_that_is_the_same_everywhere_is_claimed_with_a_remainder():
+def test_a_consistent_cause_is_claimed_with_a_remainder():
     verdict, probabilities, _ = told(cause("flow_scale"), cause("gusts"), unknown=1.0)
     assert verdict == "named_with_remainder"
     assert probabilities == [1.0, 0.5]
@@ -68,7 +68,7 @@ def test_a_certain_cause_leads_whatever_a_doubtful_one_gains():
     assert decide([gusts], found, posterior, [], ["odd"], 4.5)[0] == "unknown"
 
 
-def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown():
+def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown():
     missed = {"better": 0.08, "alike": 0.102, "worse": 0.12}
     range_m = {k: ChannelError("range", "m", JUDGED_HORIZON_S, 0.1, after) for k, after in missed.items()}
 
@@ -81,7 +81,7 @@ def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown()
     assert claimed("worse", unknown=0.0) == ("named", [1.0])
 
 
-def test_what_stands_out_by_less_than_what_is_left_beside_it_is_doubted():
+def test_a_cause_weaker_than_the_remainder_is_doubted():
     odd = SimpleNamespace(name="vehicle.drag_1_s out of range", perturbations=())
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=(odd,))
     posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
@@ -91,7 +91,7 @@ def test_what_stands_out_by_less_than_what_is_left_beside_it_is_doubted():
         assert drag.probability == probability
 
 
-def test_two_causes_that_are_told_are_not_told_as_alike():
+def test_two_reported_causes_are_not_reported_as_equivalent():
     odd = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
     posterior = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0}, (), ())
     verdict, alike, _ = decide((cause("sonar_lag"), cause("yaw_drag")), odd, posterior, [], [], 4.5)
@@ -114,22 +114,22 @@ def test_nothing_is_wrong_only_if_no_single_reading_is():
 
 
 @pytest.mark.parametrize("sets", [9, 18, 38])
-def test_what_is_in_every_set_is_certain_and_no_more(sets: int):
+def test_a_term_of_every_set_has_probability_one(sets: int):
     found = _probabilities([(-0.1 * k, frozenset(["quadratic_drag", str(k)])) for k in range(sets)])
     assert 1.0 - 1e-12 < found["quadratic_drag"] <= 1.0
 
 
-def test_of_each_cause_is_told_what_leaves_the_same_trace():
+def test_each_cause_is_reported_with_its_alternatives():
     second = replace(cause("steady_wind"), alternatives=("steady_wind", "trim_offset"))
     told_alike = Criticism("named_with_remainder", "", (cause("flow_scale"), second)).to_json()["causes"]
     assert [c["equivalence_set"] for c in told_alike] == [["flow_scale"], ["steady_wind", "trim_offset"]]
 
 
-def test_what_is_next_to_impossible_is_left_over():
+def test_an_improbable_cause_is_left_over():
     assert told(cause("flow_scale", 0.01), unknown=0.9) == ("unknown", [], [0.01])
 
 
-def test_of_a_foreign_vehicle_too_nothing_is_claimed_that_is_next_to_impossible():
+def test_nothing_improbable_is_claimed_for_an_out_of_model_vehicle():
     causes = cause("tilt_limit"), cause("flow_scale", 0.0)
     assert told(*causes, unknown=1.0, out_of_model=True) == ("named_with_remainder", [1.0], [0.0])
 
@@ -148,7 +148,7 @@ def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
     assert by(0.6, 0.4) is None
 
 
-def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
+def test_a_fit_of_a_rival_takes_precedence_over_an_expansion():
     rise, scale = Effect("sonar_temperature", relaxes=("a",)), Effect("sonar_scale", relaxes=("b",))
     nats = {(): 0.0, (rise,): 50.0, (scale,): 51.4, (rise, scale): 51.5}
 

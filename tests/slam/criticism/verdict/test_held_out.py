@@ -40,7 +40,7 @@ def expansion(run, pieces, shown=0.0):
     )
 
 
-def test_a_reading_that_one_belief_leaves_out_counts_in_neither():
+def test_a_reading_that_one_parameter_set_ignores_counts_in_neither():
     rng = np.random.default_rng(0)
     white, log_variance = rng.normal(size=(60, 6)), rng.normal(-5.0, 1.0, (60, 6))
     status = np.full((60, 6), USED)
@@ -73,7 +73,7 @@ def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
     assert np.abs(gain.nats[[0, 2]]).max() < 5.0
 
 
-def test_flights_of_which_beliefs_judge_different_readings_are_run_anew(short_sonar, monkeypatch):
+def test_flights_whose_parameter_sets_use_different_readings_are_filtered_anew(short_sonar, monkeypatch):
     records, found = short_sonar
     by_parabola = held_out(records, found, NOMINAL)
 

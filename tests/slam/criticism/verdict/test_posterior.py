@@ -32,7 +32,7 @@ def judged(flights):
     return found, posterior_of(found)
 
 
-def test_faint_gusts_are_told_from_nothing_though_the_belief_that_holds_them_hides_it():
+def test_weak_gusts_are_distinguished_from_nothing_though_parameters_with_gusts_hide_them():
     model = at_lower_rates(load_model("nominal"))
     windy = model.with_term("gusts", sigma=0.07, tau=1.5)
     found, posterior = judged([simulate_flight(windy, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
@@ -55,7 +55,7 @@ def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows(
 
 
 @pytest.mark.parametrize("late_s", [0.03, -0.01])
-def test_a_speed_that_comes_late_or_early_is_told_as_that(late_s):
+def test_a_speed_that_comes_late_or_early_is_reported_as_that(late_s):
     model = at_lower_rates(load_model("nominal"))
     flights = [simulate_flight(model, stick_for(PLAN), seed) for seed in (1, 2)]
     shifted = [

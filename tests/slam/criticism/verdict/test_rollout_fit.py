@@ -61,7 +61,7 @@ def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking)
     assert not without.better_than(with_it)
 
 
-def test_a_constant_far_from_healthy_is_told_and_no_reason_to_drop_a_term(braking):
+def test_a_constant_far_from_healthy_is_reported_and_no_reason_to_drop_a_term(braking):
     _, nominal = braking
     empty = np.zeros((1, 1))
     healthy, bent = (

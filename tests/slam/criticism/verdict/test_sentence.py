@@ -92,7 +92,7 @@ def test_details_hold_every_cause_and_every_unexplained_finding():
         assert unexplained == [f"Unexplained: {part}." for part in finding.remainder.split("; ") if part]
 
 
-def test_one_cause_is_told_with_its_size_and_what_it_gains_two_seconds_ahead():
+def test_one_cause_is_reported_with_its_size_and_what_it_gains_two_seconds_ahead():
     text = headline(Finding(verdict="named", causes=[made(NAMES[0], 0.97, PITCH, SOON, SPEED, WORSE)]))
     assert text == (
         "The model lacks active_braking: it brakes by itself when the stick is released "
@@ -127,12 +127,12 @@ def test_pictures_gain_from_one_to_another():
     assert "the reprojection error from picture to picture is 0.2 px instead of 1.3" in text
 
 
-def test_what_was_not_held_out_is_not_told_as_held_out():
+def test_what_was_not_held_out_is_not_reported_as_held_out():
     finding = Finding(verdict="named", causes=[made(NAMES[0], 1.0, by=None)])
     assert "held-out" not in headline(finding) + " ".join(details(finding))
 
 
-def test_the_next_best_is_told_where_it_is_excluded():
+def test_the_next_best_is_reported_where_it_is_excluded():
     def told(**how) -> str:
         return " ".join(details(Finding(verdict="named", causes=[made(NAMES[0], 1.0, SPEED, **how)])))
 
@@ -146,7 +146,7 @@ def test_every_term_has_words():
 
 
 @pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])
-def test_where_no_reading_gains_the_likelihood_is_told(channels: tuple[ChannelError, ...]):
+def test_where_no_reading_gains_the_likelihood_is_reported(channels: tuple[ChannelError, ...]):
     text = headline(Finding(verdict="named", causes=[made(NAMES[0], 1.0, *channels)]))
     assert "the log likelihood gains 45 nats" in text
 

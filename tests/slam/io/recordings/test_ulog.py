@@ -184,7 +184,7 @@ def test_an_import_says_in_its_files_where_each_stream_is_from(tmp_path):
     assert sensor["comment"].startswith("sensor_combined (sensor_combined): rad/s, m/s²; forward-right-down")
 
 
-def test_losses_of_the_logger_are_told(tmp_path):
+def test_losses_of_the_logger_are_reported(tmp_path):
     dropout = message(b"O", (120).to_bytes(2, "little"))
     flight = read(log(tmp_path / "a.ulg", {"sensor_combined": (IMU, "6f", imu_rows())}, tail=dropout))
     assert "the logger lost data 1 times, 0.12 s in all" in flight.warnings

@@ -187,7 +187,7 @@ def test_lens_and_gimbal_of_a_video(tmp_path):
         (["[focal_len: 24.00]"] * 40, "no angles of the gimbal: looking straight down assumed"),
     ],
 )
-def test_what_the_subtitles_say_about_the_lens_and_what_they_lack_is_told(tmp_path, texts, said):
+def test_what_the_subtitles_say_about_the_lens_and_what_they_lack_is_reported(tmp_path, texts, said):
     assert any(said in line for line in read(with_subtitles(tmp_path, texts)).warnings)
 
 

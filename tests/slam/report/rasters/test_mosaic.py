@@ -142,7 +142,7 @@ def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
     assert sum(write_mosaic(located, flight, tmp_path).left_out.values()) == 3
 
 
-def test_budget_is_kept_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_budget_is_kept_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     estimate, flight, _ = scene()
     monkeypatch.setattr(slam.report.rasters.mosaic, "MAX_MOSAIC_PIXELS", 40_000)
     monkeypatch.setattr(slam.report.rasters.mosaic, "MAX_PNG_PIXELS", 20_000)

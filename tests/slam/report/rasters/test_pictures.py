@@ -34,7 +34,7 @@ def heights(size_m: float) -> np.ndarray:
     return drawn
 
 
-def test_a_flat_floor_stands_in_the_middle_of_the_colours_and_holes_are_told_apart():
+def test_a_flat_floor_stands_in_the_middle_of_the_colours_and_holes_are_distinguished():
     flat = elevation_picture(heights(1e-4), GRID)
     middle = "#21918c"  # viridis at one half
     assert share(flat, middle) > 0.25

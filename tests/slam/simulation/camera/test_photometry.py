@@ -7,7 +7,7 @@ RNG = np.random.default_rng
 
 
 @pytest.mark.parametrize("tau_s", [0.2, 1.0, 2.0])
-def test_tones_wander_with_their_size_and_time(tau_s):
+def test_tones_vary_with_their_standard_deviation_and_time_constant(tau_s):
     """Two-sided, over 600 flights of 40 s: standard deviation and correlation after one time constant."""
     stamps = np.arange(600) / 15
     walks = np.log([photometry.tones(stamps, 0.1, 0.3, tau_s, RNG(seed)) for seed in range(600)])

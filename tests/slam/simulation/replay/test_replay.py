@@ -115,7 +115,7 @@ def test_from_the_truth_where_no_speed_was_recorded_and_with_a_yaw_of_its_own_ze
     assert found["truth.x"][10.0] < 0.05
 
 
-def test_missing_columns_are_left_out_and_missing_height_is_told():
+def test_missing_columns_are_left_out_and_missing_height_is_reported():
     flight, model = flown(2)
     half = flight.attitude.roll_pitch_yaw_rad.copy()
     half[:, [0, 2]] = np.nan
@@ -143,7 +143,7 @@ def test_roll_outs_that_cannot_begin_in_a_gap_are_counted():
     assert result.rollouts[0.5] + result.skipped[0.5] == pytest.approx(50, abs=3)
 
 
-def test_the_full_stick_is_the_models_and_another_is_told():
+def test_the_full_stick_is_the_models_and_another_is_reported():
     flight, model = flown(hold_noise=CALM, **HONEST)
     other = replace(flight, command=Command(flight.command.stamps_s, flight.command.stick, 0.2094))
     result = replay(without_truth(other), model)
@@ -181,7 +181,7 @@ def test_the_picture_is_a_picture():
     assert png.startswith(b"\x89PNG")
 
 
-def test_picture_and_table_tell_the_same_figures_in_the_same_units():
+def test_picture_and_table_show_the_same_figures_in_the_same_units():
     flight, model = flown(5)
     result = replay(flight, model)
     panels = [axes.get_title(loc="left") for axes in figure(result).axes if axes.get_visible()]
