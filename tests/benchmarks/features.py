@@ -63,7 +63,7 @@ class Score:
 
 
 def measure() -> list[Metric]:
-    """Return all scenes. The default must register most pairs, and be the most accurate where truth exists."""
+    """Return all scenes. The default must register most pairs, and be the most accurate if truth exists."""
     made = [*simulated(), *measured()]
     scores = {scene.name: {kind: score(scene, kind) for kind in KINDS} for scene in made}
     print("\n".join(table(scores, {scene.name: len(scene.pairs) for scene in made})))
