@@ -16,7 +16,7 @@ from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.false_loops import edges_of, ours
 from tests.benchmarks.generated_graphs import Scene, make, scenes
 from tests.benchmarks.graphs import aligned_rmse
-from tests.benchmarks.metric import Metric, at_least, told
+from tests.benchmarks.metric import Metric, at_least, reported
 from tests.benchmarks.rivals import RIVALS
 
 SEEDS = range(100, 102)
@@ -40,7 +40,7 @@ def measure() -> list[Metric]:
     return [
         at_least(f"{len(every)} graphs: share within 1.2 x", _share(found), "", SHARE, said),
         *(
-            told(
+            reported(
                 f"{len(some)} of the graphs by {name}: share",
                 _share(values),
                 "",

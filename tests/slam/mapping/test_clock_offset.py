@@ -65,7 +65,7 @@ def test_the_map_corrects_what_tracking_left():
     assert piece.delay_s == pytest.approx(0.1)
 
 
-def test_what_is_told_names_what_was_done():
+def test_what_is_reported_names_what_was_done():
     known = clock_correction(shown((0.04, 0.002)))
     assert "40 ± 2 ms after" in clock_warning(None, known)
     assert "corrected in the map" in clock_warning(None, known)

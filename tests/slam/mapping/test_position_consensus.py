@@ -74,7 +74,7 @@ def test_too_few_fixes_are_not_judged(n):
 
 
 @pytest.mark.parametrize("first_group", [4, 6, 8])
-def test_two_altitude_references_are_told_apart(first_group):
+def test_two_altitude_references_are_distinguished(first_group):
     """The larger group counts, of equal ones the first; the place of all photographs is used."""
     rng = np.random.default_rng(first_group)
     world = survey(rng, 12)
