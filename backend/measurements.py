@@ -124,6 +124,8 @@ class Measurements:
     """Standard deviation of the zero offset that all ranges share."""
     names: tuple[str, ...] = field(default=())
     """Name of each keyframe in messages; empty: its number."""
+    length_unit: str = "m"
+    """Name of the unit of all lengths in messages. Without a metric measurement it is another one."""
 
     @property
     def count(self) -> int:

@@ -57,6 +57,7 @@ def from_measurements(measurements: Measurements, initial: Array | None) -> tupl
         trusted=np.array([e.kind != "loop" for e in edges], dtype=bool),
         initial=np.full((n, 4, 4), np.nan) if initial is None else initial,
         unary_factors=(),
+        length_unit=measurements.length_unit,
     )
     singles, warnings = _unary_factors(measurements)
     return replace(problem, unary_factors=singles), warnings

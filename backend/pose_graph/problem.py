@@ -40,6 +40,8 @@ class Problem:
     initial: Array
     """(n, 4, 4), NaN where unknown."""
     unary_factors: tuple[UnaryFactor, ...] = ()
+    length_unit: str = "m"
+    """Name of the unit of lengths in messages."""
 
     @property
     def count(self) -> int:
@@ -62,8 +64,8 @@ class Problem:
         number = np.full(self.count, -1, dtype=np.int64)
         number[members] = np.arange(len(members))
         edge = (number[self.i] >= 0) & (number[self.j] >= 0)
-        return Problem(
-            dimension=self.dimension,
+        return replace(
+            self,
             names=tuple(self.names[k] for k in members),
             i=number[self.i[edge]],
             j=number[self.j[edge]],

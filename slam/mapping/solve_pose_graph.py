@@ -12,6 +12,7 @@ from backend.measurements import Attitude, Measurements, SlantRange
 from backend.pose_graph.solution import Solution
 from backend.pose_graph.solve import solve
 from slam.core.heap import trim_heap
+from slam.core.units import unit
 from slam.mapping.floor_visibility import LEAST_FALL
 from slam.mapping.lift_edges import Edges
 from slam.mapping.setup import Setup
@@ -39,6 +40,7 @@ def solve_pose_graph(
         relative_poses=edges.relative_poses,
         attitudes=tuple(attitudes),
         ranges=tuple(ranges),
+        length_unit=unit(bool(heights.metric[tied].all())),
     )
     plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
     if not edges.relative_poses:

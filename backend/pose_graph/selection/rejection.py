@@ -209,8 +209,11 @@ def reason(problem: Problem, edge: int, w_T: Array, sigma: float) -> str:
     """Return why an edge was rejected: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``."""
     i, j = problem.i[edge], problem.j[edge]
     off = se3.log((se3.inverse(problem.ij_T[edge]) @ se3.inverse(w_T[i]) @ w_T[j])[None])[0]
-    meters, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))
+    length, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))
     limit = edge_limit(problem)
     if sigma <= limit:
         return f"agrees, but too little is known of where it lies to trust it: {sigma:.1f} sigma"
-    return f"disagrees by {sigma:.1f} sigma (limit {limit:.1f}): {meters:.2g} m, {degrees:.2g} deg"
+    return (
+        f"disagrees by {sigma:.1f} sigma (limit {limit:.1f}): {length:.2g} {problem.length_unit}, "
+        f"{degrees:.2g} deg"
+    )
