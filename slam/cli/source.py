@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from slam.core.progress import Progress
     from slam.io.recordings.choice import Request
 
-Kind = Literal["flight", "euroc", "photos", "recording", "graph"]
+Kind = Literal["flight", "euroc", "photos", "recording", "archive", "graph"]
 
 _GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
 _GIVE = "give a flight folder, a folder of photos, a recording (docs/recordings.md) or a .g2o graph"
@@ -25,7 +25,7 @@ _ALSO = {
 
 
 def kind_of(path: Path) -> Kind:
-    """Return whether a path is a flight folder, a EuRoC folder, photos, a recording or a g2o graph.
+    """Return whether a path is a flight folder, EuRoC, photos, a recording, an archive or a g2o graph.
 
     Raises ``InputError`` that names what was found instead.
     """
@@ -41,6 +41,8 @@ def kind_of(path: Path) -> Kind:
         return "graph"
     if _is_recording(path):
         return "recording"
+    if _is_archive(path):
+        return "archive"
     what = f"is {found}, which slam does not read" if found else "a file of another kind"
     raise InputError(f"{path}: {what}; {_GIVE}")
 
@@ -51,6 +53,10 @@ def open_flight(path: Path, progress: Progress, request: Request | None = None) 
     ``request`` says what to take from a recording. Raises ``InputError``.
     """
     kind = kind_of(path)
+    if kind == "archive":
+        from slam.io.recordings.archive import unpacked
+
+        return open_flight(unpacked(path, progress), progress, request)[0], kind
     if kind == "flight" and (request is None or request.is_empty):
         from slam.io.flight_folder import read_flight
 
@@ -66,6 +72,13 @@ def import_source(
     ``band`` selects the photographs of a multispectral camera. Raises ``InputError``.
     """
     kind = kind_of(path)
+    if kind == "archive":
+        from slam.io.recordings.archive import unpacked
+
+        # A flight folder in an archive is converted too, into one that can be read at once.
+        if band is None:
+            return open_flight(path, progress, request)[0]
+        return import_source(unpacked(path, progress), progress, request, band)
     if kind == "graph":
         raise InputError(f"{path}: a pose graph holds no flight; give a flight folder or a folder of photos")
     if band is not None and kind != "photos":
@@ -93,6 +106,12 @@ def _is_recording(path: Path) -> bool:
     from slam.io.recordings.formats import format_of
 
     return format_of(path) is not None
+
+
+def _is_archive(path: Path) -> bool:
+    from slam.io.recordings.archive import is_archive
+
+    return is_archive(path)
 
 
 def _refuse_output(path: Path) -> None:

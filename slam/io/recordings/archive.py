@@ -1,0 +1,102 @@
+"""ZIP archives of recordings, unpacked into a temporary folder that disappears with the program."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import zipfile
+import zlib
+from pathlib import Path, PurePosixPath
+
+from slam.core.errors import InputError
+from slam.core.progress import Progress
+from slam.io.files import brief, refusal
+from slam.io.recordings.formats import format_of
+
+STARTS = (b"PK\x03\x04", b"PK\x05\x06")
+"""First bytes of a ZIP archive; the second of an empty one."""
+_BLOCK_BYTES = 1 << 20
+_MAX_NAMED = 6
+_unpacked: list[tempfile.TemporaryDirectory[str]] = []
+"""Folders that pictures are read from until the program ends."""
+
+
+def is_archive(path: Path) -> bool:
+    """Return whether a path is a ZIP archive, by its first bytes."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(4) in STARTS
+
+
+def unpacked(path: Path, progress: Progress) -> Path:
+    """Unpack an archive and return the flight, recording or folder of photographs in it.
+
+    Raises ``InputError`` for a name that leads out of the archive, for more bytes than declared or than the
+    disk has room for, for a damaged or encrypted archive, and where several recordings are in it.
+    """
+    folder = tempfile.TemporaryDirectory(prefix="slam-")
+    _unpacked.append(folder)
+    root = Path(folder.name) / (path.stem or "archive")
+    root.mkdir()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _unpack(path, archive, root, progress)
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise refusal(
+            path, f"is a ZIP archive that cannot be unpacked ({brief(error, 120)})", "unpack it yourself"
+        ) from None
+    return _source_in(root, path)
+
+
+def _unpack(path: Path, archive: zipfile.ZipFile, root: Path, progress: Progress) -> None:
+    entries = [entry for entry in archive.infolist() if not entry.is_dir()]
+    needed, free = sum(entry.file_size for entry in entries), shutil.disk_usage(root).free
+    if needed > free:
+        raise refusal(
+            path,
+            f"needs {needed:,} bytes unpacked, and {root.parent.parent} has {free:,}",
+            "free some space, or set TMPDIR to a larger disk",
+        )
+    for k, entry in enumerate(entries):
+        name = PurePosixPath(entry.filename.replace("\\", "/"))
+        if name.is_absolute() or ".." in name.parts or ":" in name.parts[0]:
+            raise refusal(
+                path, f"names the file {brief(entry.filename, 80)!r} outside of itself", "repair it"
+            )
+        target = root.joinpath(*name.parts)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with archive.open(entry) as source, target.open("xb") as file:
+            left = entry.file_size
+            while block := source.read(_BLOCK_BYTES):
+                left -= len(block)
+                if left < 0:
+                    raise refusal(
+                        path, f"holds more of {brief(name, 80)} than it declares", "do not trust it"
+                    )
+                file.write(block)
+        progress("unpacking", k + 1, len(entries))
+
+
+def _source_in(folder: Path, archive: Path) -> Path:
+    """Return the one source in a folder, or the folder itself for others to judge."""
+    entries = [path for path in folder.iterdir() if not path.name.startswith((".", "__MACOSX"))]
+    if len(entries) == 1 and entries[0].is_dir() and entries[0].name != "mav0":
+        return _source_in(entries[0], archive)
+    if any(path.name == "mav0" for path in entries) or format_of(folder) is not None:
+        return folder
+    found = sorted(path for path in folder.rglob("*") if path.is_file() and _is_recording(path))
+    stems = {path.with_suffix("") for path in found if path.suffix.lower() != ".srt"}
+    found = [path for path in found if path.suffix.lower() != ".srt" or path.with_suffix("") not in stems]
+    if len(found) > 1:
+        names = ", ".join(os.path.relpath(path, folder) for path in found[:_MAX_NAMED])
+        raise refusal(archive, f"holds {len(found)} recordings ({names})", "unpack it and name one of them")
+    return found[0] if found else folder
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        return format_of(path) is not None
+    except InputError:
+        return False
