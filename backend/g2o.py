@@ -24,6 +24,8 @@ from backend.pose_graph.graph import PoseGraph
 Array = NDArray[np.float64]
 
 _ROTATION_FIRST = np.array([3, 4, 5, 0, 1, 2])
+_QUATERNION_RANGE = (1e-6, 1e6)
+"""Range of a quaternion's largest component; beyond it is a damaged line, not one without normalisation."""
 _UNIT_TOLERANCE = 1e-3
 MAX_COORDINATE_M = 1e13
 """Limit of coordinates: beyond it a double does not resolve a millimetre, and squares soon overflow."""
@@ -226,10 +228,12 @@ def _transforms(block: _Block, dimension: int, name: str, warnings: list[str]) -
         return se3.from_planar(block.figures[:, :3])
     T = np.tile(np.eye(4), (len(block.figures), 1, 1))
     quaternion = block.figures[:, 3:7]
+    largest = np.abs(quaternion).max(axis=1)
+    none = np.flatnonzero((largest < _QUATERNION_RANGE[0]) | (largest > _QUATERNION_RANGE[1]))
+    if len(none):
+        what = "zero" if largest[none[0]] < 1 else f"of length {largest[none[0]]:.3g} or more"
+        raise BackendError(f"{name}:{block.lines[none[0]]}: the quaternion is {what}; mend the line")
     length = np.linalg.norm(quaternion, axis=1)
-    zero = np.flatnonzero(length < 1e-6)
-    if len(zero):
-        raise BackendError(f"{name}:{block.lines[zero[0]]}: the quaternion is zero; mend the line")
     off = np.abs(length - 1) > _UNIT_TOLERANCE
     if off.any():
         warnings.append(

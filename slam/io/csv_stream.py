@@ -230,7 +230,7 @@ def _parse_block(lines: list[bytes], width: int, indices: list[int | None]) -> t
         raise ValueError("no number holds this")
     tokens = joined.split(b",")
     stamps = np.array(list(map(int, tokens[::width])), dtype=np.int64)
-    if np.abs(stamps).max() > MAX_STAMP_NS:
+    if stamps.max() > MAX_STAMP_NS or stamps.min() < -MAX_STAMP_NS:  # abs() of the smallest one overflows
         raise OverflowError("stamp")
     values = np.full((len(lines), len(indices)), np.nan)
     for k, at in enumerate(indices):

@@ -143,6 +143,10 @@ def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
         (PLANAR.replace("10 0 10\n", "-10 0 10\n"), ":3: the information matrix is not positive"),
         (PLANAR.replace("10 0 0 10 0 10", "0 0 0 0 0 0"), ":3: the information matrix is not positive"),
         (SPATIAL.replace("QUAT 0 1 1 0 0 0 0 0 1", "QUAT 0 1 1 0 0 0 0 0 0"), ":3: the quaternion is zero"),
+        (
+            SPATIAL.replace("QUAT 0 1 1 0 0 0 0 0 1", "QUAT 0 1 1 0 0 0 0 0 1e308"),
+            ":3: the quaternion is of length",
+        ),
         (PLANAR + "FIX 9\n", ":4: FIX names vertex 9"),
     ],
 )

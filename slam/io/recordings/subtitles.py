@@ -26,7 +26,7 @@ FIELDS = (
 """Columns of a subtitle: degrees and metres; focal length on 35 mm film."""
 
 _NUMBER = r"[-+]?\d+(?:[.,]\d+)?"
-_TIMES = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+_TIMES = re.compile(r"(?<!\d)(\d{1,5}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 _DATE = re.compile(r"(\d{4})[-.](\d{1,2})[-.](\d{1,2})\s+(\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?")
 _KEYED = re.compile(rf"\b([a-z_]+)\s*:\s*({_NUMBER})(?![\d/])", re.IGNORECASE)
 _POINT = r"([-+]?\d+(?:\.\d+)?)"
