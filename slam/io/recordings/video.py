@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slam.core.progress import Progress
 from slam.io.files import read_bytes, refusal
+from slam.io.recordings.gpmf import TRACK_CODE, GoproTrack, read_gopro
 from slam.io.recordings.mp4 import Mp4Track, read_tracks
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
 from slam.io.recordings.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
@@ -31,6 +32,7 @@ class _Video:
     size_px: tuple[int, int]
     subtitles: Subtitles | None
     subtitle_name: str
+    gopro: GoproTrack | None = None
 
 
 def open_recording(path: Path) -> Recording:
@@ -46,13 +48,23 @@ def open_recording(path: Path) -> Recording:
         offers.append(Offer(stream="cam0", channel=path.name, kind="video", rows=rows, reading=reading))
     if video.subtitles is not None:
         offers += subtitle_offers(video.subtitles, video.subtitle_name)
+    others: list[tuple[str, str, int]] = []
+    if (gopro := video.gopro) is not None:
+        others = [(key, "GoPro metadata", count) for key, count in gopro.others]
+        rows, reading = len(gopro.positions.stamps_ns), "deg, m"
+        kind, rank = "GoPro metadata", 1
+        offers.append(
+            Offer(stream="gps0", channel=gopro.key, kind=kind, rows=rows, reading=reading, rank=rank)
+        )
 
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
         readings = {
             offer.stream: SUBTITLE_READERS[offer.stream](video.subtitles)
             for offer in chosen
-            if offer.stream != "cam0" and video.subtitles is not None
+            if offer.stream != "cam0" and video.subtitles is not None and offer.kind == "subtitles"
         }
+        if gopro is not None and any(offer.channel == gopro.key for offer in chosen):
+            readings["gps0"] = gopro.positions
         taken = any(offer.stream == "cam0" for offer in chosen)
         date = "" if video.subtitles is None else video.subtitles.date
         pictures = _pictures(path, video) if taken else None
@@ -63,6 +75,7 @@ def open_recording(path: Path) -> Recording:
         name=path.stem,
         description="a video" if len(video.stamps_s) else "a file of subtitles",
         offers=tuple(offers),
+        others=tuple(others),
         read=read,
     )
 
@@ -83,7 +96,9 @@ def _opened(path: Path) -> _Video:
     else:
         raise refusal(path, "is a video without a picture", "copy it again from the recorder")
     subtitles, name = _subtitles_of(path, tracks)
-    return _Video(stamps_s, size, subtitles, name)
+    metadata = next((track for track in tracks if track.code == TRACK_CODE), None)
+    gopro = None if metadata is None else read_gopro(path, metadata)
+    return _Video(stamps_s, size, subtitles, name, gopro)
 
 
 def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str]:

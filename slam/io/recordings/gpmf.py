@@ -1,0 +1,112 @@
+"""Positions that GoPro's cameras write into their videos (GPMF).
+
+A track of a video holds one payload a second: nested blocks of a key, a type, and samples. The samples of a
+payload are spread evenly over its time. ``GPS5`` holds latitude, longitude, altitude and speeds, and the fix
+stands beside it in ``GPSF``; ``GPS9`` (since the Hero 11) holds the fix in each sample. Source: GoPro,
+gpmf-parser, "GPMF introduction" (README.md).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.io.recordings.mp4 import Mp4Track
+from slam.io.recordings.recording import StreamReadings
+
+Array = NDArray[np.float64]
+
+TRACK_CODE = "gpmd"
+_TYPES = {"b": "i1", "B": "u1", "s": ">i2", "S": ">u2", "l": ">i4", "L": ">u4", "f": ">f4", "d": ">f8"}
+_KEYS = ("GPS9", "GPS5")
+"""Keys of positions; the first one that a video has is taken."""
+_FIX_2D, _FIX_3D = 2, 3
+
+
+@dataclass(frozen=True)
+class GoproTrack:
+    """The positions of a video, and the keys of its other series."""
+
+    key: str
+    """``GPS9`` or ``GPS5``; empty without positions."""
+    positions: StreamReadings
+    others: tuple[tuple[str, int], ...]
+    """Key and number of samples of each other series."""
+
+
+def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
+    """Return the positions in degrees and metres; without a fix they are NaN. Damaged payloads end early."""
+    starts_s = np.concatenate([[0.0], np.cumsum(track.durations_s)])
+    stamps: dict[str, list[Array]] = {key: [np.empty(0)] for key in _KEYS}
+    values: dict[str, list[Array]] = {key: [np.empty((0, 3))] for key in _KEYS}
+    counts: dict[str, int] = {}
+    with path.open("rb") as file:
+        for k, payload in enumerate(track.samples(file)):
+            for key, count, found in _streams(payload):
+                counts[key] = counts.get(key, 0) + count
+                if found is not None:
+                    stamps[key].append(starts_s[k] + np.arange(count) / count * track.durations_s[k])
+                    values[key].append(found)
+    key = next((key for key in _KEYS if counts.get(key)), "")
+    taken = key or _KEYS[0]
+    stamps_ns = np.round(np.concatenate(stamps[taken]) * 1e9).astype(np.int64)
+    others = tuple((name, count) for name, count in sorted(counts.items()) if name != key)
+    return GoproTrack(key, StreamReadings(stamps_ns, np.vstack(values[taken])), others)
+
+
+def _streams(payload: bytes) -> Iterator[tuple[str, int, Array | None]]:
+    """Yield key, number of samples and, of positions, latitude, longitude, altitude of each series."""
+    for key, code, _, body in _blocks(payload):
+        if code == "\0" and key == "DEVC":
+            for inner, inner_code, _, stream in _blocks(body):
+                if inner_code == "\0" and inner == "STRM":
+                    yield from _stream(stream)
+
+
+def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
+    blocks = list(_blocks(body))
+    if not blocks or not blocks[-1][2]:
+        return
+    key, code, size, data = blocks[-1]  # the samples stand behind what describes them
+    told = {name: (kind, width, content) for name, kind, width, content in blocks[:-1]}
+    count = len(data) // size
+    if key not in _KEYS or "SCAL" not in told or not count:
+        yield key, count, None
+        return
+    kinds = (
+        told["TYPE"][2].decode("latin-1").strip("\0")
+        if code == "?" and "TYPE" in told
+        else code * (size // 4)
+    )
+    if any(kind not in _TYPES for kind in kinds) or len(kinds) < 3:
+        return
+    samples = np.frombuffer(
+        data[: count * size], np.dtype([(str(k), _TYPES[c]) for k, c in enumerate(kinds)])
+    )
+    columns = np.column_stack([samples[str(k)].astype(float) for k in range(len(kinds))])
+    scale = np.frombuffer(told["SCAL"][2], _TYPES.get(told["SCAL"][0], ">i4")).astype(float)
+    position = columns[:, :3] / (scale[:3] if len(scale) >= 3 else scale[0])
+    if key == "GPS9":
+        fix = columns[:, -1]
+    else:
+        fix = np.full(count, int.from_bytes(told["GPSF"][2][:4], "big") if "GPSF" in told else _FIX_3D)
+    position[fix < _FIX_2D] = np.nan
+    position[fix < _FIX_3D, 2] = np.nan
+    yield key, count, position
+
+
+def _blocks(data: bytes) -> Iterator[tuple[str, str, int, bytes]]:
+    """Yield key, type, bytes of a sample, and content; a block that is cut short ends the walk."""
+    at = 0
+    while at + 8 <= len(data):
+        key, code, size, count = struct.unpack(">4scBH", data[at : at + 8])
+        end = at + 8 + size * count
+        if key == b"\0\0\0\0" or end > len(data):
+            return
+        yield key.decode("latin-1"), code.decode("latin-1"), size, data[at + 8 : end]
+        at = end + -(size * count) % 4  # blocks begin at multiples of four bytes
