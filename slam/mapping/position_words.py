@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.names import listed
@@ -17,6 +19,7 @@ Array = NDArray[np.float64]
 
 MOST_OUTLIERS = 0.3
 """Share of outliers up to which the fixes that agree are surely the right ones."""
+_DOUBT = "; so many may be right and the others wrong: check which, and remove the wrong ones"
 
 
 @dataclass(frozen=True)
@@ -43,9 +46,8 @@ def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:
             f"gps0: {len(bad)} of {agreement.count} fixes contradict the pictures and the other fixes, and "
             f"are not used: {_with_distance(fixes, bad, distance)}"
         )
-        if len(bad) > np.ceil(MOST_OUTLIERS * agreement.count):
-            line += "; so many may be right and the others wrong: check which, and remove the wrong ones"
-            warnings.append(line)
+        if _too_many(len(bad), agreement.count):
+            warnings.append(line + _DOUBT)
         else:
             remarks.append(line)
     high = covered & agreement.used & np.isfinite(agreement.off_m[:, 2])
@@ -56,12 +58,19 @@ def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:
         if step is not None:
             warnings.append(_step_line(fixes, good, low, step))
         else:
-            off = agreement.off_m[low, 2]
-            remarks.append(
+            line = (
                 f"gps0: {len(low)} of {len(low) + len(good)} altitudes contradict the pictures and the other "
-                f"altitudes, and are not used: {_with_distance(fixes, low, off)}"
+                f"altitudes, and are not used: {_with_distance(fixes, low, agreement.off_m[low, 2])}"
             )
+            if _too_many(len(low), len(low) + len(good)):
+                warnings.append(line + _DOUBT)
+            else:
+                remarks.append(line)
     return FixWords(tuple(remarks), (*warnings, *_too_few(fixes, agreement, covered)))
+
+
+def _too_many(outliers: int, count: int) -> bool:
+    return outliers > math.ceil(MOST_OUTLIERS * count)
 
 
 def _with_distance(fixes: Fixes, which: NDArray[np.int64], off_m: Array) -> str:
@@ -77,8 +86,9 @@ def _step(good_m: Array, bad_m: Array) -> float | None:
     """Return the step between two groups of altitudes; None if the second is no group."""
     if len(bad_m) < 2 or not len(good_m):
         return None
-    # The second group may scatter as far as the first one does.
-    if np.ptp(bad_m) > 2 * float(np.abs(good_m - np.median(good_m)).max()):
+    # The second group may scatter as far as the first one does, within chance.
+    limit = f_distribution.isf(FALSE_ALARM, len(bad_m) - 1, max(len(good_m) - 1, 1))
+    if np.var(bad_m, ddof=1) > limit * np.var(good_m, ddof=min(1, len(good_m) - 1)):
         return None
     return float(np.median(bad_m) - np.median(good_m))
 

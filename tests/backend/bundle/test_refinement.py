@@ -234,6 +234,41 @@ def test_height_uncertainty_of_a_sonar_includes_the_relief():
     assert rough.scale_std == pytest.approx(ROUGH.relief, rel=0.3)
 
 
+def test_one_position_far_off_leaves_scale_and_noise_as_they_are():
+    """The noise of GPS was the root mean square of its residuals: one outlier made every fix worthless."""
+    made = make(replace(SURVEY, points_in_view=15), 0)
+    clean = refine(made.measurements, made.start, made.floor_z_m)
+    first, *others = made.measurements.positions
+    moved = replace(first, w_p_b_m=first.w_p_b_m + [400.0, 0.0, 0.0])
+    with_outlier = refine(replace(made.measurements, positions=(moved, *others)), made.start, made.floor_z_m)
+    assert with_outlier.noise.position_m[0] < 2.5 * clean.noise.position_m[0]
+    assert with_outlier.scale_std < 2.5 * clean.scale_std
+    lengths = [
+        np.linalg.norm(np.diff(b.w_T_b[:, :3, 3], axis=0), axis=1).sum() for b in (clean, with_outlier)
+    ]
+    assert lengths[1] == pytest.approx(lengths[0], rel=3 * clean.scale_std)
+
+
+def test_a_missing_altitude_has_no_influence():
+    """Half of the positions have none: their values are those of the origin, far below the others."""
+    made = make(replace(SURVEY, position_std_m=(0.5, 0.5), points_in_view=15), 1)
+    flat = [
+        replace(p, w_p_b_m=p.w_p_b_m * [1, 1, 0] - [0, 0, 500.0 * k], std_m=np.array([*p.std_m[:2], np.inf]))
+        if p.k % 2
+        else p
+        for k, p in enumerate(made.measurements.positions)
+    ]
+    found = refine(replace(made.measurements, positions=tuple(flat)), made.start, made.floor_z_m)
+    assert found.noise.position_m[2] < 1.5
+    off = found.w_T_b[:, :3, 3] - made.w_T_b[:, :3, 3]
+    assert np.abs(off[:, 2]).max() < 2.0
+    nowhere = tuple(replace(p, std_m=np.array([*p.std_m[:2], np.inf])) for p in made.measurements.positions)
+    without = refine(replace(made.measurements, positions=nowhere), made.start, made.floor_z_m)
+    assert without.floor_z_m == pytest.approx(made.floor_z_m, abs=1e-3)
+    assert np.isfinite(without.covariances).all()
+    assert np.sqrt(without.covariances[:, 5, 5].max()) < 20.0
+
+
 @pytest.mark.slow
 def test_attitude_errors_of_degrees_do_not_distort_the_map():
     scene, outcome = replace(SONAR, attitude_std_rad=0.005), []

@@ -45,8 +45,9 @@ def test_more_than_thirty_percent_may_be_the_right_ones():
     assert "so many may be right" in line
 
 
-def test_a_step_in_the_altitudes_is_told_with_its_size():
-    off = noise(12)
+@pytest.mark.parametrize("seed", range(20))
+def test_a_step_in_the_altitudes_is_told_with_its_size(seed):
+    off = np.random.default_rng(seed).normal(0, 0.1, (12, 3))
     off[6:, 2] += 400.0
     said = fix_words(fixes(12), agreement(off, bad_altitude=range(6, 12)))
     (line,) = said.warnings

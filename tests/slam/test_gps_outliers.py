@@ -1,0 +1,73 @@
+"""The whole job on photographs with wrong positions: the culprit is named, the map is as without it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Gps
+from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
+from slam.mapping.pipeline import optimize
+from tests.slam.small_flight import ORIGIN, flown, photographs
+
+STD_M = 0.03
+
+
+@lru_cache
+def survey() -> tuple[Flight, np.ndarray]:
+    """Fourteen photographs of the small flight with positions, and where they were taken about ``ORIGIN``."""
+    flight = flown(0)
+    chosen = np.arange(0, 70, 5)
+    taken_s = flight.frames.stamps_s[chosen]
+    truth = flight.truth
+    place = np.column_stack([np.interp(taken_s, truth.stamps_s, truth.w_T_b[:, k, 3]) for k in range(3)])
+    photos = photographs([(flight, int(k)) for k in chosen])
+    return replace(photos, epoch_ns=10**18), place
+
+
+def with_positions(moved_m: np.ndarray, std_m: float = STD_M) -> Flight:
+    """The photographs with errors ``moved_m`` (14, 3) of their positions beside noise."""
+    photos, place = survey()
+    fixes = place + np.random.default_rng(1).normal(0, STD_M, place.shape) + moved_m
+    return replace(
+        photos, gps=Gps(photos.frames.stamps_s, *geodetic_from_enu(fixes, ORIGIN), noise_std_m=(std_m,) * 3)
+    )
+
+
+def error_m(estimate: Estimate) -> float:
+    """RMS distance from the true places, nothing aligned."""
+    there = enu_from_geodetic(*geodetic_from_enu(survey()[1], ORIGIN), estimate.origin)
+    return float(np.sqrt(np.mean(np.sum((estimate.w_T_b[:, :3, 3] - there) ** 2, axis=1))))
+
+
+def test_a_stale_tag_is_named_and_changes_nothing():
+    """The first photograph lies 443 m off; one more only 1.5 m, as far as the others are apart."""
+    moved = np.zeros((14, 3))
+    moved[0], moved[6] = [443.0, 0, 0], [0, 1.5, 0]
+    estimate = optimize(with_positions(moved))
+    lines = [line for line in estimate.warnings if "contradict the pictures" in line]
+    assert len(lines) == 1
+    assert "2 of 14 fixes" in lines[0]
+    assert "photo_00.jpg (443 m), photo_06.jpg (1." in lines[0]
+    assert estimate.status == "ok"
+    assert error_m(estimate) < 3 * STD_M
+    assert estimate.scale_std < 0.03
+
+
+def test_two_altitude_references_are_told():
+    moved = np.zeros((14, 3))
+    moved[7:, 2] = 40.0
+    estimate = optimize(with_positions(moved))
+    assert "7 fixes from photo_07.jpg to photo_13.jpg lie 40 m above" in estimate.status
+    assert error_m(estimate) < 3 * STD_M
+
+
+@pytest.mark.slow
+def test_a_receiver_that_states_too_much_is_contradicted():
+    estimate = optimize(with_positions(np.zeros((14, 3)), std_m=0.002))
+    assert "gps0: states 0.002 m" in estimate.status
+    assert "the stated accuracy is doubted" in estimate.status
