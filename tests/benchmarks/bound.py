@@ -42,7 +42,7 @@ class Run:
     """(3n, 3n) covariance of the bound."""
     bound_m: float
     freedom: float
-    told_m: float
+    reported_m: float
     """Position error that the estimate's own covariances predict."""
     distances_m: Array
     """(p, 2) errors of the landmark distances and their bounds."""
@@ -76,7 +76,7 @@ def measure() -> list[Metric]:
             _rms(distances[:, 0]) / _rms(distances[:, 1]), "x", BAND,
             f"{1e3 * _rms(distances[:, 0]):.2f} over {1e3 * _rms(distances[:, 1]):.2f} mm",
         ),
-        reported("reported uncertainty over the bound", _mean(runs, lambda r: r.told_m) / bound, "x"),
+        reported("reported uncertainty over the bound", _mean(runs, lambda r: r.reported_m) / bound, "x"),
     ]  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""A real AR.Drone 2's motion and sensors over a photographed floor, against motion capture."""
+"""Real motion and sensors of an AR.Drone 2 over a photographed floor, compared with motion capture."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.benchmarks.metric import Metric, at_most, reported, within
 
 
 def measure() -> list[Metric]:
-    """Position errors and consistency."""
+    """Return position errors and consistency."""
     flight = read_flight(folder("flights/ardrone2-hybrid"))
     estimate = optimize(flight)
     run, found = evaluate(estimate, flight), estimate.instruments.accelerometer

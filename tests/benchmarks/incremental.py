@@ -47,7 +47,7 @@ def measure() -> list[Metric]:
 
 
 def flown(keyframes: int, loops: int, seed: int) -> Run:
-    """Run two rounds of a figure eight; all loops are in the second."""
+    """Simulate two rounds of a figure eight; all loops are in the second."""
     measured = flight(seed, n=keyframes, loops=loops).measurements
     edges: list[list] = [[] for _ in range(keyframes)]
     for edge in measured.relative_poses:

@@ -1,11 +1,11 @@
-"""Camera, IMU and sonar together against each two of them, over simulated flights.
+"""Camera, IMU and sonar together, compared with each pair of them, over simulated flights.
 
-Of each flight all instruments are off by what they are believed to be: gain and zero of the sonar, gain and
-offset of the accelerometer, offset of the gyro. On a recorded flight one draw of the two gains decides: where
-three instruments are told to be a tenth better than the best two of them, they are so on one flight of three.
-Here gains and zero are drawn in strata, so that each set of flights has as many large ones as it should.
+In each flight all instruments have errors of their stated size: gain and zero of the sonar, gain and offset
+of the accelerometer, offset of the gyro. On a recorded flight a single draw of the two gains decides: where
+three instruments should be a tenth better than the best pair, they are so on one flight of three. Here gains
+and zero are drawn in strata, so each set of flights has the right number of large ones.
 
-``python -m tests.benchmarks.instruments FIRST LAST`` flies some of them alone, a line of JSON each.
+``python -m tests.benchmarks.instruments FIRST LAST`` runs some of them and prints one line of JSON each.
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ FLIGHTS, CORES = 24, 2
 ALL, NO_SONAR, NO_IMU = "camera, IMU and sonar", "camera and IMU", "camera and sonar"
 CORNERS, FLOOR_M, HEIGHTS_M, LEAST_LEG_M = 7, (0.2, 2.8), (0.6, 1.1), 1.0
 ACCEL_OFFSET_M_S2, GYRO_OFFSET_RAD_S = 0.2, 0.01
-"""Standard deviations of what cheap units are off by at rest."""
+"""Standard deviations of the errors of cheap units at rest."""
 
 Band = tuple[float, float, float]
-"""Mean NEES over a flight's keyframes, and what it should lie between."""
+"""Mean NEES over a flight's keyframes, and its 95 % band."""
 
 
 @dataclass(frozen=True)
 class Mapped:
-    """What came of one flight with some of its instruments."""
+    """Result of one flight with some of its instruments."""
 
     error_m: float
-    """RMS of positions."""
+    """RMS error of the positions, in metres."""
     log_scale: float
-    """Of true lengths over the map's."""
+    """Ratio of the true lengths to the map's."""
     scale_std: float
-    """What is told of it."""
+    """Reported standard deviation of the scale."""
     farthest: float
-    """NEES of the keyframe farthest from the first."""
+    """NEES of the keyframe farthest from the first one."""
     pose: Band
     position: Band
     rotation: Band
@@ -63,16 +63,16 @@ class Mapped:
 
 @dataclass(frozen=True)
 class Flown:
-    """One flight."""
+    """Results of one flight."""
 
     seed: int
     maps: dict[str, Mapped]
     blind_error_m: float
-    """RMS of positions of IMU and sonar alone."""
+    """RMS error of the positions with IMU and sonar only."""
 
 
 def measure() -> list[Metric]:
-    """Over all flights together."""
+    """Return the figures over all flights."""
     # Nothing is timed here, so that flights may share the cores.
     with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
         flown = list(pool.map(fly, range(FLIGHTS)))
@@ -98,7 +98,7 @@ def measure() -> list[Metric]:
 
 
 def fly(seed: int) -> Flown:
-    """Simulate one flight and map it with each two of its instruments, and with all."""
+    """Simulate one flight and map it with each pair of its instruments, and with all."""
     flight = off(seed)
     given = {ALL: flight, NO_SONAR: replace(flight, sonar=None), NO_IMU: replace(flight, imu=None)}
     alone = navigate(replace(flight, camera=None, frames=None)).estimate
@@ -107,7 +107,7 @@ def fly(seed: int) -> Flown:
 
 
 def mapped(given: Flight, flight: Flight) -> Mapped:
-    """The map of what is given of a flight."""
+    """Map some streams of a flight."""
     estimate = optimize(given)
     found = evaluate(estimate, flight)
     assert found.nees is not None
@@ -126,7 +126,7 @@ def mapped(given: Flight, flight: Flight) -> Mapped:
 
 
 def off(seed: int) -> Flight:
-    """Straight lines at changing heights, flown with instruments that are off."""
+    """Simulate straight lines at changing heights, with instrument errors."""
     rng = np.random.default_rng((seed, 11))
     points = [_anywhere(rng)]
     while len(points) < CORNERS:
@@ -163,15 +163,15 @@ def _anywhere(rng: np.random.Generator) -> tuple[float, float, float]:
 
 
 def _strata(seed: int, rng: np.random.Generator) -> list[float]:
-    """Three standard normal numbers: each has one from every stratum over the flights, in an order of its
-    own."""
+    """Return three standard normal numbers. Over the flights each has one from every stratum, in independent
+    orders."""
     orders = np.random.default_rng(11).permuted(np.tile(np.arange(FLIGHTS), (3, 1)), axis=1)
     share = (orders[:, seed % FLIGHTS] + rng.uniform(size=3)) / FLIGHTS
     return list(norm.ppf(share))
 
 
 def _ranged(sonar: Sonar, gain: float, zero: float) -> Sonar:
-    # The simulator's own is told to be exact.
+    # The simulator's own zero is stated as exact.
     scale_std, datum_std_m = Sonar.scale_std, Sonar.datum_std_m
     range_m = (1 + scale_std * gain) * sonar.range_m + datum_std_m * zero
     return replace(sonar, range_m=range_m, scale_std=scale_std, datum_std_m=datum_std_m)

@@ -1,4 +1,4 @@
-"""Loop closure on the figure eight, and with light that changes.
+"""Loop closure on the figure eight, and under changing light.
 
 Recall is that of pairs after verification, before the first false one: ten candidates a keyframe, nothing
 known of the poses.
@@ -18,7 +18,7 @@ LIGHT = {"gain": 0.15, "gamma": 0.30, "tau": 0.02}
 
 
 def measure() -> list[Metric]:
-    """Recall at full precision, ours beside other methods."""
+    """Return the recall at full precision of ours and of other methods."""
     eight = load_recipe("figure_eight")
     light = replace(eight, model=eight.model.with_term("exposure_variation", **LIGHT))
     return [
@@ -28,7 +28,7 @@ def measure() -> list[Metric]:
 
 
 def beside(name: str, result: LoopEvaluation, asked_percent: float) -> list[Metric]:
-    """A line a method."""
+    """Return one line for each method."""
     ours, *others = result.methods
     recall = 100 * ours.after_verification.full_precision_recall
     key = f"{name}: recall at 100 % precision after verification, ours"
@@ -43,6 +43,6 @@ def beside(name: str, result: LoopEvaluation, asked_percent: float) -> list[Metr
 
 
 def areas(method: MethodScore) -> str:
-    """Areas under precision over recall."""
+    """Return the areas under precision over recall."""
     after = f"area {method.after_verification.area:.3f}"
     return after if method.candidates is None else f"{after}; over candidates {method.candidates.area:.3f}"

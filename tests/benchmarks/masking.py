@@ -1,6 +1,7 @@
-"""The gym: map errors with and without obstacle masking, and what pixels and echoes each have to do with it.
+"""The gym: map errors with and without obstacle masking, and the shares of pixels and echoes.
 
-Eight pictures a second, not the recipe's fifteen; boxes of 0.12 to 0.35 m under the way, pylons beside it.
+The rate is eight pictures a second instead of the recipe's fifteen. Boxes of 0.12 to 0.35 m are under the
+path, and pylons beside it.
 """
 
 from __future__ import annotations
@@ -34,21 +35,22 @@ class Errors:
     map_m: float
     stamps_s: Array
     chain_off_m: Array
-    """(n,) of each keyframe on the plain chain; NaN behind a break."""
+    """(n,) errors of the keyframes on the plain chain; NaN behind a break."""
 
     @property
     def unbroken_s(self) -> float:
-        """How long the chain holds together."""
+        """Time in seconds for which the chain is unbroken."""
         return float(self.stamps_s[np.isfinite(self.chain_off_m)][-1])
 
     def chain_m(self, until_s: float = np.inf) -> float:
-        """Of the plain chain until some time."""
+        """Return the error of the plain chain until some time."""
         known = np.isfinite(self.chain_off_m) & (self.stamps_s <= until_s)
         return float(np.sqrt(np.mean(self.chain_off_m[known] ** 2)))
 
 
 def measure() -> list[Metric]:
-    """Three heights, seed 0; the asked-for one in parts; the price on a flat floor."""
+    """Return the figures of three heights with seed 0, of the parts at 0.8 m, and of the cost on a flat
+    floor."""
     metrics: list[Metric] = []
     for height_m in HEIGHTS_M:
         flight = gym(height_m)
@@ -84,7 +86,7 @@ def measure() -> list[Metric]:
 
 
 def gym(height_m: float, flat: bool = False) -> Flight:
-    """The recipe at another height."""
+    """Return the recipe at another height."""
     recipe = load_recipe("gym")
     assert recipe.camera is not None
     world = replace(recipe.world, boxes=(), pylons=()) if flat else recipe.world
@@ -102,7 +104,7 @@ def errors(flight: Flight, masking: MaskingConfig) -> Errors:
 
 
 def price() -> list[Metric]:
-    """What looking for obstacles costs where there are none."""
+    """Return the cost of the search for obstacles where there are none."""
     flight = gym(0.8, flat=True)
     assert flight.camera is not None
     began = time.perf_counter()

@@ -1,7 +1,7 @@
-"""Peak memory and time of a flight ten times as long: the figure eight flown once, and ten times over.
+"""Peak memory and time of a flight ten times as long: one and ten laps of the figure eight.
 
-Both are written to disk first, and each is mapped in a process of its own, since a process never gives back
-its peak. They are taken at 176x144 and 3 pictures a second, so that the long one fits a few minutes.
+Both are written to disk first, and each is mapped in a separate process, since a process does not return its
+peak. They have 3 pictures of 176x144 a second, so the long one takes a few minutes.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ SIZE_PX, RATE_HZ = (176, 144), 3.0
 
 @dataclass(frozen=True)
 class Job:
-    """What one process needed."""
+    """Time and memory of one process."""
 
     frames: int
     keyframes: int
     map_s: float
     mosaic_s: float
     map_mb: float
-    """Peak until the map was there."""
+    """Peak memory until the map was complete."""
     mosaic_mb: float
-    """Peak until the mosaic was there too."""
+    """Peak memory until the mosaic was complete."""
 
 
 def measure() -> list[Metric]:
-    """Ten laps against one, without and with the mosaic."""
+    """Return ten laps against one, without and with the mosaic."""
     with tempfile.TemporaryDirectory() as scratch:
         short, long = (fly_and_map(laps, Path(scratch) / f"{laps}-laps") for laps in (1, LAPS))
     return [
@@ -57,20 +57,20 @@ def measure() -> list[Metric]:
 
 
 def ratio(what: str, short: float, long: float, unit: str, limit: float | None) -> Metric:
-    """Ten laps over one."""
+    """Return the ratio of ten laps to one."""
     key, source = f"{what}, {LAPS} laps over 1", f"{long:.0f} over {short:.0f} {unit}".strip()
     value = long / short
     return reported(key, value, "x", source) if limit is None else at_most(key, value, "x", limit, source)
 
 
 def fly_and_map(laps: int, path: Path) -> Job:
-    """Two processes: the simulator's floor must not count as the mapper's memory."""
+    """Run two processes, since the simulator's floor must not count as the mapper's memory."""
     run_apart(_ME, "fly", laps, path)
     return Job(**run_apart(_ME, "map", laps, path))
 
 
 def recipe(laps: int) -> Recipe:
-    """The shipped figure eight, flown ``laps`` times with a small camera."""
+    """Simulate ``laps`` laps of the figure eight with a small camera."""
     eight = load_recipe("figure_eight")
     return replace(
         eight,
@@ -92,7 +92,7 @@ def run(path: Path) -> Job:
 
 
 def main(work: str, laps: int, path: Path) -> None:
-    """One process: ``fly`` writes the flight, ``map`` tells what mapping it took."""
+    """Run one process: ``fly`` writes the flight, ``map`` prints time and memory of mapping it."""
     if work == "fly":
         write_flight(simulate(recipe(laps)), path)
     print(json.dumps(asdict(run(path)) if work == "map" else None))

@@ -1,6 +1,7 @@
-"""What criticism gains in the map: an instrument errs, the flight tells, the map is made without the error.
+"""Gain of criticism in the map: an instrument has an error, the flight shows it, and the map is corrected.
 
-The figure eight with one effect hidden; `slam.criticise` sees that one flight alone, without its truth.
+The flight is the figure eight with one hidden effect; `slam.criticise` gets that one flight without its
+truth.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ HIDDEN: dict[str, tuple[dict[str, float], float]] = {
     "camera_tilt": ({"x": 0.04, "y": -0.03}, 5.0),
     "rolling_shutter": ({"readout": 0.03}, 15.0),
 }
-"""Term -> its size, and pictures a second."""
+"""Term -> its size, and the picture rate in 1/s."""
 SEED = 1
 
 
 def measure() -> list[Metric]:
-    """Errors before and after, of one effect at a time."""
+    """Return the errors before and after, for one effect at a time."""
     return [metric for term in HIDDEN for metric in of(term)]
 
 
 def of(term: str) -> list[Metric]:
-    """Figures of one hidden effect."""
+    """Return the figures of one hidden effect."""
     size, rate_hz = HIDDEN[term]
     eight = load_recipe("figure_eight")
     assert eight.camera is not None
@@ -43,7 +44,7 @@ def of(term: str) -> list[Metric]:
 
 
 def figures(term: str, size: dict[str, float], named: str, gain: MapGain) -> list[Metric]:
-    """One effect's rows."""
+    """Return the rows of one effect."""
     hidden = ", ".join(f"{name} {value:g}" for name, value in size.items())
     both = f"{1e3 * gain.after.position_m:.2f} over {1e3 * gain.before.position_m:.1f} mm"
     return [

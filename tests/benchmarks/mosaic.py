@@ -1,6 +1,6 @@
 """Time and memory of mosaics: ten times the pictures over the same ground, and over ten times the ground.
 
-Each is drawn over once more after a few pictures in its middle have moved.
+Each is rendered again after a few pictures in its middle have moved.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from tests.benchmarks.metric import Metric, at_most, reported
 CAMERA = Camera((1000.0, 1000.0), (599.5, 449.5), (1200, 900))
 HEIGHT_M = 30.0
 MOVED, MOVED_M = 3, 0.05
-"""Neighbours, so that at least one of them is needed."""
+"""Indices of the moved pictures: neighbours, so that at least one of them is visible."""
 
 
 @dataclass(frozen=True)
 class MosaicRun:
-    """One mosaic."""
+    """Result of one mosaic."""
 
     scene: str
     keyframes: int
@@ -42,7 +42,7 @@ class MosaicRun:
     seam_after: float
     tiles: int
     again: int
-    """Tiles rendered when some pictures had moved."""
+    """Number of tiles rendered after some pictures had moved."""
     again_s: float
 
 
@@ -52,11 +52,11 @@ SCENES = {
     "area": (200, 2000, "over ground that grows with them"),
 }
 LARGE = "area"
-"""The scene whose larger mosaic has to keep limits of memory and time."""
+"""Scene whose larger mosaic has limits of memory and time."""
 
 
 def measure() -> list[Metric]:
-    """Each scene with few and with ten times as many pictures."""
+    """Return the figures of each scene, with few and with ten times as many pictures."""
     metrics = []
     for scene, (few, many, where) in SCENES.items():
         a, b = (MosaicRun(**run_apart("tests.benchmarks.mosaic", scene, n)) for n in (few, many))

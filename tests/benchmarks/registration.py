@@ -1,9 +1,9 @@
-"""Registration of rendered pairs: which hold, and whether their covariances are right.
+"""Registration of rendered pairs: the share of valid ones, and the consistency of their covariances.
 
-Pairs of 320x240 over a floor, any yaw, a few degrees of tilt, by overlap, ratio of heights, light, floor and
-blur. The homography of each pair that holds is lifted with the true height of the first and its attitude to a
-milliradian, so that the relative pose's covariance is nearly the homography's alone; its NEES is held against
-the 95 % band of a mean over as many pairs.
+Pairs of 320x240 over a floor differ in overlap, ratio of heights, light, floor and blur, with any yaw and a
+few degrees of tilt. Each valid homography is lifted with the true height of the first picture and its
+attitude to a milliradian, so the relative pose's covariance is nearly that of the homography alone. Its NEES
+is compared with the 95 % band of a mean over as many pairs.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ PAIRS, SEED = 60, 0
 ATTITUDE_STD_RAD = 0.001
 TILT_RAD = 0.05
 SPEED_M_S = 0.5
-"""What blurs."""
+"""Kind of blur."""
 USUAL = (0.6, 0.8)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What pairs have in common."""
+    """Common properties of a kind of pairs."""
 
     name: str
     shared: tuple[float, float] = USUAL
-    """Share of the smaller footprint that both show."""
+    """Overlap as a share of the smaller footprint."""
     ratio: float = 1.0
-    """Height of the second over the first; where they are alike, give or take a tenth."""
+    """Ratio of the second height to the first; equal heights vary by a tenth."""
     floor: str = "figure_eight"
     noise_std: float = 2.0
     terms: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
     taken_out: bool = False
-    """The pictures are lit evenly again, as ``--model`` does with a vignetting that is known."""
+    """Whether vignetting is corrected, as ``--model`` does with a known one."""
 
 
 def term(name: str, **values: float) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
@@ -83,27 +83,31 @@ KINDS = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of the pairs of one kind."""
+    """Result of the pairs of one kind."""
 
-    held: int
+    valid: int
     nees: Array
-    """(held,) of the relative poses."""
+    """(valid,) NEES of the relative poses."""
 
 
 def measure() -> list[Metric]:
-    """Each kind's share of pairs that hold, and their mean NEES."""
+    """Return each kind's share of valid pairs, and their mean NEES."""
     metrics = []
     for kind in KINDS:
-        came = outcome(kind, PAIRS, SEED)
-        count = len(came.nees)
+        result = outcome(kind, PAIRS, SEED)
+        count = len(result.nees)
         band = (float(chi2.ppf(q, 6 * count) / count) for q in (0.025, 0.975))
-        told_of = f"median {np.median(came.nees):.1f} (5.3 expected), largest {came.nees.max():.0f}"
+        spread = f"median {np.median(result.nees):.1f} (5.3 expected), largest {result.nees.max():.0f}"
         metrics += [
-            at_least(f"{kind.name}: pairs that register", 100 * came.held / PAIRS, "%", 90)
+            at_least(f"{kind.name}: pairs that register", 100 * result.valid / PAIRS, "%", 90)
             if kind.ratio == 1.0
-            else reported(f"{kind.name}: pairs that register", 100 * came.held / PAIRS, "%"),
+            else reported(f"{kind.name}: pairs that register", 100 * result.valid / PAIRS, "%"),
             within(
-                f"{kind.name}: mean NEES of relative poses", float(came.nees.mean()), "", tuple(band), told_of
+                f"{kind.name}: mean NEES of relative poses",
+                float(result.nees.mean()),
+                "",
+                tuple(band),
+                spread,
             ),
         ]
     return metrics
@@ -124,17 +128,17 @@ def outcome(kind: Kind, pairs: int, seed: int) -> Outcome:
     def picture(k: int) -> Image:
         return even(film(k)) if kind.taken_out else film(k)
 
-    held: list[tuple[int, Registration]] = []
+    valid: list[tuple[int, Registration]] = []
     for n in range(pairs):
         a, b = (extract(picture(k), camera) for k in (2 * n, 2 * n + 1))
         found = register(0, 1, a, b, camera, homography, GateConfig())
         if found.ok:
-            held.append((n, found))
-    return Outcome(len(held), np.array(list(nees(held, poses, camera, rng))))
+            valid.append((n, found))
+    return Outcome(len(valid), np.array(list(nees(valid, poses, camera, rng))))
 
 
 def pair_of(kind: Kind, camera: Camera, recipe: Recipe, rng: np.random.Generator) -> Array:
-    """(2, 4, 4) poses over the floor that share what the kind asks for."""
+    """Return (2, 4, 4) poses over the floor with the overlap of the kind."""
     x0, y0, x1, y1 = recipe.world.extent_m
     while True:
         low = rng.uniform(0.5, 0.7) if kind.ratio != 1.0 else rng.uniform(0.6, 1.2)
@@ -158,13 +162,13 @@ def pair_of(kind: Kind, camera: Camera, recipe: Recipe, rng: np.random.Generator
 
 
 def homography_between(camera: Camera, w_T_i: Array, w_T_j: Array) -> Array:
-    """(3, 3) i_H_j over the floor z = 0."""
+    """Return (3, 3) i_H_j over the floor z = 0."""
     H = np.linalg.inv(camera.floor_H_image(w_T_i)) @ camera.floor_H_image(w_T_j)
     return np.asarray(H / H[2, 2], dtype=float)
 
 
 def filmed(kind: Kind, recipe: Recipe, poses: Array, seed: int) -> Film:
-    """A picture a second, one at each pose, each flown through in the direction of its nose."""
+    """Return one picture a second, one at each pose, each moving along its heading."""
     assert recipe.camera is not None
     world = replace(recipe.world, boxes=(), pylons=())
     terms = {name: {**CATALOGUE[name].neutral, **dict(values)} for name, values in kind.terms}
@@ -181,10 +185,10 @@ def filmed(kind: Kind, recipe: Recipe, poses: Array, seed: int) -> Film:
 
 
 def nees(
-    held: list[tuple[int, Registration]], poses: Array, camera: Camera, rng: np.random.Generator
+    valid: list[tuple[int, Registration]], poses: Array, camera: Camera, rng: np.random.Generator
 ) -> Iterator[float]:
-    """Of the lifted relative pose of each pair."""
-    for n, found in held:
+    """Return the NEES of the lifted relative pose of each pair."""
+    for n, found in valid:
         w_T_i, w_T_j = poses[2 * n], poses[2 * n + 1]
         roll_pitch = Rotation.from_matrix(w_T_i[:3, :3]).as_euler("ZYX")[[2, 1]]
         roll_pitch = roll_pitch + rng.normal(0, ATTITUDE_STD_RAD, 2)

@@ -1,7 +1,7 @@
-"""How long a keyframe's look-alikes take to find among 1 000, 10 000 and 100 000, and how many are found.
+"""Time and recall of the search for similar keyframes among 1 000, 10 000 and 100 000.
 
-Signatures are made: a way through places whose neighbours share three quarters of what they show, flown twice
-with noise, in 128 dimensions that count less and less, as principal components do. One thread.
+Signatures are synthetic: two noisy passes over a path through places whose neighbours share three quarters of
+their content, in 128 dimensions of decreasing variance, as with principal components. One thread is used.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Float = NDArray[np.float32]
 SIZES = (1_000, 10_000, 100_000)
 DIMENSIONS, QUERIES, ANSWERS = 128, 300, 20
 SHARED = 4
-"""Consecutive keyframes that see a piece of ground."""
+"""Number of consecutive keyframes that show a piece of ground."""
 
 
 def measure() -> list[Metric]:
@@ -60,7 +60,7 @@ def measure() -> list[Metric]:
 
 
 def signatures(n: int) -> Float:
-    """(n, d) unit vectors; keyframe k and k + n / 2 are of one place."""
+    """Return (n, d) unit vectors; keyframes k and k + n / 2 are of one place."""
     rng, half = np.random.default_rng(0), n // 2
     ground = rng.normal(size=(half + SHARED - 1, DIMENSIONS))
     seen = sum(ground[k : k + half] for k in range(SHARED)) / np.sqrt(SHARED)
@@ -72,7 +72,7 @@ def signatures(n: int) -> Float:
 def timed(
     query: Callable[[int], NDArray[np.int64]], queries: NDArray[np.int64], n: int
 ) -> tuple[float, float]:
-    """Median seconds of a query, and the share whose answer holds the place's first visit."""
+    """Return the median seconds of a query, and the share whose answer contains the place's first visit."""
     seconds, hits = [], 0
     for k in queries.tolist():
         began = time.perf_counter()
@@ -83,18 +83,18 @@ def timed(
 
 
 def ours(index: InvertedFile, vector: Float) -> NDArray[np.int64]:
-    """The most alike of the likely ones."""
+    """Return the most similar of the candidates."""
     rows, likeness = index.candidates(vector)
     return rows[highest(likeness)]
 
 
 def highest(likeness: Float) -> NDArray[np.int64]:
-    """Places of the highest values."""
+    """Return the indices of the highest values."""
     return np.argpartition(-likeness, min(ANSWERS, len(likeness) - 1))[:ANSWERS]
 
 
 def annoys(x: Float) -> Callable[[int], NDArray[np.int64]]:
-    """A query of OpenCV's Annoy with 16 trees."""
+    """Return a query of OpenCV's Annoy index with 16 trees."""
     index = cv2.ANNIndex_create(DIMENSIONS, cv2.ANNINDEX_DIST_EUCLIDEAN)
     index.setSeed(1)
     index.addItems(x)

@@ -1,6 +1,8 @@
-"""``python -m tests.benchmarks.run [NAME...]``: measure, show, write docs/figures.json and what stands on it.
+"""``python -m tests.benchmarks.run [NAME...]``: measure, show, and write docs/figures.json and the pages made
+from it.
 
-That is docs/figures.md, with all figures, and the README's few. ``--write`` writes them without measuring.
+These are docs/figures.md, with all figures, and the README's table. ``--write`` writes them without
+measuring.
 
 Each benchmark runs in a fresh process. Named ones replace their own figures and keep the others' of earlier
 runs; a benchmark without figures is listed with the reason.
@@ -62,25 +64,25 @@ BENCH, PAGE, README = (ROOT / name for name in ("docs/figures.json", "docs/figur
 
 @dataclass(frozen=True)
 class Record:
-    """What became of one benchmark."""
+    """Result of one benchmark."""
 
     name: str
     metrics: tuple[Metric, ...]
     skipped: str
-    """Why there are no figures; empty where there are."""
+    """Reason why there are no figures; empty otherwise."""
     seconds: float
     commit: str
     """State of the repository that was measured."""
 
     @staticmethod
     def of(data: dict[str, Any]) -> Record:
-        """From what bench.json holds."""
+        """Return a record from an entry of figures.json."""
         metrics = tuple(Metric(**{**m, "limit": tuple(m["limit"])}) for m in data["metrics"])
         return Record(**{**data, "metrics": metrics})
 
 
 def main() -> None:
-    """Run what was named, or everything."""
+    """Run the named benchmarks, or all."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.run", description=__doc__)
     parser.add_argument("name", nargs="*", help=f"any of: {', '.join(TITLES)}; all where none is given")
     parser.add_argument("--write", action="store_true", help="measure nothing")
@@ -107,7 +109,7 @@ def main() -> None:
 
 
 def sections_of(records: dict[str, Record]) -> list[Section]:
-    """All there are, in the order of ``TITLES``."""
+    """Return all sections, in the order of ``TITLES``."""
     missing = {name: Record(name, (), "not measured yet", 0.0, "") for name in TITLES}
     found = [(TITLES[name], record) for name, record in {**missing, **records}.items()]
     return [Section(title, record.metrics, record.skipped, record.commit) for title, record in found]
@@ -123,7 +125,7 @@ def inside(name: str) -> dict[str, Any]:
 
 
 def apart(name: str) -> Record:
-    """Measure in a fresh process. A benchmark that breaks is told as such and stops no other."""
+    """Measure in a fresh process. A benchmark that fails is recorded as such and stops no other."""
     began, state = time.perf_counter(), commit()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "metrics.json"
@@ -135,7 +137,7 @@ def apart(name: str) -> Record:
 
 
 def earlier() -> dict[str, Record]:
-    """Figures of earlier runs."""
+    """Return the figures of earlier runs."""
     if not BENCH.exists():
         return {}
     records = [Record.of(data) for data in json.loads(BENCH.read_text())]
@@ -143,7 +145,7 @@ def earlier() -> dict[str, Record]:
 
 
 def shown(record: Record) -> Table | str:
-    """One benchmark for the screen."""
+    """Return one benchmark for the screen."""
     if record.skipped:
         return f"  skipped: {record.skipped}"
     table = Table("figure", "measured", "target", "", "how", box=None, padding=(0, 2, 0, 0))

@@ -1,11 +1,10 @@
 """The demo's keyframes mapped by OpenCV's stitcher, pycolmap, the chain of homographies, and us, in one run.
 
-Every map is judged in the same way: where it has the landmarks, after the similarity of least squares. Which
-of two exact maps is the nearer one scatters from flight to flight, so several are flown; the stitcher, the
-slowest and far off, maps the first of them. OpenCV's stitcher and pycolmap run in processes of their own with
-a time limit: both compare every picture with every other. Pycolmap is given the true intrinsics, as we are;
-it is told neither heights nor that the floor is flat, and a landmark is where its rays come nearest to each
-other.
+Every map is judged by its landmark positions after a least-squares similarity. The order of two accurate maps
+varies from flight to flight, so there are several flights; the stitcher, which is the slowest and far less
+accurate, maps only the first. OpenCV's stitcher and pycolmap run in separate processes with a time limit, since
+both match exhaustively. Pycolmap gets the true intrinsics, as we do, but neither heights nor the flat floor; a
+landmark is the point nearest to its rays.
 """
 
 from __future__ import annotations
@@ -35,40 +34,40 @@ Array = NDArray[np.float64]
 
 SEEDS = (0, 1, 2, 3, 4)
 LIMIT_S = 600.0
-"""For one flight; later is a failure."""
+"""Time limit in seconds for one flight."""
 
 
 @dataclass(frozen=True)
 class Sighting:
-    """A landmark in a keyframe."""
+    """One observation of a landmark in a keyframe."""
 
     name: str
     keyframe: int
     pixel: Array
-    """(1, 2)."""
+    """(1, 2) pixel."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How good one map is."""
+    """Accuracy of one map."""
 
     landmarks: int
     in_place: int
-    """Of them, those that lie nearer to their own true place than to any other's."""
+    """Number of those that are nearer to their own true position than to any other."""
     rms_m: float
-    """Of the landmarks' places."""
+    """RMS error of the landmarks' positions."""
     largest_percent: float
-    """Of the distances between named pairs."""
+    """RMS error of the distances between named pairs."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What all are given, and what they are judged by."""
+    """Input of all methods, and their reference."""
 
     flight: Flight
     camera: Camera
     pictures: Path
-    """Folder of the keyframes, in order."""
+    """Folder of the keyframes in order of time."""
     sightings: list[Sighting]
 
     def judged(self, places: Array) -> Verdict:
@@ -88,26 +87,26 @@ class Scene:
 
 @dataclass(frozen=True)
 class Ours:
-    """What we make of a flight's keyframes."""
+    """Our results on a flight's keyframes."""
 
     scene: Scene
     map: Verdict
     chain: Verdict
     placed: int
     seconds: float
-    """Mosaic included."""
+    """Seconds, including the mosaic."""
     chain_seconds: float
-    """Without a mosaic."""
+    """Seconds, without a mosaic."""
 
 
 def measure() -> list[Metric]:
-    """Time, topology and landmark error of the four."""
+    """Return time, topology and landmark error of the four methods."""
     with tempfile.TemporaryDirectory() as folder:
         ours = [mapped_by_us(seed, Path(folder) / str(seed)) for seed in SEEDS]
         rivals = [*beside_stitcher(ours[0]), *beside_pycolmap(ours)]
     return [
-        *told_of("ours", [o.map for o in ours]),
-        *told_of("chain of homographies", [o.chain for o in ours]),
+        *figures_of("ours", [o.map for o in ours]),
+        *figures_of("chain of homographies", [o.chain for o in ours]),
         reported(
             "ours: keyframes placed", sum(o.placed for o in ours), "", f"of {sum(map(keyframes, ours))}"
         ),
@@ -142,13 +141,13 @@ def mapped_by_us(seed: int, folder: Path) -> Ours:
 
 
 def keyframes(ours: Ours) -> int:
-    """How many pictures all are given."""
+    """Return the number of pictures that all methods get."""
     assert ours.scene.flight.frames is not None
     return len(ours.scene.flight.frames)
 
 
 def beside_stitcher(ours: Ours) -> list[Metric]:
-    """OpenCV's stitcher for scans."""
+    """Run OpenCV's stitcher for scans."""
     scene = ours.scene
     made = stitched_apart(scene.pictures, LIMIT_S)
     on_canvas = [
@@ -161,12 +160,12 @@ def beside_stitcher(ours: Ours) -> list[Metric]:
         at_most(
             "our time over cv2.Stitcher's", ours.seconds / made.seconds, "x", 1.0, f"{ours.seconds:.0f} s"
         ),
-        *told_of(name, [scene.judged(np.array(on_canvas))]),
+        *figures_of(name, [scene.judged(np.array(on_canvas))]),
     ]
 
 
 def beside_pycolmap(ours: list[Ours]) -> list[Metric]:
-    """Structure from motion with the known camera; it draws no mosaic."""
+    """Run structure from motion with the known camera, without a mosaic."""
     name = "pycolmap"
     try:
         made = [mapped_apart(o.scene.pictures, o.scene.camera, LIMIT_S) for o in ours]
@@ -189,7 +188,7 @@ def beside_pycolmap(ours: list[Ours]) -> list[Metric]:
         at_most(
             "our time, mosaics included, over pycolmap's", sum(o.seconds for o in ours) / seconds, "x", 1.0
         ),
-        *told_of(name, theirs),
+        *figures_of(name, theirs),
         at_most("our RMS of landmark places over pycolmap's", ratio, "x", 1.0, listed),
     ]
 
@@ -211,8 +210,8 @@ def nearest_to_rays(scene: Scene, c_T_w: dict[str, Array]) -> Array:
     return points
 
 
-def told_of(name: str, verdicts: list[Verdict]) -> list[Metric]:
-    """The figures of the maps that one method makes, one a flight."""
+def figures_of(name: str, verdicts: list[Verdict]) -> list[Metric]:
+    """Return the figures of one method's maps, one for each flight."""
     count, in_place = sum(v.landmarks for v in verdicts), sum(v.in_place for v in verdicts)
     key = f"{name}: landmarks in their place, of {count}"
     known = [f"{1e3 * v.rms_m:.2f}" for v in verdicts if np.isfinite(v.rms_m)]
@@ -228,12 +227,12 @@ def told_of(name: str, verdicts: list[Verdict]) -> list[Metric]:
 
 
 def rms(values: list[float]) -> float:
-    """Root mean square; NaN of nothing."""
+    """Return the root mean square; NaN for no values."""
     return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
 
 
 def keyframes_of(flight: Flight) -> Flight:
-    """The flight with nothing but the pictures that the demo keeps as keyframes."""
+    """Return the flight with only the pictures that are keyframes of the demo."""
     assert flight.frames is not None
     frames, index = flight.frames, optimize(flight).frame_index
     images = [frames.load(int(k)) for k in index]
@@ -244,7 +243,7 @@ def keyframes_of(flight: Flight) -> Flight:
 
 
 def landmarks_seen(landmarks: dict[str, Array], camera: Camera, w_T_b: Array) -> list[Sighting]:
-    """Where the true camera sees each landmark."""
+    """Return the pixel of each landmark in the true camera."""
     found = []
     for name, w_p in landmarks.items():
         pixel, seen = seen_at(camera, w_T_b, w_p)
@@ -253,12 +252,12 @@ def landmarks_seen(landmarks: dict[str, Array], camera: Camera, w_T_b: Array) ->
 
 
 def over_floor(sightings: list[Sighting], camera: Camera, w_T_b: Array) -> Array:
-    """(m, 2) where a map's poses put each sighting on the floor."""
+    """Return (m, 2) the floor position of each observation by a map's poses."""
     return np.array([camera.floor_points(w_T_b[s.keyframe], s.pixel)[0] for s in sightings])
 
 
 def carried(H: Array, pixel: Array) -> Array:
-    """(2,) a pixel on the canvas."""
+    """Return (2,) the position of a pixel on the canvas."""
     u, v, w = H @ np.append(pixel[0], 1.0)
     return np.array([u / w, v / w])
 

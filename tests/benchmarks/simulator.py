@@ -1,4 +1,4 @@
-"""The simulator's speed; the Kalman filter on its flights: speed, and whether its covariances are honest."""
+"""Speed of the simulator, and speed and consistency of the Kalman filter on its flights."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ MINUTE_S = 60.0
 
 
 def measure() -> list[Metric]:
-    """With camera, without camera, and the filter."""
+    """Return the figures with camera, without camera, and of the filter."""
     blind = without_camera(load_recipe("figure_eight"))
     return [with_camera(), *without_pictures(blind), filter_speed(blind), consistency(blind)]
 
 
 def without_camera(recipe: Recipe) -> Recipe:
-    """The same flight, rested at its ends until it lasts about a minute."""
+    """Return the flight with rests at its ends, about a minute long."""
     return replace(recipe, camera=None, maneuver=replace(recipe.maneuver, rest_s=3.5))
 
 
 def with_camera() -> Metric:
-    """A minute at 176x144 and 15 Hz, every picture read; the first of its process, the floor drawn in it."""
+    """Measure a minute at 176x144 and 15 Hz with every picture read, including the rendering of the floor."""
     began = time.perf_counter()
     flight = simulate(load_recipe("figure_eight_paper"), 1)
     assert flight.frames is not None
@@ -47,7 +47,7 @@ def with_camera() -> Metric:
 
 
 def without_pictures(recipe: Recipe) -> list[Metric]:
-    """One flight alone, and an ensemble."""
+    """Measure a single flight, and an ensemble."""
     flown_s = lasts_s(simulate(recipe, 0))
     began = time.perf_counter()
     simulate(recipe, 1)
@@ -65,7 +65,7 @@ def without_pictures(recipe: Recipe) -> list[Metric]:
 
 
 def filter_speed(recipe: Recipe) -> Metric:
-    """Filter alone on all instruments, the IMU at its 100 or 200 Hz."""
+    """Measure the filter alone on all instruments, with the IMU at 100 or 200 Hz."""
     flight = simulate(recipe, 0)
     assert flight.imu is not None
     given = identify_noise(flight)
@@ -79,7 +79,7 @@ def filter_speed(recipe: Recipe) -> Metric:
 
 
 def consistency(recipe: Recipe) -> Metric:
-    """The last pose against the first, one flight one sample."""
+    """Return the NEES of the last pose relative to the first, one sample a flight."""
     scores = [score(simulate(recipe, seed)) for seed in range(SEEDS)]
     low, high = chi2.ppf([0.025, 0.975], 6 * SEEDS) / SEEDS
     return within(
@@ -92,7 +92,7 @@ def consistency(recipe: Recipe) -> Metric:
 
 
 def score(flight: Flight) -> float:
-    """Normalised squared error of the last pose, the first one laid on the truth."""
+    """Return the normalised squared error of the last pose, with the first one aligned to the truth."""
     assert flight.truth is not None
     estimate = navigate(flight, rate_hz=1.0).estimate
     last = len(estimate.stamps_s) - 2
@@ -103,6 +103,6 @@ def score(flight: Flight) -> float:
 
 
 def lasts_s(flight: Flight) -> float:
-    """From take-off to landing."""
+    """Return the flight from take-off to landing."""
     assert flight.truth is not None
     return float(np.ptp(flight.truth.stamps_s))
