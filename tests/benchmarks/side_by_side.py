@@ -2,9 +2,9 @@
 
 Every map is judged by its landmark positions after a least-squares similarity. The order of two accurate maps
 varies from flight to flight, so there are several flights; the stitcher, which is the slowest and far less
-accurate, maps only the first. OpenCV's stitcher and pycolmap run in separate processes with a time limit, since
-both match exhaustively. Pycolmap gets the true intrinsics, as we do, but neither heights nor the flat floor; a
-landmark is the point nearest to its rays.
+accurate, maps only the first. OpenCV's stitcher and pycolmap run in separate processes with a time limit,
+since both match exhaustively. Pycolmap gets the true intrinsics, as we do, but neither heights nor the flat
+floor; a landmark is the point nearest to its rays.
 """
 
 from __future__ import annotations

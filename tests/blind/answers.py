@@ -1,4 +1,4 @@
-"""What runs of the blind tests leave: truth and verdict of every case, and of which suite they are."""
+"""Results of runs of the blind tests: truth and verdict of every case, and the suite."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.blind.score import Answer
 
 
 def write(path: Path, asked: dict[str, Any], answers: Sequence[Answer]) -> None:
-    """The whole file anew; one that is there stays until the new one is complete."""
+    """Write the whole file; an existing one stays until the new one is complete."""
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_suffix(".part")
     text = json.dumps({**asked, "answers": [asdict(a) for a in answers]}, indent=1)
@@ -22,15 +22,15 @@ def write(path: Path, asked: dict[str, Any], answers: Sequence[Answer]) -> None:
 
 
 def read(path: Path) -> tuple[dict[str, Any], list[Answer]]:
-    """What was asked for, by the names of the options, and the answers."""
+    """Return the options of the run, by name, and the answers."""
     held = json.loads(path.read_text(encoding="utf-8"))
     return held, [_answer_of(data) for data in held.pop("answers")]
 
 
 def earlier(path: Path, asked: dict[str, Any]) -> list[Answer]:
-    """The answers of an earlier run, which a new one goes on from; none where there was none.
+    """Return the answers of an earlier run, from which a new one continues; none without a file.
 
-    :raises ValueError: the file is that of another suite than the one asked for
+    Raises ``ValueError`` if the file belongs to another suite.
     """
     if not path.exists():
         return []

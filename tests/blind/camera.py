@@ -1,7 +1,7 @@
-"""What the camera of the blind tests' quadrotor sees: a floor of clouds and shards, cast ray by ray.
+"""Camera of the blind tests' quadrotor: a floor of clouds and shards, rendered ray by ray.
 
-Where the simulator warps and filters whole pictures, each sample of a pixel here has its own ray and, if the
-shutter rolls, its own moment.
+The simulator warps and filters whole pictures. Here each sample of a pixel has its own ray and, with a
+rolling shutter, its own time.
 """
 
 from __future__ import annotations
@@ -24,26 +24,26 @@ JPEG_QUALITY = 92
 B_R_C = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Top of the picture ahead."""
 SAMPLES = 2
-"""Rays a pixel, each way."""
+"""Rays a pixel, along rows and along columns."""
 GLIMPSES = 7
-"""Moments of an exposure."""
+"""Number of times sampled in an exposure."""
 PIECE_M, PIECES = 0.005, 2400
-"""The floor's own grain, and how many before it begins anew."""
+"""Grain of the floor, and its period."""
 LAMP_M = np.array([2.5, 2.5, 2.8])
-"""Lamps hang on a grid, at this height."""
+"""Height and spacing of the grid of lamps."""
 GLOSS = 240.0
-"""Power of the cosine that a mirrored lamp's light falls off by (Blinn 1977)."""
+"""Exponent of the cosine in a lamp's specular lobe (Blinn 1977)."""
 TORN_AT = 0.5
-"""Share of the rows above which a torn picture is of its own moment."""
+"""Share of the rows above which a torn picture is of another time."""
 MEAN_LEVEL = 115.0
-"""What an automatic exposure aims at."""
+"""Target level of the automatic exposure."""
 
 Rng = np.random.Generator
 
 
 @dataclass(frozen=True)
 class Mover:
-    """A box that slides to and fro between two places."""
+    """A box that slides to and fro between two positions."""
 
     ends: np.ndarray
     """(2, 2) m."""
@@ -164,7 +164,7 @@ class Camera:
         return cv2.GaussianBlur(light, (0, 0), unsharp) if unsharp > 0.2 else light
 
     def shaded(self, light: np.ndarray, t: float, flown: float, rng: Rng) -> np.ndarray:
-        """The light behind a lens with dark edges, dirt and haze, under lamps that may flicker."""
+        """Return the light behind a lens with vignetting, dirt and haze, under lamps that may flicker."""
         k = self.k
         x, y = np.meshgrid(np.arange(WIDTH) - MIDDLE[0], np.arange(HEIGHT) - MIDDLE[1])
         r2 = (x**2 + y**2) / FOCAL_PX**2
@@ -177,7 +177,7 @@ class Camera:
 
 
 def pictures(path: Path, member: int, ground: np.ndarray, rng: Rng) -> list[tuple[float, bytes]]:
-    """Stamps in s from the begin, and JPEGs."""
+    """Return stamps in seconds from the beginning, and JPEGs."""
     k = {name: float(value[member]) for name, value in path.knobs.items()}
     camera = Camera(k, ground, movers(path, member, round(k["crowd"]), rng))
     end = path.h * len(path.held)

@@ -1,6 +1,6 @@
-"""Cases: flights of one vehicle with something hidden in them, or nothing, and what is true about them.
+"""Cases: flights of one vehicle with a hidden effect, or none, and their truth.
 
-Every number follows from (seed, case, flight, purpose); names and order of folders tell nothing.
+Every number follows from (seed, case, flight, purpose). Names and order of folders carry no information.
 """
 
 from __future__ import annotations
@@ -31,36 +31,36 @@ from tests.blind.strength import NUISANCES, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY, Knobs
 
 CONTACT = ("sonar_bias",)
-"""Effects that only the moment of contact tells, which the whitening leaves out."""
+"""Effects that only the contact with the floor shows, which the whitening leaves out."""
 FINE_S, COARSE_S = GRID_S / 2, GRID_S
 CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation", "flow_sticks")
-"""Effects that change the scatter only: no difference without noise tells their strength."""
+"""Effects on the variance only: noise-free differences do not show their strength."""
 POOLS: dict[str, tuple[Fault, ...]] = {
     "single": FAULTS, "strange": STRANGE, "seen_single": SEEN, "seen_strange": SEEN_STRANGE,
     "stranger": STRANGER,
 }  # fmt: skip
-"""Kinds of case that hide one effect, and which."""
+"""Kinds of case that hide one effect, and their pools."""
 PICTURED = ("seen_null", "seen_single", "seen_strange")
 """Kinds whose flights have pictures."""
 KINDS = (
     "null", "null_heavy", "null_coloured", "null_edge", "single", "pair", "strange", "untellable", *PICTURED,
     "null_uneven", "stranger",
 )  # fmt: skip
-"""New ones stand at the end: what a suite of the others draws stays as it was."""
+"""New kinds are added at the end, so that suites of the others keep their draws."""
 SHARE = dict(zip(KINDS, (8, 4, 3, 4, 15, 4, 5, 2, 1, 3, 1, 3, 2), strict=True))
-"""How a suite of all kinds is mixed: of 500 cases over 200 are healthy."""
+"""Shares of the kinds in a full suite: over 200 of 500 cases are healthy."""
 COLOUR = (0.3, 0.6)
-"""Correlation of successive samples of coloured noise."""
+"""AR(1) coefficients of correlated noise."""
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """One effect as it was put in."""
+    """One hidden effect."""
 
     name: str
     amplitude: float
     value: float | None
-    """In the catalogue's unit; None where the parametrisations do not compare."""
+    """Size in the catalogue's unit; None where the parametrisations are not comparable."""
     unit: str
     d: float | None
     known: bool
@@ -71,7 +71,7 @@ class Hidden:
 
 @dataclass(frozen=True)
 class Case:
-    """What is true, for the score card."""
+    """Truth of a case, for the score card."""
 
     name: str
     kind: str
@@ -79,11 +79,11 @@ class Case:
     duration_s: float
     hidden: tuple[Hidden, ...] = ()
     equivalents: tuple[str, ...] = ()
-    """Names that are right answers."""
+    """Names that count as right answers."""
     invisible: bool = False
     settled_by: str = ""
     knobs: dict[str, float] = field(default_factory=dict)
-    """Nuisances as drawn."""
+    """Drawn nuisances."""
 
 
 def nuisances_of(
@@ -93,7 +93,7 @@ def nuisances_of(
     coloured: bool = False,
     uneven: bool = False,
 ) -> dict[str, float]:
-    """A healthy vehicle; at the edges of all priors if ``edge``."""
+    """Draw a healthy vehicle; at the edges of all priors if ``edge``."""
 
     def around(width: float) -> float:
         return float(1.0 + width * (rng.choice([-1.0, 1.0]) if edge else rng.uniform(-1.0, 1.0)))
@@ -122,7 +122,7 @@ def nuisances_of(
 
 @dataclass(frozen=True)
 class Outing:
-    """The flights of a case before anything is hidden."""
+    """Flights of a case before an effect is hidden."""
 
     seed: int
     index: int
@@ -131,7 +131,7 @@ class Outing:
     one_heading: bool = False
 
     def rng(self, flight: int, purpose: int) -> np.random.Generator:
-        """A stream of its own."""
+        """Return an independent random stream."""
         return np.random.Generator(
             np.random.Philox(np.random.SeedSequence((self.seed, self.index, flight, purpose)))
         )
@@ -209,19 +209,19 @@ def sized(
 
 
 def _is_of_the_floor(fault: Fault) -> bool:
-    """Nobody lands on boxes and slopes: legs know only the level floor."""
+    """Return whether a fault changes the floor. Its flights do not land, as legs know only a level floor."""
     return fault.family == "place"
 
 
 def go_together(one: Fault, other: Fault) -> bool:
-    """Whether flights can show both: what only a landing shows is not hidden beside a floor without one."""
+    """Return whether flights can show both effects: one that only landings show needs a floor to land on."""
     both = ((one, other), (other, one))
     landed = any(a.needs == (LANDING,) and _is_of_the_floor(b) for a, b in both)
     return one.family != other.family and not landed
 
 
 def plans_for(faults: Sequence[Fault], flights: int, rng: np.random.Generator) -> tuple[str, ...]:
-    """One plan that shows each fault, the others as drawn."""
+    """Choose one plan that shows each fault, the others at random."""
     chosen: list[str] = []
     barred = {LANDING} if any(map(_is_of_the_floor, faults)) else set()
     for fault in faults:
@@ -293,7 +293,7 @@ def make(
 
 
 def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path, pictured: bool) -> None:
-    """The flights as they were measured, with pictures if ``pictured``: all over one floor."""
+    """Measure the flights, with pictures if ``pictured``, all over one floor."""
     flights = range(len(outing.plans))
     path = outing.fly([(f, knobs) for f in flights], FINE_S, restless=True)
     ground = floor(outing.rng(99, 8)) if pictured else None
@@ -308,12 +308,12 @@ def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path, picture
 
 
 def name_of(index: int) -> str:
-    """Of a case: its folder's."""
+    """Return the name of a case and of its folder."""
     return f"case_{index:03d}"
 
 
 def suite(count: int, kinds: Sequence[str]) -> list[tuple[str, str | None]]:
-    """Kind and fault of each case: kinds in their shares, faults in turn."""
+    """Return kind and fault of each case: kinds by their shares, faults in turn."""
     turn = [k for k in KINDS if k in kinds for _ in range(SHARE[k])]
     order = np.random.Generator(np.random.Philox(11)).permutation(len(turn))
     pools = {k: [f.name for f in pool] for k, pool in POOLS.items()}

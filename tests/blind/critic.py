@@ -1,4 +1,4 @@
-"""The critic as a black box: folders in, verdict.json out, in a process of its own."""
+"""The critic as a black box: folders in, verdict.json out, in a separate process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LONGEST_S = 600.0
 
 
 def verdict_on(flights: Sequence[Path], out: Path, options: Sequence[str] = ()) -> dict[str, Any]:
-    """What ``slam criticise`` says; a verdict "invalid" with the last line it wrote where it fails."""
+    """Return the verdict of ``slam criticise``; on failure a verdict "invalid" with its last line."""
     call = [sys.executable, "-m", "slam", "criticise", *map(str, flights)]
     return _told([*call, "--out", str(out), *options], out / "verdict.json")
 
@@ -30,7 +30,7 @@ open(sys.argv[1], "w").write(json.dumps(found.to_json()))
 
 
 def verdict_of_call(flights: Sequence[Path], file: Path) -> dict[str, Any]:
-    """What the library's ``slam.criticise`` says: the same without report."""
+    """Return the verdict of the library's ``slam.criticise``: the same without report."""
     return _told([sys.executable, "-c", PROGRAM, str(file), *map(str, flights)], file)
 
 
@@ -51,5 +51,5 @@ def _told(call: list[str], file: Path) -> dict[str, Any]:
 
 
 def flights_of(case: Path) -> list[Path]:
-    """Flight folders of a case, in order."""
+    """Return the flight folders of a case, in order."""
     return sorted(p for p in case.iterdir() if (p / "mav0").is_dir())

@@ -1,4 +1,4 @@
-"""What can be hidden in the flights: parametrisations of our own, sizes in the units of the catalogue."""
+"""Effects that can be hidden in flights: independent parametrisations, sizes in the units of the catalogue."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ class Fault:
     """One effect. ``apply(amplitude, healthy knobs, rng)`` gives the knobs to change."""
 
     name: str
-    """The catalogue's; a name of our own where the catalogue has none."""
+    """Name in the catalogue; another name for effects outside it."""
     family: str
     low: float
     high: float
-    """Amplitudes in the catalogue's unit that are worth hiding."""
+    """Range of amplitudes in the catalogue's unit."""
     unit: str
     apply: Apply
     scaled: bool = True
-    """Whether its strength grows as its amplitude: else amplitudes are drawn plainly."""
+    """Whether its strength is proportional to its amplitude; otherwise amplitudes are drawn uniformly."""
     needs: tuple[str, ...] = ()
-    """Plans of which one must be flown for it to show."""
+    """Plans of which one is needed for it to show."""
     known: bool = True
-    """Whether the catalogue names it."""
+    """Whether it is in the catalogue."""
     channels: tuple[str, ...] = ()
-    """Where it shows, for effects that the catalogue does not name."""
+    """Channels that show it, for effects outside the catalogue."""
     value: Callable[[float, dict[str, float]], float] | None = lambda a, base: abs(a)
-    """Amplitude to the catalogue's parameter; None where the two do not compare."""
+    """Function from amplitude to the catalogue's parameter; None where they are not comparable."""
 
 
 def plain(knob: str, signed: bool = False, per: float = 1.0) -> Apply:
@@ -200,7 +200,7 @@ STRANGER: tuple[Fault, ...] = (
     Fault("flow_sticks", "none", 0.05, 0.15, "1", plain("flow_stuck"), scaled=False, needs=MOVES, known=False,
         channels=("velocity", "flow")),
 )  # fmt: skip
-"""More that the catalogue does not name, in a pool of their own: what earlier suites hid stays the same."""
+"""Further effects outside the catalogue, in a separate pool, so that earlier suites keep their draws."""
 
 SEEN: tuple[Fault, ...] = (
     Fault("focal_length", "camera", 0.007, 0.03, "1", plain("zoom", signed=True), scaled=False,
@@ -220,7 +220,7 @@ SEEN: tuple[Fault, ...] = (
         needs=("tilt_pulses",)),
     Fault("moving_objects", "place", 3.0, 7.0, "1", _crowd, scaled=False),
 )  # fmt: skip
-"""What pictures show."""
+"""Effects that pictures show."""
 
 SENSES: dict[str, dict[str, str]] = {
     "command_nonlinearity": {"eps": "curve"},
@@ -246,7 +246,7 @@ SENSES: dict[str, dict[str, str]] = {
     "camera_time_offset": {"offset": "stamp_late"},
     "flow_derotation": {"kappa": "flow_turn"},
 }
-"""Effect with a sign or a direction -> the catalogue's parameters and the knobs that have the same sense."""
+"""Effect with a sign or a direction -> the catalogue's parameters and the knobs of the same sense."""
 
 _PICTURES = ("picture", "camera", "image", "brightness", "contrast", "colour", "sharp", "column", "row")
 SEEN_STRANGE: tuple[Fault, ...] = tuple(
@@ -263,23 +263,23 @@ SEEN_STRANGE: tuple[Fault, ...] = tuple(
         ("hunting_focus", "hunting", 1.0, 2.0, "px", ()),
     )
 )  # fmt: skip
-"""What only pictures show and the catalogue does not name."""
+"""Effects outside the catalogue that only pictures show."""
 
 BY_NAME: dict[str, Fault] = {f.name: f for f in (*FAULTS, *STRANGE, *STRANGER, *SEEN, *SEEN_STRANGE)}
 
 
 @dataclass(frozen=True)
 class Blind:
-    """A set-up that cannot tell some causes apart, and what would."""
+    """A set-up in which some causes are indistinguishable, and the manoeuvre that distinguishes them."""
 
     fault: str
     plans: tuple[str, ...]
     streams: tuple[str, ...]
     equivalents: tuple[str, ...]
     strength: float | None
-    """d to size it at; None: at the middle of its amplitudes, since it cannot be seen at all."""
+    """Strength d; None for the middle of its amplitudes, since it cannot be seen at all."""
     settled_by: str
-    """A word of the manoeuvre that would tell."""
+    """A word of the manoeuvre that distinguishes them."""
 
 
 _ALL = ("imu0", "attitude0", "velocity0", "sonar0", "battery0")

@@ -1,4 +1,4 @@
-"""Writes a flight folder by itself, as the description of the format says."""
+"""Independent writer of a flight folder, by the description of the format."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ distortion_coefficients: [0, 0, 0, 0]
 
 
 def logged(stick: np.ndarray, grid_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """The stick at each change and at least every 50 ms."""
+    """Return the stick at each change and at least every 50 ms."""
     changed = np.any(np.diff(stick, axis=0, prepend=stick[:1]) != 0.0, axis=1)
     keep = [0]
     for i in range(1, len(stick)):
@@ -96,12 +96,12 @@ def write(
 
 
 def without_commands(folder: Path) -> None:
-    """Take the command log out of a flight."""
+    """Remove the command log of a flight."""
     shutil.rmtree(folder / "mav0" / "command0")
 
 
 def shifted(folder: Path, target: Path, seconds: float = 0.0, turn: float = 0.0) -> None:
-    """The same flight at another time, or in a world turned by so much."""
+    """Write the same flight at another time, or in a rotated world frame."""
     for source in sorted(folder.rglob("*")):
         if source.is_dir():
             continue

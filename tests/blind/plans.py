@@ -1,4 +1,4 @@
-"""Flight plans: sticks over time, drawn anew for each flight. All changes lie on a 5 ms grid."""
+"""Flight plans: stick positions over time, random for each flight. All changes are on a 5 ms grid."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def touchdown(rng: Rng) -> Iterator[Piece]:
 
 
 def onward(rng: Rng) -> Iterator[Piece]:
-    """Pushed one way and never let to stop: all slowing is coasting, at speed."""
+    """Fly one way without a stop: all deceleration is coasting, at speed."""
     f, left = _in_direction(1.0, rng)
     while True:
         size = rng.uniform(0.1, 0.2)
@@ -124,7 +124,7 @@ def onward(rng: Rng) -> Iterator[Piece]:
 
 
 def swell(rng: Rng) -> Iterator[Piece]:
-    """Nothing but slow waves: what comes late and what comes lazily look the same."""
+    """Fly slow waves only: a latency and a lag have the same effect."""
     size, period, t = rng.uniform(0.14, 0.24), rng.uniform(7.0, 10.0), 0.0
     while True:
         phase = 2.0 * np.pi * t / period
@@ -134,7 +134,7 @@ def swell(rng: Rng) -> Iterator[Piece]:
 
 LANDING = "touchdown"
 UNTELLING: dict[str, Callable[[Rng], Iterator[Piece]]] = {p.__name__: p for p in (onward, swell)}
-"""Flown only where causes shall not be told apart."""
+"""Plans for cases in which causes are indistinguishable."""
 PLANS: dict[str, Callable[[Rng], Iterator[Piece]]] = {
     p.__name__: p
     for p in (

@@ -26,11 +26,11 @@ OUT = ROOT / "out" / "blind.json"
 SUITE = (
     "seed", "kinds", "fault", "strength", "coloured", "flights", "seconds", "library", "without_commands",
 )  # fmt: skip
-"""Options that say which suite it is; the others say how much of it."""
+"""Options that define the suite; the others only select a part of it."""
 
 
 def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace) -> Answer:
-    """One case: made, criticised, thrown away."""
+    """Make a case, criticise it, delete it."""
     with tempfile.TemporaryDirectory(prefix="flights-") as home:
         case = make(
             kind, options.seed, index, Path(home), options.flights, options.seconds, fault, options.strength,
@@ -49,7 +49,7 @@ def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace
 
 
 def told(a: Answer) -> str:
-    """One line for the console."""
+    """Return one line for the console."""
     true = " + ".join(
         f"{h.name} {h.amplitude:.3g} {h.unit}" + (f" d {h.d:.1f}" if h.d else "") for h in a.case.hidden
     )
@@ -60,7 +60,7 @@ def told(a: Answer) -> str:
 
 
 def main() -> None:
-    """Run, print, write."""
+    """Run the cases, print the card, write the answers."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=500, help="how many")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))

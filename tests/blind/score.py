@@ -1,4 +1,4 @@
-"""The score card of the blind tests: what the verdicts say beside what is true."""
+"""Score card of the blind tests: comparison of the verdicts with the truth."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ VERDICTS = ("nothing_wrong", "named", "ambiguous", "named_with_remainder", "unkn
 FLAGS = ("unknown", "named_with_remainder")
 ALARMS = ("named", "ambiguous", "named_with_remainder", "unknown")
 LARGEST_SET = 4
-"""A longer set of causes names nothing."""
+"""Length beyond which a set of causes counts as no answer."""
 SHORE = 0.3
-"""Probability from which a cause counts as claimed beside others."""
+"""Probability from which a further cause counts as claimed."""
 Verdict = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Answer:
-    """A case and the verdict on it."""
+    """A case and its verdict."""
 
     case: Case
     verdict: Verdict
     seconds: float = 0.0
     commit: str = ""
-    """State of the repository that was judged by."""
+    """Commit of the critic."""
 
     @property
     def word(self) -> str:
-        """The verdict's one word; "invalid" for any other."""
+        """Verdict word; "invalid" for any other."""
         said = self.verdict.get("verdict")
         return said if said in VERDICTS else "invalid"
 
     @property
     def causes(self) -> list[dict[str, Any]]:
-        """Most probable first."""
+        """Causes, the most probable first."""
         return sorted(self.verdict.get("causes") or [], key=lambda c: -(c.get("probability") or 0.0))
 
     @property
@@ -49,13 +49,13 @@ class Answer:
 
     @property
     def equals(self) -> set[str]:
-        """What the verdict cannot tell apart, unless that is so much that it names nothing."""
+        """Equivalence set of the verdict, unless it is too long to be an answer."""
         found = set(self.verdict.get("equivalence_set") or []) if self.word == "ambiguous" else set()
         return found if len(found) <= LARGEST_SET else set()
 
     @property
     def credible(self) -> set[str]:
-        """Causes up to 95 % of the probability, and what cannot be told from them."""
+        """Causes up to 95 % of the probability, and their equivalents."""
         out, total = set(), 0.0
         for cause in self.causes:
             if total >= 0.95:
@@ -66,30 +66,30 @@ class Answer:
 
     @property
     def claimed(self) -> set[str]:
-        """Causes with a probability worth a claim."""
+        """Causes with a probability above the limit for a claim."""
         return {c["name"] for c in self.causes if (c.get("probability") or 0.0) >= SHORE}
 
     @property
     def alarm(self) -> bool:
-        """Whether anything is said to be wrong."""
+        """Whether the verdict reports an error."""
         return self.word in ALARMS
 
     @property
     def d(self) -> float | None:
-        """Of the weakest effect."""
+        """Strength d of the weakest effect."""
         known = [h.d for h in self.case.hidden if h.d is not None]
         return min(known) if known and len(known) == len(self.case.hidden) else None
 
     @property
     def right(self) -> bool:
-        """A single cause is named, or stands in a short set."""
+        """Whether a single cause is named, or is in a short set."""
         good = set(self.case.equivalents)
         return (
             self.word in ALARMS and self.word != "unknown" and (self.top in good or bool(self.equals & good))
         )
 
     def parameter(self, hidden: Hidden) -> tuple[float, bool | None] | None:
-        """Relative error of a cause's size, whether its interval holds it; None where not to be compared."""
+        """Relative error of a cause's size, and whether its interval contains it; None if not comparable."""
         cause = next((c for c in self.causes if c["name"] == hidden.name), None)
         if cause is None or not hidden.value:
             return None
@@ -104,8 +104,8 @@ class Answer:
         return error, low <= hidden.value <= high or low <= -hidden.value <= high
 
     def along(self, hidden: Hidden) -> float | None:
-        """Cosine between a cause's sizes and the hidden ones, signs included; None where there is no sign to
-        compare, or no such cause."""
+        """Cosine between a cause's sizes and the hidden ones, with signs; None without a sign to compare or
+        without such a cause."""
         cause = next((c for c in self.causes if c["name"] == hidden.name), None)
         if cause is None or not hidden.way:
             return None
@@ -116,7 +116,7 @@ class Answer:
 
 
 ONE_IN_HUNDRED = Bound(0.005, 0.015, whole_interval=True)
-"""The chance that is told: rarer alarms would be those of a critic that sees less than it might."""
+"""Stated rate of false alarms; a lower rate would mean that the critic detects less than it could."""
 T = TypeVar("T")
 
 
@@ -134,10 +134,10 @@ def _at(d: float, some: Iterable[Answer]) -> list[Answer]:
 
 
 def card(answers: list[Answer], settles: Callable[[Answer], bool] | None = None) -> list[Row]:
-    """The rows of the model criticism's figures: floor and aim beside each.
+    """Return the rows of the card with their floors and aims.
 
-    ``settles`` says of a verdict that cannot tell whether the manoeuvre that it proposes would; without it
-    there is no such row.
+    ``settles`` returns whether the proposed manoeuvre of an ambiguous verdict decides; without it there is no
+    such row.
     """
     of = {kind: [a for a in answers if a.case.kind == kind] for kind in KINDS}
     return [
@@ -218,7 +218,7 @@ def _pictures(of: dict[str, list[Answer]]) -> list[Row]:
 def _open(blind: list[Answer], settles: Callable[[Answer], bool] | None) -> list[Row]:
     rows = [_rate("indistinguishable: reported as such", blind, says_so, 0.80, 0.95)]
     if settles is not None:
-        # Nothing is proposed where nothing can be seen.
+        # No manoeuvre is proposed where no effect can be seen.
         some = [a for a in blind if not a.case.invisible]
         rows.append(_rate("indistinguishable: its manoeuvre would decide", some, settles, 0.80, 0.95))
     return rows
@@ -232,19 +232,20 @@ def _held_out(one: list[Answer]) -> Row:
 
 
 def true(a: Answer) -> set[str]:
-    """Names of what is there."""
+    """Return the names of the hidden effects."""
     return set(a.case.equivalents)
 
 
 def misnamed(a: Answer) -> bool:
-    """A cause that is not there, told as certain and as all there is: not where something is left over."""
+    """Return whether an absent cause is reported as certain and as the whole explanation, without a
+    remainder."""
     return a.word == "named" or (
         a.word == "ambiguous" and any((c.get("probability") or 0) >= 0.95 for c in a.causes)
     )
 
 
 def points_at_channel(a: Answer) -> bool:
-    """The remainder's own words hold one of the channels where the effect shows: names of terms are none."""
+    """Return whether the remainder names one of the channels that show the effect, apart from names of terms."""
     said = str(a.verdict.get("remainder") or "").lower()
     for words in ("out of range", *sorted(a.verdict.get("detectable") or (), key=len, reverse=True)):
         said = said.replace(words, "")
@@ -252,7 +253,8 @@ def points_at_channel(a: Answer) -> bool:
 
 
 def says_so(a: Answer) -> bool:
-    """The set of causes and the manoeuvre that would tell; nothing at all where nothing can be seen."""
+    """Return whether the set of causes and the manoeuvre are right, or no cause is named where none can be
+    seen."""
     if a.case.invisible:
         return a.word in ("nothing_wrong", "unusable") or (
             a.word == "ambiguous" and bool(a.equals & set(a.case.equivalents))

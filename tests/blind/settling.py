@@ -1,7 +1,8 @@
-"""Whether the manoeuvre that a verdict proposes would settle what it leaves open, by the generator's count.
+"""Test whether the manoeuvre that a verdict proposes distinguishes its causes, by the generator's own
+figures.
 
-The blind vehicle flies the manoeuvre as often as proposed, with the effect that is hidden in the case; what
-the other cause of its set explains at its best size is taken out. The critic's own figure is not asked.
+The blind vehicle flies the manoeuvre as often as proposed, with the hidden effect of the case. The part that
+the other cause of the set explains at its best size is projected out. The critic's own figure is not used.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ from tests.blind.strength import NUISANCES, strengths
 from tests.blind.vehicle import HEALTHY, Knobs
 
 SETTLED = 2.56
-"""Sigmas between two causes at which the likelier one is the right one in nine of ten cases."""
+"""Sigmas between two causes at which the more probable one is right in nine of ten cases."""
 PROPOSED = re.compile(r"fly '(.+)' (once|\d+ times)")
 RIVAL_SIZES = 6
 
 
 @dataclass(frozen=True)
 class Proposed(Outing):
-    """A manoeuvre in place of a plan, with a rest before and after."""
+    """Return a manoeuvre as a plan, with a rest before and after."""
 
     def stick(self, flight: int) -> np.ndarray:
         """As given, on the plans' grid."""
@@ -42,7 +43,8 @@ class Proposed(Outing):
 
 
 def settles(answer: Answer) -> bool:
-    """Whether it names a manoeuvre that tells the hidden effect from the other causes of its set."""
+    """Return whether it names a manoeuvre that distinguishes the hidden effect from the other causes of its
+    set."""
     found = PROPOSED.search(answer.verdict.get("next_flight") or "")
     if not found or found[1] not in MANOEUVRES:
         return False
@@ -51,7 +53,7 @@ def settles(answer: Answer) -> bool:
 
 
 def separation(case: Case, manoeuvre: str, times: int = 1) -> float:
-    """Sigmas by which ``times`` such flights tell what is hidden from the other causes of its set."""
+    """Return the sigmas by which ``times`` such flights separate the hidden effect from the other causes."""
     (what,) = case.hidden
     knobs = tuple(sorted(case.knobs.items()))
     return _separation(what.name, what.amplitude, case.equivalents, knobs, manoeuvre, times)
@@ -83,7 +85,8 @@ def _separation(
 def unexplained(
     outing: Outing, base: Knobs, trace: np.ndarray, rival: str, streams: tuple[str, ...], times: int = 1
 ) -> float:
-    """Sigmas of a trace (values, 1) that the rival, at its best size, and the nuisances do not explain."""
+    """Return the sigmas of a sensitivity (values, 1) that the rival, at its best size, and the nuisances
+    leave."""
     steps = [{**base, n: base[n] + step} for n, (step, _) in NUISANCES.items()]
     halves = [half / abs(step) for step, half in NUISANCES.values()]
     fault = BY_NAME[rival]

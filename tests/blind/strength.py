@@ -1,8 +1,8 @@
-"""How far an effect stands out, computed by the generator itself.
+"""Strength d of an effect in standard deviations, computed by the generator itself.
 
-Outputs without noise, with and without the effect, are compared by the noise of a hovering vehicle: a Kalman
-filter of the difference (linear, one axis at a time) whitens it; d is the length of what is left after the
-healthy nuisances have explained what they can within their priors.
+Noise-free outputs with and without the effect are compared with the noise of a hovering vehicle. A Kalman
+filter (linear, one axis at a time) whitens the difference; d is its length after the healthy nuisances are
+projected out with their priors.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A quadrotor of our own, flown by sticks: the measured side of the blind tests.
+"""Independent quadrotor, flown by sticks: the measured side of the blind tests.
 
 Written from the description of the healthy vehicle alone; it shares no code with the simulator or the critic.
 All knobs are one flat dict; healthy ones switch every effect off. Many members (flights, or one flight with
@@ -22,7 +22,7 @@ FADE = 0.04
 SPRING, DAMPER, RUB = 2500.0, 60.0, 12.0
 SWING_S = 0.25
 KNOCKED_AT = 0.5
-"""Share of the flight that is over when something hits the vehicle."""
+"""Elapsed share of the flight when an impact occurs."""
 
 HEALTHY: dict[str, float] = {
     "gain": 1.0, "drag": G * 0.057, "lag": 0.10, "datum": 0.0,
@@ -72,7 +72,7 @@ def stacked(members: Sequence[Knobs]) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Path:
-    """What really happened: nodes every ``h`` seconds, (steps + 1, members) each."""
+    """True motion: nodes every ``h`` seconds, (steps + 1, members) each."""
 
     h: float
     knobs: dict[str, np.ndarray]
@@ -168,7 +168,7 @@ def strength(k: dict[str, np.ndarray], drawn: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Memory:
-    """What the autopilot keeps of the past, (2, members) each."""
+    """State of the autopilot, (2, members) each."""
 
     integral: np.ndarray
     """The brake's, ahead and left."""
@@ -179,7 +179,7 @@ class Memory:
 
     @staticmethod
     def of(members: int) -> Memory:
-        """At rest."""
+        """Return the state at rest."""
         return Memory(*(np.zeros((2, members)) for _ in range(3)))
 
 
