@@ -136,7 +136,7 @@ def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]
 
 
 def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
-    """The model with the standard deviations of what the causes' intervals tell."""
+    """Return the model with the standard deviations from the causes' intervals."""
     for cause in causes:
         current = model.terms.get(cause.name, {})
         std = {n: (p.high - p.low) / _WIDTH for n, p in cause.parameters.items() if n in current}

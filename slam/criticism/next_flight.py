@@ -31,7 +31,7 @@ from slam.criticism.verdict.posterior import Posterior, is_term
 from slam.simulation.model import Model
 
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
-TOLD_APART_SIGMA = 3.3
+DISTINGUISHED_SIGMA = 3.3
 """Separation at which two terms are distinguished in nineteen of twenty cases."""
 MOST_TIMES = 200
 
@@ -105,7 +105,7 @@ def telling_flight(
 def advice(first: str, second: str, motion: str, sigma: float) -> str:
     """Return the sentence for a ``motion`` (an instruction) that separates two terms by ``sigma`` each
     time."""
-    times = int(np.ceil((TOLD_APART_SIGMA / max(sigma, 1e-3)) ** 2))
+    times = int(np.ceil((DISTINGUISHED_SIGMA / max(sigma, 1e-3)) ** 2))
     if times > MOST_TIMES:
         return f"No manoeuvre of the list distinguishes {first} from {second}; another sensor is needed."
     often = "once" if times == 1 else f"{times} times"

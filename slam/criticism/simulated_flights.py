@@ -96,17 +96,16 @@ def simulate_flight(
     model: Model,
     stick: Stick,
     seed: int,
-    told: Model | None = None,
+    maker: Model | None = None,
     student: bool = False,
     camera: CameraModel | None = None,
 ) -> Flight:
-    """Simulate one flight of a vehicle. Its reported noise figures are those of ``told``, as a maker would
-    state them."""
+    """Simulate one flight of a vehicle. Its stated noise figures are those of ``maker``, or its own."""
     rng = np.random.default_rng((seed, 7))
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
     noise = draw_model_noise(model, step_count(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
     motion = simulate_motion(stick, model, start, noise)
-    flight = simulate_readings(model, told or model, motion, student, seed, rng)
+    flight = simulate_readings(model, maker or model, motion, student, seed, rng)
     flight = replace(flight, command=sensors.log_command(stick, model))
     return flight if camera is None else _filmed(flight, motion, camera, seed)
 

@@ -30,7 +30,7 @@ GLIMPSES = 7
 PIECE_M, PIECES = 0.005, 2400
 """Grain of the floor, and its period."""
 LAMP_M = np.array([2.5, 2.5, 2.8])
-"""Height and spacing of the grid of lamps."""
+"""Spacing of the grid of lamps along x and y, and its height."""
 GLOSS = 240.0
 """Exponent of the cosine in a lamp's specular lobe (Blinn 1977)."""
 TORN_AT = 0.5

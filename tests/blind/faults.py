@@ -1,4 +1,4 @@
-"""Effects that can be hidden in flights: independent parametrisations, sizes in the units of the catalogue."""
+"""Effects that can be hidden in flights: independent equations, sizes in the catalogue's units."""
 
 from __future__ import annotations
 

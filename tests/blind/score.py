@@ -245,7 +245,7 @@ def misnamed(a: Answer) -> bool:
 
 
 def points_at_channel(a: Answer) -> bool:
-    """Return whether the remainder names one of the channels that show the effect, apart from names of terms."""
+    """Return whether the remainder names a channel that shows the effect, apart from names of terms."""
     said = str(a.verdict.get("remainder") or "").lower()
     for words in ("out of range", *sorted(a.verdict.get("detectable") or (), key=len, reverse=True)):
         said = said.replace(words, "")

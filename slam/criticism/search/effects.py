@@ -107,7 +107,7 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
     found += _latencies(parameters)
     if any_holds_heading(records) or not any_turns(records):
-        # A vehicle that was never told to turn shows slower yaw by its process noise alone.
+        # A vehicle that was never commanded to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
     found.append(Effect("clock_drift", (Perturbation("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))

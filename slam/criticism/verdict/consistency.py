@@ -32,7 +32,7 @@ DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
 WEAK = 1e-6
-"""Share of the strongest part's information below which a part says nothing about the size."""
+"""Share of the strongest part's information below which a part is no evidence for the size."""
 
 
 @dataclass(frozen=True)

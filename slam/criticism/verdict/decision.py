@@ -32,7 +32,7 @@ Ints = NDArray[np.int64]
 CONFIRMED_NATS = 2.0
 """Least gain on held-out flights that confirms a term."""
 PLAIN_Z = 8.0
-"""Least z that chance does not reach, whatever the held-out flights say."""
+"""Least z that chance does not reach; the term stays without confirmation by held-out flights."""
 MOST_ALIKE = 4
 """Greatest number of names of an equivalence set."""
 WIDE = 1.96

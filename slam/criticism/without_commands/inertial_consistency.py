@@ -272,7 +272,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     shape = np.array([2.0, -1.0]) if averages.order == 1 else np.array([6.0, -4.0, 1.0])
     of_ends = float(np.clip(next_one / shape[1], 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
     # Reading and integral both contain noise that is in the difference too; their weighted mean does not.
-    # Where there is little else in them, they say nothing about a scale.
+    # Where there is little else in them, they are no evidence for a scale.
     read = shape[0] * of_ends / variance
     for k in [k for k, name in enumerate(names) if name + INTEGRATED in names]:
         beside = names.index(names[k] + INTEGRATED)

@@ -30,7 +30,7 @@ def home(tmp_path_factory) -> Path:
     home = tmp_path_factory.mktemp("criticised")
     nominal = at_lower_rates(load_model("nominal"))
     dragged = nominal.with_term("quadratic_drag", c=DRAG)
-    write_flight(simulate_flight(dragged, stick_for(PLAN), 7, told=nominal), home / "flight")
+    write_flight(simulate_flight(dragged, stick_for(PLAN), 7, maker=nominal), home / "flight")
     done = run("criticise", home / "flight", "--out", home / "said")
     assert done.exit_code == 0, done.output
     return home

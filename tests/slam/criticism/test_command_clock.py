@@ -23,7 +23,7 @@ def flight_with(seed, term="", **size):
     vehicle = draw_vehicle(model, rng)
     if term:
         vehicle = vehicle.with_term(term, **size)
-    return simulate_flight(vehicle, stick_for(draw_plan(25.0, rng)), seed, told=model)
+    return simulate_flight(vehicle, stick_for(draw_plan(25.0, rng)), seed, maker=model)
 
 
 def logged(flight, late_s):

@@ -49,7 +49,7 @@ def case(seed, student=False, colour=(0.0, 0.0), **terms):
     for name, values in terms.items():
         vehicle = vehicle.with_term(name, **values)
     return [
-        simulate_flight(vehicle, stick_for(plan), 100 * seed + k, told=nominal, student=student)
+        simulate_flight(vehicle, stick_for(plan), 100 * seed + k, maker=nominal, student=student)
         for k, plan in enumerate(PLANS)
     ]
 

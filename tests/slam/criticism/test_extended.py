@@ -26,7 +26,7 @@ def record():
         attitude=replace(NOMINAL.attitude, noise_std_deg=0.5 * NOMINAL.attitude.noise_std_deg),
         imu=replace(NOMINAL.imu, gyro_noise_density=0.5 * NOMINAL.imu.gyro_noise_density),
     )
-    return record_of(simulate_flight(quieter, stick_for(["climb and descend by 0.6 m"]), 1, told=quieter))
+    return record_of(simulate_flight(quieter, stick_for(["climb and descend by 0.6 m"]), 1, maker=quieter))
 
 
 def test_noise_is_the_flights_figure_times_the_fitted_factor(record):

@@ -82,9 +82,9 @@ def test_it_is_unknown_and_reported_with_its_channel(obeyed, read, signs):
     for k, plan in enumerate(PLANS):
         stick = stick_for(plan)
         # The log has what the pilot gave.
-        command = simulate_flight(vehicle, stick, 50 + k, told=nominal).command
+        command = simulate_flight(vehicle, stick, 50 + k, maker=nominal).command
         flights.append(
-            read(replace(simulate_flight(vehicle, obeyed(stick), 50 + k, told=nominal), command=command))
+            read(replace(simulate_flight(vehicle, obeyed(stick), 50 + k, maker=nominal), command=command))
         )
     found = criticise(flights)
     assert found.verdict == "unknown"

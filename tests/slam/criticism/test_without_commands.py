@@ -31,7 +31,7 @@ def flights(term="", **size):
     model = load_model("nominal")
     vehicle = model.with_term(term, **size) if term else model
     return [
-        replace(simulate_flight(vehicle, stick_for(plan), 40 + k, told=model), command=None)
+        replace(simulate_flight(vehicle, stick_for(plan), 40 + k, maker=model), command=None)
         for k, plan in enumerate(PLANS)
     ]
 
@@ -165,7 +165,7 @@ def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away()
     """Of an accelerometer that is off, what is integrated twice is hundreds of metres after a minute."""
     model = load_model("nominal")
     plan = ["climb and descend by 0.6 m", "hover for 8 s"] * 5
-    flight = simulate_flight(model.with_term("accel_bias", z=0.3), stick_for(plan), 3, told=model)
+    flight = simulate_flight(model.with_term("accel_bias", z=0.3), stick_for(plan), 3, maker=model)
     (height,) = (r.averages for r in inertial_residuals(flight) if r.kind == "height")
     column = height.table[:, height.column("accel_bias.z")]
     curved = (column[2:] - 2.0 * column[1:-1] + column[:-2]) / NODE_S**2
@@ -175,7 +175,7 @@ def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away()
 def test_a_size_that_changes_is_reported_as_left_over():
     model = load_model("nominal")
     plan = stick_for(["hover for 8 s"] * 8)
-    steady = simulate_flight(model.with_term("accel_bias", y=0.5, z=0.3), plan, 3, told=model)
+    steady = simulate_flight(model.with_term("accel_bias", y=0.5, z=0.3), plan, 3, maker=model)
     steady = replace(steady, command=None)
     found = criticise([steady])
     assert found.causes[0].name == "accel_bias"

@@ -115,8 +115,8 @@ def far_from_jumps(record):
 def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     """Noise-free flights with and without: how far the innovations' change is from so often the trace."""
     model = at_lower_rates(load_model("nominal"))
-    healthy = record_of(simulate_flight(silent(model), stick_for(plan), 5, told=model))
-    changed = record_of(simulate_flight(silent(ill), stick_for(plan), 5, told=model))
+    healthy = record_of(simulate_flight(silent(model), stick_for(plan), 5, maker=model))
+    changed = record_of(simulate_flight(silent(ill), stick_for(plan), 5, maker=model))
     # The first guess is taken from the readings; here it shall be the same.
     changed = replace(changed, start=healthy.start)
     parameters = filter_parameters_of(model)
@@ -138,7 +138,7 @@ def test_the_sensitivity_to_a_term_is_that_of_the_simulator(term, parameter, ste
     model = at_lower_rates(load_model("nominal"))
     size = step if term != "active_braking" else 0.05
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
-    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, told=model))
+    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, maker=model))
     column = f"{term}.{parameter}"
     known = [d for e in effects_for([record], filter_parameters_of(model)) for d in e.perturbations]
     direction = next(d for d in known if d.name == column)
@@ -176,7 +176,7 @@ def test_the_sensitivity_to_a_tilt_limit_is_that_of_the_simulator(monkeypatch):
     """Over the whole step from no limit at all to one that cuts a little: more would be outliers at first."""
     monkeypatch.setattr(effects_module, "TILT_LIMITS", (0.98,))
     model = vehicle_with()
-    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, told=model))
+    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, maker=model))
     known = [
         d
         for e in effects_for([record], filter_parameters_of(model))

@@ -74,7 +74,7 @@ def test_a_limit_of_the_tilt_that_would_show_does():
     parameters, plan = filter_parameters_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2
 
     def seen(model, seed):
-        record = referred(record_of(simulate_flight(model, stick_for(plan), seed, told=nominal)), parameters)
+        record = referred(record_of(simulate_flight(model, stick_for(plan), seed, maker=nominal)), parameters)
         return expand([record], parameters, parameters)
 
     limit, unit = detectable(seen(nominal, 3), 3.7)["tilt_limit"]

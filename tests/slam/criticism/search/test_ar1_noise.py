@@ -31,7 +31,7 @@ def measured(vehicle, attitude=lambda angles, t: angles):
     """Records of two flights of a vehicle, the model, and the healthy belief."""
     records = []
     for k, plan in enumerate(PLANS):
-        flight = simulate_flight(vehicle, stick_for(plan), 50 + k, told=slow())
+        flight = simulate_flight(vehicle, stick_for(plan), 50 + k, maker=slow())
         read = flight.attitude
         angles = attitude(read.roll_pitch_yaw_rad, read.stamps_s)
         records.append(record_of(replace(flight, attitude=replace(read, roll_pitch_yaw_rad=angles))))

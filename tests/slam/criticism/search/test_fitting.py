@@ -21,7 +21,7 @@ def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
     """A cushion of air under flights that land only later: what little they say of it is chance."""
     vehicle = at_lower_rates(load_model("nominal"))
     model = filter_parameters_of(vehicle)
-    record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
+    record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, maker=vehicle))
     dynamics = model.dynamics.copy()
     dynamics[ROTOR_RADIUS] = 0.04
     start = replace(model, dynamics=dynamics)
@@ -40,7 +40,7 @@ def test_noise_of_long_flights_is_fitted_to_all_of_them(monkeypatch):
     """Known no better than a minute tells it, it leaves a shape in ten."""
     vehicle = at_lower_rates(load_model("nominal"))
     model = filter_parameters_of(vehicle)
-    record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
+    record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, maker=vehicle))
     seconds = []
 
     def fisher(records, *rest):

@@ -35,7 +35,7 @@ def judged(flights):
 def test_weak_gusts_are_distinguished_from_nothing_though_parameters_with_gusts_hide_them():
     model = at_lower_rates(load_model("nominal"))
     windy = model.with_term("gusts", sigma=0.07, tau=1.5)
-    found, posterior = judged([simulate_flight(windy, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
+    found, posterior = judged([simulate_flight(windy, stick_for(PLAN), seed, maker=model) for seed in (1, 2)])
     assert [e.name for e in found.chosen] == ["gusts"]
     assert posterior.probability["gusts"] > 0.99
     assert posterior.probability[NOTHING] < 1e-3
@@ -46,7 +46,7 @@ def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows(
     """What is missed without gusts is asked with the latency in the belief, not from health."""
     model = at_lower_rates(load_model("nominal"))
     late = model.with_term("control_latency", T=0.1)
-    found, _ = judged([simulate_flight(late, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
+    found, _ = judged([simulate_flight(late, stick_for(PLAN), seed, maker=model) for seed in (1, 2)])
     assert [e.name for e in found.chosen] == ["control_latency"]
     gusts = next(e for e in found.last.effects if e.name == "gusts")
     posterior = posterior_of(replace(found, chosen=(*found.chosen, gusts)))

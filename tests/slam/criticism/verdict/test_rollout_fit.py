@@ -31,7 +31,7 @@ def braking():
     slower = at_lower_rates(load_model("nominal"))
     vehicle = slower.with_term("active_braking", lean=LEAN)
     vehicle = replace(vehicle, vehicle=replace(vehicle.vehicle, attitude_time_s=0.2))
-    flights = [simulate_flight(vehicle, stick_for(PLAN), seed, told=slower) for seed in (1, 2, 3)]
+    flights = [simulate_flight(vehicle, stick_for(PLAN), seed, maker=slower) for seed in (1, 2, 3)]
     records, dropped = usable_records(flights)
     assert not dropped
     return records, filter_parameters_of(slower)
