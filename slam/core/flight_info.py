@@ -11,24 +11,19 @@ from numpy.typing import NDArray
 from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
-from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu, Sonar
+from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu
 from slam.core.names import listed
+from slam.core.stream_anomalies import sonar_anomalies, velocity_anomalies
 from slam.core.stream_source import StreamSource
 
 Array = NDArray[np.float64]
 
 GAP_FACTOR, GAP_MIN_S = 3.0, 0.1
 """An interval is a gap if it exceeds this many median intervals and this many seconds."""
-ECHO_RATIO = 1.5
-"""A single range that exceeds its neighbours by this factor is a multipath echo or an obstacle's edge."""
-STUCK_S, STUCK_COUNT = 5.0, 20
-"""A range that repeats for so long and so many readings is stuck, or the vehicle is on the ground. In a
-shorter recording, so many readings must be all."""
 REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
 """The vehicle rests if the deviations of gyro (rad/s) and accelerometer (m/s^2) in a window are smaller."""
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
 """Largest deviation of a sensor at rest from gravity and from zero that is no anomaly."""
-SATURATED_SHARE = ECHO_SHARE = 0.01
 MOST_LISTED_FIXES = 40
 """Fixes that one line names."""
 
@@ -184,11 +179,13 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     ]
     lines += _not_overlapping(streams)
     if flight.sonar is not None:
-        lines += _sonar_anomalies(flight.sonar)
+        lines += sonar_anomalies(flight.sonar)
     if flight.attitude is not None:
         lines += _attitude_anomalies(flight.attitude)
     if flight.imu is not None:
         lines += _imu_anomalies(flight.imu)
+    if flight.velocity is not None:
+        lines += velocity_anomalies(flight.velocity)
     lines += _gps_anomalies(flight)
     lines += [f"{name}: its noise is given as zero, which no sensor has" for name in _noiseless(flight)]
     return lines
@@ -212,33 +209,6 @@ def _not_overlapping(streams: list[StreamInfo]) -> list[str]:
         elif shared < 0.5 * reference.duration_s:
             part = 100 * shared / reference.duration_s
             lines.append(f"{s.name}: covers only {part:.0f} % of the time of {reference.name}")
-    return lines
-
-
-def _sonar_anomalies(sonar: Sonar) -> list[str]:
-    known = np.isfinite(sonar.range_m)
-    if not known.any():
-        return ["sonar0: gives no range at all"]
-    stamps, ranges = sonar.stamps_s[known], sonar.range_m[known]
-    lines = []
-    if negative := int((ranges <= 0).sum()):
-        lines.append(f"sonar0: {negative} ranges are zero or negative")
-    if (share := float(np.mean(ranges >= 0.999 * sonar.max_range_m))) > SATURATED_SHARE:
-        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are saturated at {sonar.max_range_m:g} m")
-    if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
-        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m")
-    around = np.maximum(ranges[:-2], ranges[2:])
-    if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
-        lines.append(f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?)")
-    edges = np.flatnonzero(np.diff(ranges, prepend=np.nan, append=np.nan) != 0)
-    first, last = edges[:-1], edges[1:] - 1
-    lasted = np.where(last - first + 1 >= STUCK_COUNT, stamps[last] - stamps[first], 0.0)
-    if lasted.max() > STUCK_S or (len(first) == 1 and lasted.max() > 0):
-        at = first[int(np.argmax(lasted))]
-        lines.append(
-            f"sonar0: reads exactly {ranges[at]:g} m for {lasted.max():.1f} s from {stamps[at]:.1f} s "
-            "(stuck, or standing on the ground)"
-        )
     return lines
 
 

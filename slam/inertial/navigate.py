@@ -22,6 +22,7 @@ from slam.inertial.filter_input import FilterInput
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import filter_motion
 from slam.inertial.noise_identification import identify_noise
+from slam.inertial.velocity_check import velocity_contradiction
 
 if TYPE_CHECKING:
     from backend.ekf.results import States, Track
@@ -61,6 +62,7 @@ def navigate(
     clock = Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):
+            contradiction = velocity_contradiction(flight, trust)
             inputs = identify_noise(flight, trust, progress)
         at_s = _times(flight, inputs, rate_hz)
         absolute = inputs.readings.w_p_b_m is not None
@@ -73,6 +75,7 @@ def navigate(
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     position_std = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
     messages = [*_unobserved(inputs, float(position_std[-1])), *_contradicted(inputs)]
+    messages += [contradiction] if contradiction else []
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,

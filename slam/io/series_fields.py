@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from slam.core.flight import FIELD_BY_FOLDER
+from slam.core.flight import FIELD_BY_FOLDER, STREAMS
 from slam.io.csv_stream import CsvTable
+from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
 from slam.io.plausibility import check_imu_units
 from slam.io.sensor_yaml import YamlFile
 from slam.io.streams import Source, build_series
@@ -35,4 +36,8 @@ def build_fields(
         note(name, notes)
     if fields.get("imu") is not None:
         check_imu_units(fields["imu"], fields.get("attitude"), tables["imu0"].path)
+        check_gyro_by_gravity(fields["imu"], tables["imu0"].path)
+    if fields.get("imu") is not None and fields.get("truth") is not None:
+        path = tables[STREAMS["truth"].folder].path
+        check_quaternion_order(fields["truth"], fields["imu"], path)
     return fields

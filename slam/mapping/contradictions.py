@@ -48,7 +48,9 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
     lines: list[str] = []
     if flight.imu is not None:
         read = _mean(flight.imu.stamps_s, flight.imu.gyro_rad_s, begin_s, end_s) * span_s
-        lines += _contradiction("imu0 (gyro)", read, turned, LEAST_TURN_RAD)
+        lines += _contradiction("imu0 (gyro)", read, turned, LEAST_TURN_RAD) or _gain(
+            "imu0 (gyro)", read, turned
+        )
     if flight.attitude is not None:
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
@@ -66,9 +68,29 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
     return lines
 
 
-def _contradiction(
-    who: str, read: Array, made: Array, least: float, by_length: bool = False
-) -> Iterator[str]:
+def _gain(who: str, read: Array, made: Array) -> list[str]:
+    """Describe turns (n, 3) by a sensor that are in proportion to the map's, but of another size.
+
+    The proportion is by least squares, to which a bias of the sensor adds nothing.
+    """
+    known = np.isfinite(read).all(axis=1)
+    read, made = read[known], made[known]
+    if len(read) < LEAST_STEPS or np.sqrt(np.mean((made**2).sum(axis=1))) < LEAST_TURN_RAD:
+        return []
+    times = float((read * made).sum() / (made**2).sum())
+    if 1 / FAR < times < FAR:
+        return []
+    return [
+        f"{who}: turns {times:.2g} times as far as the pictures show; check its unit (rad/s, not deg/s) and "
+        "focal length and distortion of cam0"
+    ]
+
+
+def _contradiction(who: str, read: Array, made: Array, least: float, by_length: bool = False) -> list[str]:
+    return list(_contradictions(who, read, made, least, by_length))
+
+
+def _contradictions(who: str, read: Array, made: Array, least: float, by_length: bool) -> Iterator[str]:
     """Compare the readings of each step with the map's, both (n, c), and describe a contradiction."""
     known = np.isfinite(read).all(axis=1)
     read, made = read[known], made[known]

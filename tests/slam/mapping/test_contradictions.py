@@ -79,6 +79,14 @@ def test_a_unit_is_reported_where_lengths_are_metres(flight: Flight):
     assert told(read, metric=False) == []
 
 
+def test_a_gyro_in_degrees_is_told(flight: Flight):
+    degrees = replace(flight.imu, gyro_rad_s=np.degrees(flight.imu.gyro_rad_s))
+    (line,) = told(replace(flight, imu=degrees))
+    assert line.startswith("imu0 (gyro): turns 57 times as far as the pictures show; check its unit")
+    biased = replace(flight.imu, gyro_rad_s=flight.imu.gyro_rad_s + [0.01, -0.01, 0.01])
+    assert told(replace(flight, imu=biased)) == []
+
+
 def test_streams_of_nothing_are_survived(flight: Flight):
     lost = replace(
         flight,

@@ -1,0 +1,69 @@
+"""Readings of height sensor and velocity that no healthy sensor gives."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.flight import Sonar, Velocity
+
+Array = NDArray[np.float64]
+
+ECHO_RATIO = 1.5
+"""A single range that exceeds its neighbours by this factor is a multipath echo or an obstacle's edge."""
+STUCK_S, STUCK_COUNT = 5.0, 20
+"""A reading that repeats for so long and so often is stuck, or the vehicle is on the ground. In a
+shorter recording, so many readings must be all."""
+SATURATED_SHARE = ECHO_SHARE = 0.01
+
+
+def sonar_anomalies(sonar: Sonar) -> list[str]:
+    """Return a line for each kind of range that no healthy sensor gives."""
+    known = np.isfinite(sonar.range_m)
+    if not known.any():
+        return ["sonar0: gives no range at all"]
+    stamps, ranges = sonar.stamps_s[known], sonar.range_m[known]
+    lines = []
+    if negative := int((ranges <= 0).sum()):
+        lines.append(f"sonar0: {negative} ranges are zero or negative")
+    if (share := float(np.mean(ranges >= 0.999 * sonar.max_range_m))) > SATURATED_SHARE:
+        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are saturated at {sonar.max_range_m:g} m")
+    if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
+        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m")
+    around = np.maximum(ranges[:-2], ranges[2:])
+    if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
+        lines.append(f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?)")
+    at, lasted_s = _longest_repeat(stamps, ranges[:, None])
+    if lasted_s > 0:
+        lines.append(
+            f"sonar0: reads exactly {ranges[at]:g} m for {lasted_s:.1f} s from {stamps[at]:.1f} s "
+            "(stuck, or standing on the ground)"
+        )
+    return lines
+
+
+def _longest_repeat(stamps_s: Array, values: Array) -> tuple[int, float]:
+    """Return where the longest run of equal readings (n, c) begins, and its duration in seconds; 0 where it
+    has too few readings or is too short."""
+    changed = (np.diff(values, axis=0) != 0).any(axis=1)
+    edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(values)]])
+    first, last = edges[:-1], edges[1:] - 1
+    lasted_s = np.where(last - first + 1 >= STUCK_COUNT, stamps_s[last] - stamps_s[first], 0.0)
+    longest = int(np.argmax(lasted_s))
+    stuck = lasted_s[longest] > STUCK_S or len(first) == 1
+    return int(first[longest]), float(lasted_s[longest]) if stuck else 0.0
+
+
+def velocity_anomalies(velocity: Velocity) -> list[str]:
+    """Return a line for a velocity that is stuck. It may be zero for as long: the vehicle stands then."""
+    known = np.isfinite(velocity.v_m_s).all(axis=1) & (velocity.v_m_s != 0).any(axis=1)
+    if not known.any():
+        return []
+    stamps_s, v_m_s = velocity.stamps_s[known], velocity.v_m_s[known]
+    at, lasted_s = _longest_repeat(stamps_s, v_m_s)
+    if lasted_s == 0:
+        return []
+    return [
+        f"velocity0: reads exactly {v_m_s[at, 0]:g}, {v_m_s[at, 1]:g} m/s for {lasted_s:.1f} s from "
+        f"{stamps_s[at]:.1f} s (stuck?)"
+    ]

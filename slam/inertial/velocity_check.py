@@ -1,0 +1,105 @@
+"""Changes of the measured velocity against those by gyro and accelerometer.
+
+The filter believes a velocity that is stuck, turned round or in another unit, for nothing else measures the
+motion over ground: it blames the tilt and the other instruments instead. Changes over a second or two are
+known from the IMU alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from slam.core.rotations import roll_pitch_yaw_of
+from slam.inertial.filter_input import filter_input
+from slam.inertial.instruments import InertialTrust
+from slam.inertial.motion import filter_motion
+
+if TYPE_CHECKING:
+    from slam.core.flight import Flight
+
+Array = NDArray[np.float64]
+
+_STEP_S, _WINDOW_S = 0.05, 2.0
+"""Velocities are compared every step after their mean over the window is subtracted: errors of tilt and
+accelerometer add up more slowly."""
+_SURE = 3.0
+"""Standard deviations of the correlation of two velocities that have nothing in common."""
+_ABOVE_NOISE, _FAR_ABOVE_NOISE = 2.0, 3.0
+"""Multiples of the accelerometer's integrated noise that the vehicle's changes of velocity must exceed; the
+larger one where nothing but a lack of correlation speaks against the velocity."""
+_CHECK = "the track over ground is not to be trusted; check signs, axes, unit and stamps of velocity0"
+_UNIT = 2.0
+"""Largest ratio that noise and gains explain; another unit differs by 3.28 (feet) at least."""
+_NORMAL_STD = 0.954
+"""Median of the absolute difference of two normal values, in their standard deviations."""
+
+
+def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> str:
+    """Describe how the velocity contradicts gyro and accelerometer; empty where it does not.
+
+    Raises ``InputError`` where the flight has too little without its velocity.
+    """
+    imu, velocity = flight.imu, flight.velocity
+    if imu is None or velocity is None or len(imu.stamps_s) < 2:
+        return ""
+    known = np.isfinite(velocity.v_m_s).all(axis=1)
+    inputs = filter_input(replace(flight, velocity=None), trust)
+    read_s = velocity.stamps_s[known]
+    begin_s, end_s = max(inputs.start_s, read_s[0]) if known.any() else np.inf, inputs.end_s
+    at_s = np.arange(begin_s, min(end_s, read_s[-1]), _STEP_S) if begin_s < end_s else np.empty(0)
+    if len(at_s) < 2 * _WINDOW_S / _STEP_S:
+        return ""
+    states = filter_motion(inputs, at_s).smoothed
+    assert states is not None
+    yaw_rad = roll_pitch_yaw_of(states.w_T_b[:, :3, :3])[:, 2]
+    level = np.column_stack([np.interp(at_s, read_s, v) for v in velocity.v_m_s[known].T])
+    along = (level[:, 0] + 1j * level[:, 1]) * np.exp(1j * yaw_rad)
+    read = _without_mean(np.column_stack([along.real, along.imag]))
+    made = _without_mean(states.w_v_m_s[:, :2])
+    moved = float(np.sqrt((made**2).sum(axis=1).mean())) / _noise_m_s(imu.stamps_s, imu.accel_m_s2)
+    if moved < _ABOVE_NOISE:
+        return ""
+    if (np.ptp(velocity.v_m_s[known], axis=0) == 0).all():
+        return f"velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?): {_CHECK}"
+    return _compared(read, made, float(at_s[-1] - at_s[0]), moved)
+
+
+def _compared(read: Array, made: Array, lasts_s: float, moved: float) -> str:
+    """Compare changes of velocity (n, 2); ``moved``: those by the IMU over their noise."""
+    of_read, of_made = float((read**2).sum()), float((made**2).sum())
+    alike = float((read * made).sum()) / np.sqrt(of_read * of_made)
+    chance = _SURE / np.sqrt(2 * max(lasts_s / (0.5 * _WINDOW_S), 1.0))
+    larger = float((read * made).sum()) / of_made
+    if alike < -chance:
+        return f"velocity0 changes against what imu0 shows (correlation {alike:.2f}; signs?): {_CHECK}"
+    if alike < chance and moved > _FAR_ABOVE_NOISE:
+        return f"velocity0 does not change as imu0 shows (correlation {alike:.2f}; stuck, or axes?): {_CHECK}"
+    if (
+        alike > chance
+        and not 1 / _UNIT < np.sqrt(of_read / of_made) < _UNIT
+        and not 1 / _UNIT < larger < _UNIT
+    ):
+        return f"velocity0 changes by {larger:.2g} times what imu0 shows (unit?): {_CHECK}"
+    return ""
+
+
+def _without_mean(values: Array) -> Array:
+    return np.asarray(values - uniform_filter1d(values, int(_WINDOW_S / _STEP_S) + 1, axis=0, mode="nearest"))
+
+
+def _noise_m_s(stamps_s: Array, accel_m_s2: Array) -> float:
+    """Return the standard deviation of a velocity from the accelerometer about its mean over a window.
+
+    White noise integrates to a random walk, whose variance in the middle of a window about the mean of the
+    window is a twelfth of that at its end. The noise is that of the readings, vibration included.
+    """
+    steps = np.abs(np.diff(accel_m_s2, axis=0))
+    std = np.nanmedian(steps, axis=0) / _NORMAL_STD
+    density = std * np.sqrt(float(np.median(np.diff(stamps_s))))
+    # Two level axes; which of the body's axes they are depends on the mount. No sensor is exact.
+    return max(float(np.max(density) * np.sqrt(2 * _WINDOW_S / 12)), 1e-6)

@@ -1,0 +1,65 @@
+"""A velocity that the IMU contradicts is told with its likely cause; a healthy one never."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.core.flight import Flight
+from slam.inertial.filter_input import filter_input
+from slam.inertial.navigate import navigate
+from slam.inertial.velocity_check import velocity_contradiction
+from slam.simulation import simulate
+from slam.simulation.recipe import load_recipe
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return simulate(replace(load_recipe("square"), camera=None), seed=5)
+
+
+def reading(flight: Flight, v_m_s: np.ndarray) -> Flight:
+    return replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
+
+
+def test_a_healthy_velocity_is_not_contradicted(flight: Flight):
+    assert velocity_contradiction(flight) == ""
+    assert velocity_contradiction(replace(flight, attitude=None)) == ""
+    assert velocity_contradiction(reading(flight, 0.8 * flight.velocity.v_m_s)) == ""
+
+
+def test_nothing_is_told_where_there_is_nothing_to_compare(flight: Flight):
+    assert velocity_contradiction(replace(flight, velocity=None)) == ""
+    assert velocity_contradiction(replace(flight, imu=None)) == ""
+    assert velocity_contradiction(reading(flight, np.full_like(flight.velocity.v_m_s, np.nan))) == ""
+
+
+@pytest.mark.parametrize("with_attitude", [True, False])
+def test_wrong_velocities_are_told_with_their_cause(flight: Flight, with_attitude: bool):
+    flight = flight if with_attitude else replace(flight, attitude=None)
+    v = flight.velocity.v_m_s
+    for wrong, cause in (
+        (np.tile([20.0, 0.0], (len(v), 1)), "stuck?"),
+        (-v, "signs?"),
+        (100 * v, "unit?"),
+        (0.1 * v, "unit?"),
+    ):
+        assert cause in velocity_contradiction(reading(flight, wrong))
+
+
+def test_swapped_axes_are_told():
+    recipe = load_recipe("square")
+    brisk = replace(recipe.maneuver, cruise_m_s=1.0, acceleration_m_s2=3.0)
+    flight = simulate(replace(recipe, camera=None, maneuver=brisk), seed=5)
+    assert velocity_contradiction(flight) == ""
+    assert "axes?" in velocity_contradiction(reading(flight, flight.velocity.v_m_s[:, ::-1]))
+
+
+def test_the_status_of_an_estimate_names_the_velocity(flight: Flight, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("slam.inertial.navigate.identify_noise", lambda flight, *_: filter_input(flight))
+    still = np.tile([20.0, 0.0], (len(flight.velocity.v_m_s), 1))
+    estimate = navigate(reading(flight, still), rate_hz=2.0).estimate
+    assert "velocity0 does not change while imu0 shows" in estimate.status
+    assert any("reads exactly" in line for line in estimate.warnings)

@@ -1,0 +1,69 @@
+"""A gyro in another unit, and quaternions in another order, are refused with what to do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from slam.core.errors import InputError
+from slam.core.flight import Flight
+from slam.io.flight_folder import read_flight, write_flight
+from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
+from slam.simulation import simulate
+from slam.simulation.recipe import load_recipe
+
+PATH = Path("imu0/data.csv")
+
+
+@pytest.fixture(scope="module", params=["square", "pulses_010"])
+def flight(request: pytest.FixtureRequest) -> Flight:
+    return simulate(replace(load_recipe(request.param), camera=None), seed=2)
+
+
+def test_a_healthy_flight_passes(flight: Flight):
+    check_gyro_by_gravity(flight.imu, PATH)
+    check_quaternion_order(flight.truth, flight.imu, PATH)
+
+
+def test_a_gyro_in_degrees_is_refused_without_an_attitude(flight: Flight):
+    degrees = replace(flight.imu, gyro_rad_s=np.degrees(flight.imu.gyro_rad_s))
+    with pytest.raises(InputError, match=r"but gravity is 9\.8.*in deg/s\?"):
+        check_gyro_by_gravity(degrees, PATH)
+
+
+@pytest.mark.parametrize("yaw_rad", [0.0, 2.5])
+def test_quaternions_in_another_order_are_refused(flight: Flight, yaw_rad: float):
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", yaw_rad).as_matrix()
+    poses = turn @ flight.truth.w_T_b
+    check_quaternion_order(replace(flight.truth, w_T_b=poses), flight.imu, PATH)
+    as_written = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=False)
+    mixed = poses.copy()
+    mixed[:, :3, :3] = Rotation.from_quat(as_written, scalar_first=True).as_matrix()
+    with pytest.raises(InputError, match=r"write quaternions as w x y z \(are they x y z w\?\)"):
+        check_quaternion_order(replace(flight.truth, w_T_b=mixed), flight.imu, PATH)
+
+
+def test_tilted_gravity_shows_signs_of_the_gyro():
+    """The vehicle rolls by a radian to both sides: with the sign turned, gravity leans by twice as much."""
+    flight = simulate(replace(load_recipe("hover"), camera=None), seed=2)
+    stamps_s = flight.imu.stamps_s
+    roll_rad = np.sin(2 * np.pi * 0.2 * stamps_s)
+    force = 9.81 * np.column_stack([np.zeros_like(roll_rad), np.sin(roll_rad), np.cos(roll_rad)])
+    gyro = np.column_stack([np.gradient(roll_rad, stamps_s), np.zeros((len(roll_rad), 2))])
+    rolling = replace(flight.imu, gyro_rad_s=gyro, accel_m_s2=force)
+    check_gyro_by_gravity(rolling, PATH)
+    with pytest.raises(InputError, match="turn its signs"):
+        check_gyro_by_gravity(replace(rolling, gyro_rad_s=-gyro), PATH)
+
+
+def test_the_reader_refuses_both(tmp_path: Path):
+    flight = simulate(replace(load_recipe("square"), camera=None), seed=2)
+    degrees = replace(flight.imu, gyro_rad_s=np.degrees(flight.imu.gyro_rad_s))
+    write_flight(replace(flight, imu=degrees, attitude=None), tmp_path / "degrees")
+    with pytest.raises(InputError, match="convert it to rad/s"):
+        read_flight(tmp_path / "degrees")
