@@ -51,21 +51,35 @@ FORMATS: tuple[Format, ...] = (
     Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )
 
-ROS2_FOLDER = Format("a ROS 2 bag", "slam.io.recordings.rosbag", (), ())
-"""A folder with ``metadata.yaml``, as ``ros2 bag record`` writes it."""
+
+@dataclass(frozen=True)
+class FolderFormat:
+    """A format of folders, and how they are recognised."""
+
+    module: str
+    fits: Callable[[Path], bool]
+    """Return whether a folder is of this format, by the names in it."""
 
 
-def _holds_bag(folder: Path) -> bool:
-    return any(path.name.endswith((".db3", ".mcap", ".zstd")) for path in folder.iterdir())
+def _is_ros2(folder: Path) -> bool:
+    """Return whether ``ros2 bag record`` may have written a folder."""
+    names = [path.name for path in folder.iterdir()]
+    return "metadata.yaml" in names and any(name.endswith((".db3", ".mcap", ".zstd")) for name in names)
 
 
-def format_of(path: Path) -> Format | None:
+FOLDERS: tuple[FolderFormat, ...] = (
+    FolderFormat("slam.io.recordings.rosbag", _is_ros2),
+    FolderFormat("slam.io.recordings.tum", lambda folder: (folder / "rgb.txt").is_file()),
+)
+
+
+def format_of(path: Path) -> Format | FolderFormat | None:
     """Return the format of a file or folder by its content, or None where it is no recording.
 
     Raises ``InputError`` for a file with the suffix of a format and other content.
     """
     if path.is_dir():
-        return ROS2_FOLDER if (path / "metadata.yaml").is_file() and _holds_bag(path) else None
+        return next((known for known in FOLDERS if known.fits(path)), None)
     try:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)

@@ -85,9 +85,10 @@ def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
     )
     if any(kind not in _TYPES for kind in kinds) or len(kinds) < 3:
         return
-    samples = np.frombuffer(
-        data[: count * size], np.dtype([(str(k), _TYPES[c]) for k, c in enumerate(kinds)])
-    )
+    layout = np.dtype([(str(k), _TYPES[kind]) for k, kind in enumerate(kinds)])
+    if layout.itemsize != size:
+        return
+    samples = np.frombuffer(data[: count * size], layout)
     columns = np.column_stack([samples[str(k)].astype(float) for k in range(len(kinds))])
     scale = np.frombuffer(told["SCAL"][2], _TYPES.get(told["SCAL"][0], ">i4")).astype(float)
     position = columns[:, :3] / (scale[:3] if len(scale) >= 3 else scale[0])
