@@ -36,11 +36,12 @@ class Bag:
             from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_typestore
         self.path = path
+        self.warnings: tuple[str, ...] = ()
+        # Bags hold the definitions of their messages since ROS 2 Iron.
+        before_iron = get_typestore(Stores.ROS2_HUMBLE)
         with damage_reported(path, DESCRIPTION):
-            # Bags hold the definitions of their messages since ROS 2 Iron.
-            before_iron = get_typestore(Stores.ROS2_HUMBLE)
             self.reader: AnyReader = AnyReader([path], default_typestore=before_iron)
-            self.reader.open()
+            self._open()
         weakref.finalize(self, self.reader.close)
         self.mounts = MountTree()
         with damage_reported(path, DESCRIPTION):
@@ -52,6 +53,23 @@ class Bag:
             self.first = {topic: self._first(topic) for topic, _, count in self.topics(*kinds) if count}
         imus = [self.frame_of(c.topic) for c in self.of_kinds("sensor_msgs/msg/Imu")]
         self.body = self.mounts.body(imus)
+
+    def _open(self) -> None:
+        """Open the bag; of a ROS 1 bag without an index, read what is complete."""
+        from rosbags.highlevel import AnyReaderError
+
+        try:
+            self.reader.open()
+        except AnyReaderError:
+            if self.path.suffix != ".bag":
+                raise
+            from slam.io.recordings.ros_unindexed import UnindexedReader
+
+            unindexed = UnindexedReader(self.path)
+            self.reader.readers = [unindexed]
+            self.reader.open()
+            lost = f", and its last {unindexed.lost_bytes:,} bytes are lost" if unindexed.lost_bytes else ""
+            self.warnings = (f"the bag has no index (its recording was interrupted){lost}",)
 
     def of_kinds(self, *kinds: str) -> list[Connection]:
         """Return the connections with messages of some types."""

@@ -140,7 +140,7 @@ def _read(bag: Bag, chosen: Sequence[Offer], progress: Progress) -> Content:
     for offer in chosen:
         by_topic.setdefault(offer.channel, []).append(series[offer.stream])
     camera = next((offer.channel for offer in chosen if offer.stream == "cam0"), None)
-    warnings = _pass(bag, by_topic, progress)
+    warnings = [*bag.warnings, *_pass(bag, by_topic, progress)]
     readings = {
         offer.stream: _readings(bag, offer, series[offer.stream])
         for offer in chosen

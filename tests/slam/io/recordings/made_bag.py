@@ -159,10 +159,18 @@ class Maker:
         return self.make("tf2_msgs/msg/TFMessage", transforms=made)
 
 
-def write(path: Path, maker: Maker, messages: list[tuple[str, int, Any]], mcap: bool = False) -> Path:
+def write(
+    path: Path,
+    maker: Maker,
+    messages: list[tuple[str, int, Any]],
+    mcap: bool = False,
+    chunk_bytes: int | None = None,
+) -> Path:
     """Write messages (topic, time of recording, message); return what ``slam`` is given."""
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     writer = Writer1(path) if maker.is_1 else Writer2(path, version=9, storage_plugin=plugin)
+    if chunk_bytes is not None:
+        writer.chunk_threshold = chunk_bytes
     with writer:
         connections: dict[str, Any] = {}
         for topic, time_ns, message in messages:

@@ -317,6 +317,30 @@ def test_a_truncated_bag_is_one_line_or_a_warning(tmp_path, kind):
         assert "\n" not in said
 
 
+def test_a_ros_1_bag_without_its_index_is_read(tmp_path):
+    """The header of a bag that was not closed says that the index is at 0."""
+    path = ros1(tmp_path / "a.bag", a_flight(M))
+    expected = read(path)
+    content = path.read_bytes()
+    at = content.index(b"index_pos=") + len(b"index_pos=")
+    index = int.from_bytes(content[at : at + 8], "little")
+    path.write_bytes(content[:at] + bytes(8) + content[at + 8 : index])
+    flight = read(path)
+    assert flight.warnings == ("the bag has no index (its recording was interrupted)", *expected.warnings)
+    assert np.array_equal(flight.imu.accel_m_s2, expected.imu.accel_m_s2)
+    assert np.array_equal(flight.frames[3].read(), picture(3))
+
+
+def test_a_truncated_ros_1_bag_gives_its_whole_chunks(tmp_path):
+    path = write(tmp_path / "a.bag", M, a_flight(M), chunk_bytes=500)
+    whole = len(read(path).imu.stamps_s)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    flight = read(path)
+    assert 0 < len(flight.imu.stamps_s) < whole
+    assert any("has no index (its recording was interrupted)" in line for line in flight.warnings)
+
+
 def test_a_missing_reader_is_one_line_with_the_command(tmp_path, monkeypatch):
     path = ros1(tmp_path / "a.bag", a_flight(M))
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
