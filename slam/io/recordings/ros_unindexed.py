@@ -28,7 +28,7 @@ class UnindexedReader(Reader):
         """Open the bag and walk through its records. Raises ``ReaderError`` where no chunk is complete."""
         path = Path(str(self.path))
         end = path.stat().st_size
-        self.bio = file = path.open("rb")  # noqa: SIM115  closed by ``close``
+        self.bio = file = path.open("rb")
         file.readline()
         at = file.tell()
         connections: dict[int, Connection] = {}
