@@ -16,7 +16,7 @@ from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
-from slam.criticism.kalman.innovations import stretches
+from slam.criticism.kalman.innovations import segments
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
@@ -85,7 +85,7 @@ def telling_flight(
         missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
         record = referred(record_of(replace(flight, **missing)), parameters)  # type: ignore[arg-type]
         information = np.zeros((len(every), len(every)))
-        for rows in stretches(record, parameters, every):
+        for rows in segments(record, parameters, every):
             information += rows.sensitivity.T @ rows.sensitivity
         if seen is not None:
             information += reprojection_score(

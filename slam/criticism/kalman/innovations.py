@@ -72,7 +72,7 @@ class FilterPass:
         return float(self.nats.sum())
 
 
-def stretches(
+def segments(
     record: Record,
     parameters: FilterParameters,
     perturbations: Sequence[Perturbation] = (),
@@ -80,13 +80,13 @@ def stretches(
     longest_s: float = 10.0,
 ) -> Iterator[Innovations]:
     """Yield the innovations of one segment of the flight after the other."""
-    yield from Run(record, parameters, perturbations, signals).stretches(longest_s)
+    yield from Run(record, parameters, perturbations, signals).segments(longest_s)
 
 
 def whole(record: Record, parameters: FilterParameters) -> FilterPass:
     """Filter the whole flight in one piece, without perturbations."""
     run = Run(record, parameters)
-    for _ in run.stretches(np.inf):
+    for _ in run.segments(np.inf):
         pass
     return run.passed()
 
@@ -120,7 +120,7 @@ class Run:
         log_variance = written.log_variance[part] - self._usual[CHANNEL_AT[self._given.events.kinds[part]]]
         return FilterPass(written.innovation[part], log_variance, written.status[part], written.states[part])
 
-    def stretches(self, longest_s: float) -> Iterator[Innovations]:
+    def segments(self, longest_s: float) -> Iterator[Innovations]:
         """Yield the innovations of one segment after the other. Call it once for each run."""
         events = self._given.events
         pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)

@@ -30,7 +30,7 @@ Ints = NDArray[np.int64]
 
 CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""
-STRETCH_S = 10.0
+SEGMENT_S = 10.0
 ENOUGH_S = 200.0
 PARTED = 0.1
 
@@ -165,7 +165,7 @@ def _segment_terms(
 ) -> Iterator[_Summed]:
     """Yield information, score and log likelihood of each segment of a flight."""
     moved, widened = changed.mean, changed.log_variance
-    for rows in run.stretches(STRETCH_S):
+    for rows in run.segments(SEGMENT_S):
         column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
         shifted = moved[rows.events, column]
         d, end = rows.sensitivity.shape[1], rows.sensitivity.shape[1] + widened.shape[-1]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.innovations import stretches
+from slam.criticism.kalman.innovations import segments
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.inclusion import is_saturation, with_free_value
@@ -27,7 +27,7 @@ from slam.criticism.threads import in_threads
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-STRETCH_S, MOST_STRETCHES = 5.0, 1000
+SEGMENT_S, MOST_SEGMENTS = 5.0, 1000
 DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
@@ -61,11 +61,11 @@ def consistencies(
     precision[: len(MEAN_NUISANCES)] = [prior_precision(n, model) for n in MEAN_NUISANCES]
 
     def one(k: int) -> tuple[Array, Array, Ints]:
-        rows = list(stretches(records[k], parameters, perturbations))
+        rows = list(segments(records[k], parameters, perturbations))
         events = np.concatenate([r.events for r in rows])
-        time = (records[k].times_s[events] // STRETCH_S).astype(np.int64)
+        time = (records[k].times_s[events] // SEGMENT_S).astype(np.int64)
         channels = np.concatenate([r.channels for r in rows])
-        part = np.column_stack([np.full(len(events), k), MOST_STRETCHES * k + time, channels])
+        part = np.column_stack([np.full(len(events), k), MOST_SEGMENTS * k + time, channels])
         return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
 
     found = in_threads(one, range(len(records)))

@@ -23,7 +23,7 @@ from slam.criticism.kalman.perturbations import Perturbation, parameter_perturba
 from slam.criticism.kalman.record import Record
 from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, picture_effects
 from slam.criticism.without_commands.inertial_consistency import WhitenedRows
-from slam.criticism.without_commands.regression import STRETCH_S, Sizes
+from slam.criticism.without_commands.regression import SEGMENT_S, Sizes
 
 Array = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ def picture_errors(
         for part in sorted(set(of.values())):
             for segment in _segments(record, with_errors(parameters, _point(sizes[part])), ()):
                 middle_s, after = segment.middle_s, segment.seen
-                if of.get(middle_s // STRETCH_S) == part and middle_s in before:
+                if of.get(middle_s // SEGMENT_S) == part and middle_s in before:
                     both = before[middle_s], after
                     squares.append([noise * s.chi_square / s.rows for s in both])
                     rows.append(after.rows)
@@ -162,7 +162,7 @@ def _segments(
     matches = record.matches
     assert matches is not None
     path, inside = camera_path(record, matches, parameters)
-    number = (path.times_s // STRETCH_S).astype(np.int64)
+    number = (path.times_s // SEGMENT_S).astype(np.int64)
     for k in np.unique(number).tolist():
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST:
@@ -171,4 +171,4 @@ def _segments(
             matches, parameters, *path_segment(path, inside, begin, end), perturbations
         )
         if seen.rows:
-            yield _Segment((k + 0.5) * STRETCH_S, seen)
+            yield _Segment((k + 0.5) * SEGMENT_S, seen)

@@ -20,7 +20,7 @@ Ints = NDArray[np.int64]
 Sizes = Mapping[str, float]
 """Column -> size."""
 
-STRETCH_S = 10.0
+SEGMENT_S = 10.0
 FEWEST_FLIGHTS = 3
 SEGMENTS = 6
 RIDGE = 1e-9
@@ -171,7 +171,7 @@ def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
     }
     kind = np.concatenate([np.full(len(r.off), r.kind) for flight in rows for r in flight])
     flight = np.concatenate([np.full(len(r.off), k) for k, found in enumerate(rows) for r in found])
-    segment = np.concatenate([(r.times_s // STRETCH_S).astype(np.int64) for found in rows for r in found])
+    segment = np.concatenate([(r.times_s // SEGMENT_S).astype(np.int64) for found in rows for r in found])
     middle_s = [np.mean([r.times_s[[0, -1]] for r in found]) if found else 0.0 for found in rows]
     minutes = np.concatenate(
         [(r.times_s - at) / 60.0 for found, at in zip(rows, middle_s, strict=True) for r in found]
@@ -197,7 +197,7 @@ def parts_of(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[d
     parts, begin = [], 0
     for flight in rows:
         count = sum(len(r.off) for r in flight)
-        segment = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
+        segment = np.concatenate([r.times_s // SEGMENT_S for r in flight]) if flight else np.zeros(0)
         parts.append(dict(zip(segment.tolist(), data.part[begin : begin + count].tolist(), strict=True)))
         begin += count
     return parts

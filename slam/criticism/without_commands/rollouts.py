@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from slam.criticism.cause import ChannelError
 from slam.criticism.verdict.rollouts import HORIZONS_S
 from slam.criticism.without_commands.inertial_consistency import NODE_S, Averages, WhitenedRows
-from slam.criticism.without_commands.regression import STRETCH_S, Regression, Sizes, parts_of
+from slam.criticism.without_commands.regression import SEGMENT_S, Regression, Sizes, parts_of
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def _errors_of(
     last = len(averages.times_s) - ahead
     if last < 1 or ahead % averages.order:
         return np.zeros((0, 2))
-    segment = averages.times_s // STRETCH_S
+    segment = averages.times_s // SEGMENT_S
     part = np.array([parts.get(s, -1) for s in segment[:last].tolist()])
     lost = np.concatenate([[0], np.cumsum(~averages.whole)])
     kept = (lost[ahead + 1 :] == lost[:last]) & (averages.pause[ahead:] == averages.pause[:last])

@@ -114,11 +114,11 @@ def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_m
 
 @pytest.mark.slow
 def test_the_rival_that_is_drawn_is_that_of_the_verdict():
-    _, found, (records, belief, search, cause, rival, z) = dragging()
+    _, found, (records, parameters, search, cause, rival, z) = dragging()
     assert found.covariate.rival == found.causes[0].rival == rival
     other = "flow_scale"
     assert rival != other
-    drawn = covariate(records, belief, search, cause, other, z)
+    drawn = covariate(records, parameters, search, cause, other, z)
     assert [drawn.rival, *(m.cause for m in drawn.against)] == [other, cause, other]
 
 

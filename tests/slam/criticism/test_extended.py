@@ -30,8 +30,8 @@ def record():
 
 
 def test_noise_is_the_flights_figure_times_the_fitted_factor(record):
-    belief = replace(filter_parameters_of(NOMINAL), noise_factor=by_channel(1.1, 1.0, 1.2, 1.0, 0.9))
-    made = extended_model(NOMINAL, belief, (), [record])
+    parameters = replace(filter_parameters_of(NOMINAL), noise_factor=by_channel(1.1, 1.0, 1.2, 1.0, 0.9))
+    made = extended_model(NOMINAL, parameters, (), [record])
     assert made.attitude.noise_std_deg == pytest.approx(1.2 * 0.5 * NOMINAL.attitude.noise_std_deg)
     assert made.imu.gyro_noise_density == pytest.approx(1.1 * 0.5 * NOMINAL.imu.gyro_noise_density, rel=1e-3)
     assert made.sonar.noise_std_m == pytest.approx(0.9 * NOMINAL.sonar.noise_std_m)
@@ -42,8 +42,8 @@ def test_an_out_of_model_vehicle_and_a_missing_instrument_keep_the_models_noise(
     out_of_model = replace(filter_parameters_of(NOMINAL), noise_factor=factors, out_of_model=True)
     assert extended_model(NOMINAL, out_of_model, (), [record]).attitude == NOMINAL.attitude
     deaf = replace(record, values=np.where(record.kinds[:, None] == 3, np.nan, record.values))
-    belief = replace(filter_parameters_of(NOMINAL), noise_factor=factors)
-    assert extended_model(NOMINAL, belief, (), [deaf]).sonar.noise_std_m == NOMINAL.sonar.noise_std_m
+    parameters = replace(filter_parameters_of(NOMINAL), noise_factor=factors)
+    assert extended_model(NOMINAL, parameters, (), [deaf]).sonar.noise_std_m == NOMINAL.sonar.noise_std_m
 
 
 def test_a_count_beyond_what_the_equation_bears_is_no_error():

@@ -36,7 +36,7 @@ TONED = ("vignetting.a", "motion_blur.exposure", "exposure_variation.gamma")
 
 @pytest.fixture(scope="module")
 def filmed():
-    """Record and sights of turns over a floor, and the belief."""
+    """Record and matches of rotations over a floor, and the parameters."""
     model = load_model("nominal")
     parameters = filter_parameters_of(model)
     flight = simulate_flight(at_lower_rates(model), stick_for([TURNS]), 1, camera=CameraModel(rate_hz=4.0))

@@ -115,7 +115,7 @@ ALL_AT_ONCE = {
 
 @pytest.fixture(scope="module")
 def ill(parameters: FilterParameters) -> tuple[Record, FeatureMatches, FilterParameters]:
-    """A flight with all that is wrong at once, and the belief that knows it."""
+    """A flight with all camera errors at once, and the true parameters."""
     model = Model(name="ill", terms=ALL_AT_ONCE)
     return *seen(ALL_AT_ONCE, 6), replace(parameters, camera=camera_vector(model))
 

@@ -1,4 +1,4 @@
-"""What tones tell: made brightness of the same points, with and without something wrong."""
+"""Tones: synthetic brightness of the same points, with and without camera errors."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def test_a_random_gamma_is_no_random_gain() -> None:
 
 
 def test_what_lies_farther_out_is_darker_and_no_matter_of_height() -> None:
-    """The belief that holds the corners' darkness sees no trend beside it."""
+    """Parameters with the vignetting show no further trend."""
     matches, path = made(5, vignetting=0.3)
     camera = np.zeros(len(CAMERA))
     camera[VIGNETTING] = 0.3

@@ -9,7 +9,7 @@ import pytest
 
 from slam.criticism.kalman.ar1_noise import ar1_noise_for
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import stretches, whole
+from slam.criticism.kalman.innovations import segments, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
 from slam.criticism.kalman.record import record_of
@@ -92,7 +92,7 @@ def test_a_tiny_ar1_coefficient_acts_as_none():
 def test_tangents_are_what_a_change_does_to_the_innovations(name):
     measured, true = flight(6)
     record, step = record_of(measured), 1e-4
-    rows = list(stretches(record, true, [parameter_perturbation(name, step)]))
+    rows = list(segments(record, true, [parameter_perturbation(name, step)]))
     traces = np.concatenate([r.sensitivity[:, 0] for r in rows])
     before = np.concatenate([r.white for r in rows])
     direction = parameter_perturbation(name, step)
@@ -102,7 +102,7 @@ def test_tangents_are_what_a_change_does_to_the_innovations(name):
         dynamics = true.dynamics.copy()
         dynamics[direction.entry] += step
         other = replace(true, dynamics=dynamics)
-    after = np.concatenate([r.white for r in stretches(record, other)])
+    after = np.concatenate([r.white for r in segments(record, other)])
     difference = (before - after) / step
     assert np.abs(traces).max() > 1.0
     assert np.linalg.norm(traces - difference) < 0.03 * np.linalg.norm(traces)

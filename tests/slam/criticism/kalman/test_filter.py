@@ -10,7 +10,7 @@ import pytest
 from slam.criticism.kalman import record as record_module
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import stretches, whole
+from slam.criticism.kalman.innovations import segments, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.prepare import workspace_for
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
@@ -49,7 +49,7 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
     record = record_of(simulate_flight(vehicle, stick_for(TILTS), 5))
     lag = parameter_perturbation("sonar_lag.T", 1e-3)
     score = information = 0.0
-    for rows in stretches(record, filter_parameters_of(vehicle), [lag], {}):
+    for rows in segments(record, filter_parameters_of(vehicle), [lag], {}):
         score += float(rows.white @ rows.sensitivity[:, 0])
         information += float(rows.sensitivity[:, 0] @ rows.sensitivity[:, 0])
     assert information**-0.5 < 0.1 * lag_s
@@ -121,7 +121,7 @@ def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     changed = replace(changed, start=healthy.start)
     parameters = filter_parameters_of(model)
     trace = np.full(healthy.values.shape, np.nan)
-    for part in stretches(healthy, parameters, [direction]):
+    for part in segments(healthy, parameters, [direction]):
         c = part.channels - CHANNEL_AT[healthy.kinds[part.events], 0]
         trace[part.events, c] = part.sensitivity[:, 0]
     before, after = whole(healthy, parameters), whole(changed, parameters)

@@ -1,4 +1,4 @@
-"""What is the same for every belief: where a flight lands, and how surely its readings are foretold."""
+"""Landing times and innovation variances are the same for every parameter set."""
 
 from __future__ import annotations
 

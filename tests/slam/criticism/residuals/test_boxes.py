@@ -31,7 +31,7 @@ def records(request):
 
 
 def over(record, height, crowded=False):
-    """The record with boxes under some stretches of it, or under most, and where."""
+    """The record with boxes under some segments of it, or under most, and where."""
     rows = np.flatnonzero(record.kinds == SONAR)
     below = np.sin(2 * np.pi * record.times_s[rows] / 4.3) > (-0.4 if crowded else 0.6)
     values = record.values.copy()

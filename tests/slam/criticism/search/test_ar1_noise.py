@@ -28,7 +28,7 @@ def slow():
 
 
 def measured(vehicle, attitude=lambda angles, t: angles):
-    """Records of two flights of a vehicle, the model, and the healthy belief."""
+    """Records of two flights of a vehicle, the model, and the healthy parameters."""
     records = []
     for k, plan in enumerate(PLANS):
         flight = simulate_flight(vehicle, stick_for(plan), 50 + k, maker=slow())
@@ -40,7 +40,7 @@ def measured(vehicle, attitude=lambda angles, t: angles):
 
 
 def asked(vehicle, most_nats=10.0, attitude=lambda angles, t: angles):
-    """What becomes of the healthy belief."""
+    """Return the parameters with AR(1) noise that the healthy ones lead to, or None."""
     records, model, parameters = measured(vehicle, attitude)
     passes = [whole(record, parameters) for record in records]
     return with_ar1_noise(records, model, parameters, passes, (), most_nats)

@@ -1,4 +1,4 @@
-"""A step of a column is what the belief then holds more, and taking it all out leaves a healthy vehicle."""
+"""A step of a column changes the parameters by as much, and undoing all steps gives a healthy vehicle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the gains are off by is free by itself: else heavy tails look like a target that goes with tilt."""
+"""Gain corrections are free: otherwise heavy tails resemble a pattern of the tilt target."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TILT = gain_column("tilt_std_rad")
 
 @pytest.fixture(scope="module")
 def seen():
-    """Sums over one healthy flight with the two targets that go with tilt, and the belief."""
+    """Fisher information of one healthy flight with two tilt patterns, and the parameters."""
     model = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
     parameters = filter_parameters_of(model)

@@ -32,7 +32,7 @@ class LikelihoodExpansion:
 
 
 def expansion(run, pieces, shown=0.0):
-    """A look at one flight whose stretches are its events in equal parts, pictures last."""
+    """A look at one flight whose segments are its events in equal parts, pictures last."""
     bounds = np.linspace(0, len(run.status), pieces + 1).astype(int)
     nats = [run.nats[a:b].sum() for a, b in pairwise(bounds)]
     return LikelihoodExpansion(
@@ -79,14 +79,14 @@ def test_flights_whose_parameter_sets_use_different_readings_are_filtered_anew(s
 
     def one_more(base, last):
         nats = base.fisher.log_likelihood.copy(), last.fisher.log_likelihood.copy()
-        # A reading of the first flight that the belief with the term alone judges, and hates.
+        # A reading of the first flight that only the parameters with the term use, with a large residual.
         nats[1][0] += 30.0
         return nats
 
     monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
     anew = held_out(records, found, NOMINAL)
     np.testing.assert_array_equal(anew.nats[1:], by_parabola.nats[1:])
-    runs = [whole(records[0], belief[0]) for belief in (anew.before, anew.after)]
+    runs = [whole(records[0], parameters[0]) for parameters in (anew.before, anew.after)]
     assert anew.nats[0] == pytest.approx(runs[1].log_likelihood - runs[0].log_likelihood, abs=1e-6)
     # All of them are judged by both here, so that the parabola tells the same to the curvature.
     assert anew.nats[0] == pytest.approx(by_parabola.nats[0], abs=1.5)

@@ -43,7 +43,7 @@ def test_weak_gusts_are_distinguished_from_nothing_though_parameters_with_gusts_
 
 
 def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows():
-    """What is missed without gusts is asked with the latency in the belief, not from health."""
+    """Evidence for gusts is computed with the latency in the parameters, not for a healthy vehicle."""
     model = at_lower_rates(load_model("nominal"))
     late = model.with_term("control_latency", T=0.1)
     found, _ = judged([simulate_flight(late, stick_for(PLAN), seed, maker=model) for seed in (1, 2)])

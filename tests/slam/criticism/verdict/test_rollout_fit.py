@@ -27,7 +27,7 @@ LEAN = 0.8
 
 @pytest.fixture(scope="module")
 def braking():
-    """Three flights of a vehicle that leans against its speed, and the nominal belief."""
+    """Three flights of a vehicle that leans against its speed, and the nominal parameters."""
     slower = at_lower_rates(load_model("nominal"))
     vehicle = slower.with_term("active_braking", lean=LEAN)
     vehicle = replace(vehicle, vehicle=replace(vehicle.vehicle, attitude_time_s=0.2))
