@@ -15,6 +15,7 @@ from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu
 from slam.core.names import listed
 from slam.core.stream_anomalies import sonar_anomalies, velocity_anomalies
 from slam.core.stream_source import StreamSource
+from slam.core.units import length
 
 Array = NDArray[np.float64]
 
@@ -261,7 +262,7 @@ def _gps_anomalies(flight: Flight) -> list[str]:
     names = flight.picture_names(flight.gps.stamps_s)
     lines = []
     for bad, why in (
-        (check.far, f"farther from the others than these are wide ({check.width_m:.3g} m)"),
+        (check.far, f"farther from the others than these are wide ({length(check.width_m)})"),
         (check.fast, f"out of reach of the others at {MAX_SPEED_M_S:g} m/s"),
         (check.jumps_up, f"at an altitude out of reach of the others at {MAX_SPEED_M_S:g} m/s"),
     ):
@@ -270,7 +271,7 @@ def _gps_anomalies(flight: Flight) -> list[str]:
             verb = "lies" if len(which) == 1 else "lie"
             told = listed(
                 [
-                    f"{names[k]} ({check.distance_m[k] / 1e3:.4g} km)" if check.far[k] else names[k]
+                    f"{names[k]} ({length(float(check.distance_m[k]))})" if check.far[k] else names[k]
                     for k in which
                 ],
                 MOST_LISTED_FIXES,

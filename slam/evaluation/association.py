@@ -236,7 +236,9 @@ def _with_gps(
     gps, origin = flight.gps, estimate.origin or flight.geo_origin()
     if gps is None or origin is None:
         raise InputError("gps0: holds no complete fix; mend it or compare with a flight that has truth")
-    known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
+    check = flight.fix_check()
+    believed = np.ones(len(gps.stamps_s), bool) if check is None else check.believed
+    known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg) & believed
     flat = not np.isfinite(gps.altitude_m[known]).any()
     if not flat:
         known &= np.isfinite(gps.altitude_m)

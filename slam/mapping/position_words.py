@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
-from scipy.stats import f as f_distribution
 
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.names import listed
+from slam.core.units import length
 from slam.mapping.fixes import Fixes
 from slam.mapping.position_consensus import FALSE_ALARM, LEAST_FIXES, Agreement
 
@@ -74,21 +74,17 @@ def _too_many(outliers: int, count: int) -> bool:
 
 
 def _with_distance(fixes: Fixes, which: NDArray[np.int64], off_m: Array) -> str:
-    told = [f"{fixes.names[k]} ({_length(off)})" for k, off in zip(which, off_m, strict=True)]
+    told = [f"{fixes.names[k]} ({length(off)})" for k, off in zip(which, off_m, strict=True)]
     return listed(told, MOST_LISTED_FIXES)
-
-
-def _length(off_m: float) -> str:
-    return f"{off_m / 1e3:.4g} km" if abs(off_m) >= 1e4 else f"{off_m:.3g} m"
 
 
 def _step(good_m: Array, bad_m: Array) -> float | None:
     """Return the step between two groups of altitudes; None if the second is no group."""
     if len(bad_m) < 2 or not len(good_m):
         return None
-    # The second group may scatter as far as the first one does, within chance.
-    limit = f_distribution.isf(FALSE_ALARM, len(bad_m) - 1, max(len(good_m) - 1, 1))
-    if np.var(bad_m, ddof=1) > limit * np.var(good_m, ddof=min(1, len(good_m) - 1)):
+    # A group is narrower than the gap that separates it from the others.
+    gap_m = float(np.abs(bad_m[:, None] - good_m).min())
+    if np.ptp(bad_m) > gap_m:
         return None
     return float(np.median(bad_m) - np.median(good_m))
 
@@ -99,7 +95,7 @@ def _step_line(fixes: Fixes, good: NDArray[np.int64], bad: NDArray[np.int64], st
 
     where = "above" if step_m > 0 else "below"
     return (
-        f"gps0: the altitudes of {first(bad)} lie {_length(abs(step_m))} {where} those of the other "
+        f"gps0: the altitudes of {first(bad)} lie {length(abs(step_m))} {where} those of the other "
         f"{first(good)} while the pictures show no such climb: two altitude references (sea level, "
         "ellipsoid, take-off)? The map uses those of the latter; check which are right"
     )
@@ -116,6 +112,6 @@ def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> 
     names = ", ".join(name for name, here in zip(fixes.names, covered, strict=True) if here)
     rms = float(np.sqrt(np.sum(off**2) / max(2 * n - 4, 1)))
     return [
-        f"gps0: the {n} fixes contradict the pictures by {_length(rms)}, and it takes {LEAST_FIXES} to tell "
+        f"gps0: the {n} fixes contradict the pictures by {length(rms)}, and it takes {LEAST_FIXES} to tell "
         f"which is wrong ({names}); scale and place of the map may be wrong"
     ]

@@ -166,6 +166,15 @@ def test_gps_is_the_reference_without_truth_and_nothing_is_aligned():
     assert record["nees"]["mean"] is None
 
 
+def test_a_fix_far_from_the_others_is_no_reference():
+    poses = smooth_poses(np.random.default_rng(2), 20, size_m=5.0)
+    fixes = poses[:, :3, 3].copy()
+    fixes[7, 0] += 1e6
+    found = associate(estimate_of(poses, origin=ORIGIN), gps_flight(fixes, np.arange(20) * 0.25))
+    assert 7 not in found.keyframe.tolist()
+    assert found.left_out == {"without a GPS fix at their time": 1}
+
+
 def test_gps_without_altitude_is_compared_in_the_plane():
     poses = smooth_poses(np.random.default_rng(2), 20, size_m=50.0)
     moved = poses.copy()
