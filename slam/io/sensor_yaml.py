@@ -104,8 +104,9 @@ class YamlFile:
             raise self.refuse(key, "has no 16 numbers", "write rows: 4, cols: 4 and data: [16 numbers]")
         T = np.array([self._finite(key, v) for v in data]).reshape(4, 4)
         R = T[:3, :3]
-        error = float(np.abs(R.T @ R - np.eye(3)).max())
-        if (far := float(np.linalg.norm(T[:3, 3]))) > MAX_LEVER_M:
+        largest = float(np.abs(R).max())  # its square may overflow
+        error = float(np.abs(R.T @ R - np.eye(3)).max()) if largest < 2 else largest
+        if (far := math.hypot(*T[:3, 3])) > MAX_LEVER_M:
             raise self.refuse(key, f"puts the sensor {far:g} m from the body", "write metres (millimetres?)")
         if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-9):
             raise self.refuse(key, "does not end in 0, 0, 0, 1", "write a rigid transform, row by row")

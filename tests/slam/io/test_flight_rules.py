@@ -82,6 +82,8 @@ YAML = [
     ("imu0", r"rows: 4", "rows: 3", "4 x 4"),
     ("imu0", r"data: \[", "data: [0.5, ", "16 numbers"),
     ("imu0", r"data: \[[^,]*,", "data: [0.3,", "not a rotation"),
+    ("imu0", r"data: \[[^,]*,", "data: [1e308,", "not a rotation"),
+    ("sonar0", r"data: \[[^]]*\]", "data: [1,0,0,1e308, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "from the body"),
     ("attitude0", r"data: \[1.0,", "data: [-1.0,", "mirrored"),
     ("imu0", r"1.0\]", "2.0]", "0, 0, 0, 1"),
     ("imu0", r"gyroscope_noise_density: .*", "gyroscope_noise_density: -1", "positive"),
