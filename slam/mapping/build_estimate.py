@@ -32,6 +32,7 @@ from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
 from slam.mapping.not_placed import ALONE, not_placed_warnings, pictures_not_placed
+from slam.mapping.one_place import one_place_warning
 from slam.mapping.refine import comparable
 from slam.mapping.systematic_warning import is_outside_covariances, systematic_warning
 
@@ -72,6 +73,8 @@ def _status(
     bent = [_systematic_warning(flight, map_, shared)] if is_outside_covariances(shared) else []
     warnings = [*bent, *map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
     warnings += [line for line in [clock_contradiction(map_.clock, context.clock)] if line]
+    overlap = context.setup.config.keyframes.min_overlap
+    warnings += [line for line in [one_place_warning(flight, map_, overlap, by_metres)] if line]
     parts = int(map_.component.max(initial=-1)) + 1
     lost = [name for name, reason in not_placed.items() if reason == ALONE]
     if parts > 1:

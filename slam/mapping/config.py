@@ -133,6 +133,7 @@ class PipelineConfig:
             for key, (least, most) in keys.items():
                 value = getattr(getattr(self, section), key)
                 if not least <= value <= most:
-                    raise ValueError(f"{section}.{key}: must be from {least:g} to {most:g}, got {value:g}")
+                    got = str(value)[:20]  # an integer may be larger than any float
+                    raise ValueError(f"{section}.{key}: must be from {least:g} to {most:g}, got {got}")
         if not self.tracks.grids or min(min(grid) for grid in self.tracks.grids) < 1:
             raise ValueError(f"tracks.grids: must hold cells across and down, got {self.tracks.grids}")

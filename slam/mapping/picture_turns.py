@@ -61,7 +61,7 @@ def turned_attitudes(observations: Observations, setup: Setup) -> tuple[Array, A
         attitude[j], chain[j] = attitude[i] @ lifted.i_T_j[m, :3, :3], chain[i]
     frames = np.array([row[0] for row in found], dtype=np.int64)
     stamps_s, first = np.unique(observations.frame_stamps_s[frames], return_index=True)
-    attitudes, home = np.array([row[1] for row in found]), np.array([row[2] for row in found])
+    attitudes, home = np.array([row[1] for row in found]), np.array([row[2] for row in found], dtype=np.int64)
     return stamps_s, attitudes[first], chain[home[first]]
 
 

@@ -191,7 +191,9 @@ def _size_px(world: World) -> tuple[int, int]:
     x0, y0, x1, y1 = world.extent_m
     step = 2 ** (MIP_LEVELS - 1)
     sides = np.array([x1 - x0, y1 - y0]) + 2 * world.margin_m
-    width, height = np.ceil(np.round(sides / world.metres_per_px / step, 6)).astype(int) * step
+    with np.errstate(over="ignore"):
+        steps_px = np.ceil(np.round(sides / world.metres_per_px / step, 6))
+    width, height = np.minimum(steps_px, MAX_TEXELS).astype(int) * step  # what is larger is refused anyway
     return int(width), int(height)
 
 

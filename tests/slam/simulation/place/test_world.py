@@ -117,6 +117,8 @@ def test_a_photograph_lies_at_the_lower_left_corner_and_is_mirrored_beyond(tmp_p
         (World(extent_m=(0, 0, 0, 1)), "empty"),
         (World(extent_m=(0, 0, float("nan"), 1)), "empty"),
         (World(extent_m=(0, 0, 1e6, 1e6)), "too large"),
+        (World(extent_m=(0, 0, 1e300, 1)), "too large"),
+        (World(extent_m=(-1e308, 0, 1e308, 1)), "too large"),
         (World(tile_m=50, metres_per_px=0.0005, extent_m=(0, 0, 1, 1)), "too large"),
         (World("missing.jpg"), "no such file"),
         (World("."), "no such file"),
