@@ -54,7 +54,7 @@ def read_tracks(path: Path) -> tuple[Mp4Track, ...]:
         index = _index(path, file)
     try:
         return tuple(
-            _track(body)
+            _track(body, path.stat().st_size)
             for kind, body in _boxes(index)
             if kind == b"trak" and _find(body, b"mdia", b"minf", b"stbl")
         )
@@ -112,20 +112,23 @@ def _find(data: bytes, *names: bytes) -> bytes:
     return data
 
 
-def _track(body: bytes) -> Mp4Track:
+def _track(body: bytes, limit: int) -> Mp4Track:
+    """Return a track; more samples than ``limit``, the bytes of the file, are damage."""
     media = _find(body, b"mdia")
     table = _find(media, b"minf", b"stbl")
     header = _find(media, b"mdhd")
     timescale = struct.unpack(">I", header[20:24] if header[0] == 1 else header[12:16])[0]
     counts = _integers(_find(table, b"stts"), 2)
-    durations = np.repeat(counts[:, 1], counts[:, 0])
+    sizes = _sizes(_find(table, b"stsz"), limit)
+    durations = _repeated(counts[:, 1], counts[:, 0], limit)
+    if len(durations) != len(sizes):
+        raise ValueError(f"{len(durations)} times of {len(sizes)} samples")
     decoded = np.concatenate([[0], np.cumsum(durations)[:-1]]) if len(durations) else durations
     shown = decoded
     if composition := _find(table, b"ctts"):
         shifts = _integers(composition, 2)
         signed = shifts[:, 1].astype(np.uint32).view(np.int32).astype(np.int64)
-        shown = decoded + np.repeat(signed, shifts[:, 0])[: len(decoded)]
-    sizes = _sizes(_find(table, b"stsz"))
+        shown = decoded + _repeated(signed, shifts[:, 0], limit)[: len(decoded)]
     stamps = np.sort(shown)
     return Mp4Track(
         handler=_find(media, b"hdlr")[8:12].decode("latin-1"),
@@ -144,10 +147,18 @@ def _integers(box: bytes, columns: int) -> Integers:
     return rows.reshape(-1, columns).astype(np.int64)
 
 
-def _sizes(box: bytes) -> Integers:
+def _repeated(values: Integers, counts: Integers, limit: int) -> Integers:
+    if counts.sum() > limit:
+        raise ValueError(f"{counts.sum():,} samples")
+    return np.repeat(values, counts)
+
+
+def _sizes(box: bytes, limit: int) -> Integers:
     if not box:
         return np.empty(0, np.int64)
     common, count = struct.unpack(">II", box[4:12])
+    if count > limit:
+        raise ValueError(f"{count:,} samples")
     if common:
         return np.full(count, common, np.int64)
     return np.frombuffer(box[12 : 12 + 4 * count], ">u4").astype(np.int64)

@@ -158,6 +158,7 @@ def open_recording(path: Path) -> Recording:
             data.name, np.asarray(data.data["timestamp"], np.int64) * _NS_PER_US, data.data
         )
         for data in log.data_list
+        if "timestamp" in data.data
     }
     offers = offers_of(series, RULES)
 

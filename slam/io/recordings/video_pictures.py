@@ -32,10 +32,14 @@ class VideoPictures:
         self._video = opened(path)
         self._at_s: float | None = None
         """Time of the picture that was grabbed last; None before the first and behind the last."""
+        self._is_silent = False
+        """Whether decoding from the start gave no picture at all."""
         weakref.finalize(self, self._video.release)
 
     def __call__(self, k: int) -> Image:
         """Return picture k. Raises ``UnreadableImageError`` where the video does not hold it."""
+        if self._is_silent:
+            raise UnreadableImageError("missing in the video (damaged?)")
         wanted_s = float(self._stamps_s[k])
         ahead = self._stamps_s[max(k - _READ_ON, 0)]
         if self._at_s is None or self._at_s > wanted_s + self._tolerance_s or self._at_s < ahead:
@@ -61,6 +65,7 @@ class VideoPictures:
             else:
                 self._video.set(cv2.CAP_PROP_POS_FRAMES, start)
             self._grab()
+            self._is_silent = start == 0 and self._at_s is None
             if start == 0 or (self._at_s is not None and self._at_s <= self._stamps_s[k] + self._tolerance_s):
                 return
             margin *= 2

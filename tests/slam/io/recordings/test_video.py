@@ -76,6 +76,28 @@ def test_a_video_without_its_index_is_one_line(tmp_path):
         read(path)
 
 
+def test_an_index_that_contradicts_itself_is_one_line(tmp_path):
+    path = video(tmp_path / "a.mp4")
+    content = bytearray(path.read_bytes())
+    at = content.index(b"stts") + 12
+    content[at : at + 4] = (1_000_000).to_bytes(4, "big")
+    path.write_bytes(bytes(content))
+    with pytest.raises(InputError, match=r"damaged index \((1000000 times of 40|1,000,000) samples\)"):
+        read(path)
+
+
+def test_a_video_without_a_picture_that_can_be_decoded_is_told_at_once(tmp_path):
+    path = video(tmp_path / "a.mp4")
+    (track,) = read_tracks(path)
+    content = bytearray(path.read_bytes())
+    for at, size in zip(track.offsets.tolist(), track.sizes.tolist(), strict=True):
+        content[at : at + size] = bytes(size)
+    path.write_bytes(bytes(content))
+    frames = read(path).frames
+    assert [frame.read() for frame in frames] == [None] * 40
+    assert set(frames.failures.values()) == {"missing in the video (damaged?)"}
+
+
 @pytest.mark.parametrize("content", [b"", b"hello"])
 def test_a_file_that_is_no_video_is_one_line(tmp_path, content):
     (tmp_path / "a.mp4").write_bytes(content)
