@@ -1,11 +1,11 @@
 """Test of a refinement for errors that all pictures, or all positions, share: the lens, and an offset.
 
 Such an error leaves residuals that depend on the place in the picture alike in all pictures. Each kind is
-tested by its score: the gradient by its coefficients, with poses, points and world eliminated. A kind counts
-if its score is larger than noise explains, and if it moves the poses by more than their covariances state.
+tested by its score: the gradient by its coefficients, with poses, points and world eliminated. The same
+equations tell by how much the error displaces the poses, to be compared with their covariances.
 
-Noise is not independent within a picture. The variance of the score is therefore the larger of the model's
-and of the spread between pictures, corrected for the correlation of successive pictures.
+Noise is not independent within a picture. The variance of the score is therefore that between pictures, but
+at least the model's, and corrected for the correlation of successive pictures.
 
 Source: Rao 1948 (score test); Rao and Scott 1984, and Thomas and Rao 1987 (design effect and its F test).
 """
@@ -13,7 +13,7 @@ Source: Rao 1948 (score test); Rao and Scott 1984, and Thomas and Rao 1987 (desi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
@@ -49,9 +49,9 @@ class SystematicErrors:
     stds: Mapping[Kind, tuple[float, ...]]
     """Their standard deviations."""
     alternatives: tuple[Kind, ...]
-    """Other kinds that explain the residuals as well as the first."""
+    """Other kinds that explain the residuals as well in the place of one of these."""
     p_value: float
-    """Probability of the first kind's score without the error."""
+    """Probability of such scores without the errors."""
     excess: float
     """Mean square by which the errors displace poses, over their covariances and six degrees of freedom. With
     1, the squared errors of the poses are twice those that the covariances state."""
@@ -70,39 +70,25 @@ def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
         scores, moved = _eliminate(bundle)
     except RuntimeError:  # singular by rounding: nothing can be told of what is left
         return None
-    evidence = scores.search()
-    if evidence is None:
+    found, alternatives = scores.search()
+    if not found:
         return None
-    found = evidence.kinds
     fit = scores.test(found, ())
     by_pose = np.concatenate([moved[kind] for kind in found], axis=2)[known]
     excess, shift, tilt = (
         _mean_square(fit, by_pose, weight)
         for weight in (np.linalg.pinv(bundle.covariances[known], hermitian=True) / 6, _POSITION, _ATTITUDE)
     )
-    coefficients, stds = (
-        {kind: tuple(pair) for kind, pair in zip(found, values.reshape(-1, 2).tolist(), strict=True)}
-        for values in (fit.coefficients, np.sqrt(np.diag(fit.covariance)))
-    )
+    each = {kind: scores.test([kind], [other for other in found if other != kind]) for kind in found}
     return SystematicErrors(
-        coefficients=coefficients,
-        stds=stds,
-        alternatives=evidence.alternatives,
-        p_value=evidence.p_value,
+        coefficients={kind: tuple(test.coefficients.tolist()) for kind, test in each.items()},
+        stds={kind: tuple(np.sqrt(np.diag(test.covariance)).tolist()) for kind, test in each.items()},
+        alternatives=alternatives,
+        p_value=fit.p_value,
         excess=excess,
         shift_m=float(np.sqrt(shift)),
         tilt_rad=float(np.sqrt(tilt)),
     )
-
-
-@dataclass(frozen=True)
-class _Evidence:
-    """Kinds of errors that the tests have found."""
-
-    kinds: tuple[Kind, ...]
-    """The strongest first."""
-    alternatives: tuple[Kind, ...]
-    p_value: float
 
 
 @dataclass(frozen=True)
@@ -143,7 +129,8 @@ class _Scores:
         total = each[:, 0].sum(axis=0)
         each -= each.mean(axis=0)
         real, white = each[:, 0], each[:, 1:]
-        variance = float(np.mean(real**2) / np.mean(white**2))
+        # At least the model's: its noise of positions includes that they err alike over several pictures.
+        variance = max(1.0, float(np.mean(real**2) / np.mean(white**2)))
         # Successive pictures that err alike count as fewer.
         alike = float(autocorrelated_std(real) ** 2 / max(np.mean(real**2), np.finfo(float).tiny))
         effect, freedom = variance * alike, len(total) * (count - 1) / alike
@@ -151,27 +138,32 @@ class _Scores:
         p_value = float(fisher.sf(statistic, len(total), max(freedom, 1.0)))
         return _Test(p_value, whiten @ total, whiten @ whiten.T * effect)
 
-    def search(self) -> _Evidence | None:
-        """Add one kind after the other, each tested with those before it; None if none is beyond chance."""
-        limit, found = FALSE_ALARMS / max(len(self.columns), 1), _Evidence((), (), 1.0)
-        while True:
-            left = [kind for kind in self.columns if kind not in found.kinds]
-            p_values = {kind: self.test([kind], found.kinds).p_value for kind in left}
-            best = min(p_values, key=p_values.__getitem__, default=None)
-            if best is None or p_values[best] >= limit:
-                return found if found.kinds else None
-            if not found.kinds:
-                others = tuple(
-                    kind
-                    for kind in left
-                    if kind != best and p_values[kind] < limit and self._equivalent(best, kind) >= limit
-                )
-                found = _Evidence((), others, p_values[best])
-            found = replace(found, kinds=(*found.kinds, best))
+    def search(self) -> tuple[tuple[Kind, ...], tuple[Kind, ...]]:
+        """Return the kinds of errors, the strongest first, and other kinds that could replace one of them.
 
-    def _equivalent(self, one: Kind, other: Kind) -> float:
-        """Return the probability of what the better of two kinds leaves for the other to explain."""
-        return min(self.test([one], [other]).p_value, self.test([other], [one]).p_value)
+        One kind after the other is added, and those that later ones make superfluous are left out.
+        """
+        limit, found = FALSE_ALARMS / max(len(self.columns), 1), list[Kind]()
+        while True:
+            left = {kind: self._p_value(kind, found) for kind in self.columns if kind not in found}
+            best = min(left, key=left.__getitem__, default=None)
+            if best is None or left[best] >= limit:
+                break
+            found.append(best)
+        while True:
+            found.sort(key=lambda kind: self._p_value(kind, found))
+            if len(found) < 2 or self._p_value(found[-1], found) < limit:
+                break
+            found.pop()
+        others = tuple(
+            kind
+            for kind in self.columns
+            if kind not in found and any(self._p_value(one, [*found, kind]) >= limit for one in found)
+        )
+        return tuple(found), others
+
+    def _p_value(self, kind: Kind, beside: Sequence[Kind]) -> float:
+        return self.test([kind], [other for other in beside if other != kind]).p_value
 
 
 def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
@@ -191,9 +183,9 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         rest = column - jacobian @ absorbed
         if (np.sum(rest**2, axis=0) <= _ROUNDING * np.sum(column**2, axis=0)).all():
             continue
+        columns[kind] = rest
         # By key: points, world, poses.
         poses, world = absorbed[-6 * n :].reshape(n, 6, -1), absorbed[-6 * n - WORLD_SIZE : -6 * n]
-        columns[kind] = rest
         moved[kind] = -to_metres @ np.concatenate([poses, np.repeat(world[None], n, axis=0)], axis=1)
     white = np.random.default_rng(0).standard_normal((len(left), _DRAWS))
     white -= jacobian @ factor.solve(np.asarray(jacobian.T @ white))

@@ -59,7 +59,8 @@ def added_columns(optimum: BundleOptimum, jacobian: csc_array, left: Array) -> A
     np.maximum.at(last, tracks.track[seen], tracks.keyframe[seen])
     keyframe = np.zeros(len(left), dtype=np.int64)
     keyframe[: 2 * len(seen)] = np.repeat(tracks.keyframe[seen], 2)
-    at, positions = 2 * len(seen), []
+    at = 2 * len(seen)
+    positions: list[tuple[int, int]] = []
     for number in range(len(seen), optimum.graph.size()):
         factor = optimum.graph.at(number)
         keys, size = factor.keys(), factor.dim()

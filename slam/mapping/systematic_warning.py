@@ -51,10 +51,9 @@ def systematic_warning(found: SystematicErrors | None, camera: Camera, height_m:
         return ""
     first = next(iter(found.coefficients))
     terms = ", ".join(_term(kind, found, camera, height_m) for kind in found.coefficients)
-    either = " or ".join(dict.fromkeys(_CAUSE[kind] for kind in (first, *found.alternatives)))
-    causes = " and ".join(
-        dict.fromkeys([either, *(_CAUSE[kind] for kind in found.coefficients if kind != first)])
-    )
+    causes = " and ".join(dict.fromkeys(_CAUSE[kind] for kind in found.coefficients))
+    if found.alternatives:
+        causes += ", or in part " + " or ".join(dict.fromkeys(_CAUSE[kind] for kind in found.alternatives))
     moved = f"about {length(found.shift_m, metric)} and {np.degrees(found.tilt_rad):.2g}°"
     effect = (
         f"it displaces poses by {moved}, more than their standard deviations state, and may cause the other "

@@ -94,25 +94,28 @@ def test_a_strong_distortion_is_found() -> None:
         assert found.excess > 1.0
 
 
-def both_ways(made: Made) -> Made:
-    """The second half is flown backwards: an error in body axes is then none of the world."""
-    n = made.measurements.count
-    turn = np.tile(np.eye(4), (n, 1, 1))
-    turn[(n + 1) // 2 :, :3, :3] = Rotation.from_euler("z", np.pi).as_matrix()
-    b_T_c = made.measurements.camera.b_T_c
-    tracks = made.measurements.tracks
-    back = tracks.keyframe >= (n + 1) // 2
-    pixel = tracks.pixel.copy()
-    pixel[back] = 2 * np.array(CAMERA.center_px) - pixel[back]
-    assert np.allclose(b_T_c[:3, 3], 0.0)
+def turned(made: Made, quarters: np.ndarray) -> Made:
+    """Return the flight with each body turned by quarter turns: an error in body axes is then none of the
+    world."""
+    angle = 0.5 * np.pi * quarters
+    turn = np.tile(np.eye(4), (len(quarters), 1, 1))
+    turn[:, :3, :3] = Rotation.from_euler("z", angle[:, None]).as_matrix()
+    tracks, center = made.measurements.tracks, np.array(CAMERA.center_px)
+    # The camera looks along -z of the body, so its picture turns the other way.
+    in_picture = Rotation.from_euler("z", angle[tracks.keyframe][:, None]).as_matrix()[:, :2, :2]
+    pixel = center + np.einsum("mab,mb->ma", in_picture, tracks.pixel - center)
     measurements = replace(made.measurements, tracks=replace(tracks, pixel=pixel))
     return replace(made, measurements=measurements, start=made.start @ turn, w_T_b=made.w_T_b @ turn)
+
+
+def quarters_at_random(seed: int) -> np.ndarray:
+    return np.random.default_rng(100 + seed).integers(0, 4, SURVEY.keyframes)
 
 
 def test_an_antenna_away_from_the_body_is_found() -> None:
     arm_m = np.array([0.33, 0.55, 0.0])
     for seed in (0, 1):
-        made = both_ways(make(SURVEY, seed))
+        made = turned(make(SURVEY, seed), quarters_at_random(seed))
         assert systematic_errors(solved(made)) is None
         moved = tuple(
             replace(p, w_p_b_m=p.w_p_b_m + made.w_T_b[p.k, :3, :3] @ arm_m)
@@ -130,13 +133,29 @@ def test_an_antenna_away_from_the_body_is_found() -> None:
 
 def test_a_wrong_principal_point_is_found() -> None:
     shift_px = np.array([1.7, -1.2])
-    made = both_ways(make(SURVEY, 0))
+    made = turned(make(SURVEY, 0), quarters_at_random(0))
     found = systematic_errors(solved(made, center_px=tuple(CAMERA.center_px + shift_px)))
     assert found is not None
     assert next(iter(found.coefficients)) == "principal point"
     off_px = np.array(found.coefficients["principal point"]) * CAMERA.focal_px
     np.testing.assert_allclose(off_px, -shift_px, atol=0.3)
     assert found.excess > 1.0
+
+
+@pytest.mark.slow
+def test_positions_that_wander_are_no_offset() -> None:
+    """Over two legs a slow error of GPS looks like a constant in body axes."""
+    alarms, there = 0, SURVEY.keyframes // 2
+    for seed in range(20):
+        rng = np.random.default_rng(500 + seed)
+        made = turned(make(SURVEY, seed), np.where(np.arange(SURVEY.keyframes) < there, 0, 2))
+        off_m = [rng.normal(0.0, 0.1, 3)]
+        for _ in range(1, SURVEY.keyframes):
+            off_m.append(0.85 * off_m[-1] + np.sqrt(1 - 0.85**2) * rng.normal(0.0, 0.1, 3))
+        moved = tuple(replace(p, w_p_b_m=p.w_p_b_m + off_m[p.k]) for p in made.measurements.positions)
+        wandering = replace(made, measurements=replace(made.measurements, positions=moved))
+        alarms += systematic_errors(solved(wandering)) is not None
+    assert alarms == 0
 
 
 def test_covariances_that_are_not_known_leave_nothing_to_compare() -> None:

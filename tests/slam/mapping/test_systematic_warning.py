@@ -50,8 +50,8 @@ def test_an_offset_is_reported_with_all_its_causes() -> None:
     assert "as much as 10 px of the principal point" in line
     assert "principal point off by +2, -1 px" in line
     assert (
-        "positions of another point or moment than the pictures (antenna, delay) or a lens distortion other "
-        "than the declared one and a principal point other than the declared one"
+        "likely by positions of another point or moment than the pictures (antenna, delay) and a principal "
+        "point other than the declared one, or in part a lens distortion other than the declared one;"
     ) in line
 
 
