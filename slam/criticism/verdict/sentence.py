@@ -74,6 +74,9 @@ def details(finding: Finding) -> tuple[str, ...]:
     """Return further lines: each cause and its gain, the equivalents, each unexplained finding, correlated
     noise, and the smallest sizes that a verdict of no error excludes."""
     lines = [_describe(cause) for cause in finding.causes]
+    if finding.causes and (ahead := _gain_of_channel(finding.causes[0].gain)):
+        together = "With all causes together, " if len(finding.causes) > 1 else ""
+        lines.append(f"{together}{ahead if together else ahead[0].upper() + ahead[1:]}.")
     if finding.equivalents and finding.verdict == "ambiguous":
         lines.append(f"Effects that the flights cannot distinguish: {_with_probabilities(finding)}.")
     lines += [f"Unexplained: {part}." for part in finding.unexplained]
@@ -186,9 +189,8 @@ def _gain_in_nats(gain: Gain) -> str:
 def _describe(cause: Cause) -> str:
     """Describe a cause with its probability, its gain and the lead over its rival; its sizes are in a table
     of their own."""
-    gains = "; ".join(part for part in (_gain_of_channel(cause.gain), _gain_in_nats(cause.gain)) if part)
     words = f"{IN_WORDS[cause.name]} (probability {cause.probability:.2f})"
-    return f"{cause.name}: {words}; {gains}{_excluded(cause)}."
+    return f"{cause.name}: {words}; {_gain_in_nats(cause.gain)}{_excluded(cause)}."
 
 
 def _excluded(cause: Cause) -> str:

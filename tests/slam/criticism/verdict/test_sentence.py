@@ -110,6 +110,15 @@ def test_several_causes_are_listed_and_what_is_unexplained_is_counted():
     assert text.endswith("Unexplained: a (z = 4.2), and 2 more.")
 
 
+def test_errors_ahead_are_those_of_all_causes_together_and_stand_once():
+    """Roll-outs are made with all causes in the model, so no cause has them for itself."""
+    lines = details(Finding(verdict="named", causes=[made(NAMES[0], 1.0, SPEED), made(NAMES[1], 1.0, SPEED)]))
+    assert ["velocity_x" in line for line in lines] == [False, False, True]
+    assert lines[2].startswith("With all causes together, on held-out flights the error of velocity_x")
+    (_, alone) = details(Finding(verdict="named", causes=[made(NAMES[0], 1.0, SPEED)]))
+    assert alone.startswith("On held-out flights the error of velocity_x")
+
+
 def test_effects_that_cannot_be_distinguished_are_no_certain_causes():
     causes = [made(NAMES[0], 0.55, alternatives=NAMES[1:2]), made(NAMES[2], 1.0)]
     finding = Finding(verdict="ambiguous", causes=causes, equivalents=NAMES[:2], probability={NAMES[1]: 0.45})
