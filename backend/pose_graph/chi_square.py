@@ -11,6 +11,8 @@ from backend.pose_graph.problem import Problem
 
 CONFIDENCE = 0.999
 """Confidence level of the global test and of the gate of one edge."""
+_FAR_BELOW = 0.1
+"""Ratio of a chi-square to its degrees of freedom below which the stated covariances are questioned."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,16 @@ class ChiSquare:
     def passed(self) -> bool:
         """Whether noise explains the statistic."""
         return self.statistic <= self.limit
+
+    @property
+    def is_below(self) -> bool:
+        """Whether the statistic is too small by chance: the stated covariances are too large."""
+        return self.dof > 0 and self.statistic < float(chi2.ppf(1 - CONFIDENCE, self.dof))
+
+    @property
+    def is_far_below(self) -> bool:
+        """Whether the statistic is so small that the stated covariances are worth a warning."""
+        return self.is_below and self.statistic < _FAR_BELOW * self.dof
 
 
 def chi_square(problem: Problem, statistic: float) -> ChiSquare:

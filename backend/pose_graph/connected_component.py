@@ -21,7 +21,12 @@ from backend.pose_graph.initialize import elimination_cost
 from backend.pose_graph.marginals import pose_covariances
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.rejection import has_loops_on_odometry, reason, reject_outliers
+from backend.pose_graph.selection.rejection import (
+    has_dominant_loop,
+    has_loops_on_odometry,
+    reason,
+    reject_outliers,
+)
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 
 Array = NDArray[np.float64]
@@ -62,7 +67,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     # Random false loops cause large fill-in: then they are rejected before any solve with all edges.
     expensive = elimination_cost(problem) > _EXPENSIVE and has_loops_on_odometry(problem)
     fit = None if expensive and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
-    if fit is None or (options.loops_robust and not fit.test.passed):
+    if fit is None or (options.loops_robust and _is_doubtful(gauge_fixed, fit)):
         kept, fit, sigma = reject_outliers(gauge_fixed, fit)
     minimum, w_T = fit.minimum, fit.w_T
     covariances: Array | None = None
@@ -87,6 +92,11 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         open=still_open,
         warnings=tuple(_warnings(problem, fit)),
     )
+
+
+def _is_doubtful(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
+    """Return whether the fit of all edges fails its test, or passes it by its covariances alone."""
+    return not fit.test.passed or (fit.test.is_below and has_dominant_loop(gauge_fixed, fit))
 
 
 def _is_ill_scaled(problem: Problem) -> bool:

@@ -5,16 +5,12 @@ from __future__ import annotations
 import networkx
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from backend.gauge import format_keys
+from backend.pose_graph.chi_square import ChiSquare
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import place_pairs
 from backend.pose_graph.solution import Solution
-
-_SIGNIFICANCE = 1e-3
-_FAR_BELOW = 0.1
-"""Ratio of a chi-square to its degrees of freedom below which the stated covariances are questioned."""
 
 
 def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
@@ -96,10 +92,8 @@ def small_residuals_warning(problem: Problem, solution: Solution) -> list[str]:
     kept = solution.edge_kept
     placed = int((solution.component >= 0).sum()) - (int(solution.component.max(initial=-1)) + 1)
     dof = problem.dof * (int(kept.sum()) - placed)
-    if dof <= 0:
-        return []
     statistic = float((solution.edge_residual[kept] ** 2).sum())
-    if statistic >= min(_FAR_BELOW * dof, float(chi2.ppf(_SIGNIFICANCE, dof))):
+    if not ChiSquare(statistic, dof, np.inf).is_far_below:
         return []
     return [
         f"the edges agree far better than their covariances state (chi-square {statistic:.3g} for {dof}"

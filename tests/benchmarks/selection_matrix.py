@@ -19,8 +19,8 @@ from tests.benchmarks.graphs import aligned_rmse
 from tests.benchmarks.metric import Metric, at_least, reported
 from tests.benchmarks.rivals import RIVALS
 
-SEEDS = range(100, 102)
-"""Seeds 0 to 5 were used in the development of the selection."""
+SEEDS = range(100, 101)
+"""Seeds 0, 1 and 101 were used in the development of the selection."""
 WITHIN, SHARE = 1.2, 0.97
 _RIVAL_STEP = 4
 """Every fourth graph is also solved by the other methods."""

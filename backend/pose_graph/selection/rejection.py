@@ -27,6 +27,7 @@ from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volume
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.prediction import noise_scale, sample_posterior, white_noise
 from backend.pose_graph.selection.swap import swap_loops
+from backend.pose_graph.selection.swap_search import SwapSearch
 from backend.pose_graph.unary_factors import aligned, fixed
 
 Array = NDArray[np.float64]
@@ -34,6 +35,8 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _ROUNDS = 4
+_SUSPECTS = 100
+"""Loops of the largest residuals that are examined one by one."""
 _FEW, _COARSE = 8, 1e-3
 """Steps and tolerance of the intermediate solves."""
 
@@ -85,6 +88,23 @@ def has_loops_on_odometry(problem: Problem) -> bool:
     """Return whether loops exist beside chains of odometry, which have at least as many edges as joints."""
     trusted = np.count_nonzero(problem.trusted)
     return bool(len(chain_members(problem)) <= trusted < len(problem.trusted))
+
+
+def has_dominant_loop(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
+    """Return whether the removal of one loop would halve the chi-square of the fit of all edges.
+
+    Where covariances are stated far too large, the chi-square test passes with a false loop in the graph.
+    """
+    problem = gauge_fixed.problem
+    residual = problem.residuals(fit.w_T)
+    loops = np.flatnonzero(~problem.trusted)
+    loops = np.sort(loops[np.argsort(-(residual[loops] ** 2).sum(axis=1))][:_SUSPECTS])
+    volumes = np.zeros(len(problem.i))
+    whole = LinearizedSet.of(problem, gauge_fixed.graph, np.ones_like(problem.trusted), fit.w_T, volumes)
+    if whole is None or len(loops) == 0:
+        return False
+    decrease = SwapSearch(whole, loops, residual).chi_square_changes()
+    return bool(decrease.max() > whole.chi_square / 2)
 
 
 def _outliers(problem: Problem, found: tuple[Mask, GraphFit, Array], among: Mask) -> Mask:

@@ -64,14 +64,22 @@ class SwapSearch:
 
     def log_odds(self) -> Array:
         """Return (k,) log odds (nats) of each loop: true against uniform over the map, given all others."""
-        sign = np.where(self.accepted, -1.0, 1.0)
-        spread = (1 + _REGULARIZATION) * np.eye(self.d) + sign[:, None, None] * self.covariances
+        sign, spread = self._innovation_covariances()
         off = squared_mahalanobis(self.residual, spread) / self.current.scale**2
         volume = sign * np.linalg.slogdet(spread)[1]
         volume_prior = self.current.log_volumes[self.loops] - self.d * np.log(self.current.scale)
         return np.asarray(
             np.nan_to_num(volume_prior + self.current.odds - (off + volume) / 2, nan=-ABANDON_NATS)
         )
+
+    def chi_square_changes(self) -> Array:
+        """Return (k,) how much the chi-square changes if each loop alone is flipped."""
+        return squared_mahalanobis(self.residual, self._innovation_covariances()[1])
+
+    def _innovation_covariances(self) -> tuple[Array, Array]:
+        """Return signs (k,), -1 for accepted loops, and the covariances (k, d, d) of their innovations."""
+        sign = np.where(self.accepted, -1.0, 1.0)
+        return sign, (1 + _REGULARIZATION) * np.eye(self.d) + sign[:, None, None] * self.covariances
 
     def flip(self, x: int) -> None:
         """Flip loop x: insert it if it is rejected, remove it if it is accepted."""

@@ -43,6 +43,16 @@ def test_one_false_loop_among_forty_is_the_only_one_rejected():
     assert np.array_equal(~solved.edge_kept, made.false)
 
 
+def test_a_false_loop_is_rejected_where_covariances_are_far_too_large():
+    """Standard deviations are stated ten times too large: the chi-square test of the whole graph passes."""
+    made = make(Scene("laps", 1, 1, -1.0, "random", 0))
+    graph = replace(made.graph, information=made.graph.information / 100)
+    solved = solve_pose_graph(graph, covariances=False)
+    assert np.array_equal(~solved.edge_kept, made.false)
+    true = edges_of(graph, ~made.false)
+    assert solve_pose_graph(true, covariances=False).edge_kept.all()
+
+
 @pytest.mark.parametrize("numbers", ["gap", "step", "symbols"])
 def test_odometry_is_found_whatever_the_vertex_numbers_are(numbers: str):
     """Two robots; a missing number, a step of ten, and gtsam's symbols of two letters."""
