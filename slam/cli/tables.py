@@ -80,6 +80,8 @@ def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
         ("lengths from", facts.scale_source),
         ("time, memory", f"{sum(summary.timing_s.values()):.1f} s, {summary.peak_rss_mb:.0f} MB"),
     ]
+    if summary.accuracy_basis:
+        rows.insert(-1, ("accuracy", summary.accuracy_basis))
     if summary.error is not None:
         rows.insert(3, ("error", f"{summary.error:.6g} after {summary.iterations} iterations"))
     if summary.error is not None and summary.certificate is not None:

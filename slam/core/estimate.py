@@ -186,6 +186,9 @@ class Estimate:
     """Estimated gain and zero of the height sensor; None without such a sensor."""
     instruments: InstrumentErrors = InstrumentErrors(None, None)
     """Errors of attitude, accelerometer and mount, as the map determines them."""
+    accuracy_basis: str = ""
+    """The one instrument or the assumed values on which the stated accuracy rests, in one sentence; empty
+    where two instruments check each other."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
     elevation: Elevation | None = None

@@ -50,6 +50,8 @@ class Summary:
     """Estimated gain and zero of the height sensor; None without one."""
     instruments: InstrumentErrors | None = None
     """Errors of attitude, accelerometer and mount, as the map determines them."""
+    accuracy_basis: str = ""
+    """The one instrument or the assumed values on which the stated accuracy rests; empty where several do."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
 
@@ -81,6 +83,8 @@ class Summary:
         for name, errors in ({} if self.instruments is None else asdict(self.instruments)).items():
             if errors is not None:
                 record[name] = errors
+        if self.accuracy_basis:
+            record["accuracy_basis"] = self.accuracy_basis
         if self.certificate is not None:
             record["certificate"] = asdict(self.certificate)
         return record
@@ -107,6 +111,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         scale_std=estimate.scale_std,
         range_errors=estimate.range_errors,
         instruments=estimate.instruments,
+        accuracy_basis=estimate.accuracy_basis,
         certificate=estimate.certificate,
     )
 

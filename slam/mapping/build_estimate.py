@@ -14,6 +14,7 @@ from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTil
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.names import listed
+from slam.mapping.accuracy_basis import accuracy_basis
 from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from slam.mapping.camera_mount import mount_tilt, mount_warning
 from slam.mapping.clock_offset import (
@@ -30,6 +31,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.homography_chain import chain
 from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.lift_edges import Edges
+from slam.mapping.lost_pictures import lost_picture_warnings
 from slam.mapping.map import Map
 from slam.mapping.not_placed import ALONE, not_placed_warnings, pictures_not_placed
 from slam.mapping.one_place import one_place_warning
@@ -151,6 +153,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             *describe(flight).anomalies,
             *missing_for_map(flight),
             *not_placed_warnings(not_placed),
+            *lost_picture_warnings(flight, observations),
             *_moving(observations, shared),
             *_instrument_warnings(context, map_, mount, shared),
             *map_.remarks,
@@ -165,6 +168,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             shared,
             clock_errors(map_.clock, context.clock),
         ),
+        accuracy_basis=accuracy_basis(flight, map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
         graph_error=map_.bundle.error if map_.bundle else solution.error,

@@ -59,6 +59,8 @@ def turned_attitudes(observations: Observations, setup: Setup) -> tuple[Array, A
             continue
         j = keyframe_of[frame]
         attitude[j], chain[j] = attitude[i] @ lifted.i_T_j[m, :3, :3], chain[i]
+    if not found:
+        return np.empty(0), np.empty((0, 3, 3)), np.empty(0, np.int64)
     frames = np.array([row[0] for row in found], dtype=np.int64)
     stamps_s, first = np.unique(observations.frame_stamps_s[frames], return_index=True)
     attitudes, home = np.array([row[1] for row in found]), np.array([row[2] for row in found], dtype=np.int64)

@@ -1,0 +1,48 @@
+"""The one instrument or the assumed values on which the stated accuracy of a map rests."""
+
+from __future__ import annotations
+
+from slam.core.flight import Flight
+from slam.mapping.map import Map
+
+_DETERMINED = 0.95
+"""A standard deviation of at least this share of what was assumed is the assumption itself."""
+
+
+def accuracy_basis(flight: Flight, map_: Map) -> str:
+    """Say in one sentence which single instrument or assumption carries scale and place; empty where two
+    instruments check each other, or where lengths are not metres."""
+    bundle = map_.bundle
+    ranged = bundle is not None and bundle.range_errors is not None
+    inertial = map_.inertial is not None and map_.inertial.helps
+    sources = [
+        name
+        for name, used in (
+            ("one height sensor", ranged),
+            ("one GPS receiver", map_.georeferenced),
+            ("one accelerometer", inertial),
+        )
+        if used
+    ]
+    if len(sources) != 1:
+        return ""
+    (source,) = sources
+    what = "Place, lengths" if map_.georeferenced else "Lengths"
+    return (
+        f"{what} and their accuracy rest on {source} alone; no second instrument checks them"
+        f"{_assumed(flight, map_)}."
+    )
+
+
+def _assumed(flight: Flight, map_: Map) -> str:
+    """Name the values of the height sensor that the flight does not determine."""
+    found = map_.bundle.range_errors if map_.bundle is not None else None
+    if flight.sonar is None or found is None:
+        return ""
+    gain, zero = flight.sonar.scale_std, flight.sonar.datum_std_m
+    values = []
+    if found.gain_std >= _DETERMINED * gain:
+        values.append(f"its gain (± {100 * gain:.2g} %)" if gain else "its gain (exact)")
+    if found.zero_std_m >= _DETERMINED * zero:
+        values.append(f"its zero (± {1e3 * zero:.2g} mm)" if zero else "its zero (exact)")
+    return f", and {' and '.join(values)} {'are' if len(values) > 1 else 'is'} assumed" if values else ""

@@ -1,0 +1,67 @@
+"""Frozen and featureless pictures, and what a stated accuracy rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.core.errors import InputError
+from slam.core.flight import Flight
+from slam.core.summary import summarise
+from slam.mapping.pipeline import optimize
+from slam.simulation import simulate
+from slam.simulation.recipe import recipe_from
+
+SMALL = {"world": {"extent_m": [0.0, 0.0, 3.0, 2.0]}, "camera": {"size_px": [176, 144], "rate_hz": 5.0}}
+
+
+@pytest.fixture(scope="module")
+def moving() -> Flight:
+    way = {
+        "way_points": [[1.0, 1.0], [2.2, 1.0]],
+        "height_m": 0.8,
+        "cruise_m_s": 0.3,
+    }
+    return simulate(recipe_from({"name": "small", "maneuver": way, **SMALL}, "small"), seed=1)
+
+
+def showing(flight: Flight, picture_of: Callable[[int], int | None]) -> Flight:
+    """Return the flight with the picture of another number in the place of each, grey for None."""
+    frames = flight.frames
+
+    def load(k: int):
+        shown = picture_of(k)
+        return np.full_like(frames.load(k), 127) if shown is None else frames.load(shown)
+
+    return replace(flight, frames=replace(frames, load=load))
+
+
+def test_frozen_and_featureless_pictures_are_told_with_their_time(moving: Flight):
+    stamps_s = moving.frames.stamps_s
+    n = len(stamps_s)
+    seen = replace(moving, imu=None, velocity=None)  # nothing to bridge a gap with
+    estimate = optimize(showing(seen, lambda k: 4 if 4 <= k < 9 else None if k in (n - 3, n - 2) else k))
+    assert estimate.status == "ok"
+    (frozen,) = [line for line in estimate.warnings if "freeze" in line]
+    assert frozen.startswith(f"cam0: 4 of {n} pictures are left out (same picture as the one before)")
+    assert f"from {stamps_s[5]:.1f} to {stamps_s[8]:.1f} s" in frozen
+    (grey,) = [line for line in estimate.warnings if "without texture" in line]
+    assert grey.startswith(f"cam0: 2 of {n} pictures are left out")
+
+
+@pytest.mark.parametrize("shown", [0, None])
+def test_pictures_that_show_nothing_else_are_refused_with_the_reason(moving: Flight, shown: int | None):
+    with pytest.raises(InputError, match=r"pictures usable \(\d+ x (same picture|.*too|.*same)"):
+        optimize(showing(moving, lambda _: shown))
+
+
+def test_a_stated_accuracy_names_the_one_instrument_that_it_rests_on(moving: Flight):
+    estimate = optimize(replace(moving, imu=None))
+    assert estimate.accuracy_basis == (
+        "Lengths and their accuracy rest on one height sensor alone; no second instrument checks them, and "
+        "its gain (exact) and its zero (exact) are assumed."
+    )
+    assert summarise(estimate).to_json()["accuracy_basis"] == estimate.accuracy_basis
