@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +109,7 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
         notes += [f"{count} {what}" for what, count in found.items()]
     if extra := extra_columns(text.header, columns):
         notes.append(f"columns not of this stream ignored: {brief(', '.join(extra), 120)}")
-    return _check_limits(
+    return check_limits(
         CsvTable(
             path=path,
             stamps_ns=stamps,
@@ -302,7 +302,7 @@ def _number(field: str, column: CsvColumn, path: Path, line: int) -> float:
         raise refusal(path, what, "write a number, or nothing where it is missing", line) from None
 
 
-def _check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
+def check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
     """Set values beyond the limit of a column to missing. Raises ``InputError`` if most are beyond it."""
     notes = list(table.notes)
     for k, column in enumerate(columns):
@@ -311,19 +311,13 @@ def _check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
         if not count:
             continue
         first = int(np.argmax(too_large))
-        value, line = table.values[first, k], int(table.lines[first])
+        value = table.values[first, k]
         if count > 0.5 * np.isfinite(table.values[:, k]).sum() and count > 1:
             what = f"has {column.name} = {value:g} and most others beyond {column.most}"
-            raise refusal(table.path, what, f"give the column in {column.in_unit}", line)
+            raise table.refuse(first, what, f"give the column in {column.in_unit}")
         table.values[too_large, k] = np.nan
         what = f"{column.name} beyond {column.most}"
-        notes.append(f"{count} values of {what} treated as missing (first: line {line})")
-    return CsvTable(
-        path=table.path,
-        stamps_ns=table.stamps_ns,
-        values=table.values,
-        names=(),
-        lines=table.lines,
-        notes=tuple(notes),
-        truncated=table.truncated,
-    )
+        notes.append(
+            f"{count} values of {what} treated as missing (first: {table.row_word} {table.lines[first]})"
+        )
+    return replace(table, notes=tuple(notes))

@@ -12,7 +12,7 @@ from slam.core.flight import Flight, Frames
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import StreamSource
 from slam.io.clock import sort_by_time
-from slam.io.csv_stream import CsvTable
+from slam.io.csv_stream import CsvTable, check_limits
 from slam.io.files import brief
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.recorded_pictures import RecordedPictures
@@ -20,6 +20,7 @@ from slam.io.recordings.choice import Request, choose
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 from slam.io.sensor_yaml import YamlFile
 from slam.io.series_fields import build_fields
+from slam.io.streams import COLUMNS
 
 _EVERYTHING = Request()
 
@@ -95,12 +96,14 @@ def _tables(recording: Recording, chosen: tuple[Offer, ...], content: Content) -
         tables[offer.stream] = CsvTable(
             path=Path(f"{recording.path}: {brief(offer.channel, 80)}"),
             stamps_ns=readings.stamps_ns,
-            values=readings.values,
+            values=np.array(readings.values, dtype=float),
             names=names,
             lines=np.arange(1, len(readings.stamps_ns) + 1),
             notes=readings.notes,
             row_word="message",
         )
+        if not names:
+            tables[offer.stream] = check_limits(tables[offer.stream], COLUMNS[offer.stream])
     return tables
 
 

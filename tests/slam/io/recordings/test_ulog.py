@@ -184,6 +184,14 @@ def test_an_import_says_in_its_files_where_each_stream_is_from(tmp_path):
     assert sensor["comment"].startswith("sensor_combined (sensor_combined): rad/s, m/s²; forward-right-down")
 
 
+def test_a_value_that_no_sensor_gives_is_missing(tmp_path):
+    rows = imu_rows(20)
+    rows[7] = (rows[7][0], 1e30, *rows[7][2:])
+    flight = read(log(tmp_path / "a.ulg", {"sensor_combined": (IMU, "6f", rows)}))
+    assert len(flight.imu.stamps_s) == 19
+    assert any("treated as missing (first: message 8)" in line for line in flight.warnings)
+
+
 def test_losses_of_the_logger_are_reported(tmp_path):
     dropout = message(b"O", (120).to_bytes(2, "little"))
     flight = read(log(tmp_path / "a.ulg", {"sensor_combined": (IMU, "6f", imu_rows())}, tail=dropout))
