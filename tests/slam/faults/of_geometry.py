@@ -95,7 +95,7 @@ def half_false(_: Sources, place: Path) -> str:
 
 
 def large(_: Sources, place: Path) -> str:
-    laps(place / "laps.g2o", count=100_000, per_lap=2000, every=100)
+    laps(place / "laps.g2o", count=100_000, per_lap=2000)
     return optimized(place / "laps.g2o", place / "out")
 
 

@@ -266,3 +266,13 @@ def test_a_video_with_subtitles_is_a_flight():
     assert (len(flight.frames), flight.camera.size_px) == (132, (176, 144))
     assert len(flight.gps.stamps_s) == 85
     assert all(flight.frames[k].read() is not None for k in (0, 131, 60))
+
+
+def test_an_impossible_altitude_is_missing_and_told(tmp_path):
+    texts = [NEWER.format(lat=47 + 1e-5 * k, lon=8.0, h=5.0 + k, alt=400.0 + k) for k in range(4)]
+    texts[2] = texts[2].replace("abs_alt: 402.000", "abs_alt: " + "9" * 300)
+    path = tmp_path / "a.srt"
+    path.write_text("".join(cue(k, 1000 * k, 1000 * k + 1000, text) for k, text in enumerate(texts, 1)))
+    flight = read(path)
+    assert np.isnan(flight.gps.altitude_m).tolist() == [False, False, True, False]
+    assert any("1 values of altitude beyond" in line for line in flight.warnings)
