@@ -122,7 +122,7 @@ FAULTS = (
     Event(46, "random matches", "W", ".", registered(SPREAD, SHUFFLED)),
     Event(47, "pure rotation", "W", "one place only", mapped(turning), is_slow=True),
     Event(47, "sloping ground", "W", "slope|tilted|sky|lean", mapped(sloping), is_slow=True),
-    Event(48, "half the loops false", "W", "edges were rejected", half_false),
+    Event(48, "half the loops false", "W", '"edge disagrees with the rest of the graph": ', half_false),
     Fault(49, "disconnected graph", "W", "2 parts", edited(two_parts), "optimize", "graph"),
     Fault(49, "graph held nowhere", "W", '"status": ', edited(lambda t: t), "optimize", "graph"),
     Event(49, "graph of 100 000 poses", "W", '"keyframes": 100000', large, is_slow=True),

@@ -60,7 +60,7 @@ def damaged_middle(place: Path) -> Path:
 
 FAULTS = (
     Fault(8, "ROS 2 bag without metadata", "W", "cam0", bag_without_metadata, "import", "graph"),
-    Fault(9, "unindexed ROS 1 bag", "E", "reindex", unindexed_bag, "import", "graph"),
+    Fault(9, "unindexed ROS 1 bag", "W", "index", unindexed_bag, "import", "graph"),
     Fault(10, "MCAP with a lying length", "E", "a length in it is damaged", lying_length, "import", "graph"),
     Fault(13, "MP4 without its index", "E", "moov", without_index, "import", "graph"),
     Fault(14, "damage in mid-video", "W", "damaged|unreadable|missing", damaged_middle, "import", "graph"),

@@ -46,7 +46,7 @@ FAULTS = (
     Fault(32, "clock an hour ahead", "W", "jumps ahead by 3600", rows("sonar0", later(HOUR_NS))),
     Fault(33, "microseconds", "E", "microseconds", column("imu0", 0, lambda s: int(s) // 1000)),
     Fault(33, "seconds", "E", "seconds", column("imu0", 0, lambda s: int(s) // 10**9)),
-    Event(34, "pictures stamped late", "W", "ms late", stamped_late, is_slow=True),
+    Event(34, "pictures stamped late", "W", "pictures are stamped 5[0-9]", stamped_late, is_slow=True),
     Fault(35, "gap", "W", "1 gap", rows("sonar0", lambda t: [*t[:20], *t[-20:]])),
     Fault(36, "no IMU", "W", "no IMU", without("imu0"), "optimize"),
     Fault(36, "attitude upside down", "W", "the sky", column("attitude0", 1, lambda _: 3.0), "optimize"),
