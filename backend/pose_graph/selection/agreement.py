@@ -17,6 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
@@ -52,10 +54,11 @@ _MAX_REJECTIONS = 2
 _MAX_FOLDS = 4
 _PLACE_RADIUS = 3
 """Difference in pose numbers up to which the ends of two loops count as the same place."""
-ROW_RADIUS = 8
-"""The same for votes: where a floor repeats, false loops come in rows that agree with each other.
+ROW_LENGTH = 20
+"""Poses over which loops in a row count as one vote: where a floor repeats, false loops come in such rows.
 
-`tests.benchmarks.selection_matrix` calibrates it: at 3 a row votes for itself, at 12 sparse loops lose votes.
+`tests.benchmarks.selection_matrix` and `false_loops` check it: shorter rows vote for themselves, and a longer
+one makes a whole lap of true loops a single vote.
 """
 
 
@@ -68,7 +71,7 @@ def grow_consistent_set(
     on_round: Callable[[int, int], None],
 ) -> tuple[Mask, Array]:
     """Return the consistent edges (m,) and their poses, growing from ``base`` with the poses ``w_T``."""
-    growth = _Growth(problem, base, place_pairs(problem.i, problem.j, ROW_RADIUS), solve, draw)
+    growth = _Growth(problem, base, place_pairs(problem.i, problem.j, ROW_LENGTH), solve, draw)
     loops = np.flatnonzero(~base)
     null_loops = NullLoops.of(problem, loops, growth.place[loops])
     kept, rejections = base.copy(), np.zeros(len(base), dtype=np.int64)
@@ -107,7 +110,7 @@ def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -
     if len(edges) == 0:
         return agrees, sigma
     found = innovations(problem, w_T, samples, edges, scale)
-    place, loops = place_pairs(problem.i, problem.j, ROW_RADIUS), np.flatnonzero(~problem.trusted)
+    place, loops = place_pairs(problem.i, problem.j, ROW_LENGTH), np.flatnonzero(~problem.trusted)
     null_loops = NullLoops.of(problem, loops, place[loops])
     chance = null_loops.chance(w_T, samples, scale).of(found.log_pass_probability())
     sigma[edges] = found.sigma()
@@ -288,16 +291,20 @@ def _count_votes(pending: LoopInnovations, open_: Index, place: Index, chance: A
     return _Votes(support, follows, fits)
 
 
-def place_pairs(i: Index, j: Index, radius: int = _PLACE_RADIUS) -> Index:
-    """Return (k,) labels of loops that join the same two places: their ends lie near those of a first loop.
+def place_pairs(i: Index, j: Index, length: int | None = None) -> Index:
+    """Return (k,) labels of loops that join the same two places: chains of neighbours share a label.
 
-    Labels do not chain: a whole lap of loops is many pairs of places, not one.
+    With ``length``, chains are cut into pieces of so many poses: a whole lap of loops is no single place.
     """
     ends = np.column_stack([np.minimum(i, j), np.maximum(i, j)])
-    near = cKDTree(ends)
-    label = np.full(len(i), -1, dtype=np.int64)
-    for k in np.lexsort((ends[:, 0], ends[:, 1])).tolist():
-        if label[k] < 0:
-            members = np.array(near.query_ball_point(ends[k], radius, p=np.inf))
-            label[members[label[members] < 0]] = k
-    return np.asarray(np.unique(label, return_inverse=True)[1], dtype=np.int64)
+    pairs = np.array(sorted(cKDTree(ends).query_pairs(_PLACE_RADIUS, p=np.inf)), dtype=np.int64).reshape(
+        -1, 2
+    )
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(i), len(i)))
+    label = np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
+    if length is None or len(label) == 0:
+        return label
+    first = np.full(label.max() + 1, ends.max() + 1)
+    np.minimum.at(first, label, ends[:, 1])
+    piece = (ends[:, 1] - first[label]) // length
+    return np.asarray(np.unique(label * (piece.max() + 1) + piece, return_inverse=True)[1], dtype=np.int64)

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from backend import se3
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import ROW_RADIUS, place_pairs
+from backend.pose_graph.selection.agreement import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import innovations
 
 Array = NDArray[np.float64]
@@ -89,7 +89,7 @@ class _Joining:
         best, most = int(across[0]), -np.inf
         for each in np.unique(pair).tolist():
             loops = across[pair == each]
-            place = place_pairs(self.problem.i[loops], self.problem.j[loops], ROW_RADIUS)
+            place = place_pairs(self.problem.i[loops], self.problem.j[loops], ROW_LENGTH)
             step = -(-len(loops) // _MAX_HYPOTHESES)
             for loop in loops[::step].tolist():
                 support = self._support(loop, loops, place)
