@@ -19,6 +19,8 @@ ABANDON_NATS = 150.0
 _MAX_FLIPS = 40
 _BLOCK = 60
 _REGULARIZATION = 1e-9
+_UNCHECKED = 1e-6
+"""Share of a loop's variance that other edges leave open; below it rounding errors decide."""
 
 
 class SwapSearch:
@@ -73,8 +75,14 @@ class SwapSearch:
         )
 
     def chi_square_changes(self) -> Array:
-        """Return (k,) how much the chi-square changes if each loop alone is flipped."""
-        return squared_mahalanobis(self.residual, self._innovation_covariances()[1])
+        """Return (k,) how much the chi-square changes if each loop alone is flipped.
+
+        A direction that no other edge checks changes nothing.
+        """
+        variance, axes = np.linalg.eigh(self._innovation_covariances()[1])
+        along = np.einsum("kab,ka->kb", axes, self.residual)
+        checked = variance > _UNCHECKED
+        return np.asarray((along**2 / np.where(checked, variance, np.inf)).sum(axis=1))
 
     def _innovation_covariances(self) -> tuple[Array, Array]:
         """Return signs (k,), -1 for accepted loops, and the covariances (k, d, d) of their innovations."""
