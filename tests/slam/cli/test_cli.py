@@ -244,7 +244,7 @@ def test_a_path_without_a_flight_is_refused(command, tmp_path):
         ("missing", "does not exist"),
         ("empty", "is empty"),
         ("others", "no mav0 folder"),
-        ("log.bag", "a ROS 1 bag, which slam does not read"),
+        ("log.bag", "a ROS bag that its reader cannot read"),
         ("no\nlines", "is empty"),
         ("pipe", "neither a file nor a folder"),
     ):
