@@ -84,6 +84,10 @@ def read_g2o(path: str | Path) -> PoseGraph:
         if number not in ids:
             raise BackendError(f"{name}:{line}: FIX names vertex {number}, which the file does not hold")
         fixed[np.searchsorted(ids, number)] = True
+    information = _information(edge, dimension, name)
+    warnings += _unlike_information(edge, information)
+    if not text.endswith("\n") and not dropped["line without an end"]:
+        warnings.append("the last line has no line break: the file may be cut, digits may be missing there")
     return PoseGraph(
         dimension=dimension,
         ids=ids,
@@ -91,11 +95,33 @@ def read_g2o(path: str | Path) -> PoseGraph:
         i=index[:, 0],
         j=index[:, 1],
         ij_T=_transforms(edge, dimension, name, warnings),
-        information=_information(edge, dimension, name),
+        information=information,
         fixed=fixed,
         warnings=tuple(warnings),
         dropped=dict(dropped),
     )
+
+
+def _unlike_information(edge: _Block, information: Array) -> list[str]:
+    """Return a warning about information that is orders of magnitude unlike that of the other edges.
+
+    The others set the scale: three times the range of their middle 80 %, or a factor of a thousand if that
+    is more.
+    """
+    trace = np.trace(information, axis1=1, axis2=2)
+    stated = np.flatnonzero(trace > 0)
+    if len(stated) == 0:
+        return []
+    size = np.log10(trace[stated])
+    low, middle, high = np.quantile(size, (0.1, 0.5, 0.9))
+    unlike = np.flatnonzero(np.abs(size - middle) > 3 * max(high - low, 1.0))
+    if len(unlike) == 0:
+        return []
+    line, times = edge.lines[stated[unlike[0]]], 10 ** (size[unlike[0]] - middle)
+    return [
+        f"the information of {len(unlike)} edges is unlike that of the others by a factor of a thousand or"
+        f" more (the first is in line {line}, {times:.2g} times the median); check it"
+    ]
 
 
 def _text(path: Path) -> str:

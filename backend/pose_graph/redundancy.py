@@ -10,7 +10,7 @@ from backend.gauge import format_keys
 from backend.pose_graph.chi_square import ChiSquare
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import place_pairs
-from backend.pose_graph.solution import Solution
+from backend.pose_graph.solution import NO_INFORMATION, Solution
 
 
 def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
@@ -85,6 +85,19 @@ def _sentence(problem: Problem, members: list[int], rejected: int, kept: NDArray
     base = "odometry alone" if problem.trusted[kept].all() else "a tree of edges alone"
     why = f": {rejected} edges were rejected, and" if rejected else ", and"
     return f"{who} rest on {base}{why} no loop is left that checks it"
+
+
+def rejected_odometry_warning(problem: Problem, solution: Solution) -> list[str]:
+    """Return one warning about steps of odometry that were rejected; an empty list if there is none."""
+    wrong = np.flatnonzero(problem.trusted & ~solution.edge_kept)
+    wrong = wrong[[solution.edge_reason[e] != NO_INFORMATION for e in wrong.tolist()]]
+    if len(wrong) == 0:
+        return []
+    i, j = problem.i[wrong[0]], problem.j[wrong[0]]
+    return [
+        f"{len(wrong)} edges of odometry contradict the loops over them and are left out (the first is"
+        f" {problem.name(i)} to {problem.name(j)}); check their lines in the file"
+    ]
 
 
 def small_residuals_warning(problem: Problem, solution: Solution) -> list[str]:

@@ -10,6 +10,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+NO_INFORMATION = "carries no information"
+"""Reason of an edge that was left out before the solve."""
+
+
 @dataclass(frozen=True)
 class Solution:
     """Maximum-likelihood trajectory, with its uncertainty and diagnostics."""

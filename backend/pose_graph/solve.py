@@ -23,13 +23,15 @@ from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
 from backend.pose_graph.minimise import OnStep
 from backend.pose_graph.problem import Problem, from_pose_graph, informative
-from backend.pose_graph.redundancy import small_residuals_warning, unchecked_components
-from backend.pose_graph.solution import Solution
+from backend.pose_graph.redundancy import (
+    rejected_odometry_warning,
+    small_residuals_warning,
+    unchecked_components,
+)
+from backend.pose_graph.solution import NO_INFORMATION, Solution
 
 Array = NDArray[np.float64]
 
-NO_INFORMATION = "carries no information"
-"""Reason of an edge that was left out before the solve."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -75,7 +77,11 @@ def solve_pose_graph(
     return replace(
         solution,
         status="; ".join(said) or "ok",
-        warnings=(*solution.warnings, *small_residuals_warning(problem, solution)),
+        warnings=(
+            *solution.warnings,
+            *rejected_odometry_warning(problem, solution),
+            *small_residuals_warning(problem, solution),
+        ),
     )
 
 

@@ -93,7 +93,7 @@ def graph_table(record: Mapping[str, Any]) -> FigureTable:
 
 
 def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[str, float]) -> Estimate:
-    from backend.pose_graph.solve import NO_INFORMATION
+    from backend.pose_graph.solution import NO_INFORMATION
 
     count = len(graph.ids)
     unknown = np.full((count, 6, 6), np.nan)

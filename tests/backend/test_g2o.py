@@ -163,3 +163,19 @@ def test_missing_file_and_folder_are_refused(tmp_path: Path):
         read_g2o(tmp_path / "none.g2o")
     with pytest.raises(BackendError, match="is not a file"):
         read_g2o(tmp_path)
+
+
+def test_signs_of_a_damaged_file_are_warnings(tmp_path: Path):
+    """A last line without a line break, and an information with two lost zeros or too many."""
+    path = _written(tmp_path / "made.g2o", graph(1, 2, n=30))
+    text = path.read_text()
+    assert _read(tmp_path, text).warnings == ()
+    assert "no line break" in _read(tmp_path, text.rstrip("\n")).warnings[-1]
+    made = read_g2o(path)
+    information = made.information.copy()
+    information[4] *= 1e7
+    odd = _written(path, replace(made, information=information))
+    (warning,) = read_g2o(odd).warnings
+    line = 1 + next(n for n, row in enumerate(odd.read_text().split("\n")) if row.startswith("EDGE"))
+    assert f"line {line + 4}," in warning
+    assert "1 edges" in warning

@@ -25,6 +25,7 @@ from backend.pose_graph.selection.agreement import Solve, grow_consistent_set, r
 from backend.pose_graph.selection.chains import Chain, chain_members, join_chains
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
+from backend.pose_graph.selection.odometry_faults import doubtful_odometry
 from backend.pose_graph.selection.prediction import noise_scale, sample_posterior, white_noise
 from backend.pose_graph.selection.swap import swap_loops
 from backend.pose_graph.selection.swap_search import SwapSearch
@@ -49,8 +50,7 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> tup
     problem, trusted = gauge_fixed.problem, gauge_fixed.problem.trusted
     found = None
     if fit is None or has_loops_on_odometry(problem):
-        found = _refit(gauge_fixed, *_grow_set(gauge_fixed), ~trusted)
-        found = _swap(gauge_fixed, found)
+        found = _without_wrong_steps(gauge_fixed, _select(gauge_fixed))
         if fit is None or found[1].test.passed or not _outliers(problem, found, trusted).any():
             return found
     # Odometry may be wrong too: then all edges are trusted alike.
@@ -66,6 +66,33 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> tup
     other = _refit(gauge_fixed, _connected(problem, kept, at), at, everything)
     if found is None or _is_more_probable(gauge_fixed, other, found):
         return other
+    return found
+
+
+def _select(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, GraphFit, Array]:
+    """Select the loops that agree with the trusted edges."""
+    found = _refit(gauge_fixed, *_grow_set(gauge_fixed), ~gauge_fixed.problem.trusted)
+    return _swap(gauge_fixed, found)
+
+
+def _without_wrong_steps(
+    gauge_fixed: GaugeFixedProblem, found: tuple[Mask, GraphFit, Array]
+) -> tuple[Mask, GraphFit, Array]:
+    """Select again without the step of odometry that is most in doubt, as long as the evidence grows."""
+    doubting = gauge_fixed
+    while time.monotonic() < gauge_fixed.options.deadline:
+        step = doubtful_odometry(doubting.problem, found[0])
+        if step is None:
+            break
+        trusted = doubting.problem.trusted.copy()
+        trusted[step] = False
+        doubting = replace(gauge_fixed, problem=replace(gauge_fixed.problem, trusted=trusted))
+        if not has_loops_on_odometry(doubting.problem):
+            break
+        other = _select(doubting)
+        if not _is_more_probable(gauge_fixed, other, found):
+            break
+        found = other
     return found
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend import se3
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.selection.chains import chain_members
 from backend.pose_graph.solve import solve_pose_graph
@@ -51,6 +52,20 @@ def test_a_false_loop_is_rejected_where_covariances_are_far_too_large():
     assert np.array_equal(~solved.edge_kept, made.false)
     true = edges_of(graph, ~made.false)
     assert solve_pose_graph(true, covariances=False).edge_kept.all()
+
+
+@pytest.mark.parametrize("wrong", [[3.0, 0.0, 0.0], [0.0, 0.0, 1.57]], ids=["position", "heading"])
+def test_one_wrong_step_of_odometry_is_found_and_named(wrong: list[float]):
+    """All true loops over the step disagree with it; without it they agree."""
+    made = make(Scene("laps", 1, 2, 0.0, "random", 0))
+    ij_T = made.graph.ij_T.copy()
+    ij_T[60] = ij_T[60] @ se3.from_planar(np.array([wrong]))[0]
+    graph = replace(made.graph, ij_T=ij_T, poses=np.full_like(made.graph.poses, np.nan))
+    solved = solve_pose_graph(graph, covariances=False)
+    assert np.flatnonzero(~solved.edge_kept).tolist() == [60]
+    assert "vertex 60 to vertex 61" in " ".join(solved.warnings)
+    clean = solve_pose_graph(made.graph, covariances=False)
+    assert error_m(solved.w_T_b, made) <= WITHIN * error_m(clean.w_T_b, made)
 
 
 @pytest.mark.parametrize("numbers", ["gap", "step", "symbols"])
