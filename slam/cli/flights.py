@@ -46,7 +46,7 @@ def import_flight(
 
     screen = Screen(quiet)
     with screen.progress() as progress:
-        flight = import_source(source, progress, request_of(topic), band)
+        flight = import_source(source, progress, request_of(topic, picture_rate), band)
         write_flight(flight, out, progress)
     show(flight, screen)
     screen.files([out])

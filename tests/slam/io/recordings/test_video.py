@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from slam.cli import app
 from slam.core.errors import InputError
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.recordings.assemble import flight_of
@@ -53,6 +55,13 @@ def test_fewer_pictures_are_taken_on_request(tmp_path):
     assert flight.frames.stamps_s[:5] == pytest.approx([0.0, 0.3, 0.5, 0.8, 1.0]), "each 0.25 s"
     assert [number_in(frame.read()) for frame in flight.frames][:5] == [0, 3, 5, 8, 10]
     assert any("16 of 40 pictures are used, at most 4 a second" in line for line in flight.warnings)
+
+
+def test_import_takes_the_picture_rate_too(tmp_path):
+    command = ["import", str(video(tmp_path / "a.mp4")), "--out", str(tmp_path / "flight")]
+    result = CliRunner().invoke(app, [*command, "--picture-rate", "4"])
+    assert result.exit_code == 0, result.output
+    assert len(list((tmp_path / "flight" / "mav0" / "cam0" / "data").iterdir())) == 16
 
 
 def ticks_per_picture(path: Path) -> int:
