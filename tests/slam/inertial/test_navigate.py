@@ -45,7 +45,9 @@ def test_compilation_of_the_filter_is_shown_as_progress(flight, monkeypatch):
     monkeypatch.setattr("slam.inertial.navigate.identify_noise", compiles)
     with pytest.raises(InputError, match="far enough"):
         navigate(flight, progress=lambda *report: shown.append(report))
-    assert shown == [(COMPILING, 0, 1), (COMPILING, 1, 1)]
+    # Checks before the filter may compile a kernel of their own in a fresh cache.
+    assert shown[-2:] == [(COMPILING, 0, 1), (COMPILING, 1, 1)]
+    assert {report[0] for report in shown} == {COMPILING}
 
 
 def truth_at(flight, at_s):
