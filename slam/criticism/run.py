@@ -214,9 +214,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
     with rolled_out.part():
         drawn = _covariate(records, parameters, found, causes)
-    correlation = {
-        n: x for n, x in zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True) if x > 0.0
-    }
+    correlation = _noise_correlations(parameters)
     probability = posterior.probability | {c.name: c.probability for c in causes}
     finding = Finding(
         verdict=verdict, causes=causes, equivalents=equivalents, remainder=remainder, detectable=everything,
@@ -247,6 +245,12 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         if together is None
         else _models_of_others(records, model, together, best, causes, anomalies),
     )
+
+
+def _noise_correlations(parameters: FilterParameters) -> dict[str, float]:
+    """Return the correlation of successive readings of each instrument that has one."""
+    each = zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True)
+    return {instrument: correlation for instrument, correlation in each if correlation > 0.0}
 
 
 def _covariate(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -15,7 +15,7 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Frame
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
 from slam.criticism.camera.cross_check import confirmed
@@ -126,15 +126,13 @@ def match_all_pictures(flights: Sequence[Flight], progress: Progress = silent) -
         cv2.setNumThreads(before)
 
 
-def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches | None:
-    camera, frames = flight.camera, flight.frames
-    if camera is None or frames is None or len(frames) < 2:
-        return None
+def _shots_of(frames: Iterable[Frame], camera: Camera) -> tuple[list[_Shot], list[Image], list[Image]]:
+    """Return the readable pictures, at most one each `SHORTEST_S`, and their dimmed and reduced images."""
     extract = Extractor(FEATURES.for_width(camera.size_px[0]))
     shots: list[_Shot] = []
     dims: list[Image] = []
     greys: list[Image] = []
-    for frame in pictures.each(frames):
+    for frame in frames:
         if shots and frame.stamp_s - shots[-1][0] < SHORTEST_S:
             continue
         image = frame.read()
@@ -144,6 +142,14 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches 
         dims.append(dimmed(image))
         greys.append(reduced(image))
         shots.append((frame.stamp_s, points, _tones(image, camera.project(camera.rays(points.pixel)))))
+    return shots, dims, greys
+
+
+def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches | None:
+    camera, frames = flight.camera, flight.frames
+    if camera is None or frames is None or len(frames) < 2:
+        return None
+    shots, dims, greys = _shots_of(pictures.each(frames), camera)
     robust = HomographyConfig().for_width(camera.size_px[0])
     near = [(j - step, j) for j in range(len(shots)) for step in STEPS if j >= step]
     registered = {

@@ -72,8 +72,8 @@ def photometric_score(
     if len(tones.i) < 2:
         return total.result()
     times, height = path.times_s, np.log(np.maximum(path.poses[:, 2], 0.05))
-    speed2 = _speed2(matches, path)
-    elapsed = path.elapsed
+    speed2, elapsed = _speed2(matches, path), path.elapsed
+    darker = 1.0 - BORDER * camera[VIGNETTING]
     memory = np.exp(-np.abs(times[:, None] - times) / MEMORY_S)
 
     def between(x: Array) -> Array:
@@ -95,7 +95,6 @@ def photometric_score(
             # On levels between black and white a gamma acts like a gain.
             depth2 = float(np.mean(tones.depth[:, figure]) ** 2)
             variances = {("camera", GAIN): 1.0, ("camera", GAMMA): depth2}
-            darker = 1.0 - BORDER * camera[VIGNETTING]
             predicted = -camera[VIGNETTING] / darker * tones.outward
             healthy = np.column_stack([healthy, OUTWARD_TOLERANCE * tones.outward])
         elif figure == CONTRAST:
@@ -113,7 +112,6 @@ def photometric_score(
             healthy = np.column_stack([healthy, SLOW_SHARPNESS * slow, predicted])
         elif figure == SHADING:
             healthy = np.full((len(tones.i), 1), SHADING_TOLERANCE)
-            darker = 1.0 - BORDER * camera[VIGNETTING]
             patterns["camera", VIGNETTING] = np.full(len(tones.i), -1.0 / darker**2)
             predicted = np.full(len(tones.i), -camera[VIGNETTING] / darker)
         else:
