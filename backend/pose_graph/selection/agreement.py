@@ -294,7 +294,8 @@ def _count_votes(pending: LoopInnovations, open_: Index, place: Index, chance: A
 def place_pairs(i: Index, j: Index, length: int | None = None) -> Index:
     """Return (k,) labels of loops that join the same two places: chains of neighbours share a label.
 
-    With ``length``, chains are cut into pieces of so many poses: a whole lap of loops is no single place.
+    With ``length``, chains are cut into pieces of so many poses at either end: a whole lap of loops is no
+    single place.
     """
     ends = np.column_stack([np.minimum(i, j), np.maximum(i, j)])
     pairs = np.array(sorted(cKDTree(ends).query_pairs(_PLACE_RADIUS, p=np.inf)), dtype=np.int64).reshape(
@@ -304,7 +305,7 @@ def place_pairs(i: Index, j: Index, length: int | None = None) -> Index:
     label = np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
     if length is None or len(label) == 0:
         return label
-    first = np.full(label.max() + 1, ends.max() + 1)
-    np.minimum.at(first, label, ends[:, 1])
-    piece = (ends[:, 1] - first[label]) // length
-    return np.asarray(np.unique(label * (piece.max() + 1) + piece, return_inverse=True)[1], dtype=np.int64)
+    first = np.full((label.max() + 1, 2), ends.max() + 1)
+    np.minimum.at(first, label, ends)
+    pieces = np.column_stack([label, (ends - first[label]) // length])
+    return np.asarray(np.unique(pieces, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()

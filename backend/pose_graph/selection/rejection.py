@@ -63,7 +63,7 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> tup
         gauge_fixed.options.on_step,
         gauge_fixed.options.deadline,
     )
-    other = _refit(gauge_fixed, _connected(problem, kept, at), at, everything)
+    other = _refit(gauge_fixed, kept, at, everything)
     if found is None or _is_more_probable(gauge_fixed, other, found):
         return other
     return found
@@ -89,7 +89,11 @@ def _without_wrong_steps(
         doubting = replace(gauge_fixed, problem=replace(gauge_fixed.problem, trusted=trusted))
         if not has_loops_on_odometry(doubting.problem):
             break
-        other = _select(doubting)
+        try:
+            other = _select(doubting)
+        except BackendError:
+            # Without that step too little is known: it stays.
+            break
         if not _is_more_probable(gauge_fixed, other, found):
             break
         found = other
@@ -169,7 +173,9 @@ def _swap(
     )
     if np.array_equal(kept, found[0]):
         return found
-    return _refit(gauge_fixed, kept, w_T, ~gauge_fixed.problem.trusted)
+    # The search counts places, not loops: it may lose true loops of a place that it takes for one.
+    other = _refit(gauge_fixed, kept, w_T, ~gauge_fixed.problem.trusted)
+    return other if _is_more_probable(gauge_fixed, other, found) else found
 
 
 def _grow_set(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, Array]:
@@ -231,7 +237,7 @@ def _refit(
 ) -> tuple[Mask, GraphFit, Array]:
     """Fit the kept edges; restore edges that the prediction's uncertainty explains, and drop outliers."""
     problem, limit = gauge_fixed.problem, edge_limit(gauge_fixed.problem)
-    banned = np.zeros_like(kept)
+    banned, kept = np.zeros_like(kept), _connected(problem, kept, w_T)
     for remaining in reversed(range(_ROUNDS)):
         fit = least_squares_fit(gauge_fixed, kept, w_T)
         w_T = fit.w_T

@@ -128,11 +128,9 @@ class _LocalSearch:
             return _NONE
         loops = np.sort(np.append(outside.edges, self._most_affected(current, samples, outside)))
         search = SwapSearch(current, loops, self.problem.residuals(current.w_T))
-        log_odds, out, in_ = (
-            search.log_odds(),
-            np.flatnonzero(~search.accepted),
-            np.flatnonzero(search.accepted),
-        )
+        log_odds = search.log_odds()
+        out = np.flatnonzero(~search.accepted)
+        in_ = np.flatnonzero(search.accepted & np.isfinite(log_odds))
         forced = [
             *out[np.argsort(-log_odds[out])[:_FORCED_IN]].tolist(),
             *in_[np.argsort(log_odds[in_])[:_FORCED_OUT]].tolist(),

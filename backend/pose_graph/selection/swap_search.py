@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.selection.evidence import LinearizedSet
-from backend.pose_graph.selection.prediction import squared_mahalanobis
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -18,7 +17,6 @@ ABANDON_NATS = 150.0
 """Loss of evidence, in nats, at which a sequence is abandoned."""
 _MAX_FLIPS = 40
 _BLOCK = 60
-_REGULARIZATION = 1e-9
 _UNCHECKED = 1e-6
 """Share of a loop's variance that other edges leave open; below it rounding errors decide."""
 
@@ -65,34 +63,36 @@ class SwapSearch:
         return column
 
     def log_odds(self) -> Array:
-        """Return (k,) log odds (nats) of each loop: true against uniform over the map, given all others."""
-        sign, spread = self._innovation_covariances()
-        off = squared_mahalanobis(self.residual, spread) / self.current.scale**2
-        volume = sign * np.linalg.slogdet(spread)[1]
+        """Return (k,) log odds (nats) of each loop: true against uniform over the map, given all others.
+
+        They are infinite for an accepted loop that nothing else checks in some direction: it joins two parts.
+        """
+        sign, variance, along = self._innovations()
+        off = (along**2 / variance).sum(axis=1) / self.current.scale**2
+        volume = sign * np.log(variance).sum(axis=1)
         volume_prior = self.current.log_volumes[self.loops] - self.d * np.log(self.current.scale)
-        return np.asarray(
-            np.nan_to_num(volume_prior + self.current.odds - (off + volume) / 2, nan=-ABANDON_NATS)
-        )
+        odds = np.nan_to_num(volume_prior + self.current.odds - (off + volume) / 2, nan=-ABANDON_NATS)
+        return np.where(variance.min(axis=1) <= _UNCHECKED, np.inf, odds)
 
     def chi_square_changes(self) -> Array:
         """Return (k,) how much the chi-square changes if each loop alone is flipped.
 
         A direction that no other edge checks changes nothing.
         """
-        variance, axes = np.linalg.eigh(self._innovation_covariances()[1])
-        along = np.einsum("kab,ka->kb", axes, self.residual)
-        checked = variance > _UNCHECKED
-        return np.asarray((along**2 / np.where(checked, variance, np.inf)).sum(axis=1))
+        _, variance, along = self._innovations()
+        return np.asarray((along**2 / np.where(variance > _UNCHECKED, variance, np.inf)).sum(axis=1))
 
-    def _innovation_covariances(self) -> tuple[Array, Array]:
-        """Return signs (k,), -1 for accepted loops, and the covariances (k, d, d) of their innovations."""
+    def _innovations(self) -> tuple[Array, Array, Array]:
+        """Return signs (k,), -1 if accepted, and variances and innovations (k, d) on principal axes."""
         sign = np.where(self.accepted, -1.0, 1.0)
-        return sign, (1 + _REGULARIZATION) * np.eye(self.d) + sign[:, None, None] * self.covariances
+        variance, axes = np.linalg.eigh(np.eye(self.d) + sign[:, None, None] * self.covariances)
+        along = np.einsum("kab,ka->kb", axes, self.residual)
+        return sign, np.maximum(variance, _UNCHECKED), along
 
     def flip(self, x: int) -> None:
         """Flip loop x: insert it if it is rejected, remove it if it is accepted."""
         column, sign = self._column(x), -1.0 if self.accepted[x] else 1.0
-        gain = column @ np.linalg.inv((1 + _REGULARIZATION) * np.eye(self.d) + sign * self.covariances[x])
+        gain = column @ np.linalg.inv(np.eye(self.d) + sign * self.covariances[x])
         self.residual = self.residual - sign * (gain @ self.residual[x]).reshape(-1, self.d)
         by_loop = (-1, self.d, self.d)
         self.covariances = self.covariances - sign * gain.reshape(by_loop) @ np.swapaxes(
