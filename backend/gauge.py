@@ -21,13 +21,13 @@ GAUGE_STD = 1e-6
 _DIRECTIONS = ("roll", "pitch", "heading", "x", "y", "height")
 _ROTATION_STD_RAD = 1.0
 _POSITION_STD_M = 1e4
-_SYMBOL_SHIFT = 56
+SYMBOL_SHIFT = 56
 _PLURAL = {"vertex": "vertices"}
 
 
 def key_name(key: int) -> str:
     """Return the name of a key: ``keyframe 7`` for 7 and for the symbol x7, else the symbol itself."""
-    letter, number = key >> _SYMBOL_SHIFT, key & ((1 << _SYMBOL_SHIFT) - 1)
+    letter, number = key >> SYMBOL_SHIFT, key & ((1 << SYMBOL_SHIFT) - 1)
     return f"keyframe {number}" if letter in (0, ord("x")) else f"{chr(letter)}{number}"
 
 

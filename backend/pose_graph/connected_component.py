@@ -21,12 +21,8 @@ from backend.pose_graph.initialize import elimination_cost
 from backend.pose_graph.marginals import pose_covariances
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.rejection import (
-    has_dominant_loop,
-    has_loops_on_odometry,
-    reason,
-    reject_outliers,
-)
+from backend.pose_graph.selection.doubts import has_dominant_loop
+from backend.pose_graph.selection.rejection import has_loops_on_odometry, reason, reject_outliers
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 
 Array = NDArray[np.float64]
@@ -68,7 +64,8 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     expensive = elimination_cost(problem) > _EXPENSIVE and has_loops_on_odometry(problem)
     fit = None if expensive and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
     if fit is None or (options.loops_robust and _is_doubtful(gauge_fixed, fit)):
-        kept, fit, sigma = reject_outliers(gauge_fixed, fit)
+        selected = reject_outliers(gauge_fixed, fit)
+        kept, fit, sigma = selected.kept, selected.fit, selected.innovation_sigma
     minimum, w_T = fit.minimum, fit.w_T
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()

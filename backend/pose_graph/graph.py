@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError
+from backend.gauge import SYMBOL_SHIFT
 from backend.measurements import RelativePose
 
 Array = NDArray[np.float64]
@@ -16,7 +17,6 @@ Array = NDArray[np.float64]
 _NOT_RIGID = 1e-3
 _ZERO_EIGENVALUE = 1e-9
 """Eigenvalue of the information (scaled to unit diagonal) below which it counts as zero: files round."""
-_SYMBOL_SHIFT = 56
 _NO_INFORMATION = 1e-10
 """Information (rad^-2, m^-2) that counts as zero."""
 
@@ -57,7 +57,7 @@ class PoseGraph:
         The numbers of one robot follow each other, with any step and with gaps. Numbers of gtsam's symbols
         carry the robot's letter in their highest byte; edges between two letters are loops.
         """
-        robot = self.ids >> _SYMBOL_SHIFT
+        robot = self.ids >> SYMBOL_SHIFT
         return np.asarray((np.abs(self.i - self.j) == 1) & (robot[self.i] == robot[self.j]))
 
     @property

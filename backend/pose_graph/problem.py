@@ -95,6 +95,11 @@ class Problem:
         tangent = se3.planar_log(error) if self.dimension == 2 else se3.log(error)
         return np.asarray(np.einsum("mab,mb->ma", self.sqrt_information, tangent))
 
+    def adjoint(self, T: Array) -> Array:
+        """Return the adjoints (..., d, d) of transforms (..., 4, 4) on the problem's tangent space."""
+        whole = se3.adjoint(T)
+        return whole if self.dof == 6 else whole[..., se3.PLANAR[:, None], se3.PLANAR]
+
     def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
         """Return the between factors; ``weight`` (m,) multiplies the information, 0 omits the edge."""
         if weight is not None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from backend.gauge import format_keys
 from backend.pose_graph.chi_square import ChiSquare
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import place_pairs
+from backend.pose_graph.selection.places import place_pairs
 from backend.pose_graph.solution import NO_INFORMATION, Solution
 
 

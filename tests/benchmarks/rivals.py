@@ -154,8 +154,7 @@ def _between(walked: Array, here: Array, there: Array) -> Array:
 
 
 def _turned(problem: Problem, T: Array, covariance: Array) -> Array:
-    A = se3.adjoint(T)
-    A = A if problem.dof == 6 else A[..., se3.PLANAR[:, None], se3.PLANAR]
+    A = problem.adjoint(T)
     return np.asarray(A @ covariance @ np.swapaxes(A, -1, -2))
 
 

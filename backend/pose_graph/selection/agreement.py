@@ -17,13 +17,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.null_loops import NullLoops
+from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import (
     SIGNIFICANCE,
     LoopInnovations,
@@ -44,7 +42,7 @@ Sampler = Callable[[Mask, Array], Array | None]
 """Function from kept edges and poses to posterior samples; None if singular or out of time."""
 
 _ROUNDS = 400
-_MAX_HYPOTHESES = 300
+MAX_HYPOTHESES = 300
 _PRIOR_ODDS_FACTOR = 0.05
 """Factor on the prior odds of a loop: see `log_odds`."""
 _TAIL_FACTOR = 3.0
@@ -52,14 +50,6 @@ _TAIL_FACTOR = 3.0
 _MAX_REJECTIONS = 2
 """Rejections after which a loop is not tried again: other loops may have caused the first."""
 _MAX_FOLDS = 4
-_PLACE_RADIUS = 3
-"""Difference in pose numbers up to which the ends of two loops count as the same place."""
-ROW_LENGTH = 20
-"""Poses over which loops in a row count as one vote: where a floor repeats, false loops come in such rows.
-
-`tests.benchmarks.selection_matrix` and `false_loops` check it: shorter rows vote for themselves, and a longer
-one makes a whole lap of true loops a single vote.
-"""
 
 
 def grow_consistent_set(
@@ -205,7 +195,7 @@ def _select_loops(pending: LoopInnovations, chance: Array, place: Index, odds: f
     if not agrees.any():
         return pending.edges[:0]
     open_ = np.flatnonzero(agrees)
-    open_ = open_[np.argsort(chance[open_])][:_MAX_HYPOTHESES]
+    open_ = open_[np.argsort(chance[open_])][:MAX_HYPOTHESES]
     votes = _count_votes(pending, open_, place[open_], chance[open_])
     eligible = _sharp_agreements(chance, agrees, place)[open_]
     if not eligible.any():
@@ -289,23 +279,3 @@ def _count_votes(pending: LoopInnovations, open_: Index, place: Index, chance: A
         np.maximum.at(surprise, place[elsewhere], -then[elsewhere])
         support[a] = -chance[a] + surprise.sum()
     return _Votes(support, follows, fits)
-
-
-def place_pairs(i: Index, j: Index, length: int | None = None) -> Index:
-    """Return (k,) labels of loops that join the same two places: chains of neighbours share a label.
-
-    With ``length``, chains are cut into pieces of so many poses at either end: a whole lap of loops is no
-    single place.
-    """
-    ends = np.column_stack([np.minimum(i, j), np.maximum(i, j)])
-    pairs = np.array(sorted(cKDTree(ends).query_pairs(_PLACE_RADIUS, p=np.inf)), dtype=np.int64).reshape(
-        -1, 2
-    )
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(i), len(i)))
-    label = np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
-    if length is None or len(label) == 0:
-        return label
-    first = np.full((label.max() + 1, 2), ends.max() + 1)
-    np.minimum.at(first, label, ends)
-    pieces = np.column_stack([label, (ends - first[label]) // length])
-    return np.asarray(np.unique(pieces, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()

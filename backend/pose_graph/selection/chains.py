@@ -18,15 +18,13 @@ from scipy.sparse.csgraph import connected_components
 
 from backend import se3
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import ROW_LENGTH, place_pairs
+from backend.pose_graph.selection.agreement import MAX_HYPOTHESES
+from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import innovations
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
-
-_MAX_HYPOTHESES = 300
-"""Loops tried between the same two chains."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class _Joining:
         for each in np.unique(pair).tolist():
             loops = across[pair == each]
             place = place_pairs(self.problem.i[loops], self.problem.j[loops], ROW_LENGTH)
-            step = -(-len(loops) // _MAX_HYPOTHESES)
+            step = -(-len(loops) // MAX_HYPOTHESES)
             for loop in loops[::step].tolist():
                 support = self._support(loop, loops, place)
                 if support > most:
@@ -120,8 +118,8 @@ class _Joining:
         w_T, samples = self.w_T.copy(), self.samples.copy()
         w_T[moved] = at @ se3.inverse(self.w_T[j]) @ self.w_T[moved]
         own = np.linalg.pinv(p.sqrt_information[loop]) @ self.noise
-        error = self._adjoint(se3.inverse(p.ij_T[loop])) @ samples[i] + own - samples[j]
-        samples[moved] += self._adjoint(se3.inverse(w_T[moved]) @ at) @ error
+        error = p.adjoint(se3.inverse(p.ij_T[loop])) @ samples[i] + own - samples[j]
+        samples[moved] += p.adjoint(se3.inverse(w_T[moved]) @ at) @ error
         return w_T, samples
 
     def join(self, loop: int) -> None:
@@ -129,7 +127,3 @@ class _Joining:
         self.w_T, self.samples = self._placed(loop)
         here, there = self.label[self.problem.i[loop]], self.label[self.problem.j[loop]]
         self.label[self.label == there] = here
-
-    def _adjoint(self, T: Array) -> Array:
-        whole = se3.adjoint(T)
-        return whole if self.problem.dof == 6 else whole[..., se3.PLANAR[:, None], se3.PLANAR]

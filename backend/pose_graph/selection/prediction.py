@@ -139,9 +139,7 @@ def innovations(
 def whitened_spread(problem: Problem, w_T: Array, samples: Array, edges: Index) -> Array:
     """Return whitened prediction errors (k, d, s) of edges from posterior samples (n, d, s)."""
     i, j = problem.i[edges], problem.j[edges]
-    turn = se3.adjoint(se3.inverse(w_T[j]) @ w_T[i])
-    if problem.dof == 3:
-        turn = turn[:, se3.PLANAR[:, None], se3.PLANAR]
+    turn = problem.adjoint(se3.inverse(w_T[j]) @ w_T[i])
     return np.asarray(problem.sqrt_information[edges] @ (samples[j] - turn @ samples[i]))
 
 

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import Solve, place_pairs
+from backend.pose_graph.selection.agreement import Solve
 from backend.pose_graph.selection.evidence import Graph, LinearizedSet, log_unit_volumes
+from backend.pose_graph.selection.places import place_pairs
 from backend.pose_graph.selection.prediction import (
     LoopInnovations,
     innovations,
