@@ -42,7 +42,7 @@ def _assumed(flight: Flight, map_: Map) -> str:
     gain, zero = flight.sonar.scale_std, flight.sonar.datum_std_m
     values = []
     if found.gain_std >= _DETERMINED * gain:
-        values.append(f"its gain (± {100 * gain:.2g} %)" if gain else "its gain (exact)")
+        values.append(f"its gain (± {100 * gain:.2g} %)" if gain else "its gain (without error)")
     if found.zero_std_m >= _DETERMINED * zero:
-        values.append(f"its zero (± {1e3 * zero:.2g} mm)" if zero else "its zero (exact)")
+        values.append(f"its zero (± {1e3 * zero:.2g} mm)" if zero else "its zero (without error)")
     return f", and {' and '.join(values)} {'are' if len(values) > 1 else 'is'} assumed" if values else ""

@@ -88,7 +88,13 @@ class Map:
 
     def known_poses(self) -> KnownPoses:
         """Return poses and covariances over the floor, for checks of new edges."""
-        return KnownPoses(self.over_floor_T_b, self.over_floor_covariances, self.component, self.height_m)
+        return KnownPoses(
+            w_T_b=self.over_floor_T_b,
+            covariances=self.over_floor_covariances,
+            component=self.component,
+            height_m=self.height_m,
+            metric=self.metric,
+        )
 
 
 def largest_first(component: NDArray[np.int64]) -> NDArray[np.int64]:

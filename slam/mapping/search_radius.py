@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from backend.measurements import RelativePose
 from backend.pose_graph.heights import HeightEstimate
 from backend.pose_graph.solution import Solution
+from slam.core.units import unit
 from slam.mapping.config import LoopConfig
 from slam.mapping.setup import Setup
 
@@ -30,6 +31,8 @@ class SearchRadius:
     """(n,) half the view's diagonal and some standard deviations of the position; NaN where not known."""
     component: NDArray[np.int64]
     """(n,) parts that nothing joins yet have no place relative to each other."""
+    metric: bool = True
+    """Whether lengths are metres; else heights of the camera."""
 
     def holds(self, j: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(m,) which keyframes may have seen what ``j`` has; all of which nothing is known."""
@@ -39,7 +42,10 @@ class SearchRadius:
     def reason(self, i: int, j: int) -> str:
         """Why a pair beyond reach is not compared."""
         apart, most = self._apart(j, np.array([i]))
-        return f"out of reach: {apart[0]:.2f} apart by the poses so far, at most {most[0]:.2f} allowed"
+        m = unit(self.metric)
+        return (
+            f"out of reach: {apart[0]:.2f} {m} apart by the poses so far, at most {most[0]:.2f} {m} allowed"
+        )
 
     def _apart(self, j: int, rows: NDArray[np.int64]) -> tuple[Array, Array]:
         apart = np.linalg.norm(self.w_p_b[rows] - self.w_p_b[j], axis=1)
@@ -57,6 +63,8 @@ class KnownPoses:
     """(n,) parts that nothing joins yet have no place relative to each other."""
     height_m: Array
     """(n,) over the floor, in the same unit."""
+    metric: bool = True
+    """Whether the unit is the metre; else the height of the camera."""
 
 
 def implausible_edges(
@@ -83,7 +91,8 @@ def implausible_edges(
     beyond = np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
     return {
         (int(i[m]), int(j[m])): (
-            f"implausible: {off[m]:.2f} from where the poses put it, at most {limit[m]:.2f} allowed"
+            f"implausible: {off[m]:.2f} {unit(known.metric)} from where the poses put it,"
+            f" at most {limit[m]:.2f} {unit(known.metric)} allowed"
         )
         for m in beyond
     }
@@ -99,5 +108,8 @@ def search_radius(setup: Setup, heights: HeightEstimate, known: Solution) -> Sea
     view_m = WIDENED_BY_TILT * float(np.linalg.norm(corner[:, :2], axis=1).max()) * height_m
     std_m = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
     return SearchRadius(
-        known.w_T_b[:, :3, 3], view_m + setup.config.loops.plausible_sigmas * std_m, known.component
+        w_p_b=known.w_T_b[:, :3, 3],
+        radius=view_m + setup.config.loops.plausible_sigmas * std_m,
+        component=known.component,
+        metric=bool(heights.metric.all()),
     )

@@ -68,7 +68,13 @@ def close_loops(context: Context, chain: Map) -> Map:
         observations = context.front_end.close_loops(chain.observations, radius)
         _refuse_unless(len(observations.registrations) > 0, context.flight, observations)
         bridged = chain if context.flight.gps is not None else context.bridges.join(chain)
-        known = KnownPoses(bridged.w_T_b, bridged.covariances, bridged.component, heights.height_m)
+        known = KnownPoses(
+            w_T_b=bridged.w_T_b,
+            covariances=bridged.covariances,
+            component=bridged.component,
+            height_m=heights.height_m,
+            metric=bool(heights.metric.all()),
+        )
         observations = _plausible(observations, setup, known)
     with context.timer("graph"):
         return replace(_solved(observations, setup, context.on_step), odometry=chain)
