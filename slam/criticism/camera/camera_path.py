@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,6 +17,8 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.smoothing import LEAST_HALF_S, SmoothedPath, smoothed
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 _SENSOR_NUDGE = 1e-3
 _KEPT_PATHS = 2
@@ -32,10 +34,32 @@ MARGIN_S = 0.3
 """Pictures this near to the ends of the readings are left out, so that a clock offset loses none."""
 
 
-def camera_path(
-    record: Record, matches: FeatureMatches, parameters: FilterParameters
-) -> tuple[SmoothedPath, NDArray[np.bool_]]:
-    """Return the path at the pictures, and the mask (n,) of pictures within it and above the floor.
+@dataclass(frozen=True)
+class CameraPath:
+    """The smoothed path at some of the n pictures of a flight."""
+
+    path: SmoothedPath
+    """Path at these pictures."""
+    inside: Mask
+    """(n,) pictures that the path passes through."""
+
+    def holds(self, i: Ints, j: Ints) -> Mask:
+        """Return (m,) whether both pictures of each pair are on the path."""
+        return np.asarray(self.inside[i] & self.inside[j])
+
+    def index(self, pictures: Ints) -> Ints:
+        """Return the indices into the path of pictures that are on it."""
+        return np.asarray((np.cumsum(self.inside) - 1)[pictures])
+
+    def part(self, begin: int, end: int) -> CameraPath:
+        """Return the poses ``begin`` to ``end`` of the path, ``end`` excluded."""
+        inside = np.zeros(len(self.inside), dtype=bool)
+        inside[np.flatnonzero(self.inside)[begin:end]] = True
+        return CameraPath(self.path.part(begin, end), inside)
+
+
+def camera_path(record: Record, matches: FeatureMatches, parameters: FilterParameters) -> CameraPath:
+    """Return the path at the pictures that lie within the record's time and above the floor.
 
     Paths are cached for nearly equal parameters."""
     camera = parameters.camera
@@ -58,10 +82,10 @@ def camera_path(
         paths[key] = parameters.sensor, smoothed(record, parameters, shown, directions, half_s)
     sensor, path = paths[key]
     moved = (path.sensitivity @ (parameters.sensor - sensor)).reshape(path.poses.shape)
-    return replace(path, poses=path.poses + moved), inside
+    return CameraPath(replace(path, poses=path.poses + moved), inside)
 
 
-def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def spread(stamps_s: Array, inside: Mask) -> Mask:
     """Choose segments of consecutive pictures, evenly over the flight (n,), if there are more than
     ``MOST_PICTURES``.
 

@@ -28,11 +28,11 @@ def without_mismatched_pairs(record: Record, parameters: FilterParameters) -> tu
     matches = record.matches
     if matches is None:
         return record, ""
-    path, inside = camera_path(record, matches, parameters)
-    known = np.flatnonzero(inside[matches.earlier] & inside[matches.later])
+    along = camera_path(record, matches, parameters)
+    known = np.flatnonzero(along.holds(matches.earlier, matches.later))
     if len(known) == 0:
         return record, ""
-    off_px, std_px = residuals(matches, parameters, path, inside)
+    off_px, std_px = residuals(matches, parameters, along)
     pair = matches.earlier[known] * len(matches.stamps_s) + matches.later[known]
     pairs, pair_of = np.unique(pair, return_inverse=True)
     stray = np.array(

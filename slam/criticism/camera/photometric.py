@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.camera.camera_path import CameraPath
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.tones import CONTRAST, FIGURES, SHADING, SHARPNESS, Tones, tones_of, weigh
 from slam.criticism.kalman.camera_parameters import BLUR, GAIN, GAMMA, VIGNETTING
@@ -60,15 +61,11 @@ class PhotometricScore:
 
 
 def photometric_score(
-    matches: FeatureMatches,
-    camera: Array,
-    path: SmoothedPath,
-    inside: NDArray[np.bool_],
-    directions: Sequence[Perturbation],
+    matches: FeatureMatches, camera: Array, along: CameraPath, directions: Sequence[Perturbation]
 ) -> PhotometricScore:
     """Return score and information of the perturbations, 0 for those that tones cannot show."""
-    total = _Total(directions)
-    tones = _within(tones_of(matches), inside)
+    total, path = _Total(directions), along.path
+    tones = _within(tones_of(matches), along)
     if len(tones.i) < 2:
         return total.result()
     times, height = path.times_s, np.log(np.maximum(path.poses[:, 2], 0.05))
@@ -164,12 +161,11 @@ class _Total:
         return PhotometricScore(self._information, self._score, self._nats)
 
 
-def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
-    kept = inside[tones.i] & inside[tones.j]
-    place = np.cumsum(inside) - 1
+def _within(tones: Tones, along: CameraPath) -> Tones:
+    kept = along.holds(tones.i, tones.j)
     return Tones(
-        i=place[tones.i[kept]], j=place[tones.j[kept]], figures=tones.figures[kept], std=tones.std[kept],
-        outward=tones.outward[kept], zoom=tones.zoom[kept], depth=tones.depth[kept],
+        i=along.index(tones.i[kept]), j=along.index(tones.j[kept]), figures=tones.figures[kept],
+        std=tones.std[kept], outward=tones.outward[kept], zoom=tones.zoom[kept], depth=tones.depth[kept],
         shading_map_rms=tones.shading_map_rms,
     )  # fmt: skip
 

@@ -38,8 +38,8 @@ def planned_matches(
     """Return matches of the flight of ``record``, with the rate and pixel noise of the matches ``like``."""
     every_s = float(np.median(np.diff(like.stamps_s)))
     stamps_s = np.arange(record.times_s[0] + MARGIN_S, record.times_s[-1] - MARGIN_S, every_s)
-    path, inside = camera_path(record, replace(like, stamps_s=stamps_s), parameters)
-    shown = np.flatnonzero(inside)
+    along = camera_path(record, replace(like, stamps_s=stamps_s), parameters)
+    path, shown = along.path, np.flatnonzero(along.inside)
     pairs = [(j - step, j) for j in range(len(shown)) for step in STEPS if j >= step]
     i, j = np.repeat(np.array(pairs, dtype=np.int64).reshape(-1, 2), GRID**2, axis=0).T
     grid = _grid(like)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.sparse import csr_array
 
-from slam.criticism.camera.camera_path import camera_path
+from slam.criticism.camera.camera_path import CameraPath, camera_path
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
@@ -63,20 +63,18 @@ def reprojection_score(
     record: Record, matches: FeatureMatches, parameters: FilterParameters, directions: Sequence[Perturbation]
 ) -> ReprojectionScore:
     """Return score and information of the perturbations, 0 for those that pictures cannot show."""
-    path, inside = camera_path(record, matches, parameters)
-    return reprojection_score_along(matches, parameters, path, inside, directions)
+    return reprojection_score_along(matches, parameters, camera_path(record, matches, parameters), directions)
 
 
 def reprojection_score_along(
     matches: FeatureMatches,
     parameters: FilterParameters,
-    path: SmoothedPath,
-    inside: NDArray[np.bool_],
+    along: CameraPath,
     directions: Sequence[Perturbation],
 ) -> ReprojectionScore:
-    """Return the same for a known path through some of the pictures: those ``inside`` (n,)."""
-    points = _points(matches, parameters, path, inside, directions)
-    tones = photometric_score(matches, parameters.camera, path, inside, directions)
+    """Return the same for a known path through some of the pictures."""
+    points = _points(_Scene.of(matches, parameters, along), directions)
+    tones = photometric_score(matches, parameters.camera, along, directions)
     faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]
     return ReprojectionScore(
         points.information + tones.information + np.diag(faint),
@@ -87,25 +85,9 @@ def reprojection_score_along(
     )
 
 
-def path_segment(
-    path: SmoothedPath, inside: NDArray[np.bool_], begin: int, end: int
-) -> tuple[SmoothedPath, NDArray[np.bool_]]:
-    """Return the poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and the mask (n,)
-    of their pictures."""
-    shown = np.zeros(len(inside), dtype=bool)
-    shown[np.flatnonzero(inside)[begin:end]] = True
-    return path.part(begin, end), shown
-
-
-def _points(
-    matches: FeatureMatches,
-    parameters: FilterParameters,
-    path: SmoothedPath,
-    inside: NDArray[np.bool_],
-    directions: Sequence[Perturbation],
-) -> ReprojectionScore:
+def _points(scene: _Scene, directions: Sequence[Perturbation]) -> ReprojectionScore:
     """Return the score of the positions of points."""
-    scene = _Scene.of(matches, parameters, parameters.camera, path, inside)
+    path = scene.path
     if not len(scene.i):
         return ReprojectionScore(np.zeros((len(directions), len(directions))), np.zeros(len(directions)), 0.0)
     B = scene.by_pose()
@@ -176,16 +158,13 @@ def _summed(row: Ints, count: int, values: Array) -> Array:
 
 
 def residuals(
-    matches: FeatureMatches, parameters: FilterParameters, path: SmoothedPath, inside: NDArray[np.bool_]
+    matches: FeatureMatches, parameters: FilterParameters, along: CameraPath
 ) -> tuple[Array, Array]:
-    """Return (m,) px the lengths of the residuals, and their standard deviations from the path alone.
-
-    The path and ``inside`` are those of ``path_of``.
-    """
-    scene = _Scene.of(matches, parameters, parameters.camera, path, inside)
+    """Return (m,) px the lengths of the residuals, and their standard deviations from the path alone."""
+    scene = _Scene.of(matches, parameters, along)
     B = scene.by_pose()
-    n = len(path.times_s)
-    S = path.covariance.reshape(n, 6, n, 6)
+    n = len(along.path.times_s)
+    S = along.path.covariance.reshape(n, 6, n, 6)
     i, j = scene.i, scene.j
     of_pose = [B[:, :, :6], B[:, :, 6:]]
     variance = sum(
@@ -203,7 +182,6 @@ class _Scene:
 
     matches: FeatureMatches
     parameters: FilterParameters
-    camera: Array
     path: SmoothedPath
     i: Ints
     """(m,) index into the path."""
@@ -217,13 +195,7 @@ class _Scene:
     """(m,) index of the pair's earlier picture among all pictures."""
 
     @staticmethod
-    def of(
-        matches: FeatureMatches,
-        parameters: FilterParameters,
-        camera: Array,
-        path: SmoothedPath,
-        inside: NDArray[np.bool_],
-    ) -> _Scene:
+    def of(matches: FeatureMatches, parameters: FilterParameters, along: CameraPath) -> _Scene:
         """Return the matches inside the path. Every other match is transferred from the earlier picture into
         the later one, the rest from the later into the earlier.
 
@@ -231,9 +203,8 @@ class _Scene:
         shrinks the estimated scale: by 10^-5 a pair, which adds up to a drift of the height. The two
         directions of transfer cancel it.
         """
-        place = np.cumsum(inside) - 1
-        kept = inside[matches.earlier] & inside[matches.later]
-        picture = np.stack([place[matches.earlier[kept]], place[matches.later[kept]]])
+        kept = along.holds(matches.earlier, matches.later)
+        picture = np.stack([along.index(matches.earlier[kept]), along.index(matches.later[kept])])
         pixel = np.stack([matches.pixel_i[kept], matches.pixel_j[kept]])
         for both in (picture, pixel):
             both[:, 1::2] = both[::-1, 1::2].copy()
@@ -241,8 +212,7 @@ class _Scene:
         return _Scene(
             matches=matches,
             parameters=parameters,
-            camera=camera,
-            path=path,
+            path=along.path,
             i=i,
             j=j,
             seen=seen,
@@ -250,6 +220,11 @@ class _Scene:
             std=matches.std_px[kept],
             earlier=matches.earlier[kept],
         )
+
+    @property
+    def camera(self) -> Array:
+        """The camera's vector."""
+        return self.parameters.camera
 
     def transferred(
         self, camera: Array | None = None, slope: Array | None = None, at_i: Array | None = None,

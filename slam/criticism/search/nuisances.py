@@ -106,33 +106,36 @@ def perturbation_of(nuisance: Nuisance) -> Perturbation:
 
 def value_of(nuisance: Nuisance, parameters: FilterParameters) -> float:
     """Return x in filter parameters."""
-    if nuisance.kind == "mean":
-        perturbation = perturbation_of(nuisance)
-        vector = parameters.dynamics if perturbation.kind == "dynamics" else parameters.sensor
-        return float(vector[perturbation.entry])
     if nuisance.kind == "gain":
         return 0.0
-    if nuisance.kind == "ar1":
-        return float(parameters.noise_correlation[nuisance.entry[0]])
-    vector = parameters.hold if nuisance.kind == "hold" else parameters.noise_factor
-    return float(np.log(vector[nuisance.entry[0]]))
+    where, entries = _entries(nuisance)
+    value = float(getattr(parameters, where)[entries[0]])
+    return float(np.log(value)) if nuisance.kind in _LOGARITHMS else value
 
 
 def with_value(nuisance: Nuisance, parameters: FilterParameters, x: float) -> FilterParameters:
-    """Return filter parameters with another x."""
+    """Return filter parameters with another x. They do not hold the errors of the gains."""
+    if nuisance.kind == "gain":
+        return parameters
+    if nuisance.kind == "ar1":
+        x = min(max(x, 0.0), MAX_AR1)
+    where, entries = _entries(nuisance)
+    vector = getattr(parameters, where).copy()
+    vector[entries] = np.exp(x) if nuisance.kind in _LOGARITHMS else x
+    return replace(parameters, **{where: vector})
+
+
+_LOGARITHMS = ("hold", "noise")
+"""Kinds whose x is the logarithm of the entry."""
+
+
+def _entries(nuisance: Nuisance) -> tuple[str, list[int]]:
+    """Return the vector of the filter parameters that holds a nuisance, and its entries there."""
     if nuisance.kind == "mean":
         perturbation = perturbation_of(nuisance)
-        where = "dynamics" if perturbation.kind == "dynamics" else "sensor"
-        entries: list[int] = [perturbation.entry]
-        size = x
-    elif nuisance.kind == "ar1":
-        where, entries, size = "noise_correlation", list(nuisance.entry), min(max(x, 0.0), MAX_AR1)
-    else:
-        where = "hold" if nuisance.kind == "hold" else "noise_factor"
-        entries, size = list(nuisance.entry), float(np.exp(x))
-    vector = getattr(parameters, where).copy()
-    vector[entries] = size
-    return replace(parameters, **{where: vector})
+        return "dynamics" if perturbation.kind == "dynamics" else "sensor", [perturbation.entry]
+    vectors = {"hold": "hold", "noise": "noise_factor", "ar1": "noise_correlation"}
+    return vectors[nuisance.kind], list(nuisance.entry)
 
 
 def limits_of(nuisance: Nuisance, model: FilterParameters) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
-from slam.criticism.camera.reprojection import ReprojectionScore, path_segment, reprojection_score_along
+from slam.criticism.camera.reprojection import ReprojectionScore, reprojection_score_along
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.camera_parameters import CAMERA, POINTS, STEPS
 from slam.criticism.kalman.filter_parameters import FilterParameters, slot
@@ -161,14 +161,12 @@ def _segments(
     """Yield the score of the pictures of each ten seconds."""
     matches = record.matches
     assert matches is not None
-    path, inside = camera_path(record, matches, parameters)
-    number = (path.times_s // SEGMENT_S).astype(np.int64)
+    along = camera_path(record, matches, parameters)
+    number = (along.path.times_s // SEGMENT_S).astype(np.int64)
     for k in np.unique(number).tolist():
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST:
             continue
-        seen = reprojection_score_along(
-            matches, parameters, *path_segment(path, inside, begin, end), perturbations
-        )
+        seen = reprojection_score_along(matches, parameters, along.part(begin, end), perturbations)
         if seen.rows:
             yield _Segment((k + 0.5) * SEGMENT_S, seen)

@@ -13,7 +13,7 @@ from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
 from slam.criticism.camera.feature_matches import FeatureMatches, match_pictures
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
-from slam.criticism.camera.reprojection import TOLERANCE, ReprojectionScore, path_segment, reprojection_score
+from slam.criticism.camera.reprojection import TOLERANCE, ReprojectionScore, reprojection_score
 from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS, warp
 from slam.criticism.kalman.camera_parameters import (
     BLUR,
@@ -180,11 +180,11 @@ def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
     assert (spread(stamps_s[:400], every[:400]) == every[:400]).all()
     # A part of a path is as uncertain as the whole says that it is.
     record, matches, _ = healthy
-    path, inside = camera_path(record, matches, parameters)
-    part, shown = path_segment(path, inside, 10, 25)
+    along = camera_path(record, matches, parameters)
+    path, part, shown = along.path, along.part(10, 25).path, along.part(10, 25).inside
     assert part.times_s.tolist() == path.times_s[10:25].tolist()
     assert part.elapsed.tolist() == path.elapsed[10:25].tolist()
-    assert np.flatnonzero(shown).tolist() == np.flatnonzero(inside)[10:25].tolist()
+    assert np.flatnonzero(shown).tolist() == np.flatnonzero(along.inside)[10:25].tolist()
     own = slice(60, 150)
     assert np.allclose(part.covariance, path.covariance[own, own], rtol=1e-9, atol=1e-15)
 
@@ -262,9 +262,9 @@ def test_a_picture_on_the_floor_is_no_evidence(
     """A centimetre of another landing gear is a tenth of the height there."""
     record, matches, _ = healthy
     stands = (record.times_s > 4.0) & (record.times_s < 6.0)
-    _, inside = camera_path(replace(record, landing=stands), replace(matches), parameters)
+    inside = camera_path(replace(record, landing=stands), replace(matches), parameters).inside
     on_floor = (matches.stamps_s > 4.0) & (matches.stamps_s < 5.9)
-    _, before = camera_path(record, matches, parameters)
+    before = camera_path(record, matches, parameters).inside
     assert on_floor.sum() >= 7
     assert before[on_floor].all()
     assert not inside[on_floor].any()

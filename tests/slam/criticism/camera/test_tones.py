@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.criticism.camera.bilinear_weights import COUNT
+from slam.criticism.camera.camera_path import CameraPath
 from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens_distortion_map import LensDistortionMap
@@ -41,7 +42,7 @@ def made(
     gamma: Array | None = None,
     spot: float = 0.0,
     focus: Array | None = None,
-) -> tuple[FeatureMatches, SmoothedPath]:
+) -> tuple[FeatureMatches, CameraPath]:
     """Pictures that show each other's points, one and two before."""
     rng = np.random.default_rng(seed)
     gain = np.ones(PICTURES) if gain is None else gain
@@ -82,7 +83,8 @@ def made(
     rates[:, 0] = np.abs(np.sin(0.7 * stamps))
     certain = PathErrors(np.zeros((PICTURES - 1, 12, 12)), np.zeros((PICTURES, 12, 12)))
     traces = np.zeros((6 * PICTURES, 0))
-    return matches, SmoothedPath(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
+    path = SmoothedPath(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
+    return matches, CameraPath(path, np.full(PICTURES, True))
 
 
 def walk(seed: int) -> Array:
@@ -94,9 +96,9 @@ def walk(seed: int) -> Array:
     return walked
 
 
-def judged(matches: FeatureMatches, path: SmoothedPath) -> tuple[Array, PhotometricScore]:
+def judged(matches: FeatureMatches, path: CameraPath) -> tuple[Array, PhotometricScore]:
     """z of every direction alone."""
-    found = photometric_score(matches, np.zeros(len(CAMERA)), path, np.full(PICTURES, True), DIRECTIONS)
+    found = photometric_score(matches, np.zeros(len(CAMERA)), path, DIRECTIONS)
     return found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12)), found
 
 
@@ -154,7 +156,7 @@ def test_a_random_gamma_is_no_random_gain() -> None:
     camera = np.zeros(len(CAMERA))
     z = []
     for camera[GAMMA] in (0.0, 0.15**2):
-        found = photometric_score(matches, camera, path, np.full(PICTURES, True), DIRECTIONS)
+        found = photometric_score(matches, camera, path, DIRECTIONS)
         z.append(found.score[GAIN] / np.sqrt(found.information[GAIN, GAIN]))
     assert z[0] > 10.0
     assert z[1] < 3.5
@@ -165,7 +167,7 @@ def test_what_lies_farther_out_is_darker_and_no_matter_of_height() -> None:
     matches, path = made(5, vignetting=0.3)
     camera = np.zeros(len(CAMERA))
     camera[VIGNETTING] = 0.3
-    found = photometric_score(matches, camera, path, np.full(PICTURES, True), DIRECTIONS)
+    found = photometric_score(matches, camera, path, DIRECTIONS)
     z = found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12))
     assert shapes(z).max() < 4.0
     assert z[GAIN] < 3.5
