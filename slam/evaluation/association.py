@@ -237,8 +237,8 @@ def _with_gps(
     if gps is None or origin is None:
         raise InputError("gps0: holds no complete fix; mend it or compare with a flight that has truth")
     check = flight.fix_check()
-    believed = np.ones(len(gps.stamps_s), bool) if check is None else check.believed
-    known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg) & believed
+    consistent = np.ones(len(gps.stamps_s), bool) if check is None else check.believed
+    known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg) & consistent
     flat = not np.isfinite(gps.altitude_m[known]).any()
     if not flat:
         known &= np.isfinite(gps.altitude_m)

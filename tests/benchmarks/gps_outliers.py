@@ -84,7 +84,7 @@ class Case:
 
 
 def measure() -> list[Metric]:
-    """Return the worst case of each set, and how many culprits are named."""
+    """Return the worst case of each set, and how many outliers are named."""
     metrics, skipped = [], []
     for name in SETS:
         try:
@@ -115,9 +115,9 @@ def cases_of(name: str) -> Iterator[Case]:
         bad[1 + rng.choice(n - 1, max(1, int(share * n)) - 1, replace=False)] = True
         away = rng.normal(size=(n, 3)) * [1.0, 1.0, 0.3]
         away *= size_m / np.linalg.norm(away, axis=1, keepdims=True)
-        flown, with_them, error_m = made.solved(made.fixes_m + bad[:, None] * away, np.ones(n, bool))
+        flight, with_them, error_m = made.solved(made.fixes_m + bad[:, None] * away, np.ones(n, bool))
         *_, least_m = made.solved(made.fixes_m, ~bad)
-        named = told_as_culprits(flown, with_them)
+        named = named_fixes(flight, with_them)
         yield Case(
             share=share,
             size_m=size_m,
@@ -128,12 +128,12 @@ def cases_of(name: str) -> Iterator[Case]:
         )
 
 
-def told_as_culprits(flight: Flight, found: Map) -> Mask:
-    """Return which fixes (n,) the flight's and the map's sentences name."""
+def named_fixes(flight: Flight, found: Map) -> Mask:
+    """Return the fixes (n,) that the flight's anomalies and the map's warnings name."""
     assert flight.gps is not None
     lines = (*describe(flight).anomalies, *found.remarks, *found.warnings)
-    said = ", ".join(line for line in lines if line.startswith("gps0") and " fixes " in line)
-    words = said.replace(":", ",").split(", ")
+    listed = ", ".join(line for line in lines if line.startswith("gps0") and " fixes " in line)
+    words = listed.replace(":", ",").split(", ")
     named = {word.split(" (")[0].strip() for word in words}
     return np.array([name in named for name in flight.picture_names(flight.gps.stamps_s)])
 

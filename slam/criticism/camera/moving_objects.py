@@ -40,15 +40,15 @@ def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
         return False
     own, other = (np.where(seen, levels, 0.0).astype(np.float32) for levels in (small_i, laid.other))
     ahead = _flow(own, other)
-    odd = seen & _odd(ahead, laid, camera.size_px[0] / small_i.shape[1])
-    if _largest(odd) < LEAST_AREA * odd.size:
+    moves = seen & _moves_apart(ahead, laid, camera.size_px[0] / small_i.shape[1])
+    if _largest(moves) < LEAST_AREA * moves.size:
         return False
     came = _taken(other, ahead)
     before, after = (cv2.blur(np.abs(own - levels), PATCH) for levels in (other, came))
-    odd &= (before - after > LEVELS) & (after < LEFT * before)
+    moves &= (before - after > LEVELS) & (after < LEFT * before)
     there_and_back = ahead + _taken(_flow(other, own), ahead)
-    odd &= np.linalg.norm(there_and_back, axis=2) < BACK * small_i.shape[1]
-    return bool(_largest(odd) >= LEAST_AREA * odd.size)
+    moves &= np.linalg.norm(there_and_back, axis=2) < BACK * small_i.shape[1]
+    return bool(_largest(moves) >= LEAST_AREA * moves.size)
 
 
 def _flow(a: Light, b: Light) -> Light:
@@ -59,7 +59,7 @@ def _flow(a: Light, b: Light) -> Light:
     return np.asarray(solver.calc(levels[0], levels[1], flow), dtype=np.float32)
 
 
-def _odd(flow: Light, laid: Overlaid, scale: float) -> NDArray[np.bool_]:
+def _moves_apart(flow: Light, laid: Overlaid, scale: float) -> NDArray[np.bool_]:
     """Return where the flow is large, no share of the floor's, and not along it at a smaller size."""
     floor = (laid.is_px - laid.was_px) / scale
     size, speed = np.linalg.norm(flow, axis=2), np.linalg.norm(floor, axis=2)

@@ -24,7 +24,7 @@ from slam.criticism.search.evidence import ONE_OF_ALL, parameter_cost
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
-_Seen = TypeVar("_Seen")
+_Flight = TypeVar("_Flight")
 
 SECOND_ECHO = (1.6, 2.4)
 """Limits of a spike: its ratio to the predicted range."""
@@ -113,7 +113,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Rea
 
 
 def predicted_by_others(
-    flights: Sequence[_Seen], nats: Callable[[_Seen, Sequence[_Seen]], float]
+    flights: Sequence[_Flight], nats: Callable[[_Flight, Sequence[_Flight]], float]
 ) -> tuple[float, ...]:
     """Return ``nats`` of each flight with the size of all others; empty without others."""
     if len(flights) < 2:
@@ -217,11 +217,11 @@ def _spikes(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[Rea
     for record, run in zip(records, passes, strict=True):
         rows = record.kinds == SONAR
         due, read = run.states[rows, 2], record.values[rows, 0]
-        odd = run.status[rows, 0] == OUTLIER
+        outlier = run.status[rows, 0] == OUTLIER
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = read / due
-        counts.append(int(np.sum(odd & (ratio > SECOND_ECHO[0]) & (ratio < SECOND_ECHO[1]))))
-        totals.append(int(np.sum(odd | (run.status[rows, 0] == USED))))
+        counts.append(int(np.sum(outlier & (ratio > SECOND_ECHO[0]) & (ratio < SECOND_ECHO[1]))))
+        totals.append(int(np.sum(outlier | (run.status[rows, 0] == USED))))
     count, total = sum(counts), sum(totals)
     if count < FEWEST_SPIKES:
         return []

@@ -140,8 +140,8 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
         if extra.name in {e.name for e in chosen}:
             continue
         best_candidate = course.fitted(fit.parameters, [*chosen, extra])
-        asked = candidate.z > limits.second or course.nats(best_candidate, fit) > required_nats(extra)
-        if asked and best_candidate.better_than(fit):
+        is_probable = candidate.z > limits.second or course.nats(best_candidate, fit) > required_nats(extra)
+        if is_probable and best_candidate.better_than(fit):
             chosen, fit = [*chosen, extra], best_candidate
     return chosen, fit
 

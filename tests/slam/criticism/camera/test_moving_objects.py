@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.camera.feature_matches import match_pictures
-from slam.criticism.camera.moving_objects import _odd
+from slam.criticism.camera.moving_objects import _moves_apart
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.reading_anomalies import _moving_objects
 from tests.slam.criticism.camera.camera_flight import camera_flight
@@ -56,7 +56,7 @@ def test_what_goes_with_the_camera_is_on_the_lens():
     laid = SimpleNamespace(was_px=was_px, is_px=was_px + np.float32([6.0, 2.0]))
 
     def odd(*flow_px: float) -> bool:
-        off = _odd(np.full((30, 40, 2), flow_px, np.float32), laid, 1.0)
+        off = _moves_apart(np.full((30, 40, 2), flow_px, np.float32), laid, 1.0)
         assert off.all() == off.any()
         return bool(off.all())
 
