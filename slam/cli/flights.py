@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import FLIGHT_OUT, JSON, PICTURE_RATE, QUIET, TOPICS, request_of
+from slam.cli.options import FLIGHT_OUT, JSON, PICTURE_RATE, QUIET, TOPICS, refuse_flight_options, request_of
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
@@ -68,6 +68,7 @@ def info(
     if kind_of(source) == "graph":
         from slam.cli.graph import graph_record, graph_table
 
+        refuse_flight_options(source, {"--topic": topic})
         record = graph_record(source)
         screen.json(json_text(record))
         screen.table(graph_table(record))

@@ -18,6 +18,7 @@ from slam.cli.options import (
     QUIET,
     TOPICS,
     pipeline_config,
+    refuse_flight_options,
     request_of,
 )
 
@@ -62,12 +63,18 @@ def optimize(
     from slam.cli.results import MosaicOptions
     from slam.cli.source import kind_of
     from slam.cli.tables import outcome_table
-    from slam.core.errors import InputError
 
     screen = Screen(quiet, as_json)
     if len(sources) == 1 and kind_of(sources[0]) == "graph":
-        if model is not None:
-            raise InputError(f"--model {model}: {sources[0]} is a graph, without instruments; leave it out")
+        flight_options = {
+            "--gsd": gsd,
+            "--config": config,
+            "--features": features,
+            "--model": model,
+            "--topic": topic,
+            "--picture-rate": picture_rate,
+        }
+        refuse_flight_options(sources[0], flight_options)
         results = _graph(sources[0], out, screen)
     else:
         options = MosaicOptions(mosaic, gsd, out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -68,3 +69,15 @@ def request_of(given: list[str] | None, picture_rate_hz: float | None = None) ->
             raise InputError(f"--topic {text}: {what}; write, for example, cam0=/camera/image_raw")
         topics[stream] = channel
     return Request(topics, picture_rate_hz)
+
+
+def refuse_flight_options(graph: Path, options: Mapping[str, object]) -> None:
+    """Raise ``InputError`` for options of flights, by name, that are given with a pose graph."""
+    from slam.core.errors import InputError
+
+    given = [name for name, value in options.items() if value]
+    if given:
+        it = "it" if len(given) == 1 else "them"
+        raise InputError(
+            f"{', '.join(given)}: {graph} is a graph, without pictures and instruments; leave {it} out"
+        )

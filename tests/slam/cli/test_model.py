@@ -72,11 +72,26 @@ def test_a_missing_model_is_refused_before_any_work(command, home, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_graph_has_no_instruments(home, tmp_path):
-    (tmp_path / "g.g2o").write_text("VERTEX_SE2 0 0 0 0\n")
-    result = run("optimize", tmp_path / "g.g2o", "--out", tmp_path / "out", "--model", "nominal")
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("optimize", ["--model", "nominal"]),
+        ("optimize", ["--gsd", "0.1"]),
+        ("optimize", ["--config", "settings.toml", "--features", "sift"]),
+        ("optimize", ["--topic", "imu0=/imu", "--picture-rate", "2"]),
+        ("info", ["--topic", "imu0=/imu"]),
+    ],
+)
+def test_options_of_flights_are_refused_with_a_graph(command, options, tmp_path):
+    graph, out = tmp_path / "g.g2o", tmp_path / "out"
+    graph.write_text("VERTEX_SE2 0 0 0 0\n")
+    result = run(command, graph, *(["--out", out] if command == "optimize" else []), *options)
     assert result.exit_code == 1
-    assert "is a graph, without instruments" in result.stderr
+    named = ", ".join(options[::2])
+    leave = "leave them out" if len(options) > 2 else "leave it out"
+    line = f"slam: {named}: {graph} is a graph, without pictures and instruments; {leave}\n"
+    assert result.stderr == line
+    assert not out.exists()
 
 
 def test_the_gain_of_an_instrument_s_correction_is_measured_in_the_map(home):
