@@ -73,7 +73,7 @@ def _show_log(verbose: bool) -> None:
 
 
 @app.callback()
-def options(
+def shared_options(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,

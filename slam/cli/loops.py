@@ -8,17 +8,7 @@ from typing import Annotated
 import typer
 
 from frontend.feature_kinds import FeatureKind
-from slam.cli.options import (
-    CONFIG,
-    FEATURES,
-    JSON,
-    OUT,
-    PICTURE_RATE,
-    QUIET,
-    TOPICS,
-    pipeline_config,
-    request_of,
-)
+from slam.cli import options
 
 _FLIGHT = typer.Argument(
     metavar="FLIGHT",
@@ -29,13 +19,13 @@ _FLIGHT = typer.Argument(
 
 def loops(
     source: Annotated[Path, _FLIGHT],
-    out: Annotated[Path, OUT],
-    config: Annotated[Path | None, CONFIG] = None,
-    features: Annotated[FeatureKind | None, FEATURES] = None,
-    topic: Annotated[list[str] | None, TOPICS] = None,
-    picture_rate: Annotated[float | None, PICTURE_RATE] = None,
-    quiet: Annotated[bool, QUIET] = False,
-    as_json: Annotated[bool, JSON] = False,
+    out: Annotated[Path, options.OUT],
+    config: Annotated[Path | None, options.CONFIG] = None,
+    features: Annotated[FeatureKind | None, options.FEATURES] = None,
+    topic: Annotated[list[str] | None, options.TOPICS] = None,
+    picture_rate: Annotated[float | None, options.PICTURE_RATE] = None,
+    quiet: Annotated[bool, options.QUIET] = False,
+    as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
     """Measure precision and recall of loop closure by stage, and compare them with other methods."""
     from slam.cli.console import Screen
@@ -48,9 +38,9 @@ def loops(
     from slam.evaluation.loops.output import EXPLAINED, full_record, summary_record, table
 
     screen = Screen(quiet, as_json)
-    settings = pipeline_config(config, features)
+    settings = options.pipeline_config(config, features)
     with output_folder(out) as folder, screen.progress() as progress:
-        flight, _ = open_flight(source, progress, request_of(topic, picture_rate))
+        flight, _ = open_flight(source, progress, options.request_of(topic, picture_rate))
         show_sources(flight, screen)
         result = evaluate_loops(flight, settings, progress)
         (folder / "loops.json").write_text(json_text(full_record(result)), encoding="utf-8")

@@ -8,19 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from frontend.feature_kinds import FeatureKind
-from slam.cli.options import (
-    CONFIG,
-    FEATURES,
-    JSON,
-    MODEL,
-    OUT,
-    PICTURE_RATE,
-    QUIET,
-    TOPICS,
-    pipeline_config,
-    refuse_flight_options,
-    request_of,
-)
+from slam.cli import options
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
@@ -47,16 +35,16 @@ _GSD = typer.Option(
 
 def optimize(
     sources: Annotated[list[Path], _SOURCE],
-    out: Annotated[Path, OUT],
+    out: Annotated[Path, options.OUT],
     gsd: Annotated[float | None, _GSD] = None,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the mosaic.")] = True,
-    config: Annotated[Path | None, CONFIG] = None,
-    features: Annotated[FeatureKind | None, FEATURES] = None,
-    model: Annotated[str | None, MODEL] = None,
-    topic: Annotated[list[str] | None, TOPICS] = None,
-    picture_rate: Annotated[float | None, PICTURE_RATE] = None,
-    quiet: Annotated[bool, QUIET] = False,
-    as_json: Annotated[bool, JSON] = False,
+    config: Annotated[Path | None, options.CONFIG] = None,
+    features: Annotated[FeatureKind | None, options.FEATURES] = None,
+    model: Annotated[str | None, options.MODEL] = None,
+    topic: Annotated[list[str] | None, options.TOPICS] = None,
+    picture_rate: Annotated[float | None, options.PICTURE_RATE] = None,
+    quiet: Annotated[bool, options.QUIET] = False,
+    as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
     """Make one consistent map of a flight, or of several: trajectory, graph, mosaic and a report."""
     from slam.cli.console import Screen
@@ -74,12 +62,14 @@ def optimize(
             "--topic": topic,
             "--picture-rate": picture_rate,
         }
-        refuse_flight_options(sources[0], flight_options)
+        options.refuse_flight_options(sources[0], flight_options)
         results = _graph(sources[0], out, screen)
     else:
-        options = MosaicOptions(mosaic, gsd, out)
-        settings = pipeline_config(config, features)
-        results = _flights(sources, request_of(topic, picture_rate), out, options, settings, model, screen)
+        mosaics = MosaicOptions(mosaic, gsd, out)
+        settings = options.pipeline_config(config, features)
+        results = _flights(
+            sources, options.request_of(topic, picture_rate), out, mosaics, settings, model, screen
+        )
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from slam.core.errors import one_line
 from slam.core.figure_table import FigureTable
+from slam.core.names import listed
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
@@ -39,5 +40,4 @@ def show_sources(flight: Flight, screen: Screen) -> None:
     others = [s.channel for s in left if "--topic" not in s.reading]
     for words, names in (("left", rivals), ("left, of no use to a flight", others)):
         if names:
-            more = f" and {len(names) - _MOST_CHANNELS} more" if len(names) > _MOST_CHANNELS else ""
-            screen.line(f"{words}: {', '.join(map(one_line, names[:_MOST_CHANNELS]))}{more}")
+            screen.line(f"{words}: {listed([one_line(name) for name in names], _MOST_CHANNELS)}")

@@ -55,7 +55,7 @@ def continue_in_child() -> None:
         os.setpgid(0, 0)
         signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # it may print in the background
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it died before it was said to take us with it
+        if os.getppid() != parent:  # it ended before the system was asked to end this process with it
             os._exit(1)
     signal.signal(signal.SIGCHLD, child_signal)
     signal.pthread_sigmask(signal.SIG_SETMASK, mask)

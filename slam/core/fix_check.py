@@ -40,14 +40,14 @@ class FixCheck:
     """Width of the majority."""
 
     @property
-    def believed(self) -> Mask:
-        """(n,) fixes whose place is believed."""
+    def consistent(self) -> Mask:
+        """(n,) fixes whose place agrees with the majority."""
         return ~(self.far | self.fast)
 
     @property
-    def altitude_believed(self) -> Mask:
-        """(n,) fixes whose altitude is believed."""
-        return self.believed & ~self.jumps_up
+    def altitude_consistent(self) -> Mask:
+        """(n,) fixes whose place and altitude agree with the majority."""
+        return self.consistent & ~self.jumps_up
 
 
 def check_fixes(

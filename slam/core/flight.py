@@ -303,8 +303,8 @@ class Flight:
         known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
         if not known.any():
             return None
-        k = int(np.argmax(known & check.believed if (known & check.believed).any() else known))
-        altitude = gps.altitude_m[known & check.altitude_believed & np.isfinite(gps.altitude_m)]
+        k = int(np.argmax(known & check.consistent if (known & check.consistent).any() else known))
+        altitude = gps.altitude_m[known & check.altitude_consistent & np.isfinite(gps.altitude_m)]
         return GeoOrigin(
             float(gps.latitude_deg[k]),
             float(gps.longitude_deg[k]),

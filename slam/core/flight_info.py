@@ -269,14 +269,14 @@ def _gps_anomalies(flight: Flight) -> list[str]:
         if bad.any():
             which = np.flatnonzero(bad)
             verb = "lies" if len(which) == 1 else "lie"
-            told = listed(
+            fixes = listed(
                 [
                     f"{names[k]} ({length(float(check.distance_m[k]))})" if check.far[k] else names[k]
                     for k in which
                 ],
                 MOST_LISTED_FIXES,
             )
-            lines.append(f"gps0: {len(which)} of {len(names)} fixes {verb} {why}: {told}")
+            lines.append(f"gps0: {len(which)} of {len(names)} fixes {verb} {why}: {fixes}")
     return lines
 
 

@@ -40,6 +40,17 @@ class GeoOrigin:
     altitude_m: float
 
 
+def position_fault(latitude_deg: float, longitude_deg: float) -> str:
+    """Return why two finite numbers are no position; empty if they are one."""
+    if abs(latitude_deg) > 90:
+        return f"latitude {latitude_deg:g} degrees is beyond 90"
+    if abs(longitude_deg) > 180:
+        return f"longitude {longitude_deg:g} degrees is beyond 180"
+    if (latitude_deg, longitude_deg) == (0, 0):
+        return "latitude and longitude are both 0 (no fix)"
+    return ""
+
+
 def ecef_from_geodetic(latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitude_m: ArrayLike) -> Array:
     """Return Earth-centred coordinates in metres; arguments are broadcast. (n,) each -> (n, 3)."""
     lat, lon = np.radians(np.asarray(latitude_deg, float)), np.radians(np.asarray(longitude_deg, float))

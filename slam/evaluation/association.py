@@ -237,7 +237,7 @@ def _with_gps(
     if gps is None or origin is None:
         raise InputError("gps0: holds no complete fix; mend it or compare with a flight that has truth")
     check = flight.fix_check()
-    consistent = np.ones(len(gps.stamps_s), bool) if check is None else check.believed
+    consistent = np.ones(len(gps.stamps_s), bool) if check is None else check.consistent
     known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg) & consistent
     flat = not np.isfinite(gps.altitude_m[known]).any()
     if not flat:

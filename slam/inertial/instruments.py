@@ -133,8 +133,8 @@ def positions_of(flight: Flight, trust: InertialTrust) -> Series | None:
         return None
     altitude = np.where(np.isfinite(gps.altitude_m), gps.altitude_m, origin.altitude_m)
     enu = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, altitude, origin)
-    enu[~np.isfinite(gps.altitude_m) | ~check.altitude_believed, 2] = np.nan
-    used = check.believed
+    enu[~np.isfinite(gps.altitude_m) | ~check.altitude_consistent, 2] = np.nan
+    used = check.consistent
     if not used.any():
         return None
     std = np.maximum(gps.noise_std_m, trust.gps_floor_m)

@@ -252,8 +252,8 @@ def _as_input_error(target: Path, written: Path | None = None) -> Iterator[None]
 
 
 def _is_about(error: OSError, written: Path) -> bool:
-    told = (error.filename, error.filename2)
-    names = [Path(os.fsdecode(name)) for name in told if isinstance(name, str | bytes)]
+    paths = (error.filename, error.filename2)
+    names = [Path(os.fsdecode(name)) for name in paths if isinstance(name, str | bytes)]
     if not names:  # a write into an open file does not name it
         return error.errno in (*DISK_FULL, errno.EROFS)
     return any(name == written or written in name.parents for name in names)

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from slam.core.flight import Flight, Truth
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_numbers
+from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.files import refusal
 from slam.io.flight_folder import read_flight
 from slam.io.sensor_yaml import read_yaml
@@ -31,7 +32,6 @@ _EUROC_ONLY = ("body.yaml", "cam1", "leica0", "vicon0")
 _SHARED = ("cam0", "imu0", "state_groundtruth_estimate0")
 """Names that recordings and flight folders share."""
 _ARCHIVES = (".zip", ".gz", ".tgz", ".tar", ".7z", ".bag")
-_DOWN_LOOKING_DEG = 30.0
 
 
 def is_euroc(root: Path) -> bool:
@@ -146,10 +146,8 @@ def _forward_in_body(flight: Flight) -> Array:
 def _camera_direction_remarks(flight: Flight) -> list[str]:
     if flight.camera is None:
         return []
-    tilt_deg = float(np.degrees(np.arccos(np.clip(-flight.camera.b_T_c[2, 2], -1, 1))))
-    if tilt_deg <= _DOWN_LOOKING_DEG:
-        return []
-    return [f"cam0: looks {tilt_deg:.0f} degrees away from straight down; a map of the floor cannot fit it"]
+    tilt_deg = axis_tilt_deg(flight.camera.b_T_c[:3, 2])
+    return [f"cam0: {tilt_remark(tilt_deg)}"] if tilt_deg > MAX_TILT_DEG else []
 
 
 def _axis(direction: Array) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 
 from frontend.camera import Camera
 from slam.core.flight import Flight
+from slam.core.names import listed
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_names, read_numbers
@@ -105,8 +106,7 @@ def _flight_root(root: Path) -> Path:
     except (OSError, ValueError) as error:
         raise refusal(root, f"cannot be read ({error})", "check the name and its permissions") from None
     if flights:
-        more = f" and {len(flights) - _MAX_LISTED} more" if len(flights) > _MAX_LISTED else ""
-        raise refusal(root, f"holds flights: {', '.join(flights[:_MAX_LISTED])}{more}", "name one of them")
+        raise refusal(root, f"holds flights: {listed(flights, _MAX_LISTED)}", "name one of them")
     if root.resolve().name == "mav0":
         raise refusal(root, "is the inner folder of a flight", "name the folder above it")
     if any(n.lower().endswith((".jpg", ".jpeg", ".png")) for n in names):

@@ -18,6 +18,8 @@ from slam.io.body_axes import FRD_R_B, W_R_N
 
 Array = NDArray[np.float64]
 
+GIMBAL_STD_DEG = (2.0, 2.0, 5.0)
+"""Standard deviations of a gimbal's roll, pitch, yaw."""
 _GIMBAL_R_C = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 """Rotation from camera axes to a gimbal at rest. The camera looks along x, with its right along y and down
 along z.

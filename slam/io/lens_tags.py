@@ -11,6 +11,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from slam.io.tag_values import numbers
 from slam.io.xmp import Xmp
 
 Array = NDArray[np.float64]
@@ -94,13 +95,5 @@ def radial_of_fisheye(lens: LensTags, radius_px: float) -> tuple[float, tuple[fl
 
 def _numbers(text: str, count: int) -> tuple[float, ...] | None:
     """Return the first ``count`` numbers of a list such as "1.5,527/100"; None if one is not finite."""
-    try:
-        numbers = tuple(_number(part) for part in text.split(",")[:count])
-    except (ValueError, ZeroDivisionError):
-        return None
-    return numbers if len(numbers) == count and np.isfinite(numbers).all() else None
-
-
-def _number(text: str) -> float:
-    above, _, below = text.partition("/")
-    return float(above) / float(below or 1)
+    found = numbers(text.split(",")[:count], count)
+    return None if found is None else tuple(found.tolist())

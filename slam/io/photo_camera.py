@@ -9,6 +9,7 @@ intrinsics, which belong to the stored pixels.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,11 +19,20 @@ from frontend.camera import Camera
 from slam.io.exif import PhotoTags
 from slam.io.lens_tags import radial_of_fisheye
 
-ASSUMED_VIEW_DEG = 65.0
+_ASSUMED_VIEW_DEG = 65.0
 """Assumed field of view along the longer side without tags: that of a 28 mm lens on 35 mm film."""
+ASSUMED_VIEW = f"a view of {_ASSUMED_VIEW_DEG:g} degrees along the longer side"
+ASSUMED_FOCAL_STD_RATIO = 0.1
+"""Relative standard deviation of a focal length that is assumed."""
 
 _FILM_DIAGONAL_MM = float(np.hypot(36, 24))
-_FOCAL_STD_RATIO = {"dewarp": 0.005, "lens": 0.005, "calibrated": 0.01, "tags": 0.03, "assumed": 0.1}
+_FOCAL_STD_RATIO = {
+    "dewarp": 0.005,
+    "lens": 0.005,
+    "calibrated": 0.01,
+    "tags": 0.03,
+    "assumed": ASSUMED_FOCAL_STD_RATIO,
+}
 """Relative standard deviation of the focal length by source. CalibratedFocalLength is often the nominal value
 of the model, so it is less accurate than DewarpData.
 """
@@ -97,14 +107,15 @@ def _focal(tags: PhotoTags) -> _Focal:
             film = replace(film, remark=f"{film.remark}; the sensor's resolution would give {px:.0f} px")
     if film is not None:
         candidates.append(film)
-    assumed = max(width, height) / 2 / float(np.tan(np.radians(ASSUMED_VIEW_DEG / 2)))
     none = "no plausible one" if candidates else "none"
-    fallback = _Focal(
-        assumed,
-        "assumed",
-        f"assumed: a view of {ASSUMED_VIEW_DEG:g} degrees along the longer side; the tags give {none}",
-    )
+    remark = f"assumed: {ASSUMED_VIEW}; the tags give {none}"
+    fallback = _Focal(assumed_focal_px(tags.size_px), "assumed", remark)
     return next((c for c in candidates if _is_plausible(c.px, tags)), fallback)
+
+
+def assumed_focal_px(size_px: tuple[int, int]) -> float:
+    """Return the focal length of the assumed view for pictures of (width, height)."""
+    return max(size_px) / 2 / math.tan(math.radians(_ASSUMED_VIEW_DEG / 2))
 
 
 def _is_plausible(focal_px: float, tags: PhotoTags) -> bool:

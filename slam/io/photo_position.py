@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from PIL.ExifTags import GPS
 
-from slam.core.geodesy import MAX_ALTITUDE_M
+from slam.core.geodesy import MAX_ALTITUDE_M, position_fault
 from slam.io.tag_values import number, numbers, positive, text
 from slam.io.xmp import Xmp
 
@@ -54,7 +54,7 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
         number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")),
     )
     unsigned, letters = None, ""
-    if lat is None or lon is None or (reason := _unusable(lat, lon)):
+    if lat is None or lon is None or (reason := position_fault(lat, lon)):
         if lat is not None and lon is not None and any((lat, lon)):
             faults.append(f"XMP: {reason}")
         lat, lon, unsigned, letters = _exif_place(gps, faults)
@@ -90,7 +90,7 @@ def _exif_place(
         return None, None, None, ""
     if lat is None or lon is None:
         return None, None, None, ""
-    if reason := _unusable(lat, lon):
+    if reason := position_fault(lat, lon):
         faults.append(reason)
         return None, None, None, ""
     north = text(gps.get(GPS.GPSLatitudeRef))[:1].upper()
@@ -123,17 +123,6 @@ def _sexagesimal(name: str, value: Any, faults: list[str]) -> float | None:
         faults.append(f"{name} is not in degrees, minutes and seconds")
         return None
     return float(angle @ [1, 1 / 60, 1 / 3600])
-
-
-def _unusable(lat: float, lon: float) -> str:
-    """Return why the numbers are no position; empty if they are one."""
-    if abs(lat) > 90:
-        return f"latitude {lat:g} degrees is beyond 90"
-    if abs(lon) > 180:
-        return f"longitude {lon:g} degrees is beyond 180"
-    if (lat, lon) == (0, 0):
-        return "latitude and longitude are both 0 (no fix)"
-    return ""
 
 
 def _plausible(name: str, altitude_m: float | None, faults: list[str]) -> float | None:

@@ -13,16 +13,14 @@ from numpy.typing import NDArray
 from slam.core.errors import InputError
 from slam.core.names import listed
 from slam.core.progress import Progress
+from slam.io.down_looking import MAX_TILT_DEG
 from slam.io.exif import Angles, PhotoTags, read_tags
 from slam.io.files import refusal
-from slam.io.gimbal import body_from_gimbal, body_from_mount, tilt_deg
+from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, body_from_mount, tilt_deg
 from slam.io.photo_bands import band_of, chosen_band
 from slam.io.photo_search import find_photos
 
 Array = NDArray[np.float64]
-
-MAX_TILT_DEG = 30.0
-"""Largest angle between the optical axis and straight down. Photographs with a larger angle are left out."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +121,8 @@ def _of_one_band(
     return [p for p, b in zip(photos, bands, strict=True) if b == chosen], (remark,) * bool(others)
 
 
-_GIMBAL = AttitudeSource("the gimbal's angles", lambda tags: tags.gimbal, body_from_gimbal, (2, 2, 5))
-_CAMERA = AttitudeSource("the camera's angles", lambda tags: tags.mount, body_from_mount, (2, 2, 5))
+_GIMBAL = AttitudeSource("the gimbal's angles", lambda tags: tags.gimbal, body_from_gimbal, GIMBAL_STD_DEG)
+_CAMERA = AttitudeSource("the camera's angles", lambda tags: tags.mount, body_from_mount, GIMBAL_STD_DEG)
 _SOURCES = (
     _GIMBAL,
     _CAMERA,

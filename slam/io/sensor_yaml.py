@@ -64,7 +64,7 @@ class YamlFile:
 
     def std(self, key: str, default: float, largest: float) -> float:
         """Return a standard deviation >= 0. Raises ``InputError`` above ``largest``, the range of what it
-        describes: such a value tells nothing, and no covariance can be computed with it.
+        describes: such a value holds no information, and no covariance can be computed with it.
         """
         value = self.number(key, default)
         self.check_std(key, value, largest)

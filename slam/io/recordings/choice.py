@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from slam.core.errors import InputError
 from slam.core.flight import FIELD_BY_FOLDER
+from slam.core.names import listed
 from slam.io.files import brief, refusal
 from slam.io.recordings.recording import Offer, Recording
 
@@ -16,7 +17,7 @@ _MAX_LISTED = 8
 
 @dataclass(frozen=True)
 class Request:
-    """A user's wishes about what is taken from a recording."""
+    """Channels and rate that a user asks for."""
 
     topics: Mapping[str, str] = field(default_factory=dict)
     """Folder of a stream -> the channel to take; an empty name leaves the stream out."""
@@ -66,7 +67,7 @@ def _check(recording: Recording, stream: str, channel: str) -> None:
         )
     offered = [offer.channel for offer in recording.offers if offer.stream == stream]
     if channel and channel not in offered:
-        have = ", ".join(offered[:_MAX_LISTED]) or "none"
+        have = listed(offered, _MAX_LISTED) or "none"
         raise refusal(
             recording.path,
             f"has no channel {brief(channel, 80)} that can be {stream}",
@@ -76,6 +77,4 @@ def _check(recording: Recording, stream: str, channel: str) -> None:
 
 def _found(recording: Recording) -> str:
     kinds = [f"{name} ({kind})" for name, kind, rows in recording.others if rows]
-    more = len(kinds) - _MAX_LISTED
-    listed = ", ".join(kinds[:_MAX_LISTED]) or "nothing"
-    return listed + (f" and {more} more" if more > 0 else "")
+    return listed(kinds, _MAX_LISTED) or "nothing"

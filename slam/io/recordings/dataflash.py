@@ -20,29 +20,17 @@ from numpy.typing import NDArray
 from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import refusal
-from slam.io.recordings.field_rules import (
-    Converted,
-    FieldRule,
-    Fields,
-    FieldSeries,
-    column,
-    columns,
-    flow_velocity,
-    frd_vectors,
-    offers_of,
-    only_down,
-    readings_of,
-    single,
-)
+from slam.io.recordings import field_values
+from slam.io.recordings.field_rules import FieldRule, FieldSeries, offers_of, readings_of
+from slam.io.recordings.field_values import Converted, Fields, column, columns
 from slam.io.recordings.recording import Content, Offer, Recording
 from slam.io.recordings.sticks import stick_from_pulses
 
 DESCRIPTION = "an ArduPilot log"
 MARKS = b"\xa3\x95"
 _FMT = 128
-_NS_PER_US = 1000
 _INSTANCES = ("I", "Instance", "Inst")
-"""Names of the field that tells several sensors of one kind apart."""
+"""Names of the field that distinguishes several sensors of one kind."""
 _CODES: dict[str, tuple[str, float]] = {
     "a": ("64u1", 1), "b": ("i1", 1), "B": ("u1", 1), "h": ("<i2", 1), "H": ("<u2", 1), "i": ("<i4", 1),
     "I": ("<u4", 1), "f": ("<f4", 1), "d": ("<f8", 1), "n": ("S4", 1), "N": ("S16", 1), "Z": ("S64", 1),
@@ -109,7 +97,7 @@ def _fields(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str,
 def _series(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str, FieldSeries]:
     """Return the channels of one type; several sensors of one kind are ``IMU[0]``, ``IMU[1]`` and so on."""
     fields = _fields(data, message, places)
-    stamps_ns = fields["TimeUS"].astype(np.int64) * _NS_PER_US
+    stamps_ns = fields["TimeUS"].astype(np.int64) * field_values.NS_PER_US
     instance = next((fields[name] for name in _INSTANCES if name in fields), None)
     if instance is None:
         return {message.name: FieldSeries(message.name, stamps_ns, fields)}
@@ -122,7 +110,7 @@ def _series(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str,
 
 
 def _imu(fields: Fields) -> Converted:
-    return frd_vectors(fields, "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"), ()
+    return field_values.frd_vectors(fields, "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"), ()
 
 
 def _attitude(fields: Fields) -> Converted:
@@ -130,27 +118,20 @@ def _attitude(fields: Fields) -> Converted:
 
 
 def _gps(fields: Fields) -> Converted:
-    values = columns(fields, "Lat", "Lng", "Alt")
-    fix = column(fields, "Status")
-    values[fix < _FIX_2D] = np.nan
-    values[fix < _FIX_3D, 2] = np.nan
-    return values, ()
+    return field_values.known_fixes(columns(fields, "Lat", "Lng", "Alt"), column(fields, "Status")), ()
 
 
 def _range(fields: Fields) -> Converted:
-    return only_down(
-        column(fields, "Dist"), column(fields, "Orient") == _DOWN, column(fields, "Stat") == _GOOD
+    return field_values.only_down(
+        column(fields, "Dist"), column(fields, "Orient") == field_values.DOWN, column(fields, "Stat") == _GOOD
     )
 
 
 def _older_range(fields: Fields) -> Converted:
     range_m = column(fields, "Dist1")
-    return only_down(range_m, column(fields, "Orient1") == _DOWN, range_m > 0)
+    return field_values.only_down(range_m, column(fields, "Orient1") == field_values.DOWN, range_m > 0)
 
 
-_FIX_2D, _FIX_3D = 2, 3
-_DOWN = 25
-"""``RFND.Orient`` of a sensor that looks down (MAVLink's ROTATION_PITCH_270)."""
 _GOOD = 4
 """``RFND.Stat`` of a reading in range (RangeFinder::Status)."""
 _FRD = "forward-right-down to forward-left-up"
@@ -161,9 +142,9 @@ RULES: tuple[FieldRule, ...] = (
     FieldRule("sonar0", "RFND", ("Dist1", "Orient1"), _older_range, "m, facing down"),
     FieldRule("attitude0", "ATT", ("Roll", "Pitch", "Yaw"), _attitude, _ANGLES),
     FieldRule("gps0", "GPS", ("Lat", "Lng", "Alt", "Status"), _gps, "deg, m above sea level"),
-    FieldRule("battery0", "BAT", ("Volt",), single("Volt"), "V"),
-    FieldRule("battery0", "CURR", ("Volt",), single("Volt"), "V"),
-    FieldRule("barometer0", "BARO", ("Alt",), single("Alt"), "m"),
+    FieldRule("battery0", "BAT", ("Volt",), field_values.single("Volt"), "V"),
+    FieldRule("battery0", "CURR", ("Volt",), field_values.single("Volt"), "V"),
+    FieldRule("barometer0", "BARO", ("Alt",), field_values.single("Alt"), "m"),
 )
 """The messages of ArduPilot and what they become, in the order of preference."""
 
@@ -229,10 +210,10 @@ def _flow_rules(series: dict[str, FieldSeries]) -> tuple[FieldRule, ...]:
 
 def _flow_rule(range_stamps_ns: NDArray[np.int64], range_m: NDArray[np.float64]) -> FieldRule:
     def flow(fields: Fields) -> Converted:
-        stamps_ns = fields["TimeUS"].astype(np.int64) * _NS_PER_US
+        stamps_ns = fields["TimeUS"].astype(np.int64) * field_values.NS_PER_US
         at_flow_m = np.interp(stamps_ns, range_stamps_ns, range_m, np.nan, np.nan)
         turn_free = columns(fields, "flowX", "flowY") - columns(fields, "bodyX", "bodyY")
-        return flow_velocity(turn_free, at_flow_m, column(fields, "Qual") > 0)
+        return field_values.flow_velocity(turn_free, at_flow_m, column(fields, "Qual") > 0)
 
     needs = ("flowX", "flowY", "bodyX", "bodyY", "Qual")
     return FieldRule("velocity0", "OF", needs, flow, "rad/s times the range of RFND, to m/s forward and left")

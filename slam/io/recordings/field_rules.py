@@ -8,15 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.io.body_axes import body_from_frd
+from slam.io.recordings.field_values import Converted, Fields
 from slam.io.recordings.recording import Offer, StreamReadings
 from slam.io.sensor_yaml import Value
-
-Array = NDArray[np.float64]
-Fields = Mapping[str, NDArray[np.generic]]
-"""Name of a field -> its values (n,)."""
-Converted = tuple[Array, tuple[str, ...]]
-"""Values (n, c) in the columns of the flight format, and notes."""
 
 
 def _nothing(fields: Fields) -> dict[str, Value]:
@@ -39,7 +33,7 @@ class FieldRule:
     stream: str
     kind: str
     needs: tuple[str, ...]
-    """Fields that must be there; they tell the versions of a message apart."""
+    """Fields that must be there; they distinguish the versions of a message."""
     values: Callable[[Fields], Converted]
     reading: str
     """Units and axes of the log, and how they are converted."""
@@ -86,44 +80,3 @@ def readings_of(
         values, notes = rule.values(each.fields)
         readings[offer.stream] = StreamReadings(each.stamps_ns, values, rule.nominal(each.fields), notes)
     return readings
-
-
-def column(fields: Fields, name: str) -> Array:
-    """Return one field as float64 (n,)."""
-    return np.asarray(fields[name], float)
-
-
-def columns(fields: Fields, *names: str) -> Array:
-    """Return fields as float64 (n, c)."""
-    return np.column_stack([column(fields, name) for name in names])
-
-
-def frd_vectors(fields: Fields, *names: str) -> Array:
-    """Return fields (n, 3 k), vectors in forward-right-down axes, in forward-left-up axes."""
-    values = columns(fields, *names)
-    return np.hstack([body_from_frd(values[:, k : k + 3]) for k in range(0, len(names), 3)])
-
-
-def single(name: str) -> Callable[[Fields], Converted]:
-    """Return the conversion of one field that is taken as it is."""
-    return lambda fields: (column(fields, name)[:, None], ())
-
-
-def only_down(range_m: Array, is_down: NDArray[np.bool_], is_valid: NDArray[np.bool_]) -> Converted:
-    """Return ranges (n, 1) of sensors that look down; NaN for others and for invalid readings."""
-    aside = int((~is_down).sum())
-    notes = (f"{aside} readings of sensors that do not look down left out",)
-    return np.where(is_down & is_valid, range_m, np.nan)[:, None], notes * bool(aside)
-
-
-def flow_velocity(flow_rad_s: Array, range_m: Array, is_valid: NDArray[np.bool_]) -> Converted:
-    """Return velocities (n, 2), forward and left, from flow (n, 2) without turns, and range (n,).
-
-    The flow is positive where it looks like a right-handed turn of the sensor about the body's x and y in
-    forward-right-down axes. In such a turn, the point that the sensor sees moves to the left over the ground
-    about x, and forward about y.
-    """
-    rate = flow_rad_s * range_m[:, None]
-    values = np.column_stack([rate[:, 1], rate[:, 0]])
-    values[~is_valid | ~np.isfinite(values).all(axis=1)] = np.nan
-    return values, ("from flow times distance; body axes taken as level",)

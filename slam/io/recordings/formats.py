@@ -11,6 +11,7 @@ from pathlib import Path
 from slam.core.errors import explain
 from slam.io.content import HEAD_BYTES, content_name
 from slam.io.files import refusal
+from slam.io.recordings import mp4
 from slam.io.recordings.recording import Recording
 
 
@@ -34,8 +35,6 @@ class Format:
         return head.startswith(self.starts) or (self.pattern is not None and bool(self.pattern.match(head)))
 
 
-_MP4 = re.compile(rb".{4}(ftyp(?!hei|mif1|msf1|avi)|moov|mdat|wide|free|skip)", re.DOTALL)
-"""A HEIC or AVIF picture begins alike, with a brand of its own."""
 _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOTALL)
 
 
@@ -44,7 +43,7 @@ FORMATS: tuple[Format, ...] = (
     Format("an ArduPilot log", "slam.io.recordings.dataflash", (".bin",), (b"\xa3\x95\x80",)),
     Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
     Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
-    Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), _MP4),
+    Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), mp4.START),
     Format("a video", "slam.io.recordings.video", (".mkv", ".webm"), (b"\x1a\x45\xdf\xa3",)),
     Format("a video", "slam.io.recordings.video", (".avi",), (), re.compile(rb"RIFF.{4}AVI ", re.DOTALL)),
     Format("a file of subtitles", "slam.io.recordings.video", (".srt",), (), _SUBTITLES),

@@ -2,7 +2,7 @@
 
 A track of a video holds one payload a second: nested blocks of a key, a type, and samples. The samples of a
 payload are spread evenly over its time. ``GPS5`` holds latitude, longitude, altitude and speeds, and the fix
-stands beside it in ``GPSF``; ``GPS9`` (since the Hero 11) holds the fix in each sample. Source: GoPro,
+is in ``GPSF`` of the same block; ``GPS9`` (since the Hero 11) holds the fix in each sample. Source: GoPro,
 gpmf-parser, "GPMF introduction" (README.md).
 """
 
@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.io.recordings.field_values import FIX_3D, known_fixes
 from slam.io.recordings.mp4 import Mp4Track
 from slam.io.recordings.recording import StreamReadings
 
@@ -25,7 +26,6 @@ TRACK_CODE = "gpmd"
 _TYPES = {"b": "i1", "B": "u1", "s": ">i2", "S": ">u2", "l": ">i4", "L": ">u4", "f": ">f4", "d": ">f8"}
 _KEYS = ("GPS9", "GPS5")
 """Keys of positions; the first one that a video has is taken."""
-_FIX_2D, _FIX_3D = 2, 3
 
 
 @dataclass(frozen=True)
@@ -73,14 +73,14 @@ def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
     if not blocks or not blocks[-1][2]:
         return
     key, code, size, data = blocks[-1]  # the samples stand behind what describes them
-    told = {name: (kind, width, content) for name, kind, width, content in blocks[:-1]}
+    attributes = {name: (kind, width, content) for name, kind, width, content in blocks[:-1]}
     count = len(data) // size
-    if key not in _KEYS or "SCAL" not in told or not count:
+    if key not in _KEYS or "SCAL" not in attributes or not count:
         yield key, count, None
         return
     kinds = (
-        told["TYPE"][2].decode("latin-1").strip("\0")
-        if code == "?" and "TYPE" in told
+        attributes["TYPE"][2].decode("latin-1").strip("\0")
+        if code == "?" and "TYPE" in attributes
         else code * (size // 4)
     )
     if any(kind not in _TYPES for kind in kinds) or len(kinds) < 3:
@@ -90,15 +90,15 @@ def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
         return
     samples = np.frombuffer(data[: count * size], layout)
     columns = np.column_stack([samples[str(k)].astype(float) for k in range(len(kinds))])
-    scale = np.frombuffer(told["SCAL"][2], _TYPES.get(told["SCAL"][0], ">i4")).astype(float)
+    scale = np.frombuffer(attributes["SCAL"][2], _TYPES.get(attributes["SCAL"][0], ">i4")).astype(float)
     position = columns[:, :3] / (scale[:3] if len(scale) >= 3 else scale[0])
     if key == "GPS9":
         fix = columns[:, -1]
     else:
-        fix = np.full(count, int.from_bytes(told["GPSF"][2][:4], "big") if "GPSF" in told else _FIX_3D)
-    position[fix < _FIX_2D] = np.nan
-    position[fix < _FIX_3D, 2] = np.nan
-    yield key, count, position
+        fix = np.full(
+            count, int.from_bytes(attributes["GPSF"][2][:4], "big") if "GPSF" in attributes else FIX_3D
+        )
+    yield key, count, known_fixes(position, fix)
 
 
 def _blocks(data: bytes) -> Iterator[tuple[str, str, int, bytes]]:

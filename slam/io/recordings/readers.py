@@ -34,7 +34,7 @@ def damage_reported(path: Path, description: str) -> Iterator[None]:
         yield
     except (InputError, OSError):
         raise
-    except MemoryError:  # a reader believes every length
+    except MemoryError:  # a reader checks no length
         raise refusal(
             path,
             f"is {description} that asks for more memory than there is: a length in it is damaged, or memory "

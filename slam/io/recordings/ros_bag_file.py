@@ -29,7 +29,7 @@ DESCRIPTION = "a ROS bag"
 
 
 class Bag:
-    """An open bag and what its first messages tell; it is closed when it is no longer referenced."""
+    """An open bag and its first messages; it is closed when it is no longer referenced."""
 
     def __init__(self, path: Path) -> None:
         with optional_reader(path, DESCRIPTION, "ros"):
@@ -97,7 +97,7 @@ class Bag:
         return str(header.frame_id) if header is not None else ""
 
     def mount_of(self, topic: str) -> Array | None:
-        """Return ``b_T_s`` (4, 4) of the sensor of a topic; None where no fixed transform tells it."""
+        """Return ``b_T_s`` (4, 4) of the sensor of a topic; None where no fixed transform gives it."""
         return self.mounts.mount(self.body, self.frame_of(topic))
 
     def _first(self, topic: str) -> Message:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Image
+from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.images import UnreadableImageError
 from slam.io.recordings import ros_pixels
 
@@ -16,13 +17,6 @@ Array = NDArray[np.float64]
 Message = Any
 
 _RADTAN = ("plumb_bob", "rational_polynomial", "")
-DOWN_LOOKING_DEG = 30.0
-"""Largest angle between straight down and the axis of a sensor that looks at the floor."""
-
-
-def tilt_deg(b_direction: Array) -> float:
-    """Return the angle between a direction in body axes (3,) and straight down."""
-    return float(np.degrees(np.arccos(np.clip(-b_direction[2] / np.linalg.norm(b_direction), -1, 1))))
 
 
 def info_topics(image_topic: str) -> tuple[str, ...]:
@@ -48,8 +42,8 @@ def camera_of(info: Message | None, b_T_c: Array | None) -> tuple[Camera | None,
     notes = []
     if b_T_c is None:
         notes.append("no fixed transform to the body: looking straight down with the nose at the top assumed")
-    elif (tilt := tilt_deg(b_T_c[:3, 2])) > DOWN_LOOKING_DEG:
-        notes.append(f"looks {tilt:.0f} degrees away from straight down; a map of the floor cannot fit it")
+    elif (tilt := axis_tilt_deg(b_T_c[:3, 2])) > MAX_TILT_DEG:
+        notes.append(tilt_remark(tilt))
     kept = [*coefficients[:5], 0.0, 0.0, 0.0, 0.0][: 5 if len(coefficients) >= 5 else 4]
     camera = Camera(
         focal_px=(float(matrix[0, 0]), float(matrix[1, 1])),

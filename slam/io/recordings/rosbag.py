@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.progress import Progress
+from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg
 from slam.io.files import brief, refusal
 from slam.io.recordings import ros_camera
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
@@ -92,7 +93,7 @@ def _camera_offers(bag: Bag) -> Iterator[Offer]:
         if first is None or not ros_camera.is_picture(first):
             continue
         b_T_c = bag.mount_of(topic)
-        tilt = 0.0 if b_T_c is None else ros_camera.tilt_deg(b_T_c[:3, 2])
+        tilt = 0.0 if b_T_c is None else axis_tilt_deg(b_T_c[:3, 2])
         mount = "" if b_T_c is None else f", {tilt:.0f} degrees from straight down by {_TF}"
         encoding = getattr(first, "encoding", None) or first.format
         yield Offer(
@@ -101,7 +102,7 @@ def _camera_offers(bag: Bag) -> Iterator[Offer]:
             kind=kind,
             rows=rows,
             reading=f"{brief(encoding, 40)}{mount}",
-            rank=2 * (tilt > ros_camera.DOWN_LOOKING_DEG) + IMAGE_KINDS.index(kind),
+            rank=2 * (tilt > MAX_TILT_DEG) + IMAGE_KINDS.index(kind),
         )
 
 
@@ -129,8 +130,8 @@ def _doubt(bag: Bag, rule: RosRule, topic: str) -> str:
     if not rule.is_certain(topic):
         return "commands in m/s?" if rule.stream == "command0" else "a pose may be an estimate, not a truth"
     mount = bag.mount_of(topic) if rule.kind == _RANGE else None
-    tilt = 0.0 if mount is None else ros_camera.tilt_deg(mount[:3, 0])
-    return f"looks {tilt:.0f} degrees away from straight down" if tilt > ros_camera.DOWN_LOOKING_DEG else ""
+    tilt = 0.0 if mount is None else axis_tilt_deg(mount[:3, 0])
+    return f"looks {tilt:.0f} degrees away from straight down" if tilt > MAX_TILT_DEG else ""
 
 
 def _read(bag: Bag, chosen: Sequence[Offer], progress: Progress) -> Content:

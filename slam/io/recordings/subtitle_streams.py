@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.flight import Gps
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.io.gimbal import body_from_gimbal, tilt_deg
-from slam.io.photo_camera import ASSUMED_VIEW_DEG
+from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
+from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
+from slam.io.photo_camera import ASSUMED_VIEW, assumed_focal_px
 from slam.io.recordings.recording import Offer, StreamReadings
 from slam.io.recordings.subtitles import Subtitles, changed_rows
 from slam.io.sensor_yaml import Value
@@ -26,9 +27,6 @@ _FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
 width or to the diagonal of the sensor, and video modes crop the picture.
 """
 _BAROMETER_STD_M = 1.0
-_GIMBAL_STD_DEG = (2.0, 2.0, 5.0)
-"""Roll, pitch, yaw, as for photographs."""
-_DOWN_LOOKING_DEG = 30.0
 _ZOOM_RATIO = 1.01
 """A larger ratio of the focal lengths in one video is a zoom, not rounding."""
 
@@ -85,11 +83,11 @@ def _attitude(subtitles: Subtitles) -> StreamReadings:
     values[known] = roll_pitch_yaw_of(w_R_b)
     # A gimbal's angle that is held is a reading: the gimbal holds it.
     stamps_ns = np.round(subtitles.stamps_s[known] * 1e9).astype(np.int64)
-    noise: dict[str, Value] = {"noise_std": [repr(math.radians(v)) for v in _GIMBAL_STD_DEG]}
+    noise: dict[str, Value] = {"noise_std": [repr(math.radians(v)) for v in GIMBAL_STD_DEG]}
     tilts = [tilt_deg(R) for R in w_R_b]
     tilt = float(np.median(tilts)) if tilts else 0.0
-    notes = (f"the camera looks {tilt:.0f} degrees away from straight down; a map cannot fit it",)
-    return StreamReadings(stamps_ns, values[known], noise, notes * (tilt > _DOWN_LOOKING_DEG))
+    notes = (f"the camera {tilt_remark(tilt)}",)
+    return StreamReadings(stamps_ns, values[known], noise, notes * (tilt > MAX_TILT_DEG))
 
 
 SUBTITLE_READERS: Mapping[str, Callable[[Subtitles], StreamReadings]] = {
@@ -117,9 +115,8 @@ def video_camera(size_px: tuple[int, int], subtitles: Subtitles | None) -> tuple
             zooms = f"from {focal_mm.min():g} to {focal_mm.max():g} mm"
             notes.append(f"the lens zooms {zooms}, but one focal length is modelled")
     else:
-        focal_px = max(size_px) / 2 / math.tan(math.radians(ASSUMED_VIEW_DEG / 2))
-        view = f"a view of {ASSUMED_VIEW_DEG:g} degrees along the longer side"
-        notes.append(f"focal length {focal_px:.0f} px assumed: {view}")
+        focal_px = assumed_focal_px(size_px)
+        notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}")
     if subtitles is not None and subtitles.stabilised:
         notes.append("pictures are stabilised electronically, so the lens differs from picture to picture")
     if subtitles is None or not np.isfinite(subtitles.column("gimbal_pitch")).any():

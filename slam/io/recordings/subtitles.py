@@ -16,6 +16,8 @@ from datetime import datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.geodesy import position_fault
+
 Array = NDArray[np.float64]
 
 FIELDS = (
@@ -171,9 +173,10 @@ def _values(cue: str) -> tuple[dict[str, float], int, bool]:
 
 def _with_position(values: dict[str, float]) -> dict[str, float]:
     """Return the values without a position that is none: 0, 0 before a fix, or off the Earth."""
-    latitude, longitude = values.get("latitude", np.nan), values.get("longitude", np.nan)
-    valid = abs(latitude) <= 90 and abs(longitude) <= 180 and (latitude != 0 or longitude != 0)
-    return values if valid else {k: v for k, v in values.items() if k not in ("latitude", "longitude")}
+    place = values.get("latitude"), values.get("longitude")
+    if place[0] is not None and place[1] is not None and not position_fault(place[0], place[1]):
+        return values
+    return {key: value for key, value in values.items() if key not in ("latitude", "longitude")}
 
 
 def _number(text: str) -> float:

@@ -7,7 +7,6 @@ evaluation of RGB-D SLAM systems", IROS 2012; its pages "File formats" and "Intr
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from slam.core.flight import Image
 from slam.core.progress import Progress
 from slam.io.files import brief, check_inside, read_bytes, refusal
 from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
-from slam.io.photo_camera import ASSUMED_VIEW_DEG
+from slam.io.photo_camera import ASSUMED_FOCAL_STD_RATIO, ASSUMED_VIEW, assumed_focal_px
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 
 Array = NDArray[np.float64]
@@ -34,7 +33,6 @@ _CALIBRATIONS = {
     "freiburg3": (535.4, 539.2, 320.1, 247.6, (0.0, 0.0, 0.0, 0.0, 0.0)),
 }
 """Word in the folder's name -> fx, fy, cx, cy in px of 640 x 480, and distortion."""
-_ASSUMED_FOCAL_STD = 0.1
 
 
 def open_recording(path: Path) -> Recording:
@@ -156,11 +154,11 @@ def _camera(folder: Path, size_px: tuple[int, int]) -> tuple[Camera, str]:
         fx, fy, cx, cy, distortion = _CALIBRATIONS[name]
         return Camera((fx, fy), (cx, cy), size_px, distortion), f"lens of {name}, as its benchmark states it"
     width, height = size_px
-    focal_px = max(size_px) / 2 / math.tan(math.radians(ASSUMED_VIEW_DEG / 2))
+    focal_px = assumed_focal_px(size_px)
     camera = Camera(
         focal_px=(focal_px, focal_px),
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=size_px,
-        focal_std_ratio=_ASSUMED_FOCAL_STD,
+        focal_std_ratio=ASSUMED_FOCAL_STD_RATIO,
     )
-    return camera, f"focal length {focal_px:.0f} px assumed: a view of {ASSUMED_VIEW_DEG:g} degrees"
+    return camera, f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}"

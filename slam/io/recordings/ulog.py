@@ -18,21 +18,9 @@ import numpy as np
 
 from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_ned_quaternion
-from slam.io.recordings.field_rules import (
-    Converted,
-    FieldRule,
-    Fields,
-    FieldSeries,
-    column,
-    columns,
-    flow_velocity,
-    frd_vectors,
-    offers_of,
-    only_down,
-    other_channels,
-    readings_of,
-    single,
-)
+from slam.io.recordings import field_values
+from slam.io.recordings.field_rules import FieldRule, FieldSeries, offers_of, other_channels, readings_of
+from slam.io.recordings.field_values import Converted, Fields, column, columns
 from slam.io.recordings.readers import damage_reported, optional_reader
 from slam.io.recordings.recording import Content, Offer, Recording
 from slam.io.sensor_yaml import Value
@@ -41,10 +29,6 @@ if TYPE_CHECKING:
     from pyulog import ULog
 
 DESCRIPTION = "a PX4 log"
-_DOWN = 25
-"""``distance_sensor.orientation`` of a sensor that looks down (MAVLink's ROTATION_PITCH_270)."""
-_FIX_2D, _FIX_3D = 2, 3
-_NS_PER_US = 1000
 
 
 def _names(name: str, count: int) -> tuple[str, ...]:
@@ -52,7 +36,7 @@ def _names(name: str, count: int) -> tuple[str, ...]:
 
 
 def _imu(fields: Fields) -> Converted:
-    return frd_vectors(fields, *_names("gyro_rad", 3), *_names("accelerometer_m_s2", 3)), ()
+    return field_values.frd_vectors(fields, *_names("gyro_rad", 3), *_names("accelerometer_m_s2", 3)), ()
 
 
 def _attitude(fields: Fields) -> Converted:
@@ -61,10 +45,7 @@ def _attitude(fields: Fields) -> Converted:
 
 def _gps(fields: Fields, names: tuple[str, str, str], units: tuple[float, float]) -> Converted:
     values = columns(fields, *names) * [units[0], units[0], units[1]]
-    fix = column(fields, "fix_type")
-    values[fix < _FIX_2D] = np.nan
-    values[fix < _FIX_3D, 2] = np.nan
-    return values, ()
+    return field_values.known_fixes(values, column(fields, "fix_type")), ()
 
 
 def _range(fields: Fields) -> Converted:
@@ -72,7 +53,7 @@ def _range(fields: Fields) -> Converted:
     valid = (range_m >= column(fields, "min_distance")) & (range_m <= column(fields, "max_distance"))
     if "signal_quality" in fields:  # 0 is an invalid reading, -1 an unknown quality
         valid &= column(fields, "signal_quality") != 0
-    return only_down(range_m, column(fields, "orientation") == _DOWN, valid)
+    return field_values.only_down(range_m, column(fields, "orientation") == field_values.DOWN, valid)
 
 
 def _range_nominal(fields: Fields) -> dict[str, Value]:
@@ -90,7 +71,7 @@ def _flow(fields: Fields) -> Converted:
     angles = columns(fields, *_names("pixel_flow", 2)) - columns(fields, *_names("delta_angle", 2))
     with np.errstate(divide="ignore", invalid="ignore"):
         rates = angles / (column(fields, "integration_timespan_us") * 1e-6)[:, None]
-    return flow_velocity(rates, column(fields, "distance_m"), column(fields, "quality") > 0)
+    return field_values.flow_velocity(rates, column(fields, "distance_m"), column(fields, "quality") > 0)
 
 
 def _sticks(fields: Fields, names: Sequence[str], throttle_from_zero: bool) -> Converted:
@@ -112,7 +93,7 @@ _fix_deg = partial(_gps, names=_FIX_DEG, units=(1.0, 1.0))
 _fix_integer = partial(_gps, names=_FIX_INTEGER, units=(1e-7, 1e-3))
 _sticks_now = partial(_sticks, names=_STICKS, throttle_from_zero=False)
 _sticks_before = partial(_sticks, names=_OLD_STICKS, throttle_from_zero=True)
-_voltage, _height = single("voltage_v"), single("baro_alt_meter")
+_voltage, _height = field_values.single("voltage_v"), field_values.single("baro_alt_meter")
 
 _FRD = "forward-right-down to forward-left-up"
 _ATTITUDE = f"quaternion; north-east-down to yaw from east, {_FRD}"
@@ -155,7 +136,7 @@ def open_recording(path: Path) -> Recording:
     log = _parsed(path, ULog)
     series = {
         f"{data.name}[{data.multi_id}]" if data.multi_id else data.name: FieldSeries(
-            data.name, np.asarray(data.data["timestamp"], np.int64) * _NS_PER_US, data.data
+            data.name, np.asarray(data.data["timestamp"], np.int64) * field_values.NS_PER_US, data.data
         )
         for data in log.data_list
         if "timestamp" in data.data
@@ -193,9 +174,9 @@ def _damage(log: ULog) -> tuple[str, ...]:
 
 
 def _metadata(log: ULog) -> dict[str, str]:
-    told = {"vehicle": ("sys_name", "ver_hw")}
+    sources = {"vehicle": ("sys_name", "ver_hw")}
     notes = {
         key: " ".join(str(log.msg_info_dict[name]) for name in names if name in log.msg_info_dict)
-        for key, names in told.items()
+        for key, names in sources.items()
     }
     return {key: value for key, value in notes.items() if value}

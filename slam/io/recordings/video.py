@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.progress import Progress
+from slam.io.content import HEAD_BYTES
 from slam.io.files import read_bytes, refusal
 from slam.io.recordings.gpmf import TRACK_CODE, GoproTrack, read_gopro
-from slam.io.recordings.mp4 import Mp4Track, read_tracks
+from slam.io.recordings.mp4 import START, Mp4Track, read_tracks
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
 from slam.io.recordings.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
 from slam.io.recordings.subtitles import Subtitles, parse_subtitles
@@ -23,7 +24,6 @@ Array = NDArray[np.float64]
 
 MAX_SUBTITLE_BYTES = 1 << 28
 _SUBTITLE_CODES = ("tx3g", "text")
-_MP4_STARTS = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def open_recording(path: Path) -> Recording:
 
 def _opened(path: Path) -> _Video:
     with path.open("rb") as file:
-        is_mp4 = file.read(8)[4:] in _MP4_STARTS
+        is_mp4 = START.match(file.read(HEAD_BYTES)) is not None
     tracks = read_tracks(path) if is_mp4 else ()
     video = opened(path)
     size, rate_hz = size_of(video), video.get(cv2.CAP_PROP_FPS)

@@ -56,7 +56,7 @@ def test_a_flight_without_faults_has_no_such_line():
     # A transit of 2 km to the place of the survey belongs to it.
     transit = np.column_stack([np.linspace(-2000, -60, 33), np.zeros(33), np.full(33, 60.0)])
     found = checked(np.vstack([transit, lanes(60)]), 2.0 * np.arange(93))
-    assert found.believed.all()
+    assert found.consistent.all()
 
 
 def test_fixes_out_of_reach_in_time_are_found_by_the_longest_chain():
@@ -76,7 +76,7 @@ def test_thirty_percent_of_all_fixes_may_be_anywhere():
         enu = lanes(n)
         bad = np.sort(rng.choice(n, int(0.3 * n), replace=False))
         enu[bad, :2] += rng.normal(0, 5e4, (len(bad), 2))
-        assert np.flatnonzero(~checked(enu, 2.0 * np.arange(n)).believed).tolist() == bad.tolist()
+        assert np.flatnonzero(~checked(enu, 2.0 * np.arange(n)).consistent).tolist() == bad.tolist()
 
 
 def test_a_step_in_the_altitudes_is_named():
@@ -104,4 +104,4 @@ def test_no_fix_and_few_fixes_are_no_trouble():
     for n in (1, 2, 3):
         assert photographs(lanes(n)).geo_origin().latitude_deg == pytest.approx(47.0)
         enu = enu_from_geodetic(*geodetic_from_enu(lanes(n), ORIGIN), ORIGIN)
-        assert checked(enu, np.arange(n) * 1.0).believed.all()
+        assert checked(enu, np.arange(n) * 1.0).consistent.all()
