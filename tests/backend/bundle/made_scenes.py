@@ -1,0 +1,58 @@
+"""Scenes of made cameras over a made floor, and errors of their refinements."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from backend.bundle.refinement import Bundle
+from tests.backend.made_floor import CAMERA, NADIR, Made, Scene, aligned, nees
+
+SEEDS = range(20)
+
+
+def tilted_mount() -> np.ndarray:
+    """A camera that looks 20 degrees forward and sits off the body's origin."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("y", -20, degrees=True).as_matrix() @ NADIR[:3, :3]
+    T[:3, 3] = [0.10, 0.02, -0.05]
+    return T
+
+
+SONAR = Scene()
+SURVEY = Scene(height_m=50.0, relief=0.01, attitude_std_rad=None, range_std_m=None, position_std_m=(1.0, 2.0))
+ROUGH = replace(SONAR, relief=0.03)
+SCENES = {
+    "sonar": SONAR,
+    "sonar, no attitude": replace(SONAR, attitude_std_rad=None),
+    "pixels three times as noisy as stated": replace(SONAR, pixel_std=0.9),
+    "relief": replace(SONAR, relief=0.02),
+    "relief and a coarse sonar": replace(SONAR, relief=0.03, range_std_m=0.05),
+    "tilted mount": replace(SONAR, camera=replace(CAMERA, b_T_c=tilted_mount())),
+    "gps": SURVEY,
+    "gps and attitude": replace(SURVEY, attitude_std_rad=0.01),
+    "gps over a slope": replace(SURVEY, slope_rad=(0.04, -0.03)),
+    "gps and attitude over a slope": replace(SURVEY, attitude_std_rad=0.01, slope_rad=(0.04, -0.03)),
+    "gps, camera unknown": replace(
+        SURVEY,
+        camera=replace(CAMERA, focal_std_ratio=0.03, radial_std=0.05),
+        focal_ratio=1.02,
+        radial=-0.03,
+        tilt_std_rad=0.15,
+    ),
+}
+
+
+def errors_squared(made: Made, bundle: Bundle) -> np.ndarray:
+    """NEES of all poses, or of all but the first where that one is the origin."""
+    if made.measurements.positions:
+        return nees(bundle.w_T_b, made.w_T_b, bundle.covariances)
+    hat = aligned(bundle.w_T_b, made.w_T_b)
+    return nees(hat[1:], made.w_T_b[1:], bundle.covariances[1:])
+
+
+def position_rms(made: Made, w_T_b: np.ndarray) -> float:
+    hat = w_T_b if made.measurements.positions else aligned(w_T_b, made.w_T_b)
+    return float(np.sqrt(np.mean(np.sum((hat - made.w_T_b)[:, :3, 3] ** 2, axis=1))))
