@@ -2,7 +2,7 @@
 
 Such an error leaves residuals that depend on the place in the picture alike in all pictures. Each kind is
 tested by its score: the gradient by its coefficients, with poses, points and world eliminated. The same
-equations tell by how much the error displaces the poses, to be compared with their covariances.
+equations give the amount by which the error displaces the poses, to be compared with their covariances.
 
 Noise is not independent within a picture. The variance of the score is therefore that between pictures, but
 at least the model's, and corrected for the correlation of successive pictures.
@@ -68,7 +68,7 @@ def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
         return None
     try:
         scores, moved = _eliminate(bundle)
-    except RuntimeError:  # singular by rounding: nothing can be told of what is left
+    except RuntimeError:  # singular by rounding: the errors are not observable
         return None
     found, alternatives = scores.search()
     if not found:
@@ -129,14 +129,15 @@ class _Scores:
         total = each[:, 0].sum(axis=0)
         each -= each.mean(axis=0)
         real, white = each[:, 0], each[:, 1:]
-        # At least the model's: its noise of positions includes that they err alike over several pictures.
+        # At least the model's, whose noise of positions includes their correlation over several pictures.
         variance = max(1.0, float(np.mean(real**2) / np.mean(white**2)))
-        # Successive pictures that err alike count as fewer.
-        alike = float(autocorrelated_std(real) ** 2 / max(np.mean(real**2), np.finfo(float).tiny))
-        effect, freedom = variance * alike, len(total) * (count - 1) / alike
-        statistic = float(total @ total) / (len(total) * effect)
+        # Correlated errors of successive pictures count as fewer pictures.
+        autocorrelation = float(autocorrelated_std(real) ** 2 / max(np.mean(real**2), np.finfo(float).tiny))
+        design_effect = variance * autocorrelation
+        freedom = len(total) * (count - 1) / autocorrelation
+        statistic = float(total @ total) / (len(total) * design_effect)
         p_value = float(fisher.sf(statistic, len(total), max(freedom, 1.0)))
-        return _Test(p_value, whiten @ total, whiten @ whiten.T * effect)
+        return _Test(p_value, whiten @ total, whiten @ whiten.T * design_effect)
 
     def search(self) -> tuple[tuple[Kind, ...], tuple[Kind, ...]]:
         """Return the kinds of errors, the strongest first, and other kinds that could replace one of them.
@@ -162,8 +163,8 @@ class _Scores:
         )
         return tuple(found), others
 
-    def _p_value(self, kind: Kind, beside: Sequence[Kind]) -> float:
-        return self.test([kind], [other for other in beside if other != kind]).p_value
+    def _p_value(self, kind: Kind, given: Sequence[Kind]) -> float:
+        return self.test([kind], [other for other in given if other != kind]).p_value
 
 
 def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:

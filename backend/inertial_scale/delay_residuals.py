@@ -12,6 +12,7 @@ likelihood of the noise.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,6 +83,22 @@ class DelayResiduals:
         white = white - np.outer(lasting, lasting @ white / (lasting @ lasting))
         return np.asarray(white), 2.0 * float(np.log(factor[0]).sum())
 
+    @cached_property
+    def squares(self) -> Array:
+        """Squares (3, n, g) of the white residuals of each axis, turn and delay.
+
+        Whether the noise of an axis is white or a random walk is estimated at the best delay.
+        """
+        n, tried = len(self.begin_s), []
+        coarse = replace(self, difference_rad=self.difference_rad[:, ::_COARSE])
+        for ratio in _RATIOS.tolist():
+            axes = [coarse.whitened(axis, ratio) for axis in range(3)]
+            tried.append([n * np.log(mean_square(white**2)) + log_det for white, log_det in axes])
+        costs = np.array(tried)
+        best = int(np.argmin(costs.min(axis=0).sum(axis=0)))
+        ratios = _RATIOS[costs[:, :, best].argmin(axis=0)]
+        return np.stack([self.whitened(axis, ratio)[0] ** 2 for axis, ratio in enumerate(ratios.tolist())])
+
 
 def delay_residuals(
     stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
@@ -114,22 +131,6 @@ def delay_residuals(
     return DelayResiduals(delays_s, stamps_s[first], stamps_s[last], turned.as_rotvec(), difference_rad)
 
 
-def squared_residuals(residuals: DelayResiduals) -> Array:
-    """Return squares (3, n, g) of the white residuals of each axis, turn and delay.
-
-    Whether the noise of an axis is white or a random walk is estimated at the best delay.
-    """
-    n, tried = len(residuals.begin_s), []
-    coarse = replace(residuals, difference_rad=residuals.difference_rad[:, ::_COARSE])
-    for ratio in _RATIOS.tolist():
-        axes = [coarse.whitened(axis, ratio) for axis in range(3)]
-        tried.append([n * np.log(mean_square(white**2)) + log_det for white, log_det in axes])
-    costs = np.array(tried)
-    best = int(np.argmin(costs.min(axis=0).sum(axis=0)))
-    ratios = _RATIOS[costs[:, :, best].argmin(axis=0)]
-    return np.stack([residuals.whitened(axis, ratio)[0] ** 2 for axis, ratio in enumerate(ratios.tolist())])
-
-
 def turn_costs(squares: Array) -> Array:
     """Return the log-likelihood (n, g) of each turn at each delay, times -2, from squares (3, n, g).
 
@@ -145,7 +146,7 @@ def mean_square(squares: Array) -> Array:
 
 
 def _covered(stamps_s: Array, imu_s: Array, longest_s: float) -> NDArray[np.bool_]:
-    """(n - 1,) between which successive pictures the gyro has no gap, whatever the delay."""
+    """Return (n - 1,) whether the gyro has no gap between two successive pictures, whatever the delay."""
     gap = np.diff(imu_s) > _MAX_GAP_S
     begin_s, end_s = stamps_s[:-1] - longest_s, stamps_s[1:] + longest_s
     whole = np.searchsorted(imu_s[1:][gap], begin_s) == np.searchsorted(imu_s[:-1][gap], end_s)

@@ -15,7 +15,6 @@ from scipy.interpolate import CubicSpline
 from backend.inertial_scale.delay_residuals import (
     DelayResiduals,
     delay_residuals,
-    squared_residuals,
     turn_costs,
 )
 from backend.inertial_scale.preintegration import InertialReadings
@@ -78,8 +77,8 @@ class PictureClock:
     def _numbers(self, stamps_s: Array) -> NDArray[np.int64]:
         return np.searchsorted([piece.begin_s for piece in self.pieces[1:]], stamps_s, side="right")
 
-    def later(self, delay_s: float, std_s: float) -> PictureClock:
-        """Return the clock with pictures that are stamped later by ``delay_s`` throughout, known to
+    def delayed(self, delay_s: float, std_s: float) -> PictureClock:
+        """Return the clock with another ``delay_s`` in every piece, whose standard deviation is then
         ``std_s``."""
         pieces = [replace(p, delay_s=p.delay_s + delay_s, std_s=std_s) for p in self.pieces]
         return replace(self, pieces=tuple(pieces))
@@ -110,7 +109,7 @@ def picture_clock(
 
 def _piece(residuals: DelayResiduals, begin_s: float) -> ClockPiece:
     """Return mean and standard deviation of the posterior over the delays."""
-    turn_cost = turn_costs(squared_residuals(residuals))
+    turn_cost = turn_costs(residuals.squares)
     delays_s, weight = _posterior(residuals.delays_s, turn_cost.sum(axis=0))
     mean_s = float(weight @ delays_s)
     weight = _posterior(residuals.delays_s, _robust_cost(turn_cost))[1]
@@ -134,10 +133,10 @@ def _robust_cost(turn_cost: Array) -> Array:
     than its variation between them allows (Vuong 1989, Econometrica 57, equation 3.1). That is so at other
     periods of a regular motion: the gyro's own noise then makes one of equal delays the best by chance.
     """
-    dearer = turn_cost - turn_cost[:, [int(turn_cost.sum(axis=0).argmin())]]
-    total = dearer.sum(axis=0)
-    spread = ((dearer - dearer.mean(axis=0)) ** 2).sum(axis=0)
-    blocks = np.stack([block.sum(axis=0) for block in np.array_split(dearer, _BLOCKS)])
+    excess = turn_cost - turn_cost[:, [int(turn_cost.sum(axis=0).argmin())]]
+    total = excess.sum(axis=0)
+    spread = ((excess - excess.mean(axis=0)) ** 2).sum(axis=0)
+    blocks = np.stack([block.sum(axis=0) for block in np.array_split(excess, _BLOCKS)])
     between = ((blocks - blocks.mean(axis=0)) ** 2).sum(axis=0) * _BLOCKS / (_BLOCKS - 1)
     return np.asarray(np.minimum(total, 4 * total**2 / np.maximum(np.maximum(spread, between), 1e-300)))
 
@@ -159,7 +158,7 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
 
     The step lies within the turn between them, which no delay explains, or between two turns.
     """
-    squares, n = squared_residuals(residuals), len(residuals.begin_s)
+    squares, n = residuals.squares, len(residuals.begin_s)
     variance = squares[:, :, int(turn_costs(squares).sum(axis=0).argmin())].mean(axis=1)
     start = np.arange(_LEAST_TURNS + 1, n - _LEAST_TURNS)
     parted = start[residuals.begin_s[start] > residuals.end_s[start - 1]]

@@ -43,14 +43,22 @@ class Solution:
     warnings: tuple[str, ...] = ()
 
 
+_DETERMINED = 0.9
+"""A posterior deviation above this share of the prior one means that nothing determined the value."""
+
+
 @dataclass(frozen=True)
 class RangeErrors:
-    """Common errors of a rangefinder: reading = gain * range + zero offset.
-
-    Standard deviations equal to the assumed ones mean that no measurement observed these errors.
-    """
+    """Common errors of a rangefinder: reading = gain * range + zero offset."""
 
     gain: float
     gain_std: float
     zero_m: float
     zero_std_m: float
+
+    def determined(self, prior_gain_std: float, prior_zero_std_m: float) -> tuple[bool, bool]:
+        """Return whether the measurements determine gain and zero beyond their priors."""
+        return (
+            self.gain_std < _DETERMINED * prior_gain_std,
+            self.zero_std_m < _DETERMINED * prior_zero_std_m,
+        )

@@ -43,8 +43,7 @@ _WINDOWS_S = (0.0, 0.2, 0.5, 1.0)
 does not average out."""
 _WINDOW_ROUNDS = 2
 """Number of rounds. With an erroneous prediction, more of them inflate the noise of good readings without
-bound:
-by 27 in five rounds, after which a correct velocity has no weight."""
+bound: by 27 in five rounds, after which a correct velocity has no weight."""
 _LEAST_SUMS = 10
 _INERTIAL = ("gyro", "accelerometer")
 _NOISE_FACTORS = (2.0, 4.0, 8.0, 16.0, 32.0)
@@ -62,8 +61,7 @@ IDEAL: dict[str, dict[str, float]] = {
     "velocity": {"velocity_error_m_s": 0.0},
 }
 """Instrument -> its parameters without biases and AR(1) errors. Scales are absent, because the likelihood
-does
-not determine them."""
+does not determine them."""
 
 
 def identify_noise(

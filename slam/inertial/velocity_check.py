@@ -1,8 +1,8 @@
 """Changes of the measured velocity against those by gyro and accelerometer.
 
-The filter believes a velocity that is stuck, turned round or in another unit, for nothing else measures the
-motion over ground: it blames the tilt and the other instruments instead. Changes over a second or two are
-known from the IMU alone.
+The filter accepts a velocity that is stuck, reversed or in another unit, because nothing else measures the
+motion over ground. It attributes the error to the tilt and the other instruments. Over a second or two, the
+IMU alone determines the changes of velocity.
 """
 
 from __future__ import annotations

@@ -1,17 +1,16 @@
-"""The one instrument or the assumed values on which the stated accuracy of a map rests."""
+"""The single instrument or the assumed values that determine the stated accuracy of a map."""
 
 from __future__ import annotations
 
 from slam.core.flight import Flight
 from slam.mapping.map import Map
 
-_DETERMINED = 0.95
-"""A standard deviation of at least this share of what was assumed is the assumption itself."""
-
 
 def accuracy_basis(flight: Flight, map_: Map) -> str:
-    """Say in one sentence which single instrument or assumption carries scale and place; empty where two
-    instruments check each other, or where lengths are not metres."""
+    """Return a sentence that names the only instrument or assumption behind scale and place.
+
+    It is empty where two instruments check each other, or where lengths are not metres.
+    """
     bundle = map_.bundle
     ranged = bundle is not None and bundle.range_errors is not None
     inertial = map_.inertial is not None and map_.inertial.helps
@@ -40,9 +39,10 @@ def _assumed(flight: Flight, map_: Map) -> str:
     if flight.sonar is None or found is None:
         return ""
     gain, zero = flight.sonar.scale_std, flight.sonar.datum_std_m
+    gain_determined, zero_determined = found.determined(gain, zero)
     values = []
-    if found.gain_std >= _DETERMINED * gain:
+    if not gain_determined:
         values.append(f"its gain (± {100 * gain:.2g} %)" if gain else "its gain (without error)")
-    if found.zero_std_m >= _DETERMINED * zero:
+    if not zero_determined:
         values.append(f"its zero (± {1e3 * zero:.2g} mm)" if zero else "its zero (without error)")
     return f", and {' and '.join(values)} {'are' if len(values) > 1 else 'is'} assumed" if values else ""

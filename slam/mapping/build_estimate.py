@@ -31,7 +31,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.homography_chain import chain
 from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.lift_edges import Edges
-from slam.mapping.lost_pictures import lost_picture_warnings
+from slam.mapping.lost_pictures import NOTABLE_SHARE, lost_picture_warnings
 from slam.mapping.map import Map
 from slam.mapping.not_placed import ALONE, not_placed_warnings, pictures_not_placed
 from slam.mapping.one_place import one_place_warning
@@ -39,10 +39,6 @@ from slam.mapping.refine import comparable
 from slam.mapping.systematic_warning import is_outside_covariances, systematic_warning
 
 Array = NDArray[np.float64]
-
-
-MOVING_SHARE = 0.02
-"""Smallest share of pictures with a moving object that is reported; fewer are chance."""
 
 
 def _loop_verdicts(
@@ -71,12 +67,15 @@ def _status(
     flight, stamps_s = context.flight, map_.observations.stamps_s
     by_metres = metric or map_.georeferenced
     main = map_.of_main(map_.w_T_b)
-    # First, because instruments contradict a map that a lens has bent.
-    bent = [_systematic_warning(flight, map_, shared)] if is_outside_covariances(shared) else []
-    warnings = [*bent, *map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
-    warnings += [line for line in [clock_contradiction(map_.clock, context.clock)] if line]
-    overlap = context.setup.config.keyframes.min_overlap
-    warnings += [line for line in [one_place_warning(flight, map_, overlap, by_metres)] if line]
+    lines = [
+        # First, because instruments contradict a map that a lens has bent.
+        _systematic_warning(flight, map_, shared) if is_outside_covariances(shared) else "",
+        *map_.warnings,
+        *contradictions(flight, stamps_s, main, by_metres),
+        clock_contradiction(map_.clock, context.clock),
+        one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
+    ]
+    warnings = [line for line in lines if line]
     parts = int(map_.component.max(initial=-1)) + 1
     lost = [name for name, reason in not_placed.items() if reason == ALONE]
     if parts > 1:
@@ -94,12 +93,11 @@ def _status(
             "do not determine them"
         )
     if not by_metres:
-        warnings.append(_scale_told(flight, map_))
-    status = "ok" if not warnings else "; ".join(warnings)
-    return status, warnings
+        warnings.append(_scale_warning(flight, map_))
+    return "; ".join(warnings) or "ok", warnings
 
 
-def _scale_told(flight: Flight, map_: Map) -> str:
+def _scale_warning(flight: Flight, map_: Map) -> str:
     measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
     if map_.bundle is None or map_.bundle.scale_std is None:
@@ -119,7 +117,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     not_placed = pictures_not_placed(flight, map_)
     status, warnings = _status(context, map_, metric, not_placed, shared)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
-    mount = mount_tilt(flight.camera, map_.bundle)
+    mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
     chained = chain(
         observations.links,
         setup.camera,
@@ -163,10 +161,10 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         floor_slope_rad=map_.slope_rad,
         instruments=InstrumentErrors(
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
-            accelerometer_errors(map_.inertial, map_.clock, context.clock),
+            accelerometer_errors(map_.inertial, clock),
             mount,
             shared,
-            clock_errors(map_.clock, context.clock),
+            clock,
         ),
         accuracy_basis=accuracy_basis(flight, map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
@@ -203,7 +201,7 @@ def _kept_edges(map_: Map) -> tuple[RelativePose, ...]:
 
 def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:
     """Report objects that move by themselves, if there are more than by chance."""
-    if observations.moving <= MOVING_SHARE * observations.frames:
+    if observations.moving <= NOTABLE_SHARE * observations.frames:
         return []
     pictures = f"in {observations.moving} of {observations.frames} pictures"
     if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:

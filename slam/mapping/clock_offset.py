@@ -18,7 +18,7 @@ from slam.core.estimate import ClockErrors, ClockSpan
 Array = NDArray[np.float64]
 
 _EDGE_S = 0.02
-"""So near to the longest delay that is looked for it may be any longer one; two steps of the search."""
+"""A delay this near to the longest one of the search may in truth be longer; two steps of the search."""
 NO_CORRECTION = PictureClock((ClockPiece(float("-inf"), 0.0, 0.0),), float("inf"))
 
 
@@ -44,7 +44,7 @@ def finer_correction(clock: PictureClock | None, taken_out: PictureClock) -> Pic
     if clock is None or len(clock.pieces) > 1 or not clock.pieces[0].known:
         return taken_out
     (left,) = clock.pieces
-    return taken_out if abs(left.delay_s) < 2 * left.std_s else taken_out.later(left.delay_s, left.std_s)
+    return taken_out if abs(left.delay_s) < 2 * left.std_s else taken_out.delayed(left.delay_s, left.std_s)
 
 
 def with_clock_error(covariances: Array, w_T_b: Array, stamps_s: Array, std_s: Array) -> Array:
@@ -56,10 +56,8 @@ def with_clock_error(covariances: Array, w_T_b: Array, stamps_s: Array, std_s: A
     if len(placed) < 2:
         return covariances
     poses, at_s = w_T_b[placed], stamps_s[placed]
-    before, after = (
-        np.maximum(np.arange(len(placed)) - 1, 0),
-        np.minimum(np.arange(len(placed)) + 1, len(placed) - 1),
-    )
+    number = np.arange(len(placed))
+    before, after = np.maximum(number - 1, 0), np.minimum(number + 1, len(placed) - 1)
     lasts_s = np.maximum(at_s[after] - at_s[before], 1e-9)
     moved = se3.log(se3.inverse(poses[before]) @ poses[after]) / lasts_s[:, None] * std_s[placed, None]
     widened = covariances.copy()
@@ -69,17 +67,17 @@ def with_clock_error(covariances: Array, w_T_b: Array, stamps_s: Array, std_s: A
 
 def clock_errors(clock: PictureClock | None, taken_out: PictureClock) -> ClockErrors | None:
     """Summarise the delays of the pictures' clock: those taken out, or else those found; None without any."""
-    told = clock if taken_out is NO_CORRECTION else taken_out
-    if told is None:
+    found = clock if taken_out is NO_CORRECTION else taken_out
+    if found is None:
         return None
     spans = [
         ClockSpan(
             begin_s=None if np.isinf(piece.begin_s) else piece.begin_s,
             delay_s=piece.delay_s,
             delay_std_s=piece.std_s,
-            taken_out=told is taken_out,
+            taken_out=found is taken_out,
         )
-        for piece in told.pieces
+        for piece in found.pieces
     ]
     return ClockErrors(tuple(spans))
 

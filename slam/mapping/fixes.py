@@ -63,13 +63,11 @@ class Fixes:
         here = _interpolated(w_T_b[:, :3, 3], _between(at_s, self.stamps_s))
         if len(at_s) < 2:
             return here
-        after = np.clip(np.searchsorted(at_s, self.stamps_s), 1, len(at_s) - 1)
-        late = at_s[after] - self.stamps_s < self.stamps_s - at_s[after - 1]
-        nearest = np.where(late, after, after - 1)
-        away_s = self.stamps_s - at_s[nearest]
+        near = nearest(at_s, self.stamps_s)
+        away_s = self.stamps_s - at_s[near]
         beyond = np.isnan(here[:, 0]) & (np.abs(away_s) < LONGEST_STEP_S)
-        velocity_m_s = _velocity(at_s, w_T_b[:, :3, 3])[nearest]
-        here[beyond] = (w_T_b[nearest, :3, 3] + velocity_m_s * away_s[:, None])[beyond]
+        velocity_m_s = _velocity(at_s, w_T_b[:, :3, 3])[near]
+        here[beyond] = (w_T_b[near, :3, 3] + velocity_m_s * away_s[:, None])[beyond]
         return here
 
 
@@ -92,6 +90,12 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         stated=gps.noise_std_m != Gps.noise_std_m,
         names=flight.picture_names(stamps_s),
     )
+
+
+def nearest(stamps_s: Array, at_s: Array) -> NDArray[np.int64]:
+    """Return the row of sorted stamps (n,) that is nearest to each time (k,)."""
+    after = np.clip(np.searchsorted(stamps_s, at_s), 1, len(stamps_s) - 1)
+    return after - (at_s - stamps_s[after - 1] <= stamps_s[after] - at_s)
 
 
 def _velocity(at_s: Array, p_m: Array) -> Array:
@@ -132,7 +136,7 @@ def _interpolated(values: Array, where: tuple[NDArray[np.int64], NDArray[np.int6
     if not len(values):
         return np.full((len(share), values.shape[1]), np.nan)
     rows = (1 - share[:, None]) * values[before] + share[:, None] * values[after]
-    # A missing value beside an exact match does not matter.
+    # At an exact match the other row does not matter, even if its value is missing.
     rows[share == 0.0] = values[before][share == 0.0]
     rows[share == 1.0] = values[after][share == 1.0]
     return rows

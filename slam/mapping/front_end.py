@@ -58,17 +58,22 @@ class Observations:
     dropped: dict[int, str] = field(default_factory=dict)
     """Number of each frame that was not used -> reason."""
 
-    def registered(self) -> list[list[tuple[int, Array]]]:
-        """Return, for each keyframe, the frames registered to it in tracking, in order, with their (3, 3)
-        homographies into its picture. The keyframe itself comes first; the next keyframe comes last, if it
-        is linked."""
-        seen: list[list[tuple[int, Array]]] = [[(int(frame), np.eye(3))] for frame in self.frame_index]
+    def registered(self) -> list[list[IntermediateFrame]]:
+        """Return, for each keyframe, the frames registered to it in tracking, in order.
+
+        The keyframe itself comes first, without an error. The next keyframe comes last, if it is linked.
+        """
+        seen = [
+            [IntermediateFrame(int(frame), k, np.eye(3), np.zeros((8, 8)))]
+            for k, frame in enumerate(self.frame_index)
+        ]
         for passed in self.passed:
-            seen[passed.keyframe].append((passed.frame, passed.i_H_j))
+            seen[passed.keyframe].append(passed)
         for link in self.links:
             if link is not None:
-                seen[link.i].append((int(self.frame_index[link.j]), link.i_H_j))
-        return [sorted(frames, key=lambda row: row[0]) for frames in seen]
+                frame = int(self.frame_index[link.j])
+                seen[link.i].append(IntermediateFrame(frame, link.i, link.i_H_j, link.corner_covariance))
+        return [sorted(frames, key=lambda row: row.frame) for frames in seen]
 
     def stamped_by(self, delays_at: Callable[[Array], Array]) -> Observations:
         """Return the same with the cameras' stamps less the delay (n,) that a function gives for them."""

@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.noise import autocorrelated_std
-from backend.inertial_scale.picture_clock import PictureClock
-from slam.core.estimate import AccelerometerErrors, AttitudeErrors
+from slam.core.estimate import AccelerometerErrors, AttitudeErrors, ClockErrors
 from slam.core.flight import Flight
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.attitude_floor_tilt import LEAST_KEYFRAMES
-from slam.mapping.clock_offset import clock_errors
 from slam.mapping.inertial_scale import AccelerometerScale
 from slam.mapping.keyframe_readings import attitudes_at
 
@@ -53,15 +51,14 @@ def attitude_errors(
 
 
 def accelerometer_errors(
-    by_inertia: AccelerometerScale | None, clock: PictureClock | None, taken_out: PictureClock
+    by_inertia: AccelerometerScale | None, clock: ClockErrors | None
 ) -> AccelerometerErrors | None:
-    """Summarise bias, lever arm and scale of the accelerometer, and the delay of the pictures; ``taken_out``
-    was corrected before."""
+    """Summarise bias, lever arm and scale of the accelerometer, and the delay of the pictures' clock before
+    any step."""
     if by_inertia is None:
         return None
     found, lengths = by_inertia.found, by_inertia.lengths
-    delays = clock_errors(clock, taken_out)
-    first = delays.spans[0] if delays else None
+    first = clock.spans[0] if clock else None
     delay_s, delay_std_s = (first.delay_s, first.delay_std_s) if first else (0.0, float("inf"))
     return AccelerometerErrors(
         offset_m_s2=found.offset_m_s2,

@@ -10,7 +10,7 @@ from slam.core.flight import Flight
 from slam.mapping.front_end import Observations
 
 NOTABLE_SHARE = 0.02
-"""Smallest share of pictures left out for one reason that is reported; fewer are chance."""
+"""Share of pictures above which one reason to leave them out, or something moving, is reported."""
 _HINTS = {
     "same picture as the one before": "did the camera freeze?",
     "too few features": "is the floor without texture or light there?",

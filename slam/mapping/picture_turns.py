@@ -33,48 +33,27 @@ def turned_attitudes(observations: Observations, setup: Setup) -> tuple[Array, A
 
     The attitudes of one chain are relative to each other; no picture links two chains.
     """
-    rows = [
-        (k, frame, i_H_j, covariance)
-        for k, tracked in enumerate(_tracked(observations))
-        for frame, i_H_j, covariance in tracked
-    ]
-    k = np.array([row[0] for row in rows], dtype=np.int64)
+    rows = [row for frames in observations.registered() for row in frames[1:]]  # not the keyframe itself
+    k = np.array([row.keyframe for row in rows], dtype=np.int64)
     lifted = lift(
-        np.array([row[2] for row in rows]).reshape(-1, 3, 3),
-        np.array([row[3] for row in rows]).reshape(-1, 8, 8),
+        np.array([row.i_H_j for row in rows]).reshape(-1, 3, 3),
+        np.array([row.corner_covariance for row in rows]).reshape(-1, 8, 8),
         setup.camera,
         setup.readings.roll_pitch_rad[k],
         setup.readings.roll_pitch_std_rad[k],
     )
-    usable, keyframe_of = lifted.usable, {int(f): n for n, f in enumerate(observations.frame_index)}
-    attitude = np.tile(np.eye(3), (len(observations.stamps_s), 1, 1))
-    chain = np.arange(len(attitude))
-    # A row of ``attitude`` is a view: it is filled below.
-    found = [(int(frame), attitude[n], n) for n, frame in enumerate(observations.frame_index)]
-    for m, (i, frame, *_) in enumerate(rows):  # in the order of the keyframes
-        if not usable[m]:
-            continue
-        if frame not in keyframe_of:
-            found.append((frame, attitude[i] @ lifted.i_T_j[m, :3, :3], i))
-            continue
-        j = keyframe_of[frame]
-        attitude[j], chain[j] = attitude[i] @ lifted.i_T_j[m, :3, :3], chain[i]
-    if not found:
-        return np.empty(0), np.empty((0, 3, 3)), np.empty(0, np.int64)
-    frames = np.array([row[0] for row in found], dtype=np.int64)
+    n, keyframe_of = len(observations.stamps_s), {int(f): j for j, f in enumerate(observations.frame_index)}
+    attitude, chain = np.tile(np.eye(3), (n, 1, 1)), np.arange(n)
+    for m in np.flatnonzero(lifted.usable):  # in the order of the keyframes
+        if (j := keyframe_of.get(rows[m].frame)) is not None:
+            attitude[j], chain[j] = attitude[k[m]] @ lifted.i_T_j[m, :3, :3], chain[k[m]]
+    between = np.array(
+        [m for m in np.flatnonzero(lifted.usable) if rows[m].frame not in keyframe_of], dtype=np.int64
+    )
+    frames = np.concatenate(
+        [observations.frame_index, np.array([rows[m].frame for m in between], dtype=np.int64)]
+    )
+    attitudes = np.concatenate([attitude, attitude[k[between]] @ lifted.i_T_j[between, :3, :3]])
+    chains = np.concatenate([chain, chain[k[between]]])
     stamps_s, first = np.unique(observations.frame_stamps_s[frames], return_index=True)
-    attitudes, home = np.array([row[1] for row in found]), np.array([row[2] for row in found], dtype=np.int64)
-    return stamps_s, attitudes[first], chain[home[first]]
-
-
-def _tracked(observations: Observations) -> list[list[tuple[int, Array, Array]]]:
-    """Return, for each keyframe, frame number, homography (3, 3) into its picture and its corner covariance
-    (8, 8) of the frames that were registered to it in tracking."""
-    tracked: list[list[tuple[int, Array, Array]]] = [[] for _ in observations.frame_index]
-    for passed in observations.passed:
-        tracked[passed.keyframe].append((passed.frame, passed.i_H_j, passed.corner_covariance))
-    for link in observations.links:
-        if link is not None:
-            frame = int(observations.frame_index[link.j])
-            tracked[link.i].append((frame, link.i_H_j, link.corner_covariance))
-    return tracked
+    return stamps_s, attitudes[first], chains[first]

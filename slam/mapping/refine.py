@@ -21,12 +21,12 @@ from frontend.tracks import join_tracks
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
 from slam.mapping.fix_comparison import FixComparison
+from slam.mapping.fix_consensus import Agreement
 from slam.mapping.front_end import Observations
 from slam.mapping.georeferencing import align_with_positions
 from slam.mapping.inertial_scale import AccelerometerScale, InertialComparison, compare_with_inertia
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
-from slam.mapping.position_consensus import Agreement
 from slam.mapping.refine_part import LEAST_SEEN, refine_part
 from slam.mapping.setup import Setup
 
@@ -163,8 +163,8 @@ class _Evidence:
             return replace(placed, warnings=(*placed.warnings, line))
         if agreement is None or fixes is None:
             return placed
-        words = fixes.words(agreement, placed.w_T_b)
-        return replace(placed, warnings=(*placed.warnings, *words.warnings), remarks=words.remarks)
+        messages = fixes.messages(agreement, placed.w_T_b)
+        return replace(placed, warnings=(*placed.warnings, *messages.warnings), remarks=messages.remarks)
 
     def _refined_with_agreeing(
         self, setup: Setup, part: MapPart, fixes: FixComparison | None, agreement: Agreement | None

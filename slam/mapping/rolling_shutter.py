@@ -34,12 +34,12 @@ def correct_rolling_shutter(
 ) -> Observations:
     """Move features to where they would lie if all rows had been exposed with the middle one. Links are
     registered again; a link that then fails stays as it was."""
-    beside = _beside(observations)
+    neighbours = _neighbours(observations)
     stamps_s = observations.frame_stamps_s
     turned = turning(imu, camera)
 
     def motion_of(frame: int) -> RowMotion:
-        return RowMotion.estimate(camera, beside[frame], lambda since_s: turned(stamps_s[frame], since_s))
+        return RowMotion.estimate(camera, neighbours[frame], lambda since_s: turned(stamps_s[frame], since_s))
 
     motions = [motion_of(int(frame)) for frame in observations.frame_index]
     store = FeatureStore()
@@ -93,14 +93,15 @@ def turning(imu: Imu | None, camera: Camera) -> Callable[[float, Array], Array]:
     return turned
 
 
-def _beside(observations: Observations) -> dict[int, list[NeighbourView]]:
+def _neighbours(observations: Observations) -> dict[int, list[NeighbourView]]:
     """Return, for each frame, the adjacent frames that were registered to the same keyframe."""
-    beside: dict[int, list[NeighbourView]] = defaultdict(list)
+    neighbours: dict[int, list[NeighbourView]] = defaultdict(list)
     for frames in observations.registered():
-        for (a, i_H_a), (b, i_H_b) in pairwise(frames):
-            apart_s = float(observations.frame_stamps_s[b] - observations.frame_stamps_s[a])
+        for a, b in pairwise(frames):
+            apart_s = float(observations.frame_stamps_s[b.frame] - observations.frame_stamps_s[a.frame])
             if 0 < apart_s <= NEAR_S:
-                b_H_a = np.asarray(np.linalg.solve(i_H_b, i_H_a), dtype=float)
-                beside[a].append(NeighbourView(apart_s, b_H_a))
-                beside[b].append(NeighbourView(-apart_s, np.asarray(np.linalg.inv(b_H_a), dtype=float)))
-    return beside
+                b_H_a = np.asarray(np.linalg.solve(b.i_H_j, a.i_H_j), dtype=float)
+                neighbours[a.frame].append(NeighbourView(apart_s, b_H_a))
+                a_H_b = np.asarray(np.linalg.inv(b_H_a), dtype=float)
+                neighbours[b.frame].append(NeighbourView(-apart_s, a_H_b))
+    return neighbours

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.config import PipelineConfig
+from slam.mapping.fix_consensus import Agreement
 from slam.mapping.keyframe_readings import KeyframeReadings
-from slam.mapping.position_consensus import Agreement
 
 Array = NDArray[np.float64]
 

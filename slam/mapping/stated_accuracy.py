@@ -1,4 +1,4 @@
-"""The accuracy that a GPS receiver states against its fixes' differences from the map, and which is doubted.
+"""Test of the accuracy that a GPS receiver states, on the differences between its fixes and the map.
 
 The map's own errors have a pattern that errors of satellite positions lack. An error of the camera model is
 constant in the axes of the body, one of the lens bends the map smoothly, and one of the stamps follows the
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from slam.mapping.position_consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
+from slam.mapping.fix_consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def _models(fixes: FixesOnMap) -> dict[str, Array]:
     n = len(fixes.off_m)
     centred = fixes.w_p_m - fixes.w_p_m.mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
-    # The map's similarity has taken what is constant and linear, up to its robust weights.
+    # The similarity that places the map absorbs constant and linear terms, up to its robust weights.
     terms = np.column_stack([np.ones(n), x, y, x**2, x * y, y**2])
     models = {
         "body": fixes.w_R_b[:, :2, :2].reshape(2 * n, 2),

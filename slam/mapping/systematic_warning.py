@@ -1,4 +1,4 @@
-"""Errors that all pictures or all positions share, in one sentence with their size and likely cause."""
+"""Warning about errors that all pictures or all positions share, with their size and likely cause."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frontend.camera import Camera
 from slam.core.units import length
 
 _CERTAIN = 3.0
-"""Standard deviations from zero of a component that is told."""
+"""Standard deviations from zero above which a component is reported."""
 _PATTERN: Mapping[Kind, str] = {
     "radial": "cam0: the residuals grow with the radius in the same way in all pictures",
     "decentring": "cam0: the residuals depend on the place in the picture in the same way in all pictures",
@@ -39,7 +39,7 @@ def is_outside_covariances(found: SystematicErrors | None) -> bool:
 
 
 def systematic_warning(found: SystematicErrors | None, camera: Camera, height_m: float, metric: bool) -> str:
-    """Return the errors in words; empty where they concern no position and the covariances include them.
+    """Return the warning; empty where the errors concern no position and the covariances include them.
 
     ``camera`` is the declared one, ``height_m`` its typical height over the floor. Lengths are metres if
     ``metric``.

@@ -47,7 +47,7 @@ def tracking_gaps(observations: Observations) -> tuple[TrackingGap, ...]:
     found = []
     for link in observations.links:
         if link is not None:
-            frames = np.array([frame for frame, _ in registered[link.i]])
+            frames = np.array([row.frame for row in registered[link.i]])
             steps_s = np.diff(stamps_s[frames])
             longest = int(np.argmax(steps_s))
             found += (

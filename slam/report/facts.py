@@ -184,31 +184,22 @@ def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: 
     return bool(np.nansum((scale_std * away_m) ** 2) > 0.5 * np.nansum(variance))
 
 
-_DETERMINED = 0.9
-"""A posterior deviation above this share of the prior one means that nothing determined the value."""
-
-
 def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]:
     """Estimated gain and offset of the height sensor's readings, in words."""
     found = estimate.range_errors
     if flight is None or flight.sonar is None or found is None:
         return "", ""
 
-    def described(value: str, std: float, assumed: float) -> str:
-        if assumed == 0:
+    def described(value: str, prior_std: float, determined: bool) -> str:
+        if prior_std == 0:
             return "exact, according to its sensor.yaml"
-        return (
-            value
-            if std < _DETERMINED * assumed
-            else f"{value}, as assumed: this flight does not determine it"
-        )
+        return value if determined else f"{value}, as assumed: this flight does not determine it"
 
     gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.3f}"
     zero = f"{1e3 * found.zero_m:+.1f} ±{SPACE}{1e3 * found.zero_std_m:.1f}{SPACE}mm"
-    return (
-        described(gain, found.gain_std, flight.sonar.scale_std),
-        described(zero, found.zero_std_m, flight.sonar.datum_std_m),
-    )
+    priors = flight.sonar.scale_std, flight.sonar.datum_std_m
+    gain, zero = map(described, (gain, zero), priors, found.determined(*priors))
+    return gain, zero
 
 
 def _scale_source(estimate: Estimate, flight: Flight | None) -> str:

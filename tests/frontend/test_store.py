@@ -111,7 +111,7 @@ def test_errors_of_the_system_name_the_folder_of_temporary_files(monkeypatch, ca
     assert caught.value.filename == tempfile.gettempdir()
 
 
-def test_a_machine_without_room_for_temporary_files_is_told(monkeypatch) -> None:
+def test_a_machine_without_room_for_temporary_files_is_reported(monkeypatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_candidate_tempdir_list", list)
     monkeypatch.setenv("TMPDIR", "/full")

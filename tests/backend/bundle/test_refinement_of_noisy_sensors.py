@@ -44,7 +44,7 @@ def misled(made: Made, nominal_std_rad: float) -> Measurements:
 
 
 def test_noise_levels_converge():
-    """Attitude errors of degrees look like relief until the attitudes have less weight, which takes rounds."""
+    """Attitude errors of degrees look like relief until attitudes have less weight, which takes rounds."""
     scene = replace(SONAR, attitude_std_rad=0.005)
     for seed in range(3):
         made = make(scene, seed)

@@ -1,4 +1,4 @@
-"""Sentences about GPS fixes that contradict the pictures, each fix by its photograph or time."""
+"""Remarks and warnings about GPS fixes that contradict the pictures, by photograph or time."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.names import listed
 from slam.core.units import length
+from slam.mapping.fix_consensus import FALSE_ALARM, LEAST_FIXES, Agreement
 from slam.mapping.fixes import Fixes
-from slam.mapping.position_consensus import FALSE_ALARM, LEAST_FIXES, Agreement
 
 Array = NDArray[np.float64]
 
@@ -23,20 +23,20 @@ _DOUBT = "; so many may be right and the others wrong: check which, and remove t
 
 
 @dataclass(frozen=True)
-class FixWords:
-    """Sentences about the fixes of one part of the map."""
+class FixMessages:
+    """Remarks and warnings about the fixes of one part of the map."""
 
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     """The result may be wrong."""
 
-    def with_warning(self, line: str) -> FixWords:
-        """Return the sentences with one more warning."""
+    def with_warning(self, line: str) -> FixMessages:
+        """Return the messages with one more warning."""
         return replace(self, warnings=(*self.warnings, line))
 
 
-def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:
-    """Return what is said about the fixes that are not used, and about fixes that are too few to compare."""
+def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
+    """Return messages about fixes that are not used, and about fixes that are too few to compare."""
     covered = np.isfinite(agreement.off_m[:, 0])
     remarks, warnings = [], []
     bad = np.flatnonzero(covered & ~agreement.used)
@@ -51,22 +51,23 @@ def fix_words(fixes: Fixes, agreement: Agreement) -> FixWords:
         else:
             remarks.append(line)
     high = covered & agreement.used & np.isfinite(agreement.off_m[:, 2])
-    low = np.flatnonzero(high & ~agreement.altitude_used)
-    good = np.flatnonzero(high & agreement.altitude_used)
-    if len(low):
-        step = _step(agreement.off_m[good, 2], agreement.off_m[low, 2])
+    bad_altitude = np.flatnonzero(high & ~agreement.altitude_used)
+    good_altitude = np.flatnonzero(high & agreement.altitude_used)
+    if len(bad_altitude):
+        outliers, count = len(bad_altitude), len(bad_altitude) + len(good_altitude)
+        step = _step(agreement.off_m[good_altitude, 2], agreement.off_m[bad_altitude, 2])
         if step is not None:
-            warnings.append(_step_line(fixes, good, low, step))
+            warnings.append(_step_line(fixes, good_altitude, bad_altitude, step))
         else:
             line = (
-                f"gps0: {len(low)} of {len(low) + len(good)} altitudes contradict the pictures and the other "
-                f"altitudes, and are not used: {_with_distance(fixes, low, agreement.off_m[low, 2])}"
+                f"gps0: {outliers} of {count} altitudes contradict the pictures and the other altitudes, and "
+                f"are not used: {_with_distance(fixes, bad_altitude, agreement.off_m[bad_altitude, 2])}"
             )
-            if _too_many(len(low), len(low) + len(good)):
+            if _too_many(outliers, count):
                 warnings.append(line + _DOUBT)
             else:
                 remarks.append(line)
-    return FixWords(tuple(remarks), (*warnings, *_too_few(fixes, agreement, covered)))
+    return FixMessages(tuple(remarks), (*warnings, *_too_few(fixes, agreement, covered)))
 
 
 def _too_many(outliers: int, count: int) -> bool:
@@ -74,8 +75,8 @@ def _too_many(outliers: int, count: int) -> bool:
 
 
 def _with_distance(fixes: Fixes, which: NDArray[np.int64], off_m: Array) -> str:
-    told = [f"{fixes.names[k]} ({length(off)})" for k, off in zip(which, off_m, strict=True)]
-    return listed(told, MOST_LISTED_FIXES)
+    described = [f"{fixes.names[k]} ({length(off)})" for k, off in zip(which, off_m, strict=True)]
+    return listed(described, MOST_LISTED_FIXES)
 
 
 def _step(good_m: Array, bad_m: Array) -> float | None:
@@ -90,13 +91,13 @@ def _step(good_m: Array, bad_m: Array) -> float | None:
 
 
 def _step_line(fixes: Fixes, good: NDArray[np.int64], bad: NDArray[np.int64], step_m: float) -> str:
-    def first(which: NDArray[np.int64]) -> str:
+    def group(which: NDArray[np.int64]) -> str:
         return f"{len(which)} fixes from {fixes.names[which[0]]} to {fixes.names[which[-1]]}"
 
     where = "above" if step_m > 0 else "below"
     return (
-        f"gps0: the altitudes of {first(bad)} lie {length(abs(step_m))} {where} those of the other "
-        f"{first(good)} while the pictures show no such climb: two altitude references (sea level, "
+        f"gps0: the altitudes of {group(bad)} lie {length(abs(step_m))} {where} those of the other "
+        f"{group(good)} while the pictures show no such climb: two altitude references (sea level, "
         "ellipsoid, take-off)? The map uses those of the latter; check which are right"
     )
 

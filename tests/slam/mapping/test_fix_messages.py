@@ -1,4 +1,4 @@
-"""What is said about fixes: each by its name, with its distance, and whether the result may be wrong."""
+"""Messages about fixes: each by its name, with its distance, and whether the result may be wrong."""
 
 import re
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slam.core.units import SPACE
+from slam.mapping.fix_consensus import Agreement
+from slam.mapping.fix_messages import fix_messages
 from slam.mapping.fixes import Fixes
-from slam.mapping.position_consensus import Agreement
-from slam.mapping.position_words import fix_words
 
 
 def fixes(n):
@@ -30,17 +30,17 @@ def noise(n):
     return np.random.default_rng(0).normal(0, 0.5, (n, 3))
 
 
-def test_fixes_that_agree_need_no_words():
-    assert fix_words(fixes(12), agreement(noise(12))).remarks == ()
-    assert fix_words(fixes(12), agreement(noise(12))).warnings == ()
+def test_fixes_that_agree_need_no_messages():
+    assert fix_messages(fixes(12), agreement(noise(12))).remarks == ()
+    assert fix_messages(fixes(12), agreement(noise(12))).warnings == ()
 
 
 def test_few_outliers_are_named_and_do_no_harm():
     off = noise(12)
     off[3], off[7] = [443.0, 0, 0], [0, 2e4, 0]
-    said = fix_words(fixes(12), agreement(off, bad=[3, 7]))
-    assert said.warnings == ()
-    (line,) = said.remarks
+    messages = fix_messages(fixes(12), agreement(off, bad=[3, 7]))
+    assert messages.warnings == ()
+    (line,) = messages.remarks
     assert "2 of 12 fixes" in line
     assert "P03.jpg (443 m), P07.jpg (20.0 km)" in plain(line)
 
@@ -48,7 +48,7 @@ def test_few_outliers_are_named_and_do_no_harm():
 def test_more_than_thirty_percent_may_be_the_right_ones():
     off = noise(12)
     off[:5, 0] += 100.0
-    (line,) = fix_words(fixes(12), agreement(off, bad=range(5))).warnings
+    (line,) = fix_messages(fixes(12), agreement(off, bad=range(5))).warnings
     assert "so many may be right" in line
 
 
@@ -56,17 +56,17 @@ def test_more_than_thirty_percent_may_be_the_right_ones():
 def test_a_step_in_the_altitudes_is_told_with_its_size(seed):
     off = np.random.default_rng(seed).normal(0, 0.1, (12, 3))
     off[6:, 2] = 400.0 + 10 * off[6:, 2]  # the map leans where it has no altitude
-    said = fix_words(fixes(12), agreement(off, bad_altitude=range(6, 12)))
-    (line,) = said.warnings
+    messages = fix_messages(fixes(12), agreement(off, bad_altitude=range(6, 12)))
+    (line,) = messages.warnings
     assert re.search("6 fixes from P06.jpg to P11.jpg lie (399|400|401) m above", plain(line))
     assert "two altitude references" in line
-    assert said.remarks == ()
+    assert messages.remarks == ()
 
 
 def test_single_altitudes_are_named():
     off = noise(12)
     off[2, 2], off[9, 2] = -80.0, 300.0
-    (line,) = fix_words(fixes(12), agreement(off, bad_altitude=[2, 9])).remarks
+    (line,) = fix_messages(fixes(12), agreement(off, bad_altitude=[2, 9])).remarks
     assert "2 of 12 altitudes" in line
     assert "P02.jpg (-80.0 m), P09.jpg (300 m)" in plain(line)
 
@@ -75,7 +75,7 @@ def test_single_altitudes_are_named():
 def test_three_fixes_that_contradict_the_pictures_are_told_without_a_culprit(off_m, told):
     off = np.zeros((3, 3))
     off[:, 0] = [off_m, -off_m, 0.0]
-    warnings = fix_words(fixes(3), agreement(off)).warnings
+    warnings = fix_messages(fixes(3), agreement(off)).warnings
     assert len(warnings) == told
     if told:
         assert "P00.jpg, P01.jpg, P02.jpg" in warnings[0]

@@ -1,0 +1,42 @@
+"""The sentence about the single instrument that determines a stated accuracy."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from backend.pose_graph.solution import RangeErrors
+from slam.mapping.accuracy_basis import accuracy_basis
+
+SONAR = SimpleNamespace(scale_std=0.05, datum_std_m=0.02)
+
+
+def basis(sonar=False, gps=False, accelerometer=False, gain_std=0.05, zero_std_m=0.02):
+    errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
+    map_ = SimpleNamespace(
+        bundle=SimpleNamespace(range_errors=errors),
+        georeferenced=gps,
+        inertial=SimpleNamespace(helps=True) if accelerometer else None,
+    )
+    return accuracy_basis(SimpleNamespace(sonar=SONAR if sonar else None), map_)
+
+
+def test_the_only_instrument_is_named():
+    assert basis(gps=True).startswith("Place, lengths and their accuracy rest on one GPS receiver alone")
+    assert basis(accelerometer=True).startswith("Lengths and their accuracy rest on one accelerometer alone")
+
+
+@pytest.mark.parametrize("used", [(), ("sonar", "gps"), ("gps", "accelerometer")])
+def test_nothing_is_stated_without_an_instrument_or_with_two(used):
+    assert basis(**dict.fromkeys(used, True)) == ""
+
+
+@pytest.mark.parametrize(
+    ("gain_std", "zero_std_m", "assumed"),
+    [
+        (0.05, 0.02, ", and its gain (± 5 %) and its zero (± 20 mm) are assumed."),
+        (0.02, 0.019, ", and its zero (± 20 mm) is assumed."),
+        (0.02, 0.01, " checks them."),
+    ],
+)
+def test_values_that_the_flight_does_not_determine_are_assumed(gain_std, zero_std_m, assumed):
+    assert basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m).endswith(assumed)
