@@ -143,11 +143,11 @@ def simulate_readings(
         accel_noise_density=maker.imu.accel_noise_density,
     )
     attitude = sensors.read_attitude(motion, silent, seed)
-    std_rad, told_rad = (float(np.radians(m.attitude.noise_std_deg)) for m in (model, maker))
+    std_rad, stated_rad = (float(np.radians(m.attitude.noise_std_deg)) for m in (model, maker))
     attitude = replace(
         attitude,
         roll_pitch_yaw_rad=noisy(attitude.roll_pitch_yaw_rad, std_rad, model.attitude.noise_correlation),
-        noise_std_rad=(told_rad, told_rad, told_rad),
+        noise_std_rad=(stated_rad, stated_rad, stated_rad),
     )
     velocity = sensors.read_velocity(motion, silent, world, seed)
     velocity = replace(

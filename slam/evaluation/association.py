@@ -234,11 +234,13 @@ def _with_gps(
     left_out: dict[str, int],
 ) -> Association:
     gps, origin = flight.gps, estimate.origin or flight.geo_origin()
-    if gps is None or origin is None:
-        raise InputError("gps0: holds no complete fix; mend it or compare with a flight that has truth")
     check = flight.fix_check()
-    consistent = np.ones(len(gps.stamps_s), bool) if check is None else check.consistent
-    known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg) & consistent
+    known = np.zeros(0, dtype=bool)
+    if gps is not None:
+        consistent = np.ones(len(gps.stamps_s), bool) if check is None else check.consistent
+        known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg) & consistent
+    if gps is None or origin is None or not known.any():
+        raise InputError("gps0: holds no complete fix; mend it or compare with a flight that has truth")
     flat = not np.isfinite(gps.altitude_m[known]).any()
     if not flat:
         known &= np.isfinite(gps.altitude_m)

@@ -53,7 +53,7 @@ class Run:
 def measure() -> list[Metric]:
     """Return the figures of all seeds together, since single flights scatter."""
     runs = [run(seed) for seed in SEEDS]
-    told_by_seed = ", ".join(f"{1e3 * _rms(r.error_m):.2f} over {1e3 * r.bound_m:.2f} mm" for r in runs)
+    by_seed = ", ".join(f"{1e3 * _rms(r.error_m):.2f} over {1e3 * r.bound_m:.2f} mm" for r in runs)
     error = _mean(runs, lambda r: _rms(r.error_m))
     bound = _mean(runs, lambda r: r.bound_m)
     informed = _mean(runs, lambda r: _rms(r.informed_m))
@@ -61,7 +61,7 @@ def measure() -> list[Metric]:
     distances = np.concatenate([r.distances_m for r in runs])
     ways = ", ".join(f"{name} {_ratio(runs, part):.3f}" for name, part in PARTS.items())
     return [
-        within(f"{len(runs)} seeds: position error over its bound", error / bound, "x", BAND, told_by_seed),
+        within(f"{len(runs)} seeds: position error over its bound", error / bound, "x", BAND, by_seed),
         reported(
             "standard deviation of that ratio by chance", 1 / np.sqrt(2 * freedom), "",
             f"{freedom:.0f} effective degrees of freedom",

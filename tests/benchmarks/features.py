@@ -75,14 +75,14 @@ def measure() -> list[Metric]:
     default = PipelineConfig().features.kind
     held = {kind: sum(by_kind[kind].held for by_kind in scores.values()) for kind in KINDS}
     error = {kind: float(np.mean([by_kind[kind].error_px for by_kind in scores.values()])) for kind in KINDS}
-    told_all = ", ".join(f"{kind} {held[kind]} and {error[kind]:.2f} px" for kind in KINDS)
+    totals = ", ".join(f"{kind} {held[kind]} and {error[kind]:.2f} px" for kind in KINDS)
     metrics.append(
         at_least(
             f"pairs that the default ({default}) registers beside the best",
             held[default] / max(held.values()),
             "x",
             1,
-            told_all,
+            totals,
         )
     )
     return metrics

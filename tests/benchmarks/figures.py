@@ -91,7 +91,7 @@ def markdown(sections: Sequence[Section]) -> str:
         lines.append(f"| **{section.title}** | {section.state} | | |")
         for m in section.metrics:
             source = f" <br><sub>{m.source}</sub>" if m.source else ""
-            lines.append(f"| {m.key}{source} | {measured(m)} | {' | '.join(_told(m))} |")
+            lines.append(f"| {m.key}{source} | {measured(m)} | {' | '.join(_target(m))} |")
     return "\n".join(lines)
 
 
@@ -101,7 +101,7 @@ def headlines(sections: Sequence[Section]) -> str:
     lines = ["| figure | measured | target |", "|---|---|---|"]
     named = {m.key: m for m in metrics}
     for m, words in ((named[key], words) for key, words in HEADLINES.items() if key in named):
-        target, met = _told(m)
+        target, met = _target(m)
         lines.append(f"| {words} | {measured(m)} | {target}{f': {met}' if 'missed' in met else ''} |")
     targeted = [m for m in metrics if m.met is not None]
     missed = sum(not m.met for m in targeted)
@@ -112,7 +112,7 @@ def headlines(sections: Sequence[Section]) -> str:
     return "\n".join(lines)
 
 
-def _told(metric: Metric) -> tuple[str, str]:
+def _target(metric: Metric) -> tuple[str, str]:
     target, met = verdict(metric)
     return target, "**missed**" if met == "missed" else met
 

@@ -204,17 +204,17 @@ def _of_motion_capture(flight: Flight, found: Criticism) -> list[str]:
     """Return the lines that compare the causes with those from the motion capture in place of the
     instruments."""
     again = criticise([with_truth_for_instruments(flight)])
-    told = {cause.name: cause.parameters for cause in again.causes}
+    by_capture = {cause.name: cause.parameters for cause in again.causes}
     rows = []
     for cause in found.causes:
         for name, own in cause.parameters.items():
-            other = told.get(cause.name, {}).get(name)
+            other = by_capture.get(cause.name, {}).get(name)
             there = ("not named", "")
             if other is not None:
                 overlap = max(own.low, other.low) <= min(own.high, other.high)
                 there = (_sized(other), "yes" if overlap else "no")
             rows.append((f"`{cause.name}`", name, _sized(own), *there))
-    beyond = [name for name in told if name not in {cause.name for cause in found.causes}]
+    beyond = [name for name in by_capture if name not in {cause.name for cause in found.causes}]
     return [
         "The same with the motion capture's attitude, speed and height in place of the drone's own, so "
         "that only its inertial unit is judged:",

@@ -273,7 +273,7 @@ def make(
     elif kind == "untellable":
         found = [b for b in UNTELLABLE if fault in (None, b.fault)]
         blind = found[rng.integers(len(found))]
-        # Far beyond what is asked for any two causes are told apart.
+        # Far beyond the required size any two causes can be separated.
         faults = [replace(BY_NAME[blind.fault], scaled=True)]
         target, kept = blind.strength, blind.streams
     plans = plans_for(faults, flights, rng)

@@ -17,7 +17,7 @@ LONGEST_S = 600.0
 def verdict_on(flights: Sequence[Path], out: Path, options: Sequence[str] = ()) -> dict[str, Any]:
     """Return the verdict of ``slam criticise``; on failure a verdict "invalid" with its last line."""
     call = [sys.executable, "-m", "slam", "criticise", *map(str, flights)]
-    return _told([*call, "--out", str(out), *options], out / "verdict.json")
+    return _verdict_of([*call, "--out", str(out), *options], out / "verdict.json")
 
 
 PROGRAM = """
@@ -31,10 +31,10 @@ open(sys.argv[1], "w").write(json.dumps(found.to_json()))
 
 def verdict_of_call(flights: Sequence[Path], file: Path) -> dict[str, Any]:
     """Return the verdict of the library's ``slam.criticise``: the same without report."""
-    return _told([sys.executable, "-c", PROGRAM, str(file), *map(str, flights)], file)
+    return _verdict_of([sys.executable, "-c", PROGRAM, str(file), *map(str, flights)], file)
 
 
-def _told(call: list[str], file: Path) -> dict[str, Any]:
+def _verdict_of(call: list[str], file: Path) -> dict[str, Any]:
     one = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
     env = {**os.environ, **one}
     try:
@@ -44,8 +44,8 @@ def _told(call: list[str], file: Path) -> dict[str, Any]:
     except subprocess.TimeoutExpired:
         return {"verdict": "invalid", "sentence": f"no answer within {LONGEST_S:g} s"}
     if done.returncode or not file.exists():
-        told = (done.stderr or done.stdout).strip().splitlines()
-        return {"verdict": "invalid", "sentence": told[-1] if told else f"exit {done.returncode}"}
+        lines = (done.stderr or done.stdout).strip().splitlines()
+        return {"verdict": "invalid", "sentence": lines[-1] if lines else f"exit {done.returncode}"}
     found: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return found
 

@@ -16,7 +16,7 @@ from slam.io.atomic import atomic_file
 from tests.benchmarks.figures import with_block
 from tests.blind.answers import read
 from tests.blind.rows import Row
-from tests.blind.run import told
+from tests.blind.run import described
 from tests.blind.score import FLAGS, Answer, card, misnamed, says_so, true
 from tests.blind.settling import settles
 
@@ -43,7 +43,7 @@ def markdown(answers: Sequence[Answer], commands: Sequence[str] = (), level: str
             f"{level} Cases with a wrong verdict: {len(wrong)}",
             "",
             "```",
-            *(told(a) for a in wrong),
+            *(described(a) for a in wrong),
             "```",
         ]
     )

@@ -48,7 +48,7 @@ def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace
         return Answer(case, verdict, time.monotonic() - begin)
 
 
-def told(a: Answer) -> str:
+def described(a: Answer) -> str:
     """Return one line for the console."""
     true = " + ".join(
         f"{h.name} {h.amplitude:.3g} {h.unit}" + (f" d {h.d:.1f}" if h.d else "") for h in a.case.hidden
@@ -100,7 +100,7 @@ def main() -> None:
     with ThreadPoolExecutor(options.jobs) as pool:
         for answer in pool.map(lambda it: judged(it[1][0], options.fault or it[1][1], it[0], options), drawn):
             answers.append(replace(answer, commit=state))
-            print(told(answer), flush=True)
+            print(described(answer), flush=True)
             write(options.out, asked, answers)
     print("\n" + "\n".join(row.line() for row in card(answers, settles)))
 

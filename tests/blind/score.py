@@ -110,9 +110,9 @@ class Answer:
         if cause is None or not hidden.way:
             return None
         sizes = {name: (p or {}).get("value") or 0.0 for name, p in (cause.get("parameters") or {}).items()}
-        told = [sizes.get(name, 0.0) for name in hidden.way]
-        both = math.hypot(*told) * math.hypot(*hidden.way.values())
-        return sum(a * b for a, b in zip(told, hidden.way.values(), strict=True)) / both if both else 0.0
+        found = [sizes.get(name, 0.0) for name in hidden.way]
+        both = math.hypot(*found) * math.hypot(*hidden.way.values())
+        return sum(a * b for a, b in zip(found, hidden.way.values(), strict=True)) / both if both else 0.0
 
 
 ONE_IN_HUNDRED = Bound(0.005, 0.015, whole_interval=True)
@@ -125,7 +125,7 @@ def _rate(name: str, answers: Iterable[T], hit: Callable[[T], bool], floor: floa
     return Row(name, sum(found), len(found), least(floor), least(aim))
 
 
-def _told(name: str, answers: Sequence[Answer], hit: Callable[[Answer], bool]) -> Row:
+def _reported(name: str, answers: Sequence[Answer], hit: Callable[[Answer], bool]) -> Row:
     return Row(name, sum(hit(a) for a in answers), len(answers))
 
 
@@ -181,10 +181,10 @@ def _singles(one: list[Answer]) -> list[Row]:
     inside = [bool(a.credible & true(a)) for a in found]
     middle, mean = (statistics.median(errors) if errors else math.nan), sum(sizes) / max(len(sizes), 1)
     return [
-        _told("detected, any strength", one, lambda a: a.alarm),
+        _reported("detected, any strength", one, lambda a: a.alarm),
         _rate("detected, d >= 5", _at(5, one), lambda a: a.alarm, 0.80, 0.90),
         _rate("detected, d >= 6", _at(6, one), lambda a: a.alarm, 0.90, 0.97),
-        _told("right, given detection", found, lambda a: a.right),
+        _reported("right, given detection", found, lambda a: a.right),
         _rate("right, given detection, d >= 6", _at(6, found), lambda a: a.right, 0.85, 0.95),
         Row("true cause in the 95 % set", sum(inside), len(inside), least(0.90), Bound(0.94, 0.99)),
         Row("mean size of that set, d >= 8", 0, len(sizes), most(2.0), most(1.3), figure=mean),
@@ -226,8 +226,8 @@ def _open(blind: list[Answer], settles: Callable[[Answer], bool] | None) -> list
 
 def _held_out(one: list[Answer]) -> Row:
     causes = (c for a in one if a.alarm for c in a.causes[:1])
-    told = [(c.get("gain") or {}).get("nats") for c in causes]
-    gains = [nats for nats in told if nats is not None]
+    nats = [(c.get("gain") or {}).get("nats") for c in causes]
+    gains = [gain for gain in nats if gain is not None]
     return Row("held-out gain above 0", sum(g > 0 for g in gains), len(gains), least(0.85))
 
 

@@ -71,7 +71,7 @@ def _separation(
     base = {**HEALTHY, **dict(knobs)}
     outing = Proposed(0, 0, (manoeuvre,), 0.0, one_heading=True)
     (streams,) = {b.streams for b in UNTELLABLE if set(b.equivalents) == set(causes)}
-    # A direction is the case's own: the worse of two that are told apart.
+    # A direction is the case's own: the worse of two that can be separated.
     tried = [{**base, **BY_NAME[name].apply(size, base, np.random.default_rng(way))} for way in (1, 2)]
     traces = outing.traces(base, tried, streams)
     return min(
@@ -99,6 +99,6 @@ def unexplained(
     traces = outing.traces(base, [*steps, *tried], streams)
     healthy, ways = traces[:, : len(steps)], traces[:, len(steps) :]
     pairs = [np.hstack([healthy, ways[:, k : k + 2]]) for k in range(0, ways.shape[1], 2)]
-    # The same flight again tells as much again; the nuisances' priors are told once.
+    # The same flight again has the same information; the nuisances' priors count once.
     often = np.sqrt(times)
     return min(float(strengths(often * trace, often * pair, [*halves, 10.0, 10.0])[0]) for pair in pairs)

@@ -1,4 +1,4 @@
-"""Hidden effects: each one shows, as strongly as told, and the folders give nothing away."""
+"""Hidden effects: each one shows, as strongly as stated, and the folders give nothing away."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def test_effects_of_chance_change_the_streams(name):
 
 
 ALIKE = 2.0
-"""Sigmas of a difference of two nats: half of what two causes must differ by to be told apart."""
+"""Sigmas of a difference of two nats: half of what two causes must differ by to be separated."""
 
 
 def left_by_the_rival(blind: Blind, seed: int) -> float:
@@ -165,7 +165,7 @@ def left_by_the_rival(blind: Blind, seed: int) -> float:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("blind", [b for b in UNTELLABLE if b.strength], ids=lambda b: b.fault)
-def test_what_cannot_be_told_apart_leaves_the_same_trace(blind):
+def test_what_cannot_be_separated_leaves_the_same_trace(blind):
     """By the generator's own whitening, whatever a critic says."""
     assert left_by_the_rival(blind, 5) < ALIKE
 

@@ -145,7 +145,7 @@ def test_the_order_the_heading_and_the_hour_do_not_matter(case, made, judged, tm
 def test_a_term_that_is_taken_out_of_the_catalogue_is_unknown_and_not_misnamed(
     fault, seed, flights, seconds, made, monkeypatch
 ):
-    """Or a name is told with what it leaves over: these flights tell the term from its confounders."""
+    """Or a name is reported with what it leaves over: the flights separate the term from confounders."""
     case = made("single", seed, fault, 20.0, flights, seconds)
 
     def without(records: Any, setting: Any) -> list[Any]:

@@ -151,14 +151,14 @@ def test_wrong_answers_are_seen():
         (0, 0, least(0.9), least(0.97), ("", "")),
     ],
 )
-def test_floor_and_aim_are_told_each(hits, of, floor, aim, kept):
+def test_floor_and_aim_are_reported_each(hits, of, floor, aim, kept):
     row = Row("x", hits, of, floor, aim)
     assert (row.kept(floor), row.kept(aim)) == kept
     if of:
         assert [row.cells()[4], row.cells()[6]] == list(kept)
 
 
-def test_bounds_are_told_in_words():
+def test_bounds_are_given_in_words():
     row = Row("x", 95, 100, Bound(0.85, 0.99), Bound(0.005, 0.015, whole_interval=True))
     told = [
         "95 of 100",

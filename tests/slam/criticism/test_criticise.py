@@ -43,7 +43,7 @@ def with_ar1_noise(model, gyro, others):
 
 
 def case(seed, student=False, colour=(0.0, 0.0), **terms):
-    """Three short flights of one drawn vehicle with terms, told as the nominal one."""
+    """Three short flights of one drawn vehicle with terms, described as the nominal one."""
     nominal = at_lower_rates(load_model("nominal"))
     vehicle = with_ar1_noise(draw_vehicle(nominal, np.random.default_rng(seed)), *colour)
     for name, values in terms.items():
@@ -83,17 +83,17 @@ def test_correlated_noise_is_healthy_and_reported():
 
 
 def test_progress_names_each_stage():
-    told = []
+    reported = []
     flights = case(1)[:2]
-    criticise(flights, progress=lambda *step: told.append(step))
-    stages = [stage for stage in dict.fromkeys(step[0] for step in told) if stage != COMPILING]
+    criticise(flights, progress=lambda *step: reported.append(step))
+    stages = [stage for stage in dict.fromkeys(step[0] for step in reported) if stage != COMPILING]
     assert stages == ["filter", "fit", "look", "roll out"]
     for stage in stages:
-        done = [step[1] for step in told if step[0] == stage]
+        done = [step[1] for step in reported if step[0] == stage]
         assert done == sorted(done)
         assert done[0] == 0
         assert done[-1] > 0
-    assert [step for step in told if step[0] == "filter"][-1] == ("filter", 2, 2)
+    assert [step for step in reported if step[0] == "filter"][-1] == ("filter", 2, 2)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What becomes a model file: the causes that are told, and noise on the base of the flights' own figures."""
+"""Content of a model file: the reported causes, and noise on the base of the flights' own figures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NOMINAL = load_model("nominal")
 
 @pytest.fixture(scope="module")
 def record():
-    """Of a vehicle whose attitude and IMU are told to be half as noisy as the model's."""
+    """A vehicle whose attitude and IMU are stated to be half as noisy as the model's."""
     quieter = replace(
         NOMINAL,
         attitude=replace(NOMINAL.attitude, noise_std_deg=0.5 * NOMINAL.attitude.noise_std_deg),

@@ -1,4 +1,4 @@
-"""What cannot be judged is told in one line, and never called a cause."""
+"""Data that cannot be judged are reported in one line, and never called a cause."""
 
 from __future__ import annotations
 
@@ -102,10 +102,10 @@ def test_a_stick_motion_that_no_instrument_shows_is_reported_and_not_called_heal
         stamps_s=flight.attitude.stamps_s[few],
         roll_pitch_yaw_rad=flight.attitude.roll_pitch_yaw_rad[few],
     )
-    told = unusable(replace(flight, attitude=attitude, imu=None, velocity=None, sonar=None))
-    assert "the up stick was moved, and no sonar or accelerometer was recorded" in told
-    assert "forward" not in told
-    assert "the attitude was read" in told
+    reported = unusable(replace(flight, attitude=attitude, imu=None, velocity=None, sonar=None))
+    assert "the up stick was moved, and no sonar or accelerometer was recorded" in reported
+    assert "forward" not in reported
+    assert "the attitude was read" in reported
 
 
 def test_a_dead_stream_is_left_out_and_reported(flight):

@@ -75,7 +75,7 @@ def test_the_ar_drone_s_accelerometer_reads_too_little_upwards():
 
 @pytest.mark.slow
 def test_pictures_of_a_true_way_contradict_an_attitude_that_goes_wrong():
-    # The same record with pictures rendered along the motion capture's poses: the lens is as told.
+    # The same record with pictures rendered along the motion capture's poses: the lens is as stated.
     found = criticise([read_flight(Path(str(DATA)) / "flights" / "ardrone2-hybrid")])
     assert [cause.name for cause in found.causes] == ["accel_bias"]
     assert "pictures disagree with the path of the other instruments" in found.remainder

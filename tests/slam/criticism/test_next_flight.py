@@ -26,7 +26,7 @@ def few(monkeypatch):
         monkeypatch.delitem(MANOEUVRES, name)
 
 
-def told(kinds: set[int]) -> tuple[str, float]:
+def reported(kinds: set[int]) -> tuple[str, float]:
     """The manoeuvre and by how many sigmas it tells a wind from a trim."""
     model = load_model("nominal")
     record = record_of(simulate_flight(model, stick_for(["hover for 8 s"]), 1))
@@ -37,8 +37,8 @@ def told(kinds: set[int]) -> tuple[str, float]:
 
 
 def test_without_an_attitude_a_rotation_distinguishes_wind_from_trim(few):
-    _, with_all = told({IMU, ATTITUDE, VELOCITY, SONAR})
-    name, with_few = told({VELOCITY, SONAR})
+    _, with_all = reported({IMU, ATTITUDE, VELOCITY, SONAR})
+    name, with_few = reported({VELOCITY, SONAR})
     assert "turn by 180 deg" in name
     assert with_few < 0.5 * with_all
 

@@ -59,10 +59,10 @@ def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size):
     # Weight is nearly all that an accelerometer feels: a scale of it and a push upwards are alike.
     assert term in cause.alternatives
     known = cause.name == term
-    told, due = cause.parameters[parameter if known else "eps"], size if known else size / 9.8
-    assert abs(told.value - due) < 0.2 * due
-    assert told.low < 1.05 * due
-    assert told.high > 0.95 * due
+    reported, due = cause.parameters[parameter if known else "eps"], size if known else size / 9.8
+    assert abs(reported.value - due) < 0.2 * due
+    assert reported.low < 1.05 * due
+    assert reported.high > 0.95 * due
     assert found.extended.holds(cause.name)
     assert found.covariate.rival == cause.rival
     assert cause.rival in cause.alternatives[1:] or cause.alternatives == (cause.name,)
@@ -116,10 +116,14 @@ def test_the_proposed_manoeuvre_distinguishes_a_bias_from_a_scale():
     assert found.verdict == "ambiguous"
     assert set(found.equivalence_set) == {"accel_bias", "accel_scale"}
     # What is off along a body axis turns with it; a share of the weight does not.
-    told = re.search(r"(hold it .* tilted by 40 deg to all four sides), (.*): (.*) sigma", found.next_flight)
-    assert told is not None, found.next_flight
-    assert float(told[3]) > 1.0
-    moved = simulate_readings(vehicle, model, handheld_motion(told[1], 3), False, 5, np.random.default_rng(5))
+    reported = re.search(
+        r"(hold it .* tilted by 40 deg to all four sides), (.*): (.*) sigma", found.next_flight
+    )
+    assert reported is not None, found.next_flight
+    assert float(reported[3]) > 1.0
+    moved = simulate_readings(
+        vehicle, model, handheld_motion(reported[1], 3), False, 5, np.random.default_rng(5)
+    )
     again = criticise([*few, moved])
     assert again.causes[0].name == "accel_bias"
     assert again.causes[0].alternatives == ("accel_bias",)
@@ -214,9 +218,9 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
     found = criticise(seen({term: {parameter: size}}))
     cause = found.causes[0]
     assert cause.name == term, found.sentence
-    told = cause.parameters[parameter]
-    assert told.low < size < told.high
-    assert abs(told.value - size) < 0.25 * size
+    reported = cause.parameters[parameter]
+    assert reported.low < size < reported.high
+    assert abs(reported.value - size) < 0.25 * size
     missed = next(c for c in cause.gain.channels if c.unit == "px")
     assert missed.after < missed.before
 

@@ -175,6 +175,13 @@ def test_a_fix_far_from_the_others_is_no_reference():
     assert found.left_out == {"without a GPS fix at their time": 1}
 
 
+def test_gps_without_any_complete_fix_is_refused():
+    poses = smooth_poses(np.random.default_rng(2), 20, size_m=5.0)
+    flight = gps_flight(np.full((20, 3), np.nan), np.arange(20) * 0.25)
+    with pytest.raises(InputError, match="gps0: holds no complete fix"):
+        associate(estimate_of(poses, origin=ORIGIN), flight)
+
+
 def test_gps_without_altitude_is_compared_in_the_plane():
     poses = smooth_poses(np.random.default_rng(2), 20, size_m=50.0)
     moved = poses.copy()

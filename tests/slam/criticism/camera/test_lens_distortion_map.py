@@ -92,10 +92,10 @@ def test_each_half_is_predicted_by_the_other():
         lens_distortion, halves=np.stack([np.full((len(places(AT)), 2), k) for k in (1.0, 2.0)])
     )
     pixel, earlier = np.full((PICTURES, 2), 50.0), np.arange(PICTURES)
-    told = lens_distortion.predicted_by_others(pixel, earlier)
-    assert set(told[:, 0]) == {1.0, 2.0}
-    assert told[0, 0] == 2.0
-    assert np.mean(told[:, 0] == 2.0) == 0.5
+    reported = lens_distortion.predicted_by_others(pixel, earlier)
+    assert set(reported[:, 0]) == {1.0, 2.0}
+    assert reported[0, 0] == 2.0
+    assert np.mean(reported[:, 0] == 2.0) == 0.5
 
 
 @pytest.mark.parametrize("bend", [nothing, radial, askew])

@@ -1,4 +1,4 @@
-"""Pairs of pictures that show another place than the vehicle can have been at are left out and told."""
+"""Pairs of pictures that show another place than the vehicle can have been at are left out and reported."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ def pairs_of(record: Record) -> list[tuple[int, int]]:
 
 
 def test_a_healthy_flight_keeps_all(record: Record) -> None:
-    kept, told = without_mismatched_pairs(record, filter_parameters_of(NOMINAL))
+    kept, reported = without_mismatched_pairs(record, filter_parameters_of(NOMINAL))
     assert kept is record
-    assert told == ""
+    assert reported == ""
 
 
 def test_a_pair_with_an_error_of_half_a_picture_is_left_out_and_reported(record: Record) -> None:
     pairs = pairs_of(record)
     wrong = pairs[len(pairs) // 2 :: len(pairs) // 3][:2]
-    kept, told = without_mismatched_pairs(displaced(record, wrong, 88.0), filter_parameters_of(NOMINAL))
+    kept, reported = without_mismatched_pairs(displaced(record, wrong, 88.0), filter_parameters_of(NOMINAL))
     assert set(pairs_of(kept)) == set(pairs) - set(wrong)
-    assert f": {len(wrong)} of " in told
+    assert f": {len(wrong)} of " in reported
     assert len(kept.matches.pixel_i) == len(kept.matches.tone_j) == len(kept.matches.later)
 
 
@@ -65,7 +65,7 @@ def test_what_a_bad_camera_makes_is_left_to_be_judged(record: Record) -> None:
 
 def test_where_most_are_off_none_is_left_out(record: Record) -> None:
     off = displaced(record, pairs_of(record)[::2], 88.0)
-    kept, told = without_mismatched_pairs(off, filter_parameters_of(NOMINAL))
+    kept, reported = without_mismatched_pairs(off, filter_parameters_of(NOMINAL))
     assert kept is off
     assert np.array_equal(kept.matches.pixel_i, off.matches.pixel_i)
-    assert told == ""
+    assert reported == ""

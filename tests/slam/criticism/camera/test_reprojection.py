@@ -190,19 +190,19 @@ def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
 
 
 def test_a_lens_projects_as_the_simulator_s_camera() -> None:
-    told = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
+    stated = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
     effects = CameraEffects(focal_eps=0.03, radial_k1=0.1, tilt_x_rad=0.02, tilt_y_rad=-0.03)
     vector = np.zeros(len(CAMERA))
     vector[:4] = 0.03, 0.1, 0.02, -0.03
     pose = np.array([[0.2, -0.1, 1.1, 0.0, 0.0, 0.0]])
     points = np.array([[0.3, 0.1, 0.0], [0.0, -0.3, 0.0], [0.5, -0.4, 0.0]])
-    seen_at = pixels_of(told, vector, np.tile(pose, (3, 1)), points)
+    seen_at = pixels_of(stated, vector, np.tile(pose, (3, 1)), points)
     w_T_b = np.eye(4)
     w_T_b[:3, 3] = pose[0, :3]
-    real = true_camera(told, effects)
+    real = true_camera(stated, effects)
     c_T_w = np.linalg.inv(w_T_b @ real.b_T_c)
     np.testing.assert_allclose(seen_at, real.project(points @ c_T_w[:3, :3].T + c_T_w[:3, 3]), atol=1e-6)
-    back = floor_of(told, vector, np.tile(pose, (3, 1)), seen_at, np.zeros(2))
+    back = floor_of(stated, vector, np.tile(pose, (3, 1)), seen_at, np.zeros(2))
     np.testing.assert_allclose(back, points, atol=1e-4)
 
 

@@ -151,7 +151,7 @@ def test_an_automatic_exposure_is_a_variance() -> None:
 
 
 def test_a_random_gamma_is_no_random_gain() -> None:
-    """It makes brighter and darker as well; contrast tells them apart."""
+    """It makes brighter and darker as well; contrast separates them."""
     matches, path = made(4, gamma=np.exp(0.15 * walk(4)))
     camera = np.zeros(len(CAMERA))
     z = []

@@ -77,7 +77,7 @@ def test_a_wrong_noise_is_seen():
 
 
 def silent(model):
-    """A vehicle that neither jitters nor errs, told with the noise that it might have had."""
+    """A vehicle that neither jitters nor errs, with the noise that it might have had as its stated noise."""
     hold = replace(
         model.hold_noise,
         tilt_std_deg=0.0,

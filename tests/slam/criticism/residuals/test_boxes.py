@@ -50,7 +50,9 @@ def test_boxes_are_found_and_taken_out(records, height):
     assert found[0].parameters["share"].value == pytest.approx(share, abs=0.05)
     # Each flight's boxes are as high as the other's.
     assert len(found[0].predicted_by_others) == len(records)
-    assert all(told > 0.5 * n for n, told in zip(found[0].nats, found[0].predicted_by_others, strict=True))
+    assert all(
+        reported > 0.5 * n for n, reported in zip(found[0].nats, found[0].predicted_by_others, strict=True)
+    )
     for was, now in zip(records, levelled, strict=True):
         rows = was.kinds == SONAR
         off = now.values[rows, 0] - was.values[rows, 0]
@@ -75,7 +77,7 @@ def test_boxes_of_many_heights_are_one_floor_with_steps(records):
     assert found[0].parameters["height"].value == pytest.approx(np.mean(heights), abs=0.04)
     share = np.mean(np.concatenate([over_m for _, over_m in raised]) > 0.0)
     assert found[0].parameters["share"].value == pytest.approx(share, abs=0.05)
-    assert all(told > 100.0 for told in found[0].predicted_by_others)
+    assert all(reported > 100.0 for reported in found[0].predicted_by_others)
     for was, now, (_, over_m) in zip(records, levelled, raised, strict=True):
         rows = was.kinds == SONAR
         off = now.values[rows, 0] - was.values[rows, 0]

@@ -1,4 +1,4 @@
-"""Many readings that the filter did not take are no chance, and no cause either: they are told."""
+"""Too many outliers are not due to chance, and no cause either: they are reported."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 
-@pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.02, False), (0.1, True)])
-def test_a_share_that_no_noise_makes_is_reported(share, told):
+@pytest.mark.parametrize(("share", "reported"), [(0.0, False), (0.02, False), (0.1, True)])
+def test_a_share_that_no_noise_makes_is_reported(share, reported):
     model = load_model("nominal")
     record = record_of(simulate_flight(model, stick_for(["climb and descend by 0.6 m"]), 1))
     values, rng = record.values.copy(), np.random.default_rng(2)
@@ -26,5 +26,5 @@ def test_a_share_that_no_noise_makes_is_reported(share, told):
     values[rng.choice(rolls, int(share * len(rolls)), replace=False), 0] += 0.3
     record = replace(record, values=values)
     found = outliers_of([record], [whole(record, filter_parameters_of(model))])
-    assert bool(found) == told
+    assert bool(found) == reported
     assert all("readings of roll are far" in phrase for phrase in found)

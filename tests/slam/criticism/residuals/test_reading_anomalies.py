@@ -64,24 +64,24 @@ def seen(taken: int, missing: int) -> FeatureMatches:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("missing", "told"), [(0, False), (2, False), (14, True)])
-def test_lost_pictures_are_reported_where_they_are_many(record, missing, told):
+@pytest.mark.parametrize(("missing", "reported"), [(0, False), (2, False), (14, True)])
+def test_lost_pictures_are_reported_where_they_are_many(record, missing, reported):
     odd = _dropped([replace(record, matches=seen(480 - missing, missing))])
-    assert [o.name for o in odd] == ["dropped_frames"] * told
-    if told:
+    assert [o.name for o in odd] == ["dropped_frames"] * reported
+    if reported:
         share = odd[0].parameters["share"]
         assert share.value == pytest.approx(missing / 480)
         assert share.low < missing / 480 < share.high
         assert odd[0].cause().probability > 0.99
 
 
-@pytest.mark.parametrize(("bent_px", "told"), [(0.03, ["specular_highlights"]), (0.3, [])])
-def test_spots_are_lamps_unless_something_sits_on_the_lens(record, bent_px, told):
+@pytest.mark.parametrize(("bent_px", "reported"), [(0.03, ["specular_highlights"]), (0.3, [])])
+def test_spots_are_lamps_unless_something_sits_on_the_lens(record, bent_px, reported):
     matches = seen(100, 0)
     spots = np.tile([1.0, 0.0, 0.3], (20, 1))
     bent = replace(matches, spots=spots, lens_distortion=replace(matches.lens_distortion, size_px=bent_px))
-    assert [odd.name for odd in _highlights([replace(record, matches=bent)])] == told
-    assert bent.glares == bool(told)
+    assert [odd.name for odd in _highlights([replace(record, matches=bent)])] == reported
+    assert bent.glares == bool(reported)
 
 
 def test_spikes_are_counted(record):

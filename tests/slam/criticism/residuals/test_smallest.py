@@ -65,8 +65,8 @@ def test_a_dead_zone_shows_from_that_limit_on(record):
 def test_pictures_lost_at_that_share_are_detected_in_nine_of_ten_cases(taken):
     share = _lost(taken)
     lost = np.random.default_rng(1).poisson(share * taken, 2000)
-    told = [n > 0 and Lost(n, taken + n).nats(n / (taken + n)) >= LOST_NATS for n in lost.tolist()]
-    assert np.mean(told) == pytest.approx(0.9, abs=0.025)
+    reported = [n > 0 and Lost(n, taken + n).nats(n / (taken + n)) >= LOST_NATS for n in lost.tolist()]
+    assert np.mean(reported) == pytest.approx(0.9, abs=0.025)
 
 
 def test_a_limit_of_the_tilt_that_would_show_does():

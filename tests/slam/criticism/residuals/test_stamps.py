@@ -1,4 +1,4 @@
-"""Stamps off an even clock: told from readings that were taken unevenly, measured, and taken out."""
+"""Stamps off an even clock: distinguished from readings at uneven times, measured, and corrected."""
 
 from __future__ import annotations
 

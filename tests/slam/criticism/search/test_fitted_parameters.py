@@ -28,10 +28,10 @@ FREE = {
 @pytest.mark.parametrize("name", FREE)
 def test_a_nuisance_step_is_stored_read_and_undone(name):
     column = fitted_parameter(name)
-    step, told = FREE[name]
+    step, reported = FREE[name]
     changed = column.stepped(NOMINAL, step)
     assert column.value_in(changed) == pytest.approx(column.value_in(NOMINAL) + step, rel=1e-12)
-    assert column.in_catalogue_units(column.value_in(changed), changed) == pytest.approx(told, rel=1e-12)
+    assert column.in_catalogue_units(column.value_in(changed), changed) == pytest.approx(reported, rel=1e-12)
     assert column.value_in(column.stepped(changed, -column.value_in(changed))) == pytest.approx(
         0.0, abs=1e-15
     )

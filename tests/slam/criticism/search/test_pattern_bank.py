@@ -73,9 +73,9 @@ def test_what_happens_when_fast_is_nothing_at_half_the_highest_speed_and_goes_wh
     )
     states = np.zeros((len(record.times_s), 10))
     states[:, 3] = np.linspace(-2.0, 2.0, len(states))
-    told = signals_of(record, states)["ahead when fast"][1]
-    assert not told[np.abs(states[:, 3]) < 1.1].any()
-    np.testing.assert_array_equal(np.sign(told[[0, -1]]), [-1.0, 1.0])
+    reported = signals_of(record, states)["ahead when fast"][1]
+    assert not reported[np.abs(states[:, 3]) < 1.1].any()
+    np.testing.assert_array_equal(np.sign(reported[[0, -1]]), [-1.0, 1.0])
     assert not signals_of(record, states)["left when fast"][1].any()
 
 

@@ -32,8 +32,8 @@ def cause(name: str, probability: float = 1.0) -> Cause:
     return Cause(name, probability, {}, GAIN, 20.0, 30.0, (name,))
 
 
-def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_model: bool = False):
-    """Verdict, and the probabilities of the causes that are told and of those that are not."""
+def reported(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_model: bool = False):
+    """Verdict, and the probabilities of the causes that are reported and of those that are not."""
     odd = SimpleNamespace(name="vehicle.drag_1_s out of range", perturbations=())
     terms = [SimpleNamespace(name=c.name, perturbations=() if c.name == "gusts" else ("x",)) for c in causes]
     posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), ())
@@ -46,12 +46,12 @@ def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_m
 
 def test_inconsistent_causes_and_process_noise_are_not_claimed_beside_something_unknown():
     causes = cause("flow_scale"), cause("gusts")
-    assert told(*causes, unknown=1.0, doubted=("flow_scale",)) == ("unknown", [0.5, 0.5], [])
-    assert told(*causes, unknown=1.0, doubted=("flow_scale",), out_of_model=True)[1] == [1.0, 1.0]
+    assert reported(*causes, unknown=1.0, doubted=("flow_scale",)) == ("unknown", [0.5, 0.5], [])
+    assert reported(*causes, unknown=1.0, doubted=("flow_scale",), out_of_model=True)[1] == [1.0, 1.0]
 
 
 def test_a_consistent_cause_is_claimed_with_a_remainder():
-    verdict, probabilities, _ = told(cause("flow_scale"), cause("gusts"), unknown=1.0)
+    verdict, probabilities, _ = reported(cause("flow_scale"), cause("gusts"), unknown=1.0)
     assert verdict == "named_with_remainder"
     assert probabilities == [1.0, 0.5]
 
@@ -74,7 +74,7 @@ def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown(
 
     def claimed(*flown: str, unknown: float = 1.0):
         gain = replace(GAIN, channels=tuple(range_m[k] for k in flown))
-        return told(replace(cause("climb_asymmetry"), gain=gain), unknown=unknown)[:2]
+        return reported(replace(cause("climb_asymmetry"), gain=gain), unknown=unknown)[:2]
 
     assert claimed("worse") == ("unknown", [0.5])
     assert claimed("alike") == claimed("worse", "better") == ("named_with_remainder", [1.0])
@@ -121,17 +121,17 @@ def test_a_term_of_every_set_has_probability_one(sets: int):
 
 def test_each_cause_is_reported_with_its_alternatives():
     second = replace(cause("steady_wind"), alternatives=("steady_wind", "trim_offset"))
-    told_alike = Criticism("named_with_remainder", "", (cause("flow_scale"), second)).to_json()["causes"]
-    assert [c["equivalence_set"] for c in told_alike] == [["flow_scale"], ["steady_wind", "trim_offset"]]
+    reported_alike = Criticism("named_with_remainder", "", (cause("flow_scale"), second)).to_json()["causes"]
+    assert [c["equivalence_set"] for c in reported_alike] == [["flow_scale"], ["steady_wind", "trim_offset"]]
 
 
 def test_an_improbable_cause_is_left_over():
-    assert told(cause("flow_scale", 0.01), unknown=0.9) == ("unknown", [], [0.01])
+    assert reported(cause("flow_scale", 0.01), unknown=0.9) == ("unknown", [], [0.01])
 
 
 def test_nothing_improbable_is_claimed_for_an_out_of_model_vehicle():
     causes = cause("tilt_limit"), cause("flow_scale", 0.0)
-    assert told(*causes, unknown=1.0, out_of_model=True) == ("named_with_remainder", [1.0], [0.0])
+    assert reported(*causes, unknown=1.0, out_of_model=True) == ("named_with_remainder", [1.0], [0.0])
 
 
 def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
@@ -191,4 +191,4 @@ def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatc
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])
 def test_one_by_itself_is_named(probability: float):
-    assert told(cause("flow_scale", probability), unknown=0.01)[0] == "named"
+    assert reported(cause("flow_scale", probability), unknown=0.01)[0] == "named"

@@ -66,9 +66,9 @@ def test_a_speed_that_comes_late_or_early_is_reported_as_that(late_s):
     assert posterior.probability[SOMETHING_ELSE] > 0.95
     verdict, _, remainder = decide([], found, posterior, [], [], 5.0)
     assert verdict == "unknown"
-    told = re.fullmatch(r"velocity (late|early) by (.*) ms", remainder)
-    assert told[1] == ("late" if late_s > 0 else "early")
-    assert float(told[2]) == pytest.approx(abs(late_s) * 1e3, abs=3.0)
+    reported = re.fullmatch(r"velocity (late|early) by (.*) ms", remainder)
+    assert reported[1] == ("late" if late_s > 0 else "early")
+    assert float(reported[2]) == pytest.approx(abs(late_s) * 1e3, abs=3.0)
 
 
 def test_an_attitude_that_comes_late_is_no_command_that_does():

@@ -142,12 +142,12 @@ def test_what_was_not_held_out_is_not_reported_as_held_out():
 
 
 def test_the_next_best_is_reported_where_it_is_excluded():
-    def told(**how) -> str:
+    def sentence(**how) -> str:
         return " ".join(details(Finding(verdict="named", causes=[made(NAMES[0], 1.0, SPEED, **how)])))
 
-    assert "asymmetric_drag, the next best, explains 20 nats less" in told()
-    assert "next best" not in told(alternatives=NAMES[1:2])
-    assert "next best" not in told(lead_nats=float("inf"))
+    assert "asymmetric_drag, the next best, explains 20 nats less" in sentence()
+    assert "next best" not in sentence(alternatives=NAMES[1:2])
+    assert "next best" not in sentence(lead_nats=float("inf"))
 
 
 def test_every_term_has_words():
@@ -181,7 +181,7 @@ def test_only_what_shows_at_a_usual_size_counts_as_tested():
     assert headline(finding) == (
         "The flights show no error of the model. They would have shown 3 of 46 effects at their usual sizes."
     )
-    # The smallest visible sizes are told as such, apart from the usual ones.
+    # The smallest visible sizes are reported as such, apart from the usual ones.
     smallest = "Smallest sizes that nine of ten such flights would have shown"
     assert details(finding) == (f"{smallest}: quadratic_drag 0.024 1/m, sonar_scale 0.038.",)
 

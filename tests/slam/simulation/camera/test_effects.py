@@ -54,7 +54,7 @@ def test_marks_are_seen_where_the_true_camera_projects_them(effects):
     film = film_of(effects, PLAIN, MARKS, model)
     assert film.nominal_camera.distortion == model.distortion
     picture, camera = film(0).astype(float).mean(2), true_camera(film.nominal_camera, effects)
-    off_told = []
+    off_stated = []
     for _, x, y in MARKS:
         turn = np.linspace(0, 2 * np.pi, 360)
         rim = np.column_stack([x + 0.06 * np.cos(turn), y + 0.06 * np.sin(turn), 0 * turn])
@@ -75,9 +75,9 @@ def test_marks_are_seen_where_the_true_camera_projects_them(effects):
         rim_moments = cv2.moments(seen[0].astype(np.float32)[:, None])
         centers = [np.array([m["m10"], m["m01"]]) / m["m00"] for m in (disc, rim_moments)]
         assert np.hypot(*(centers[0] - centers[1])) < 0.35
-        off_told.append(np.hypot(*(centers[0] - seen[1].mean(0))))
-    assert len(off_told) >= 2
-    assert max(off_told) > 3
+        off_stated.append(np.hypot(*(centers[0] - seen[1].mean(0))))
+    assert len(off_stated) >= 2
+    assert max(off_stated) > 3
 
 
 def test_the_catalogue_s_camera_terms_all_have_their_effect():
