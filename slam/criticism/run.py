@@ -27,7 +27,6 @@ from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
 from slam.criticism.next_flight import next_flight
 from slam.criticism.residuals.boxes import without_boxes
-from slam.criticism.residuals.outliers import outliers_of
 from slam.criticism.residuals.quantisation import quantisation_of
 from slam.criticism.residuals.reading_anomalies import (
     ENTAILS,
@@ -37,9 +36,6 @@ from slam.criticism.residuals.reading_anomalies import (
 )
 from slam.criticism.residuals.smallest import smallest_in_readings
 from slam.criticism.residuals.stamps import without_jitter
-from slam.criticism.residuals.uneven import uneven_of
-from slam.criticism.residuals.vibration import vibration_of
-from slam.criticism.search.inclusion import is_saturation
 from slam.criticism.search.search import SearchResult, search, with_term_replaced
 from slam.criticism.search.thresholds import Thresholds, load_thresholds, with_misfit
 from slam.criticism.threads import in_threads
@@ -59,6 +55,7 @@ from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.sentence import Finding, details, headline, unusable
 from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
+from slam.criticism.verdict.unexplained import left_over, nearest_term
 from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
 from slam.simulation.model import Model, load_model
 
@@ -199,7 +196,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     causes = by_importance([*likely, *(o.cause() for o in anomalies)])
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, _left_over(records, explained, (causes, faint)), pattern_z,
+        causes, found, posterior, left, left_over(records, found, doubts, best, (causes, faint)), pattern_z,
         [name for o in anomalies for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
@@ -211,7 +208,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
             detectable=seen, threshold=limits.effects, threshold_means=limits.meaning, model=model,
         )  # fmt: skip
     if verdict == "unknown" and not causes:
-        remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
+        remainder = "; ".join(part for part in (remainder, *nearest_term(found, limits.effects)) if part)
     with rolled_out.part():
         drawn = _covariate(records, parameters, found, causes)
     correlation = _noise_correlations(parameters)
@@ -291,45 +288,6 @@ def _likeliest(records: Sequence[Record], found: SearchResult, posterior: Poster
         if place not in found.chosen:
             break
     return found
-
-
-def _left_over(
-    records: Sequence[Record],
-    explained: _Explained,
-    judged: tuple[Sequence[Cause], Sequence[Cause]],
-) -> list[str]:
-    """Describe what no cause explains, residual patterns excepted.
-
-    ``judged``: the causes that are reported, and those that are too faint.
-    """
-    found, doubts, best = explained.found, explained.doubts, explained.best
-    reported, faint = ({c.name for c in causes} for causes in judged)
-    passes = found.last.fisher.passes
-    shaking, uneven = vibration_of(records, passes), uneven_of(records)
-    saturations = [
-        e.name
-        for e in found.chosen
-        if is_saturation(e) and found.rivals.get(e.name) and found.model.out_of_model
-    ]
-    return [
-        *(f"{name} may be {' or '.join(found.rivals[name])}" for name in saturations),
-        *(f"{n if n in reported else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
-        *(best.unhealthy if best is not None else ()),
-        *([str(shaking)] if shaking else []),
-        *([uneven] if uneven else []),
-        *(f"what looks like {name} is something else" for name in faint if name not in doubts),
-        *outliers_of(records, passes),
-    ]
-
-
-def _nearest(found: SearchResult, threshold: float) -> list[str]:
-    """Describe the term with the greatest score test on the healthy vehicle, if it reaches half the
-    threshold."""
-    known = [s for s in found.first.score_tests([], found.first.effects) if is_term(s.effect)]
-    best = max(known, key=lambda s: s.z, default=None)
-    if best is None or best.z < 0.5 * threshold:
-        return []
-    return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are required"]
 
 
 def _fitted_parameters(found: SearchResult) -> FilterParameters:
