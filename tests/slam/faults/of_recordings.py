@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slam.io.recordings.mp4 import read_tracks
 from tests.slam.faults.fault import Fault
-from tests.slam.io.recordings.made_bag import ROS1, ROS2, Maker, write
-from tests.slam.io.recordings.made_video import video
-from tests.slam.io.recordings.test_rosbag import a_flight
+from tests.slam.io.recordings.made_bag import ROS1, ROS2, Maker, a_flight, without_index, write
+from tests.slam.io.recordings.made_video import video, zero_pictures
 
 
 def bag_without_metadata(place: Path) -> Path:
@@ -19,14 +17,8 @@ def bag_without_metadata(place: Path) -> Path:
 
 
 def unindexed_bag(place: Path) -> Path:
-    """A ROS 1 bag whose recorder died: no index, and its place in the header is 0."""
-    path = write(place / "a.bag", Maker(ROS1), a_flight(Maker(ROS1)))
-    content = bytearray(path.read_bytes())
-    at = content.index(b"index_pos=") + len(b"index_pos=")
-    end = int.from_bytes(content[at : at + 8], "little")
-    content[at : at + 8] = bytes(8)
-    path.write_bytes(bytes(content[:end]))
-    return path
+    """A ROS 1 bag whose recorder died."""
+    return without_index(write(place / "a.bag", Maker(ROS1), a_flight(Maker(ROS1))))
 
 
 def lying_length(place: Path) -> Path:
@@ -39,7 +31,7 @@ def lying_length(place: Path) -> Path:
     return path
 
 
-def without_index(place: Path) -> Path:
+def video_without_index(place: Path) -> Path:
     path = video(place / "a.mp4")
     content = path.read_bytes()
     path.write_bytes(content[: content.index(b"moov") - 4])
@@ -49,12 +41,7 @@ def without_index(place: Path) -> Path:
 def damaged_middle(place: Path) -> Path:
     """A video with two pictures of zero bytes."""
     path = video(place / "a.mp4")
-    track = read_tracks(path)[0]
-    content = bytearray(path.read_bytes())
-    for k in (20, 21):
-        at, size = int(track.offsets[k]), int(track.sizes[k])
-        content[at : at + size] = bytes(size)
-    path.write_bytes(bytes(content))
+    zero_pictures(path, (20, 21))
     return path
 
 
@@ -62,6 +49,6 @@ FAULTS = (
     Fault(8, "ROS 2 bag without metadata", "W", "cam0", bag_without_metadata, "import", "graph"),
     Fault(9, "unindexed ROS 1 bag", "W", "index", unindexed_bag, "import", "graph"),
     Fault(10, "MCAP with a lying length", "E", "a length in it is damaged", lying_length, "import", "graph"),
-    Fault(13, "MP4 without its index", "E", "moov", without_index, "import", "graph"),
+    Fault(13, "MP4 without its index", "E", "moov", video_without_index, "import", "graph"),
     Fault(14, "damage in mid-video", "W", "damaged|unreadable|missing", damaged_middle, "import", "graph"),
 )

@@ -11,6 +11,8 @@ from PIL import Image
 from PIL.ExifTags import GPS, IFD, Base
 from PIL.TiffImagePlugin import IFDRational
 
+from slam.core.flight import Flight
+
 SIZE = (64, 48)
 XMP_TAG = 700
 NADIR = {"GimbalYawDegree": "+0.00", "GimbalPitchDegree": "-90.00", "GimbalRollDegree": "+0.00"}
@@ -110,3 +112,8 @@ def strip(count=3, **kwargs) -> dict[str, bytes]:
         )
         for k in range(count)
     }
+
+
+def warned(flight: Flight, *words: str) -> list[str]:
+    """The warnings that hold all of the words."""
+    return [line for line in flight.warnings if all(word in line for word in words)]

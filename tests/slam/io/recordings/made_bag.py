@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
@@ -15,6 +17,7 @@ ROS1 = get_typestore(Stores.ROS1_NOETIC)
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 ROS2 = get_typestore(Stores.ROS2_HUMBLE)
 PICTURE_PX = (6, 4)
+HALF = math.sqrt(0.5)
 START_NS = 1_600_000_000_000_000_000
 
 
@@ -184,3 +187,49 @@ def write(
 
 def ros1(path: Path, messages: list[tuple[str, int, Any]]) -> Path:
     return write(path, Maker(ROS1), messages)
+
+
+def at(k: int) -> int:
+    return START_NS + k * 10_000_000
+
+
+def picture(k: int) -> np.ndarray:
+    """Picture ``k``, 4 x 6 px in colour; each channel has its own value."""
+    return np.tile(np.array([k, 100 + k, 200], np.uint8), (4, 6, 1))
+
+
+def png(k: int) -> bytes:
+    return bytes(cv2.imencode(".png", picture(k))[1])
+
+
+def a_flight(maker: Maker) -> list[tuple]:
+    """Messages of a camera, an IMU and a range sensor, recorded 3 ms after their stamps."""
+    late = 3_000_000
+    down = (("base_link", "sonar", (0.1, 0.0, -0.05), (HALF, 0.0, HALF, 0.0)),)  # the sensor's x points down
+    messages = [("/tf_static", START_NS, maker.transforms(*down))]
+    for k in range(5):
+        header = maker.header(at(k), "cam")
+        messages += [
+            ("/cam/image_raw/compressed", at(k) + late, maker.compressed(header, png(k), "png")),
+            ("/cam/camera_info", at(k) + late, maker.info(header, 5.0)),
+            (
+                "/imu",
+                at(k) + late,
+                maker.imu(maker.header(at(k), "base_link"), (0.1, 0.2, 0.3), (0.5, 0.25, 9.75)),
+            ),
+            (
+                "/range",
+                at(k) + late,
+                maker.range(maker.header(at(k), "sonar"), (1.5, 0.125, math.inf)[k % 3]),
+            ),
+        ]
+    return messages
+
+
+def without_index(path: Path) -> Path:
+    """Cut a ROS 1 bag as its recorder leaves it when it dies: no index, and its place in the header is 0."""
+    content = path.read_bytes()
+    at = content.index(b"index_pos=") + len(b"index_pos=")
+    index = int.from_bytes(content[at : at + 8], "little")
+    path.write_bytes(content[:at] + bytes(8) + content[at + 8 : index])
+    return path

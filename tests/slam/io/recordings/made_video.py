@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
 import numpy as np
+
+from slam.io.recordings.mp4 import read_tracks
 
 SIZE_PX = (64, 48)
 CONTAINERS = (b"moov", b"trak", b"mdia", b"minf", b"stbl")
@@ -24,6 +27,16 @@ def video(path: Path, count: int = 40, rate_hz: float = 10.0) -> Path:
         writer.write(np.full((SIZE_PX[1], SIZE_PX[0], 3), grey_of(k), np.uint8))
     writer.release()
     return path
+
+
+def zero_pictures(path: Path, numbers: Iterable[int]) -> None:
+    """Overwrite the encoded pictures of some numbers by zero bytes."""
+    (track,) = read_tracks(path)
+    content = bytearray(path.read_bytes())
+    for k in numbers:
+        at, size = int(track.offsets[k]), int(track.sizes[k])
+        content[at : at + size] = bytes(size)
+    path.write_bytes(bytes(content))
 
 
 def box(kind: bytes, body: bytes) -> bytes:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
-import sys
 from pathlib import Path
 
 import cv2
@@ -19,53 +17,27 @@ from slam.io.flight_folder import read_flight, write_flight
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
-from tests.slam.io.recordings.made_bag import ROS1, ROS2, START_NS, Maker, ros1, write
+from tests.slam.io.recordings.made_bag import (
+    HALF,
+    ROS1,
+    ROS2,
+    START_NS,
+    Maker,
+    a_flight,
+    at,
+    picture,
+    png,
+    ros1,
+    write,
+)
 
 SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
 M = Maker(ROS1)
-HALF = math.sqrt(0.5)
 
 
 def read(path: Path, **topics: str):
     return flight_of(open_recording(path), Request(topics))
-
-
-def at(k: int) -> int:
-    return START_NS + k * 10_000_000
-
-
-def picture(k: int) -> np.ndarray:
-    """A colour picture that tells its number: 4 x 6 px, each channel with its own value."""
-    return np.tile(np.array([k, 100 + k, 200], np.uint8), (4, 6, 1))
-
-
-def png(k: int) -> bytes:
-    return bytes(cv2.imencode(".png", picture(k))[1])
-
-
-def a_flight(maker: Maker) -> list[tuple]:
-    """Messages of a camera, an IMU and a range sensor, recorded 3 ms after their stamps."""
-    late = 3_000_000
-    down = (("base_link", "sonar", (0.1, 0.0, -0.05), (HALF, 0.0, HALF, 0.0)),)  # the sensor's x points down
-    messages = [("/tf_static", START_NS, maker.transforms(*down))]
-    for k in range(5):
-        header = maker.header(at(k), "cam")
-        messages += [
-            ("/cam/image_raw/compressed", at(k) + late, maker.compressed(header, png(k), "png")),
-            ("/cam/camera_info", at(k) + late, maker.info(header, 5.0)),
-            (
-                "/imu",
-                at(k) + late,
-                maker.imu(maker.header(at(k), "base_link"), (0.1, 0.2, 0.3), (0.5, 0.25, 9.75)),
-            ),
-            (
-                "/range",
-                at(k) + late,
-                maker.range(maker.header(at(k), "sonar"), (1.5, 0.125, math.inf)[k % 3]),
-            ),
-        ]
-    return messages
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -282,72 +254,11 @@ def test_a_camera_without_a_known_lens_is_left_with_the_reason(tmp_path, info, w
 
 def test_a_picture_of_another_size_is_left_out(tmp_path):
     messages = a_flight(M)
-    odd = bytes(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1])
-    messages[5] = (messages[5][0], messages[5][1], M.compressed(M.header(at(1), "cam"), odd, "png"))
+    other = bytes(cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1])
+    messages[5] = (messages[5][0], messages[5][1], M.compressed(M.header(at(1), "cam"), other, "png"))
     frames = read(ros1(tmp_path / "a.bag", messages)).frames
     assert frames[1].read() is None
     assert frames.failures == {1: "is 8 x 8 px, not 6 x 4"}
-
-
-def test_a_bag_without_metadata_is_read(tmp_path):
-    write(tmp_path / "bag", Maker(ROS2), a_flight(Maker(ROS2)))
-    database = next((tmp_path / "bag").glob("*.db3"))
-    shutil.copy(database, tmp_path / "alone.db3")
-    assert len(read(tmp_path / "alone.db3").frames) == 5
-
-
-def outcome(path: Path) -> str:
-    try:
-        return "; ".join(read(path).warnings)
-    except InputError as error:
-        return str(error)
-
-
-@pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
-def test_a_truncated_bag_is_one_line_or_a_warning(tmp_path, kind):
-    path = write(tmp_path / "a.bag", Maker(ROS1), a_flight(Maker(ROS1)))
-    if kind != "bag":
-        write(tmp_path / "bag", Maker(ROS2), a_flight(Maker(ROS2)), mcap=kind == "mcap")
-        path = next((tmp_path / "bag").glob(f"*.{kind}")).rename(tmp_path / f"a.{kind}")
-    content = path.read_bytes()
-    for share in (0.3, 0.7, 0.95):
-        path.write_bytes(content[: int(share * len(content))])
-        said = outcome(path)
-        assert said
-        assert "\n" not in said
-
-
-def test_a_ros_1_bag_without_its_index_is_read(tmp_path):
-    """The header of a bag that was not closed says that the index is at 0."""
-    path = ros1(tmp_path / "a.bag", a_flight(M))
-    expected = read(path)
-    content = path.read_bytes()
-    at = content.index(b"index_pos=") + len(b"index_pos=")
-    index = int.from_bytes(content[at : at + 8], "little")
-    path.write_bytes(content[:at] + bytes(8) + content[at + 8 : index])
-    flight = read(path)
-    assert flight.warnings == ("the bag has no index (its recording was interrupted)", *expected.warnings)
-    assert np.array_equal(flight.imu.accel_m_s2, expected.imu.accel_m_s2)
-    assert np.array_equal(flight.frames[3].read(), picture(3))
-
-
-def test_a_truncated_ros_1_bag_gives_its_whole_chunks(tmp_path):
-    path = write(tmp_path / "a.bag", M, a_flight(M), chunk_bytes=500)
-    whole = len(read(path).imu.stamps_s)
-    content = path.read_bytes()
-    path.write_bytes(content[: len(content) // 2])
-    flight = read(path)
-    assert 0 < len(flight.imu.stamps_s) < whole
-    assert any("has no index (its recording was interrupted)" in line for line in flight.warnings)
-
-
-def test_a_missing_reader_is_one_line_with_the_command(tmp_path, monkeypatch):
-    path = ros1(tmp_path / "a.bag", a_flight(M))
-    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(
-        InputError, match=r"rosbags .* not installed; run: pip install 'lemniscate-slam\[ros\]'"
-    ):
-        read(path)
 
 
 @measured

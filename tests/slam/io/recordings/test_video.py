@@ -16,7 +16,14 @@ from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from slam.io.recordings.mp4 import read_tracks
-from tests.slam.io.recordings.made_video import SIZE_PX, file_of_samples, grey_of, video, with_durations
+from tests.slam.io.recordings.made_video import (
+    SIZE_PX,
+    file_of_samples,
+    grey_of,
+    video,
+    with_durations,
+    zero_pictures,
+)
 
 SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings"
 measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
@@ -97,11 +104,7 @@ def test_an_index_that_contradicts_itself_is_one_line(tmp_path):
 
 def test_a_video_without_a_picture_that_can_be_decoded_is_told_at_once(tmp_path):
     path = video(tmp_path / "a.mp4")
-    (track,) = read_tracks(path)
-    content = bytearray(path.read_bytes())
-    for at, size in zip(track.offsets.tolist(), track.sizes.tolist(), strict=True):
-        content[at : at + size] = bytes(size)
-    path.write_bytes(bytes(content))
+    zero_pictures(path, range(40))
     frames = read(path).frames
     assert [frame.read() for frame in frames] == [None] * 40
     assert set(frames.failures.values()) == {"missing in the video (damaged?)"}
@@ -116,12 +119,7 @@ def test_a_file_that_is_no_video_is_one_line(tmp_path, content):
 
 def test_damage_in_the_middle_does_not_shift_later_pictures(tmp_path):
     path = video(tmp_path / "a.mp4")
-    track = read_tracks(path)[0]
-    content = bytearray(path.read_bytes())
-    for k in (20, 21):
-        at, size = int(track.offsets[k]), int(track.sizes[k])
-        content[at : at + size] = bytes(size)
-    path.write_bytes(bytes(content))
+    zero_pictures(path, (20, 21))
     flight = read(path)
     pictures = {k: flight.frames[k].read() for k in range(40)}
     assert {k for k in range(40) if pictures[k] is None} == set(flight.frames.failures) <= {20, 21}

@@ -1,0 +1,71 @@
+"""Attitude of photographs from the tags of gimbal, camera and airframe."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from PIL import ExifTags
+
+from slam.io.photos import import_photos
+from tests.slam.io.photo_files import NADIR, fill, jpeg, strip, warned, with_xmp
+
+Base, GPS = ExifTags.Base, ExifTags.GPS
+
+
+def test_the_gimbal_s_angles_under_pix4d_s_names(tmp_path):
+    """Autel stores pitch -90 for straight down. The convention is that of the set, not of one photograph."""
+    pitches = ("-90", "-88", "0", "-90")
+    files = {
+        f"P{k}.jpg": jpeg(camera={"Yaw": "90", "Pitch": pitch, "Roll": "0"}, time=f"2024:05:06 07:08:0{k}")
+        for k, pitch in enumerate(pitches)
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.frames.names == ("P0.jpg", "P1.jpg", "P3.jpg")  # the third looks at the horizon
+    assert_allclose(np.degrees(flight.attitude.roll_pitch_yaw_rad[0]), [0, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("as_attributes", [False, True])
+def test_skydio_s_nested_angles(tmp_path, as_attributes):
+    """The camera's and the vehicle's structures have members of the same names."""
+    values = {
+        "CameraOrientationNED": (-90, 30),
+        "CameraOrientationFLU": (7, 8),
+        "VehicleOrientationNED": (2, 70),
+    }
+    inside = ""
+    for name, (pitch, yaw) in values.items():
+        members = {"Roll": 0, "Pitch": pitch, "Yaw": yaw}
+        if as_attributes:
+            inside += f"<d:{name} " + " ".join(f'd:{k}="{v}"' for k, v in members.items()) + "/>"
+        else:
+            content = "".join(f"<d:{k}>{v}</d:{k}>" for k, v in members.items())
+            inside += f'<d:{name} rdf:parseType="Resource">{content}</d:{name}>'
+    packet = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
+        '<rdf:Description xmlns:d="https://www.skydio.com/drone-skydio/1.0/" d:Latitude="30.5"'
+        f' d:Longitude="-98.25" d:AbsoluteAltitude="412.5">{inside}</rdf:Description></rdf:RDF></x:xmpmeta>'
+    ).encode()
+    flight = import_photos(fill(tmp_path, {"a.jpg": with_xmp(jpeg(), packet)}))
+    assert_allclose(np.degrees(flight.attitude.roll_pitch_yaw_rad), [[0, 0, 60]], atol=1e-9)
+    assert (flight.gps.latitude_deg[0], flight.gps.altitude_m[0]) == (30.5, 412.5)
+
+
+def test_angles_that_are_zero_throughout_were_not_recorded(tmp_path):
+    files = strip(2, camera={"Yaw": "0/100", "Pitch": "0/100", "Roll": "0/100", "GPSXYAccuracy": "0"})
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.attitude is None
+    assert warned(flight, "straight down assumed")
+    assert flight.gps.noise_std_m == (5, 5, 10)
+
+
+def test_airframe_angles_are_used_without_a_gimbal(tmp_path):
+    drone = {"FlightYawDegree": "90", "FlightPitchDegree": "3", "FlightRollDegree": "-2"}
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(drone=drone)}))
+    assert_allclose(np.degrees(flight.attitude.roll_pitch_yaw_rad), [[-2, -3, 0]], atol=1e-9)
+    assert_allclose(np.degrees(flight.attitude.noise_std_rad), [5, 5, 10])
+
+
+def test_attitude_of_some_photographs_only(tmp_path):
+    files = strip(3) | {"P1.jpg": jpeg(drone=NADIR, time="2024:05:06 07:08:02")}
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.attitude.stamps_s.tolist() == [2]
+    assert warned(flight, "2 photographs without it")

@@ -1,0 +1,105 @@
+"""Photographs that lack tags, look elsewhere, are of another camera or damaged."""
+
+import os
+
+import numpy as np
+import pytest
+from PIL import ExifTags
+from PIL.TiffImagePlugin import IFDRational
+
+from slam.io.photos import import_photos
+from tests.slam.io.photo_files import NADIR, fill, jpeg, strip, warned, with_xmp
+
+Base, GPS = ExifTags.Base, ExifTags.GPS
+
+
+def test_flight_without_gps_is_valid(tmp_path):
+    flight = import_photos(fill(tmp_path, strip(2, place=None)))
+    assert flight.gps is None
+    assert len(flight.frames) == 2
+    assert warned(flight, "no metric scale")
+
+
+def test_gps_of_some_photographs_only(tmp_path):
+    files = strip(4) | {
+        "P1.jpg": jpeg(place=None, time="2024:05:06 07:08:02"),
+        "P2.jpg": jpeg(place=(0.0, 0.0), time="2024:05:06 07:08:04"),
+        "P3.jpg": jpeg(altitude=None, time="2024:05:06 07:08:06"),
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.gps.stamps_s.tolist() == [0, 6]
+    assert np.isnan(flight.gps.altitude_m).tolist() == [False, True]
+    assert warned(flight, "2 of 4 photographs have no GPS position")
+    assert warned(flight, "1 of 2 GPS positions have no altitude")
+
+
+@pytest.mark.parametrize(
+    "gps",
+    [
+        {GPS.GPSStatus: "V"},
+        {GPS.GPSLatitudeRef: ""},
+        {GPS.GPSLatitude: (IFDRational(91), IFDRational(0), IFDRational(0))},
+        {GPS.GPSLatitude: (IFDRational(0, 0), IFDRational(0), IFDRational(0))},
+        {GPS.GPSLongitude: (IFDRational(1), IFDRational(0))},
+    ],
+)
+def test_invalid_positions_are_ignored(tmp_path, gps):
+    assert import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=gps)})).gps is None
+
+
+def test_photographs_that_do_not_look_down_are_left_out(tmp_path):
+    files = {
+        f"{-p}.jpg": jpeg(drone=NADIR | {"GimbalPitchDegree": str(p)}) for p in (-90, -75, -61, -59, -45, 0)
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert set(flight.frames.names) == {"90.jpg", "75.jpg", "61.jpg"}
+    assert warned(flight, "3 of 6 photographs left out", "straight down", "0.jpg, 45.jpg, 59.jpg")
+
+
+def test_photographs_of_another_camera_are_left_out_by_name(tmp_path):
+    files = strip(3) | {
+        "x.jpg": jpeg(model="Phone"),
+        "y.jpg": jpeg(size=(48, 64)),
+        "z.jpg": jpeg(tags={Base.FocalLength: IFDRational(9)}),
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.frames.names == ("P0.jpg", "P1.jpg", "P2.jpg")
+    assert warned(flight, "another camera than the Mapper 1", "x.jpg")
+    assert warned(flight, "another size than the 64 x 48", "y.jpg")
+    assert warned(flight, "another focal length", "z.jpg")
+
+
+def test_damaged_files_are_counted_and_named(tmp_path):
+    whole = jpeg()
+    files = strip(2) | {
+        "cut.jpg": whole[: len(whole) // 2],
+        "zeroed.jpg": whole[: len(whole) // 2] + bytes(len(whole) // 2),
+        "empty.jpg": b"",
+        "text.jpg": b"not a picture",
+        "cut.png": jpeg(container="PNG")[:3000],
+        "cut.tif": jpeg(container="TIFF")[:-3000],
+    }
+    fill(tmp_path, files)
+    os.mkfifo(tmp_path / "pipe.jpg")
+    (tmp_path / "line\nbreak.jpg").write_bytes(whole)
+    (tmp_path / "dangling.jpg").symlink_to("nowhere.jpg")
+    flight = import_photos(tmp_path)
+    assert flight.frames.names == ("P0.jpg", "P1.jpg")
+    assert warned(flight, "empty file", "empty.jpg")
+    lost = " ".join(warned(flight, "left out"))
+    assert all(name in lost for name in [*(set(files) - {"P0.jpg", "P1.jpg"}), "pipe.jpg", "dangling.jpg"])
+    assert not any("\n" in line for line in flight.warnings)
+
+
+def test_names_in_a_long_list_are_counted(tmp_path):
+    flight = import_photos(fill(tmp_path, strip(1) | {f"e{k}.jpg": b"" for k in range(9)}))
+    assert warned(
+        flight, "9 of 10 photographs left out: empty file (e0.jpg, e1.jpg, e2.jpg, e3.jpg, e4.jpg and 4 more)"
+    )
+
+
+def test_damaged_xmp_is_noted(tmp_path):
+    bomb = b'<!DOCTYPE a [<!ENTITY b "c"><!ENTITY d "&b;&b;">]><a>&d;</a>'
+    for packet in (b"<x:xmpmeta><broken", bomb):
+        flight = import_photos(fill(tmp_path, {"a.jpg": with_xmp(jpeg(), packet)}))
+        assert warned(flight, "1 photographs have XMP tags that cannot be read")
