@@ -1,4 +1,4 @@
-"""The formats that slam reads: a whole input of each, and what reads it."""
+"""The formats that slam reads: a whole input of each, its reader, and what the whole input holds."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from slam.cli.graph import solve_graph
 from slam.cli.options import pipeline_config
+from slam.core.estimate import Estimate
+from slam.core.flight import STREAMS, Flight
 from slam.core.progress import silent
 from slam.io.estimate import write_estimate
 from slam.io.flight_folder import read_flight, write_flight
@@ -17,12 +20,12 @@ from slam.io.photos import import_photos
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.formats import open_recording
 from slam.mapping.config import PipelineConfig
-from slam.simulation.model import load_model, save_model
-from slam.simulation.recipe import load_recipe
+from slam.simulation.model import Model, load_model, save_model
+from slam.simulation.recipe import Recipe, load_recipe
 from tests.fuzz.photographs import photograph
 from tests.slam.cli.test_cli import SQUARE
 from tests.slam.io.made_flight import made_flight
-from tests.slam.io.photo_files import fill, strip
+from tests.slam.io.photo_files import fill
 from tests.slam.io.test_damage import check
 
 
@@ -31,8 +34,12 @@ class Format:
     """A format: ``make`` writes a whole input and returns the files to mutate, ``read`` reads it."""
 
     make: Callable[[Path], list[Path]]
-    read: Callable[[Path, Path], object]
-    """Gets the folder of the input and the mutated file."""
+    read: Callable[[Path, Path], Any]
+    """Gets the folder of the input and the mutated file; returns what was read."""
+    holds: Callable[[Any], object]
+    """Return figures of what was read."""
+    whole: tuple[object, ...]
+    """These figures of each file of the whole input."""
 
 
 SPATIAL = """VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1
@@ -65,31 +72,60 @@ extent_m = [0, 0, 1, 1]
 """
 
 
-def _flight(pattern: str) -> Format:
+def _checked(flight: Flight) -> Flight:
+    """Check a flight and read its pictures."""
+    check(flight)
+    for k in range(0 if flight.frames is None else len(flight.frames)):
+        flight.frames[k].read()
+    return flight
+
+
+def _rows(flight: Flight) -> dict[str, int]:
+    """Number of readings of each stream, of landmarks, and of pictures that were read."""
+    series = {name: getattr(flight, name) for name in STREAMS}
+    rows = {name: len(one.stamps_s) for name, one in series.items() if one is not None}
+    if flight.frames is not None:
+        rows["frames"] -= len(flight.frames.failures)
+    return rows | {"landmarks": len(flight.landmarks)}
+
+
+def _flight(pattern: str, files: int) -> Format:
     def make(folder: Path) -> list[Path]:
         write_flight(made_flight(seconds=2.0), folder / "flight")
         return sorted((folder / "flight").glob(pattern))
 
-    return Format(make, lambda folder, _: check(read_flight(folder / "flight")))
+    def read(folder: Path, _: Path) -> Flight:
+        return _checked(read_flight(folder / "flight"))
+
+    return Format(make, read, _rows, (_rows(made_flight(seconds=2.0)),) * files)
 
 
-def _texts(suffix: str, texts: tuple[str, ...], read: Callable[[Path], object]) -> Format:
+def _texts(
+    suffix: str,
+    texts: tuple[str, ...],
+    read: Callable[[Path], Any],
+    holds: Callable[[Any], object],
+    whole: tuple[object, ...],
+) -> Format:
     def make(folder: Path) -> list[Path]:
         paths = [folder / f"{k}{suffix}" for k in range(len(texts))]
         for path, text in zip(paths, texts, strict=True):
             path.write_text(text)
         return paths
 
-    return Format(make, lambda _, path: read(path))
+    return Format(make, lambda _, path: read(path), holds, whole)
 
 
-def _solved(path: Path) -> None:
+def _solved(path: Path) -> Estimate:
     estimate, _ = solve_graph(path, silent)
     write_estimate(estimate, path.parent)
+    return estimate
 
 
-def _remade(path: Path) -> None:
-    save_model(load_model(path), path.with_suffix(".saved"))
+def _remade(path: Path) -> Model:
+    model = load_model(path)
+    save_model(model, path.with_suffix(".saved"))
+    return model
 
 
 def _recipes(folder: Path) -> list[Path]:
@@ -101,8 +137,8 @@ def _recipes(folder: Path) -> list[Path]:
     return paths
 
 
-def _recipe_read(folder: Path, path: Path) -> None:
-    load_recipe(path if path.suffix == ".toml" else folder / "scripted.toml")
+def _recipe_read(folder: Path, path: Path) -> Recipe:
+    return load_recipe(path if path.suffix == ".toml" else folder / "scripted.toml")
 
 
 def settings_text(config: object, table: str = "") -> str:
@@ -123,17 +159,15 @@ def settings_text(config: object, table: str = "") -> str:
 
 def _photographs(suffix: str, container: str) -> Format:
     def make(folder: Path) -> list[Path]:
-        fill(folder, strip(1) | {f"P9{suffix}": photograph(container)})
-        return [folder / f"P9{suffix}"]
+        fill(folder, {f"P{k}{suffix}": photograph(container) for k in range(2)})
+        return [folder / f"P1{suffix}"]
 
-    def read(folder: Path, _: Path) -> None:
-        flight = import_photos(folder, silent)
-        check(flight)
-        assert flight.frames is not None
-        for k in range(len(flight.frames)):
-            flight.frames.load(k)
+    def read(folder: Path, _: Path) -> Flight:
+        return _checked(import_photos(folder, silent))
 
-    return Format(make, read)
+    return Format(
+        make, read, _rows, ({"frames": 2, "attitude": 2, "gps": 2, "barometer": 2, "landmarks": 0},)
+    )
 
 
 def _model(name: str) -> str:
@@ -141,16 +175,32 @@ def _model(name: str) -> str:
 
 
 FORMATS: dict[str, Format] = {
-    "flight.yaml": _flight("flight.yaml"),
-    "sensor.yaml": _flight("mav0/*/sensor.yaml"),
-    "csv": _flight("mav0/*/data.csv"),
-    "picture of a flight": _flight("mav0/cam0/data/000.png"),
-    "landmarks": _flight("landmarks.csv"),
-    "g2o": _texts(".g2o", (SQUARE, SPATIAL), _solved),
-    "recipe": Format(_recipes, _recipe_read),
-    "model": _texts(".toml", (_model("nominal"), _model("paper")), _remade),
-    "settings": _texts(".toml", (settings_text(PipelineConfig()),), lambda path: pipeline_config(path, None)),
-    "subtitles": _texts(".srt", (CUES,), lambda path: check(flight_of(open_recording(path)))),
+    "flight.yaml": _flight("flight.yaml", 1),
+    "sensor.yaml": _flight("mav0/*/sensor.yaml", 11),
+    "csv": _flight("mav0/*/data.csv", 11),
+    "picture of a flight": _flight("mav0/cam0/data/000.png", 1),
+    "landmarks": _flight("landmarks.csv", 1),
+    "g2o": _texts(".g2o", (SQUARE, SPATIAL), _solved, lambda found: len(found.stamps_s), (4, 3)),
+    "recipe": Format(
+        _recipes, _recipe_read, lambda recipe: recipe.name, ("figure_eight", "scripted", "scripted")
+    ),
+    "model": _texts(
+        ".toml", (_model("nominal"), _model("paper")), _remade, lambda model: model.name, ("nominal", "paper")
+    ),
+    "settings": _texts(
+        ".toml",
+        (settings_text(PipelineConfig()),),
+        lambda path: pipeline_config(path, None),
+        lambda settings: settings,
+        (PipelineConfig(),),
+    ),
+    "subtitles": _texts(
+        ".srt",
+        (CUES,),
+        lambda path: _checked(flight_of(open_recording(path))),
+        _rows,
+        ({"gps": 2, "barometer": 2, "landmarks": 0},),
+    ),
     "jpeg": _photographs(".jpg", "JPEG"),
     "png": _photographs(".png", "PNG"),
     "tiff": _photographs(".tif", "TIFF"),

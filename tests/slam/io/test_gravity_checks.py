@@ -24,9 +24,13 @@ def flight(request: pytest.FixtureRequest) -> Flight:
     return simulate(replace(load_recipe(request.param), camera=None), seed=2)
 
 
-def test_a_healthy_flight_passes(flight: Flight):
-    check_gyro_by_gravity(flight.imu, PATH)
-    check_quaternion_order(flight.truth, flight.imu, PATH)
+def test_a_healthy_flight_is_read_unchanged(flight: Flight, tmp_path: Path):
+    write_flight(flight, tmp_path / "flight")
+    found = read_flight(tmp_path / "flight")
+    assert np.array_equal(found.imu.gyro_rad_s, flight.imu.gyro_rad_s)
+    assert np.array_equal(found.imu.accel_m_s2, flight.imu.accel_m_s2)
+    np.testing.assert_allclose(found.truth.w_T_b, flight.truth.w_T_b, rtol=0, atol=1e-12)
+    assert not [line for line in found.warnings if "imu0" in line or "groundtruth" in line]
 
 
 def test_a_gyro_in_degrees_is_refused_without_an_attitude(flight: Flight):
