@@ -97,8 +97,8 @@ def measure() -> list[Metric]:
         outliers, named = sum(c.outliers for c in cases), sum(c.named for c in cases)
         metrics += [
             at_most(f"{name}: position error over that without", worst.ratio, "x", LARGEST_RATIO, how),
-            at_least(f"{name}: culprits named, of {outliers}", named, "", outliers),
-            at_most(f"{name}: false culprits", sum(c.false for c in cases), "", 0),
+            at_least(f"{name}: outliers named, of {outliers}", named, "", outliers),
+            at_most(f"{name}: right fixes that are named", sum(c.false for c in cases), "", 0),
         ]
     if not metrics:
         raise Skipped("; ".join(skipped))
