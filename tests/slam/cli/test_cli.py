@@ -142,7 +142,7 @@ def test_a_graph_is_solved_and_every_file_is_there(graph, tmp_path):
     assert summary["certificate"]["certified"] is True
     assert summary["edges"] == {"odometry": 3, "loop": 1, "rejected": {}}
     assert summary["iterations"] >= 1
-    assert any("held" in warning for warning in summary["warnings"]), "no gauge: held, and said so"
+    assert any("held" in warning for warning in summary["warnings"]), "no gauge: held, with a warning"
     trajectory = np.loadtxt(tmp_path / "out" / "trajectory.tum")
     np.testing.assert_array_equal(trajectory[:, 0], [0, 1, 2, 3])
     np.testing.assert_allclose(trajectory[:, 1:3], [[0, 0], [1, 0], [1, 1], [0, 1]], atol=1e-6)

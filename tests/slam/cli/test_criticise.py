@@ -26,19 +26,19 @@ def run(*arguments: object):
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory) -> Path:
-    """A flight with drag beyond linear, and what is said of it."""
+    """A flight with drag beyond linear, and its criticism."""
     home = tmp_path_factory.mktemp("criticised")
     nominal = at_lower_rates(load_model("nominal"))
     dragged = nominal.with_term("quadratic_drag", c=DRAG)
     write_flight(simulate_flight(dragged, stick_for(PLAN), 7, maker=nominal), home / "flight")
-    done = run("criticise", home / "flight", "--out", home / "said")
+    done = run("criticise", home / "flight", "--out", home / "criticism")
     assert done.exit_code == 0, done.output
     return home
 
 
 @pytest.fixture(scope="module")
 def verdict(home) -> dict:
-    return json.loads((home / "said" / "verdict.json").read_text())
+    return json.loads((home / "criticism" / "verdict.json").read_text())
 
 
 def test_one_flight_is_held_out_by_segments(home, verdict):
@@ -48,11 +48,11 @@ def test_one_flight_is_held_out_by_segments(home, verdict):
     assert gain["nats"] > 0
     assert "On held-out segments" in verdict["sentence"]
     assert "held-out flights" not in " ".join([verdict["sentence"], *verdict["details"]])
-    assert "Each segment in turn is held out" in (home / "said" / "report.html").read_text()
+    assert "Each segment in turn is held out" in (home / "criticism" / "report.html").read_text()
 
 
 def test_the_model_that_criticism_writes_simulates_and_replays(home, verdict, tmp_path):
-    model = home / "said" / "extended.toml"
+    model = home / "criticism" / "extended.toml"
     size = verdict["causes"][0]["parameters"]["c"]["value"]
     assert size == pytest.approx(DRAG, rel=0.3)
     (tmp_path / "pulse.csv").write_text("0,0,0,0,0\n500,0.4,0,0,0\n3000,0,0,0,0\n4000,0,0,0,0\n")

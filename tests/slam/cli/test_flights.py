@@ -179,8 +179,8 @@ def test_demo_does_all_of_it(flight, tmp_path):
     assert result.exit_code == 0, result.output
     out = tmp_path / "new" / "demo"
     assert set(os.listdir(out)) == {*OPTIMIZE_NAMES, *EVALUATE_NAMES}
-    for said in ("chain", "without loops", "with loops", "A-B", "mosaic.png", "report.html"):
-        assert said in result.stdout
+    for text in ("chain", "without loops", "with loops", "A-B", "mosaic.png", "report.html"):
+        assert text in result.stdout
     assert "Against the reference" in (out / "report.html").read_text()
 
 
@@ -232,7 +232,7 @@ def test_a_featureless_flight_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "text"),
     [
         (lambda f: _halve(sorted((f / "mav0/cam0/data").iterdir())[5]), "unreadable: truncated"),
         (lambda f: edit(f / "mav0/sonar0/data.csv", _without_ninth_value), "sonar"),
@@ -244,14 +244,14 @@ def test_a_featureless_flight_is_refused(tmp_path):
     ],
     ids=["half a picture", "infinity in the sonar", "IMU unsorted", "attitude twice"],
 )  # fmt: skip
-def test_damage_is_counted_and_reported(own, tmp_path, damage, said):
+def test_damage_is_counted_and_reported(own, tmp_path, damage, text):
     damage(own)
     result = run("optimize", own, "--out", tmp_path / "out", "--no-mosaic")
     if result.exit_code == 0:
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-        assert said in json.dumps([summary["warnings"], summary["edges"]["rejected"]])
+        assert text in json.dumps([summary["warnings"], summary["edges"]["rejected"]])
     else:  # the format may refuse instead: in one line that names the place
-        assert_refused(result, said)
+        assert_refused(result, text)
 
 
 def _without_ninth_value(rows: list[str]) -> list[str]:

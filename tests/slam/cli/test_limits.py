@@ -94,7 +94,7 @@ def supervised(job: str, **options) -> subprocess.Popen:
 
 @needs_linux
 @pytest.mark.parametrize(
-    ("job", "code", "said"),
+    ("job", "code", "message"),
     [
         ("os.kill(os.getpid(), signal.SIGKILL)", 1, r"slam: [^\n]*memory ran out; [^\n]*--gsd[^\n]*\n"),
         ("os.kill(os.getpid(), signal.SIGSEGV)", 1, r"slam: internal error: [^\n]*SIGSEGV[^\n]*\n"),
@@ -103,11 +103,11 @@ def supervised(job: str, **options) -> subprocess.Popen:
         ("pass", 0, ""),
     ],
 )
-def test_the_end_of_the_child_is_reported(job, code, said):
+def test_the_end_of_the_child_is_reported(job, code, message):
     process = supervised(f"continue_in_child()\n{job}")
     _, stderr = process.communicate(timeout=30)
     assert process.returncode == code
-    assert re.fullmatch(said, stderr), stderr
+    assert re.fullmatch(message, stderr), stderr
 
 
 @needs_linux

@@ -286,7 +286,7 @@ def test_folders_of_somebody_beside_the_output_stay(target, content):
 
 
 @pytest.mark.parametrize(
-    ("code", "said"),
+    ("code", "message"),
     [
         (errno.ENOSPC, "disk is full"),
         (errno.EROFS, "read-only"),
@@ -295,8 +295,8 @@ def test_folders_of_somebody_beside_the_output_stay(target, content):
         (errno.EIO, "disk"),
     ],
 )
-def test_system_errors_are_explained(code, said):
-    assert said in explain(OSError(code, os.strerror(code), "/some/place"))
+def test_system_errors_are_explained(code, message):
+    assert message in explain(OSError(code, os.strerror(code), "/some/place"))
 
 
 def test_unknown_system_errors_keep_the_system_s_words():

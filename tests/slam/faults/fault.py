@@ -33,8 +33,8 @@ class Fault:
     outcome: str
     """E: one line, exit code 1 and nothing written. W: done, and the summary or the tables say it.
     R: a further run has the result that an undisturbed one has."""
-    said: str
-    """Regular expression of what must be said."""
+    message: str
+    """Regular expression of the message."""
     damage: Damage
     command: str = "info"
     source: str = ""
@@ -52,9 +52,9 @@ class Event:
     number: int
     name: str
     outcome: str
-    said: str
+    message: str
     play: Callable[[Sources, Path], str]
-    """Disturbs a run in an empty folder and returns what was said; it checks the promises itself."""
+    """Disturbs a run in an empty folder and returns the message; it checks the promises itself."""
     is_slow: bool = False
 
     def __str__(self) -> str:
@@ -104,7 +104,7 @@ _MADE: dict[str, Damage] = {
 }  # fmt: skip
 
 
-def told(fault: Fault, sources: Sources, place: Path) -> str:
+def outcome(fault: Fault, sources: Sources, place: Path) -> str:
     """What the command says about the fault; raises where it breaks a promise that holds for all faults."""
     source, out = place / "input", place / "out"
     shutil.copytree(sources[fault.source or fault.command], source)

@@ -83,7 +83,7 @@ def registered(pixel_i: np.ndarray, pixel_j: np.ndarray) -> Callable[[Sources, P
 def half_false(_: Sources, place: Path) -> str:
     """Half of the loops join places that only look alike: the error stays within that of the odometry."""
     truth = laps(place / "laps.g2o", false=20)
-    said = optimized(place / "laps.g2o", place / "out")
+    message = optimized(place / "laps.g2o", place / "out")
     xyz = np.loadtxt(place / "out" / "trajectory.tum")[:, 1:4]
     error_m = float(np.linalg.norm(xyz[:, :2] - truth[:, :2], axis=1).max())
     laps(place / "bare.g2o", every=1000)
@@ -91,7 +91,7 @@ def half_false(_: Sources, place: Path) -> str:
     bare = np.loadtxt(place / "bare" / "trajectory.tum")[:, 1:4]
     drift_m = float(np.linalg.norm(bare[:, :2] - truth[:, :2], axis=1).max())
     assert error_m < drift_m + 1e-6, (error_m, drift_m)
-    return said
+    return message
 
 
 def large(_: Sources, place: Path) -> str:

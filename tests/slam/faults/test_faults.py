@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from tests.slam.faults.fault import Event, Fault, Sources, parameters, told
+from tests.slam.faults.fault import Event, Fault, Sources, outcome, parameters
 from tests.slam.faults.of_files import FAULTS as OF_FILES
 from tests.slam.faults.of_geometry import FAULTS as OF_GEOMETRY
 from tests.slam.faults.of_processes import FAULTS as OF_PROCESSES
@@ -23,7 +23,7 @@ def sources(tmp_path_factory) -> Sources:
 
 
 def line_of(fault: Fault | Event, sources: Sources, place) -> str:
-    return told(fault, sources, place) if isinstance(fault, Fault) else fault.play(sources, place)
+    return outcome(fault, sources, place) if isinstance(fault, Fault) else fault.play(sources, place)
 
 
 def test_the_catalogue_has_all_52():
@@ -33,7 +33,7 @@ def test_the_catalogue_has_all_52():
 @pytest.mark.parametrize("fault", parameters(FAULTS))
 def test_a_fault_has_the_outcome_that_is_promised(fault, sources, tmp_path):
     line = line_of(fault, sources, tmp_path)
-    assert re.search(fault.said, line), line
+    assert re.search(fault.message, line), line
 
 
 @pytest.mark.slow
@@ -45,7 +45,7 @@ def test_the_score(sources, tmp_path, capsys):
         place.mkdir()
         try:
             line = line_of(fault, sources, place)
-            assert re.search(fault.said, line), line
+            assert re.search(fault.message, line), line
         except AssertionError as error:
             failed.setdefault(fault.number, []).append(f"{fault.name}: {str(error)[:300]}")
     numbers = {fault.number for fault in FAULTS}

@@ -25,17 +25,17 @@ def read(path: Path) -> CsvTable:
 
 
 @pytest.mark.parametrize("block", [1, 3, 4, 11, 12, 100])
-@pytest.mark.parametrize("odd", [None, 0, 10])
+@pytest.mark.parametrize("without_stamp", [None, 0, 10])
 def test_result_does_not_depend_on_the_block_size(
-    block: int, odd: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    block: int, without_stamp: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nor where a row that is not as usual lies in any of them."""
+    """Nor on the block of a row without a stamp."""
     rows = [f"{10**18 + 10**7 * k},{0.1 * k},{'' if k % 5 == 4 else -k}" for k in range(12)]
-    if odd is not None:
-        rows[odd] = f"nan,{odd},1"
+    if without_stamp is not None:
+        rows[without_stamp] = f"nan,{without_stamp},1"
     path = written(tmp_path, rows)
     whole = read(path)
-    assert len(whole.stamps_ns) == (12 if odd is None else 11)
+    assert len(whole.stamps_ns) == (12 if without_stamp is None else 11)
     monkeypatch.setattr(slam.io.csv_stream, "BLOCK_ROWS", block)
     some = read(path)
     np.testing.assert_array_equal(some.stamps_ns, whole.stamps_ns)

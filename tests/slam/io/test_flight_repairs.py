@@ -1,4 +1,4 @@
-"""What does not break the meaning of a flight is mended or left out, and told."""
+"""What does not break the meaning of a flight is repaired or left out, and reported."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Position tags that cannot be used as they are: what is said about them, and what is used instead."""
+"""Position tags that cannot be used as they are: the remarks about them, and what is used instead."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ from PIL.ExifTags import GPS
 from PIL.TiffImagePlugin import IFDRational
 
 from slam.io.photos import import_photos
-from tests.slam.io.photo_files import fill, jpeg, strip
+from tests.slam.io.photo_files import fill, jpeg, strip, warned
 
 
-def said(flight, *parts):
+def remark(flight, *parts):
     """The one warning that has all parts."""
-    (line,) = [line for line in flight.warnings if all(part in line for part in parts)]
+    (line,) = warned(flight, *parts)
     return line
 
 
@@ -31,13 +31,13 @@ def said(flight, *parts):
 def test_a_position_that_is_not_used_is_reported_with_its_reason_and_photographs(tmp_path, gps, reason):
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=gps), "b.jpg": jpeg(gps=gps, time=None)}))
     assert flight.gps is None
-    assert "not used in 2 photographs" in said(flight, reason, "(a.jpg, b.jpg)")
-    assert said(flight, "no GPS position of any photograph can be used")
+    assert "not used in 2 photographs" in remark(flight, reason, "(a.jpg, b.jpg)")
+    assert remark(flight, "no GPS position of any photograph can be used")
 
 
 def test_photographs_without_position_tags_are_not_reported_as_faulty(tmp_path):
     flight = import_photos(fill(tmp_path, strip(2, place=None)))
-    assert said(flight, "no GPS position of any photograph is recorded")
+    assert remark(flight, "no GPS position of any photograph is recorded")
     assert not any("not used" in line for line in flight.warnings)
 
 
@@ -46,7 +46,7 @@ def test_missing_letters_are_taken_from_the_other_photographs(tmp_path):
     flight = import_photos(fill(tmp_path, files))
     assert flight.gps.longitude_deg.tolist() == [-98.0] * 4
     assert flight.gps.latitude_deg[2] == pytest.approx(30.0002)
-    assert "N and W, assumed (P2.jpg)" in said(flight, "1 photograph without the letters")
+    assert "N and W, assumed (P2.jpg)" in remark(flight, "1 photograph without the letters")
 
 
 def test_a_letter_that_contradicts_the_others_is_not_replaced(tmp_path):
@@ -55,7 +55,7 @@ def test_a_letter_that_contradicts_the_others_is_not_replaced(tmp_path):
     }
     flight = import_photos(fill(tmp_path, files))
     assert len(flight.gps.stamps_s) == 2
-    assert said(flight, "GPSLongitudeRef (E or W) is missing", "(P1.jpg)")
+    assert remark(flight, "GPSLongitudeRef (E or W) is missing", "(P1.jpg)")
 
 
 def test_minutes_with_decimals_need_no_seconds(tmp_path):
@@ -75,7 +75,7 @@ def test_minutes_with_decimals_need_no_seconds(tmp_path):
 def test_absurd_altitudes_are_refused_by_name(tmp_path, tags, left):
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(**tags), "b.jpg": jpeg(time="2024:05:06 07:08:10")}))
     np.testing.assert_array_equal(flight.gps.altitude_m, [left, 320.5])
-    assert said(flight, "is beyond 50 km", "(a.jpg)")
+    assert remark(flight, "is beyond 50 km", "(a.jpg)")
     assert flight.barometer is None
 
 
@@ -83,7 +83,7 @@ def test_an_absurd_xmp_latitude_gives_way_to_exif(tmp_path):
     drone = {"GpsLatitude": "95.0", "GpsLongitude": "-98.0"}
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(drone=drone)}))
     assert flight.gps.latitude_deg[0] == pytest.approx(30.1705)
-    assert said(flight, "XMP: latitude 95 degrees is beyond 90", "(a.jpg)")
+    assert remark(flight, "XMP: latitude 95 degrees is beyond 90", "(a.jpg)")
 
 
 def test_the_horizontal_error_of_exif_is_read(tmp_path):
@@ -104,4 +104,4 @@ def test_the_stated_accuracy_of_a_set_is_its_median_and_gaps_are_reported(tmp_pa
     }
     flight = import_photos(fill(tmp_path, files))
     assert flight.gps.noise_std_m == (0.01, 0.01, 0.01)
-    assert said(flight, "1 of 5 GPS positions state no accuracy")
+    assert remark(flight, "1 of 5 GPS positions state no accuracy")

@@ -1,4 +1,4 @@
-"""Which files of a folder are photographs: subfolders, links, copies, odd names and other kinds of files."""
+"""Which files of a folder are photographs: subfolders, links, copies, unusual names, other kinds."""
 
 import os
 
@@ -7,12 +7,7 @@ import pytest
 from slam.core.errors import InputError
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.photos import import_photos
-from tests.slam.io.photo_files import fill, jpeg, strip
-
-
-def warned(flight, *words):
-    """The warnings that hold all of the words."""
-    return [line for line in flight.warnings if all(word in line for word in words)]
+from tests.slam.io.photo_files import fill, jpeg, strip, warned
 
 
 def test_subfolders(tmp_path):

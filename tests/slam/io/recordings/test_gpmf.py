@@ -34,8 +34,8 @@ def scale(*factors: int) -> bytes:
 
 def gps5(fix: int, *rows: tuple[int, ...]) -> bytes:
     data = b"".join(struct.pack(">5i", *row) for row in rows)
-    told = (block(b"GPSF", b"L", 4, 1, struct.pack(">I", fix)), scale(10**7, 10**7, 1000, 1000, 100))
-    return nested(b"DEVC", nested(b"STRM", *told, block(b"GPS5", b"l", 20, len(rows), data)))
+    keys = (block(b"GPSF", b"L", 4, 1, struct.pack(">I", fix)), scale(10**7, 10**7, 1000, 1000, 100))
+    return nested(b"DEVC", nested(b"STRM", *keys, block(b"GPS5", b"l", 20, len(rows), data)))
 
 
 def positions(path: Path, payloads: list[bytes]):
@@ -57,8 +57,11 @@ def test_positions_of_a_payload_are_spread_over_its_second(tmp_path):
 def test_newer_cameras_hold_the_fix_in_each_sample(tmp_path):
     rows = [(475_000_000, 82_500_000, 488_250, 0, 0, 8000, 1000, 150, fix) for fix in (3, 0)]
     data = b"".join(struct.pack(">7i2H", *row) for row in rows)
-    told = (block(b"TYPE", b"c", 1, 9, b"lllllllSS"), scale(10**7, 10**7, 1000, 1000, 100, 1, 1000, 100, 1))
-    payload = nested(b"DEVC", nested(b"STRM", *told, block(b"GPS9", b"?", 32, 2, data)))
+    keys = (
+        block(b"TYPE", b"c", 1, 9, b"lllllllSS"),
+        scale(10**7, 10**7, 1000, 1000, 100, 1, 1000, 100, 1),
+    )
+    payload = nested(b"DEVC", nested(b"STRM", *keys, block(b"GPS9", b"?", 32, 2, data)))
     found = positions(tmp_path / "a.mp4", [payload])
     assert found.key == "GPS9"
     assert found.positions.values[0].tolist() == [47.5, 8.25, 488.25]

@@ -66,7 +66,7 @@ def test_an_import_keeps_pictures_and_their_names(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "message"),
     [
         ("rgb.txt", "1.5\n", r"rgb\.txt, line 1: has a line without a picture"),
         ("rgb.txt", "soon rgb/a.png\n", r"rgb\.txt, line 1: has the stamp 'soon'"),
@@ -75,10 +75,10 @@ def test_an_import_keeps_pictures_and_their_names(tmp_path):
         ("groundtruth.txt", "1.5 1 2 3\n", r"groundtruth\.txt, line 1: has a line without a pose"),
     ],
 )
-def test_a_damaged_list_is_one_line(tmp_path, name, text, said):
+def test_a_damaged_list_is_one_line(tmp_path, name, text, message):
     root = folder(tmp_path / "a", "")
     (root / name).write_text(text)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         read(root)
 
 

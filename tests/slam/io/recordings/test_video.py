@@ -206,7 +206,7 @@ def test_lens_and_gimbal_of_a_video(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("texts", "said"),
+    ("texts", "message"),
     [
         (["[focal_len: 24.00]"] * 20 + ["[focal_len: 48.00]"] * 20, "the lens zooms from 24 to 48 mm"),
         (["[eis: normal]"] * 40, "stabilised electronically"),
@@ -216,8 +216,8 @@ def test_lens_and_gimbal_of_a_video(tmp_path):
         (["[focal_len: 24.00]"] * 40, "no angles of the gimbal: looking straight down assumed"),
     ],
 )
-def test_what_the_subtitles_say_about_the_lens_and_what_they_lack_is_reported(tmp_path, texts, said):
-    assert any(said in line for line in read(with_subtitles(tmp_path, texts)).warnings)
+def test_what_the_subtitles_say_about_the_lens_and_what_they_lack_is_reported(tmp_path, texts, message):
+    assert any(message in line for line in read(with_subtitles(tmp_path, texts)).warnings)
 
 
 def test_subtitles_inside_the_file_are_read(tmp_path):
