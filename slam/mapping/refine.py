@@ -34,6 +34,10 @@ Array = NDArray[np.float64]
 
 _MOST_SELECTIONS = 4
 """Largest number of refinements of one part with other GPS fixes. One suffices in most flights."""
+_NOT_SETTLED = (
+    f"which GPS fixes agree with the map still changed after {_MOST_SELECTIONS} refinements: fixes near the"
+    " limit are uncertain"
+)
 _NOT_PLACED = "{} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth"
 
 
@@ -183,10 +187,14 @@ class _Evidence:
             )
             if fixes is None or agreement is None:
                 break
-            before, agreement = agreement, fixes.exact(bundle.w_T_b)
-            if agreement.same(before):
+            used, agreement = agreement, fixes.exact(bundle.w_T_b)
+            if agreement.same(used):
                 break
             setup = self.setup.with_fixes(agreement)
+        else:
+            # The messages follow the fixes that the last refinement used.
+            agreement = used
+            part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
         return replace(part, warnings=(*part.warnings, *_scale_warnings(by_inertia, bundle))), agreement
 
     def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None]:

@@ -1,4 +1,4 @@
-"""The whole job on photographs with wrong positions: the culprit is named, the map is as without it."""
+"""The whole job on photographs with wrong positions: the outlier is named, the map is as without it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Gps
 from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
 from slam.core.units import SPACE
+from slam.mapping.fix_consensus import Agreement
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import ORIGIN, flown, photographs
 
@@ -65,6 +66,12 @@ def test_two_altitude_references_are_told():
     estimate = optimize(with_positions(moved))
     assert "7 fixes from photo_07.jpg to photo_13.jpg lie 40." in estimate.status
     assert error_m(estimate) < 3 * STD_M
+
+
+def test_a_selection_that_does_not_settle_is_told(monkeypatch):
+    monkeypatch.setattr(Agreement, "same", lambda self, other: False)
+    estimate = optimize(with_positions(np.zeros((14, 3))))
+    assert any("still changed after 4 refinements" in line for line in estimate.warnings)
 
 
 @pytest.mark.slow
