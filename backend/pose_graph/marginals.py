@@ -75,9 +75,11 @@ def _fill_by_qr(
         linear = graph.linearize(values)
         net = linear.eliminateSequential(nested_dissection(linear), gtsam.EliminateQR)
         last = net.at(net.size() - 1)
-        root = np.linalg.inv(last.jacobian()[0])
-        found = [(last.firstFrontalKey(), root @ root.T)] if last.firstFrontalKey() in row else []
-        found += [(key, joint[: -len(root), : -len(root)]) for key, joint in _joints(net, row)]
+        # Vanishing information overflows to infinite variances, which are unknown.
+        with np.errstate(over="ignore", invalid="ignore"):
+            root = np.linalg.inv(last.jacobian()[0])
+            found = [(last.firstFrontalKey(), root @ root.T)] if last.firstFrontalKey() in row else []
+            found += [(key, joint[: -len(root), : -len(root)]) for key, joint in _joints(net, row)]
     except (*GTSAM_ERRORS, np.linalg.LinAlgError):
         return
     for key, covariance in found:
