@@ -92,7 +92,7 @@ def import_source(
     if request is not None and not request.is_empty:
         raise InputError(f"{path}: --topic and --picture-rate are for recordings; leave them out")
     if kind == "photos":
-        from slam.io.photos import import_photos
+        from slam.io.photos.import_photos import import_photos
 
         return import_photos(path, progress, band)
     if (path / "flight.yaml").exists():
@@ -127,7 +127,7 @@ def _refuse_output(path: Path) -> None:
 
 def _kind_of_folder(path: Path) -> Kind:
     from slam.io.euroc import is_euroc
-    from slam.io.photo_search import holds_photos
+    from slam.io.photos.search import holds_photos
 
     root = path.resolve().parent if path.resolve().name == "mav0" else path
     if (root / "mav0").is_dir():

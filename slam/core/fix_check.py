@@ -1,7 +1,7 @@
 """GPS fixes that contradict the other fixes, without a look at the pictures: too far, or too fast.
 
 A fix that this check passes may still be wrong: the map compares it with the pictures
-(`slam.mapping.fix_consensus`).
+(`slam.mapping.gps.consensus`).
 """
 
 from __future__ import annotations

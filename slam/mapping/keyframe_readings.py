@@ -12,8 +12,8 @@ from backend.measurements import Attitude, Position, SlantRange
 from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar
 from slam.core.geodesy import GeoOrigin
 from slam.mapping.config import PipelineConfig
-from slam.mapping.fix_consensus import Agreement
-from slam.mapping.fixes import Fixes, fixes_of
+from slam.mapping.gps.consensus import Agreement
+from slam.mapping.gps.fixes import Fixes, fixes_of
 
 Array = NDArray[np.float64]
 

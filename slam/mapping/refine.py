@@ -20,10 +20,10 @@ from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
-from slam.mapping.fix_comparison import FixComparison
-from slam.mapping.fix_consensus import Agreement
 from slam.mapping.front_end import Observations
-from slam.mapping.georeferencing import align_with_positions
+from slam.mapping.gps.comparison import FixComparison
+from slam.mapping.gps.consensus import Agreement
+from slam.mapping.gps.georeferencing import align_with_positions
 from slam.mapping.inertial_scale import AccelerometerScale, InertialComparison, compare_with_inertia
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first

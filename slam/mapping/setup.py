@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.config import PipelineConfig
-from slam.mapping.fix_consensus import Agreement
+from slam.mapping.gps.consensus import Agreement
 from slam.mapping.keyframe_readings import KeyframeReadings
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from slam.core.flight import Flight, GeoOrigin, Gps
 from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import Similarity, umeyama
-from slam.io.photos import import_photos
+from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize
 from tests.benchmarks.by_pycolmap import mapped
 from tests.benchmarks.measured import folder

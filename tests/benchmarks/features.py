@@ -24,7 +24,7 @@ from frontend.registration import overlap, register
 from slam.core.flight import Flight, Image
 from slam.evaluation.association import poses_at
 from slam.io.flight_folder import read_flight
-from slam.io.photos import import_photos
+from slam.io.photos.import_photos import import_photos
 from slam.mapping.config import PipelineConfig
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe

@@ -23,7 +23,7 @@ from slam.core.geodesy import GeoOrigin, enu_from_geodetic, geodetic_from_enu
 from slam.core.progress import silent
 from slam.core.stage_timer import Stopwatch
 from slam.evaluation.trajectory import umeyama
-from slam.io.photos import import_photos
+from slam.io.photos.import_photos import import_photos
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.map import Map

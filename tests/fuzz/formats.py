@@ -16,7 +16,7 @@ from slam.core.flight import STREAMS, Flight
 from slam.core.progress import silent
 from slam.io.estimate import write_estimate
 from slam.io.flight_folder import read_flight, write_flight
-from slam.io.photos import import_photos
+from slam.io.photos.import_photos import import_photos
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.formats import open_recording
 from slam.mapping.config import PipelineConfig
@@ -25,7 +25,7 @@ from slam.simulation.recipe import Recipe, load_recipe
 from tests.fuzz.photographs import photograph
 from tests.slam.cli.test_cli import SQUARE
 from tests.slam.io.made_flight import made_flight
-from tests.slam.io.photo_files import fill
+from tests.slam.io.photos.photo_files import fill
 from tests.slam.io.test_damage import check
 
 

@@ -9,7 +9,7 @@ from PIL.ExifTags import GPS, IFD, Base
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
-from tests.slam.io.photo_files import NADIR, SIZE, jpeg, with_xmp, xmp
+from tests.slam.io.photos.photo_files import NADIR, SIZE, jpeg, with_xmp, xmp
 
 DRONE = NADIR | {
     "AbsoluteAltitude": "+10",

@@ -12,7 +12,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Gps
 from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
 from slam.core.units import SPACE
-from slam.mapping.fix_consensus import Agreement
+from slam.mapping.gps.consensus import Agreement
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import ORIGIN, flown, photographs
 

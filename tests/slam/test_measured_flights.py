@@ -14,7 +14,7 @@ from slam.core.flight import Flight
 from slam.evaluation import Evaluation, evaluate
 from slam.evaluation.trajectory import umeyama
 from slam.io.flight_folder import read_flight
-from slam.io.photos import import_photos
+from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import only
 

@@ -13,7 +13,7 @@ from slam.core.flight import Gps
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
-from slam.io.photo_camera import ASSUMED_VIEW, assumed_focal_px
+from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
 from slam.io.recordings.recording import Offer, StreamReadings
 from slam.io.recordings.subtitles import Subtitles, changed_rows
 from slam.io.sensor_yaml import Value

@@ -19,7 +19,7 @@ from slam.core.flight import Image
 from slam.core.progress import Progress
 from slam.io.files import brief, check_inside, read_bytes, refusal
 from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
-from slam.io.photo_camera import ASSUMED_FOCAL_STD_RATIO, ASSUMED_VIEW, assumed_focal_px
+from slam.io.photos.camera import ASSUMED_FOCAL_STD_RATIO, ASSUMED_VIEW, assumed_focal_px
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 
 Array = NDArray[np.float64]

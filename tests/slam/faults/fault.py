@@ -16,7 +16,7 @@ from slam.cli import app
 from slam.io.flight_folder import write_flight
 from tests.slam.faults.made_graph import laps
 from tests.slam.io.made_flight import made_flight
-from tests.slam.io.photo_files import fill, strip
+from tests.slam.io.photos.photo_files import fill, strip
 from tests.slam.small_flight import flown
 
 Damage = Callable[[Path], object]

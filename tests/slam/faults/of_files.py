@@ -28,7 +28,7 @@ from tests.slam.faults.damages import (
     rows,
 )  # fmt: skip
 from tests.slam.faults.fault import Damage, Event, Fault, Sources
-from tests.slam.io.photo_files import jpeg
+from tests.slam.io.photos.photo_files import jpeg
 
 ALIASES = b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n"
 MAPPED = '"status": "ok", "frames": 13, "keyframes": 1[01]'

@@ -11,7 +11,7 @@ from rasterio.io import MemoryFile
 
 from slam.io.images import UnreadableImageError, common_levels, image_size, read_image
 from slam.io.levels import Levels
-from slam.io.photos import import_photos
+from slam.io.photos.import_photos import import_photos
 from tests.slam.io.made_flight import picture
 
 SIZE = (60, 44)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Sonar
 from slam.core.geodesy import geodetic_from_enu
-from slam.mapping.fixes import fixes_of
+from slam.mapping.gps.fixes import fixes_of
 from slam.mapping.keyframe_readings import MAX_GAP_S, attitudes_at, local_value, ranges_at
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)

@@ -5,8 +5,8 @@ import pytest
 from PIL.ExifTags import GPS
 from PIL.TiffImagePlugin import IFDRational
 
-from slam.io.photos import import_photos
-from tests.slam.io.photo_files import fill, jpeg, strip, warned
+from slam.io.photos.import_photos import import_photos
+from tests.slam.io.photos.photo_files import fill, jpeg, strip, warned
 
 
 def remark(flight, *parts):

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import ExifTags
 
-from slam.io.photos import import_photos
-from tests.slam.io.photo_files import NADIR, fill, jpeg, strip, warned, with_xmp
+from slam.io.photos.import_photos import import_photos
+from tests.slam.io.photos.photo_files import NADIR, fill, jpeg, strip, warned, with_xmp
 
 Base, GPS = ExifTags.Base, ExifTags.GPS
 

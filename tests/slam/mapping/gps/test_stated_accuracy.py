@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.mapping.stated_accuracy import FixesOnMap, pattern, stated_accuracy_warning
+from slam.mapping.gps.stated_accuracy import FixesOnMap, pattern, stated_accuracy_warning
 
 STATED = (0.01, 0.01, 0.02)
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Gps
 from slam.core.names import listed
-from slam.io.photo_position import UNSIGNED, PhotoPosition
-from slam.io.photo_set import Photo
+from slam.io.photos.photo_set import Photo
+from slam.io.photos.position import UNSIGNED, PhotoPosition
 
 Array = NDArray[np.float64]
 

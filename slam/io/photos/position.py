@@ -13,8 +13,8 @@ import numpy as np
 from PIL.ExifTags import GPS
 
 from slam.core.geodesy import MAX_ALTITUDE_M, position_fault
-from slam.io.tag_values import number, numbers, positive, text
-from slam.io.xmp import Xmp
+from slam.io.photos.tag_values import number, numbers, positive, text
+from slam.io.photos.xmp import Xmp
 
 UNSIGNED = "so the sign is unknown"
 """Words that mark a fault of a missing letter N, S, E or W."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from slam.core.units import SPACE
-from slam.mapping.fix_consensus import Agreement
-from slam.mapping.fix_messages import fix_messages
-from slam.mapping.fixes import Fixes
+from slam.mapping.gps.consensus import Agreement
+from slam.mapping.gps.fixes import Fixes
+from slam.mapping.gps.messages import fix_messages
 
 
 def fixes(n):

@@ -8,11 +8,11 @@ from PIL import ExifTags
 from PIL.TiffImagePlugin import IFDRational
 
 from slam.core.errors import InputError
-from slam.io.exif import read_tags
-from slam.io.photo_bands import band_of, chosen_band
-from slam.io.photo_camera import photo_camera
-from slam.io.photos import import_photos
-from tests.slam.io.photo_files import fill, jpeg
+from slam.io.photos.bands import band_of, chosen_band
+from slam.io.photos.camera import photo_camera
+from slam.io.photos.exif import read_tags
+from slam.io.photos.import_photos import import_photos
+from tests.slam.io.photos.photo_files import fill, jpeg
 
 Base = ExifTags.Base
 PX_PER_MM = 1 / 0.00375

@@ -6,8 +6,8 @@ import pytest
 
 from slam.core.errors import InputError
 from slam.io.flight_folder import read_flight, write_flight
-from slam.io.photos import import_photos
-from tests.slam.io.photo_files import fill, jpeg, strip, warned
+from slam.io.photos.import_photos import import_photos
+from tests.slam.io.photos.photo_files import fill, jpeg, strip, warned
 
 
 def test_subfolders(tmp_path):

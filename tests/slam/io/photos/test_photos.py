@@ -15,9 +15,9 @@ from PIL import ExifTags, Image
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.geodesy import enu_from_geodetic
-from slam.io.photos import import_photos
+from slam.io.photos.import_photos import import_photos
 from tests.fuzz.photographs import photograph
-from tests.slam.io.photo_files import NADIR, SIZE, fill, jpeg, strip, warned
+from tests.slam.io.photos.photo_files import NADIR, SIZE, fill, jpeg, strip, warned
 
 Base, GPS = ExifTags.Base, ExifTags.GPS
 

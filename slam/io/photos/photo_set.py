@@ -14,11 +14,11 @@ from slam.core.errors import InputError
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG
-from slam.io.exif import Angles, PhotoTags, read_tags
 from slam.io.files import refusal
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, body_from_mount, tilt_deg
-from slam.io.photo_bands import band_of, chosen_band
-from slam.io.photo_search import find_photos
+from slam.io.photos.bands import band_of, chosen_band
+from slam.io.photos.exif import Angles, PhotoTags, read_tags
+from slam.io.photos.search import find_photos
 
 Array = NDArray[np.float64]
 

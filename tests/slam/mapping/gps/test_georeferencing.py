@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import Position
-from slam.mapping.georeferencing import align_with_positions
+from slam.mapping.gps.georeferencing import align_with_positions
 
 STD = np.array([5.0, 5.0, 10.0])
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from slam.core.errors import InputError
-from slam.io.exif import PhotoTags
+from slam.io.photos.exif import PhotoTags
 
 COLOUR = "RGB"
 """Name of the band of colour photographs."""

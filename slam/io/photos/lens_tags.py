@@ -11,8 +11,8 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from slam.io.tag_values import numbers
-from slam.io.xmp import Xmp
+from slam.io.photos.tag_values import numbers
+from slam.io.photos.xmp import Xmp
 
 Array = NDArray[np.float64]
 

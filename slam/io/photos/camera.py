@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from frontend.camera import Camera
-from slam.io.exif import PhotoTags
-from slam.io.lens_tags import radial_of_fisheye
+from slam.io.photos.exif import PhotoTags
+from slam.io.photos.lens_tags import radial_of_fisheye
 
 _ASSUMED_VIEW_DEG = 65.0
 """Assumed field of view along the longer side without tags: that of a 28 mm lens on 35 mm film."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from slam.mapping.fix_consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
+from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
 
 Array = NDArray[np.float64]
 

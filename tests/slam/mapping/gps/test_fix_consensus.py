@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slam.mapping.fix_consensus import exact_agreement, rough_agreement
+from slam.mapping.gps.consensus import exact_agreement, rough_agreement
 
 STD = (1.0, 1.0, 2.0)
 

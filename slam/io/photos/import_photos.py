@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.io.exif import PhotoTags
 from slam.io.files import brief
 from slam.io.images import PictureFiles, common_levels
-from slam.io.photo_camera import photo_camera
-from slam.io.photo_gps import photo_gps
-from slam.io.photo_set import AttitudeSource, Photo, select_photos
+from slam.io.photos.camera import photo_camera
+from slam.io.photos.exif import PhotoTags
+from slam.io.photos.gps import photo_gps
+from slam.io.photos.photo_set import AttitudeSource, Photo, select_photos
 
 Array = NDArray[np.float64]
 

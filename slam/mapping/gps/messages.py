@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.names import listed
 from slam.core.units import length
-from slam.mapping.fix_consensus import FALSE_ALARM, LEAST_FIXES, Agreement
-from slam.mapping.fixes import Fixes
+from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, Agreement
+from slam.mapping.gps.fixes import Fixes
 
 Array = NDArray[np.float64]
 

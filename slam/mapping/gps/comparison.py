@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.mapping.fix_consensus import Agreement, exact_agreement, rough_agreement
-from slam.mapping.fix_messages import FixMessages, fix_messages
-from slam.mapping.fixes import Fixes, nearest
-from slam.mapping.stated_accuracy import FixesOnMap, stated_accuracy_warning
+from slam.mapping.gps.consensus import Agreement, exact_agreement, rough_agreement
+from slam.mapping.gps.fixes import Fixes, nearest
+from slam.mapping.gps.messages import FixMessages, fix_messages
+from slam.mapping.gps.stated_accuracy import FixesOnMap, stated_accuracy_warning
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from slam.io.exif import PhotoTags
-from slam.io.photo_camera import photo_camera
+from slam.io.photos.camera import photo_camera
+from slam.io.photos.exif import PhotoTags
 
 PLAIN = PhotoTags((2000, 1500))
 CANON = replace(PLAIN, original_size_px=(4000, 3000), focal_mm=4.5, sensor_px_per_mm=16393.4426 / 25.4)

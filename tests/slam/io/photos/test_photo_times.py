@@ -5,8 +5,8 @@ from numpy.testing import assert_allclose
 from PIL import ExifTags
 from PIL.TiffImagePlugin import IFDRational
 
-from slam.io.photos import import_photos
-from tests.slam.io.photo_files import fill, jpeg, strip, warned
+from slam.io.photos.import_photos import import_photos
+from tests.slam.io.photos.photo_files import fill, jpeg, strip, warned
 
 Base, GPS = ExifTags.Base, ExifTags.GPS
 

@@ -1,0 +1,1 @@
+"""Photo sets: finding the photographs, their tags, cameras and positions."""
