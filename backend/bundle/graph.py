@@ -1,11 +1,10 @@
-"""The factor graph of the planar bundle adjustment: projections, floor, sensors, gauge."""
+"""The pose-side factor graph of the planar bundle adjustment: sensors, calibration, gauge."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import gtsam
-import gtsam_unstable
 import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import L as POINT
@@ -132,48 +131,16 @@ def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsa
     return values
 
 
-def build_graph(
-    problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_], start: gtsam.Values
+def pose_side_graph(
+    problem: BundleProblem, noise: NoiseLevels, start: gtsam.Values
 ) -> gtsam.NonlinearFactorGraph:
-    """Build the factor graph at the given noise levels."""
+    """Build the factors of everything but the floor points: sensors, calibration and gauge."""
     graph = gtsam.NonlinearFactorGraph()
-    _add_observations(graph, problem, noise, used)
-    flat = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e4, 1e4, noise.relief]))
-    for t in range(int(problem.tracks.track.max()) + 1):
-        graph.push_back(gtsam.PriorFactorPoint3(POINT(t), np.zeros(3), flat))
     _add_sensors(graph, problem, noise)
+    if problem.self_calibrates:
+        _add_calibration(graph, problem.camera)
     _add_gauge(graph, problem, start, noise.relief)
     return graph
-
-
-def _add_observations(
-    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]
-) -> None:
-    """Add one projection factor per observation, with Huber's loss."""
-    tracks, camera = problem.tracks, problem.camera
-    models: dict[float, gtsam.noiseModel.Base] = {}
-    kernel = gtsam.noiseModel.mEstimator.Huber.Create(problem.config.huber_sigmas)
-    fixed = gtsam.Cal3_S2(*camera.focal_px, 0.0, *camera.center_px)
-    std = np.round(tracks.std_px * noise.pixel_scale, 4)
-    for m in np.flatnonzero(used):
-        sigma = float(std[m])
-        if sigma not in models:
-            models[sigma] = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(2, sigma))
-        keys = POSE(int(tracks.keyframe[m])), POINT(int(tracks.track[m]))
-        # No exception (the last two arguments): a point behind the camera has a cost. GeneralSFMFactor2 would
-        # accept it at no cost, and print a line.
-        if problem.self_calibrates:
-            pose, point = keys
-            factor: gtsam.NonlinearFactor = gtsam_unstable.ProjectionFactorPPPCCal3DS2(
-                tracks.pixel[m], models[sigma], pose, IDENTITY, point, CALIBRATION(0), False, False
-            )
-        else:
-            factor = gtsam.GenericProjectionFactorCal3_S2(
-                tracks.pixel[m], models[sigma], *keys, fixed, False, False
-            )
-        graph.push_back(factor)
-    if problem.self_calibrates:
-        _add_calibration(graph, camera)
 
 
 def start_calibration(values: gtsam.Values, camera: PinholeModel) -> None:

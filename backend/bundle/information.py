@@ -10,8 +10,9 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU
 
 from backend.bundle.factors import WORLD_SIZE
-from backend.bundle.graph import BundleConfig, BundleProblem, build_graph, start_values
+from backend.bundle.graph import BundleConfig, BundleProblem, start_values
 from backend.bundle.noise import start_noise
+from backend.bundle.observations import build_graph
 from backend.bundle.refinement import metric_jacobians
 from backend.errors import BackendError
 from backend.measurements import Measurements

@@ -41,12 +41,12 @@ from backend.bundle.graph import (
     BundleProblem,
     NoiseLevels,
     ScalePrior,
-    build_graph,
     metric_poses,
     start_calibration,
     start_values,
 )
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
+from backend.bundle.observations import build_graph
 from backend.errors import BackendError
 from backend.measurements import Measurements
 from backend.pose_graph.marginals import joint_covariances

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.graph import BundleConfig, BundleProblem, build_graph, start_calibration, start_values
+from backend.bundle.graph import BundleConfig, BundleProblem, start_calibration, start_values
 from backend.bundle.noise import start_noise
+from backend.bundle.observations import build_graph
 from backend.bundle.refinement import refine
 from backend.errors import BackendError
 from tests.backend.bundle.made_scenes import SCENES, SEEDS, SONAR, errors_squared, position_rms
