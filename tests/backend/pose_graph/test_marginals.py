@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from backend import se3
+from backend.pose_graph.bayes_tree import bayes_tree, clique_covariances
 from backend.pose_graph.graph import PoseGraph
-from backend.pose_graph.marginals import bayes_tree, joint_covariances, pose_covariances
+from backend.pose_graph.marginals import joint_covariances, pose_covariances
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve_pose_graph
 from backend.pose_graph.unary_factors import fixed
@@ -40,6 +41,22 @@ def test_agrees_with_the_dense_inverse(dimension: int):
         np.testing.assert_allclose(mine, block, rtol=1e-6, atol=1e-12)
         if dimension == 2:
             assert np.count_nonzero(ours[k]) <= 9
+
+
+@pytest.mark.parametrize("by_qr", [False, True])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_cliques_have_the_joint_covariances_of_gtsam(dimension: int, by_qr: bool):
+    factors, values = _anchored(3, dimension)
+    tree = bayes_tree(factors, values, by_qr=by_qr)
+    assert tree is not None
+    theirs, done = gtsam.Marginals(factors, values), set()
+    for clique in clique_covariances(tree, values):
+        done.update(clique.frontals)
+        for a, b in zip(clique.frontals, list(clique.rows)[1:], strict=False):
+            low, high = min(a, b), max(a, b)
+            expected = theirs.jointMarginalCovariance(gtsam.KeyVector([low, high])).fullMatrix()
+            np.testing.assert_allclose(clique.of(low, high), expected, rtol=1e-6, atol=1e-9)
+    assert done == set(range(25))
 
 
 def test_a_floating_part_is_nan_and_the_other_is_answered():
