@@ -21,6 +21,7 @@ from slam.core.summary import summarise
 from slam.evaluation import evaluate
 from slam.io import estimate as estimate_files
 from slam.io.csv_header import header_of
+from slam.io.exports.formats import FORMATS
 from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, KNOWN_KEYS
 from slam.mapping.config import PipelineConfig
@@ -41,6 +42,7 @@ PAGES = (
     "docs/architecture.md",
     "docs/library.md",
     "docs/output-files.md",
+    "docs/exports.md",
     "docs/recipes.md",
     "docs/tutorial.md",
     *(f"docs/method/{path.name}" for path in sorted((ROOT / "docs" / "method").glob("*.md"))),
@@ -158,6 +160,11 @@ def test_the_readme_s_few_figures_are_those_that_were_measured():
 def test_every_output_file_is_named():
     for file in (*OPTIMIZE_NAMES, *EVALUATE_NAMES):
         assert f"`{file}`" in page("docs/output-files.md"), file
+
+
+def test_every_export_format_has_its_row_and_the_other_way_round():
+    rows = re.findall(r"^\| `(\w+)` \| `DIR(\S*)` \|", page("docs/exports.md"), re.MULTILINE)
+    assert rows == [(known.name, known.ending) for known in FORMATS]
 
 
 def test_every_key_and_array_is_explained():

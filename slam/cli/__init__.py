@@ -16,6 +16,7 @@ from slam.cli.criticise import criticise
 from slam.cli.demo import demo
 from slam.cli.estimate import estimate
 from slam.cli.evaluate import evaluate
+from slam.cli.export import export
 from slam.cli.flights import import_flight, info
 from slam.cli.guard import guarded, print_error, show_traceback
 from slam.cli.locate import locate
@@ -48,6 +49,7 @@ for name, command in (
     ("reproduce", reproduce),
     ("criticise", criticise),
     ("import", import_flight),
+    ("export", export),
     ("info", info),
 ):
     app.command(name)(guarded(command))

@@ -107,6 +107,14 @@ def geodetic_from_enu(w_p_m: ArrayLike, origin: GeoOrigin) -> tuple[Array, Array
     return geodetic_from_ecef(w_p @ _ecef_R_enu(origin).T + _origin_in_ecef(origin))
 
 
+def enu_R_enu(to: GeoOrigin, origin: GeoOrigin) -> Array:
+    """Return the rotation (3, 3) from east-north-up axes at ``origin`` to those at another place.
+
+    North and the vertical turn by about 0.01 degrees with each kilometre.
+    """
+    return np.asarray(_ecef_R_enu(to).T @ _ecef_R_enu(origin))
+
+
 def _origin_in_ecef(origin: GeoOrigin) -> Array:
     return ecef_from_geodetic(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
 

@@ -100,15 +100,21 @@ def trajectory_text(estimate: Estimate) -> str:
     The stamps are written from integers, exact to the nanosecond. A keyframe that could not be placed has no
     line here, but a row in estimate.npz.
     """
-    lines = [f"# timestamp [s] tx ty tz [{unit(estimate.metric)}] qx qy qz qw of w_T_b"]
-    placed = np.flatnonzero(np.isfinite(estimate.w_T_b).all(axis=(1, 2)))
-    if len(placed):
-        quaternions = Rotation.from_matrix(estimate.w_T_b[placed, :3, :3]).as_quat()
-        for k, q in zip(placed, quaternions, strict=True):
-            numbers = " ".join(f"{v:.9f}" for v in estimate.w_T_b[k, :3, 3])
-            turn = " ".join(f"{v:.12f}" for v in q)
-            lines.append(f"{_seconds(int(estimate.stamps_ns[k]))} {numbers} {turn}")
+    placed = estimate.placed
+    lines = pose_lines(estimate.stamps_ns[placed], estimate.w_T_b[placed], estimate.metric)
     return "\n".join(lines) + "\n"
+
+
+def pose_lines(stamps_ns: NDArray[np.int64], w_T_b: Array, metric: bool) -> list[str]:
+    """Return poses (n, 4, 4) as TUM lines, after a line that names the columns."""
+    lines = [f"# timestamp [s] tx ty tz [{unit(metric)}] qx qy qz qw of w_T_b"]
+    if len(w_T_b):
+        quaternions = Rotation.from_matrix(w_T_b[:, :3, :3]).as_quat()
+        for stamp_ns, position, q in zip(stamps_ns.tolist(), w_T_b[:, :3, 3], quaternions, strict=True):
+            numbers = " ".join(f"{v:.9f}" for v in position)
+            turn = " ".join(f"{v:.12f}" for v in q)
+            lines.append(f"{_seconds(stamp_ns)} {numbers} {turn}")
+    return lines
 
 
 def _seconds(stamp_ns: int) -> str:

@@ -1,0 +1,46 @@
+"""``slam export``: write a map in the formats of other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slam.cli.options import QUIET
+from slam.io.exports.formats import FORMATS, ExportKind
+
+_FOLDER = typer.Argument(metavar="DIR", help="The folder that slam optimize or estimate wrote.")
+_TO = typer.Option(
+    "--to",
+    metavar="KIND",
+    help="; ".join(f"{known.name}: {known.description}" for known in FORMATS) + ".",
+    show_default=False,
+)
+_OUT = typer.Option(
+    "--out",
+    metavar="PATH",
+    help="The file or folder to write; must not exist yet. Default: beside DIR, with its name.",
+    show_default=False,
+)
+
+
+def export(
+    folder: Annotated[Path, _FOLDER],
+    to: Annotated[ExportKind, _TO],
+    out: Annotated[Path | None, _OUT] = None,
+    quiet: Annotated[bool, QUIET] = False,
+) -> None:
+    """Write a map for another program: GIS, Google Earth, OpenDroneMap, evo and others."""
+    from slam.cli.console import Screen
+    from slam.io.estimate import read_estimate
+    from slam.io.exports.exported_map import ExportedMap
+    from slam.io.exports.formats import default_target, export_map
+
+    screen = Screen(quiet)
+    target = default_target(folder, to) if out is None else out
+    with screen.progress() as progress:
+        notes = export_map(ExportedMap(read_estimate(folder), progress=progress), to, target)
+    for note in notes:
+        screen.line(note)
+    screen.files([target])

@@ -1,0 +1,54 @@
+"""The track and the keyframes as GeoJSON.
+
+Coordinates are longitude, latitude, altitude. Source: RFC 7946 (2016), sections 3.1 and 4.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slam.io.exports.exported_map import ExportedMap
+
+_DEGREE_DIGITS, _METRE_DIGITS = 10, 4
+"""Decimals: a tenth of a millimetre or less."""
+
+
+def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
+    """Write one line for each part of the track, and one point for each keyframe."""
+    frames, origin = exported.keyframes, exported.estimate.origin
+    assert origin is not None
+    latitude, longitude, altitude = frames.geodetic(origin)
+    coordinates = [
+        [round(lon, _DEGREE_DIGITS), round(lat, _DEGREE_DIGITS), round(alt, _METRE_DIGITS)]
+        for lon, lat, alt in zip(longitude.tolist(), latitude.tolist(), altitude.tolist(), strict=True)
+    ]
+    features = [
+        _feature("LineString", [coordinates[k] for k in part], {"name": exported.name})
+        for part in frames.parts()
+        if len(part) > 1
+    ]
+    features += [_feature("Point", coordinates[k], _properties(exported, k)) for k in range(len(frames))]
+    collection = {"type": "FeatureCollection", "description": exported.description, "features": features}
+    target.write_text(json.dumps(collection, allow_nan=False, indent=1) + "\n", encoding="utf-8")
+    return ()
+
+
+def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+    geometry = {"type": kind, "coordinates": coordinates}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def _properties(exported: ExportedMap, k: int) -> dict[str, Any]:
+    frames = exported.keyframes
+    stds_m = zip(("std_east_m", "std_north_m", "std_up_m"), frames.position_stds_m[k].tolist(), strict=True)
+    return {
+        "name": frames.names[k],
+        "stamp_ns": int(frames.stamps_ns[k]),
+        **({"time": frames.utc(k)} if frames.has_calendar_time else {}),
+        **{name: round(std, _METRE_DIGITS) if np.isfinite(std) else None for name, std in stds_m},
+        "part": int(frames.component[k]),
+    }

@@ -1,0 +1,74 @@
+"""The track and the keyframes as KML 2.2, with times by Google's extension ``gx:Track``.
+
+Source: OGC 07-147r2, "KML" (2008); Google, "KML Reference".
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from slam.io.exports.exported_map import ExportedMap
+from slam.io.exports.xml_text import NO_TIME, child, write_xml
+
+_NAMESPACES = {"xmlns": "http://www.opengis.net/kml/2.2", "xmlns:gx": "http://www.google.com/kml/ext/2.2"}
+_AXES = ("east", "north", "up")
+
+
+def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
+    """Write one track for each part of the map, and one point with its uncertainty for each keyframe."""
+    frames, origin = exported.keyframes, exported.estimate.origin
+    assert origin is not None
+    latitude, longitude, altitude = frames.geodetic(origin)
+    places = [
+        (f"{lon:.10f}", f"{lat:.10f}", f"{alt:.4f}")
+        for lon, lat, alt in zip(longitude, latitude, altitude, strict=True)
+    ]
+    root = ET.Element("kml", _NAMESPACES)
+    document = child(root, "Document")
+    child(document, "name", exported.name)
+    child(document, "description", exported.description)
+    for part in frames.parts():
+        _track(document, exported, part.tolist(), places)
+    folder = child(document, "Folder")
+    child(folder, "name", "keyframes")
+    for k, place in enumerate(places):
+        _point(folder, exported, k, place)
+    write_xml(root, target)
+    return () if frames.has_calendar_time else (NO_TIME,)
+
+
+def _track(
+    parent: ET.Element, exported: ExportedMap, part: list[int], places: list[tuple[str, str, str]]
+) -> None:
+    placemark = child(parent, "Placemark")
+    child(placemark, "name", exported.name)
+    if not exported.keyframes.has_calendar_time:
+        line = child(placemark, "LineString")
+        child(line, "altitudeMode", "absolute")
+        child(line, "coordinates", " ".join(",".join(places[k]) for k in part))
+        return
+    track = child(placemark, "gx:Track")
+    child(track, "altitudeMode", "absolute")
+    for k in part:
+        child(track, "when", exported.keyframes.utc(k))
+    for k in part:
+        child(track, "gx:coord", " ".join(places[k]))
+
+
+def _point(parent: ET.Element, exported: ExportedMap, k: int, place: tuple[str, str, str]) -> None:
+    frames = exported.keyframes
+    stds_m = frames.position_stds_m[k]
+    placemark = child(parent, "Placemark")
+    child(placemark, "name", frames.names[k])
+    if frames.has_calendar_time:
+        child(child(placemark, "TimeStamp"), "when", frames.utc(k))
+    extended = child(placemark, "ExtendedData")
+    for axis, std_m in zip(_AXES, stds_m.tolist(), strict=True):
+        if np.isfinite(std_m):
+            child(ET.SubElement(extended, "Data", name=f"std_{axis}_m"), "value", f"{std_m:.4f}")
+    point = child(placemark, "Point")
+    child(point, "altitudeMode", "absolute")
+    child(point, "coordinates", ",".join(place))

@@ -1,0 +1,130 @@
+"""Tracks on Earth: GeoJSON, GPX and KML, against coordinates worked out by hand.
+
+On the equator at the prime meridian, east is the y and north the z of Earth-centred axes. So 100 m to the
+east are atan(100 / 6378137) = 0.00089831528 degrees of longitude. For 100 m to the north, the radius of
+curvature of the meridian, a (1 - e^2) = 6335439.327 m, plus 30 m of height gives 0.00090436519 degrees.
+The tangent plane lies 100^2 / (2 a) = 0.8 mm above the ellipsoid there.
+"""
+
+from __future__ import annotations
+
+import json
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from slam.io.exports.formats import export_map
+from tests.slam.io.exports.made_map import exported, made_map, pose
+
+EAST_DEG, NORTH_DEG = 0.00089831528, 0.00090436519
+POSES = (pose((0.0, 0.0, 0.0)), pose((100.0, 0.0, 0.0)), pose((0.0, 100.0, 30.0)))
+PLACES = [(0, 0, 0), (EAST_DEG, 0, 0.0008), (0, NORTH_DEG, 30.0008)]
+"""Longitude, latitude and altitude."""
+TIMES = [f"2024-05-06T07:08:{second}.250000Z" for second in ("09", "10", "11")]
+GPX = "{http://www.topografix.com/GPX/1/1}"
+KML = "{http://www.opengis.net/kml/2.2}"
+GX = "{http://www.google.com/kml/ext/2.2}"
+
+
+def close(found) -> bool:
+    found = np.array(found, dtype=float)
+    assert found.shape == (3, 3)
+    return np.allclose(found[:, :2], np.array(PLACES)[:, :2], atol=2e-10, rtol=0) and np.allclose(
+        found[:, 2], np.array(PLACES)[:, 2], atol=1e-4, rtol=0
+    )
+
+
+def written(kind, tmp_path, **changes):
+    target = tmp_path / "track"
+    notes = export_map(exported(made_map(*POSES, **changes)), kind, target)
+    return target, notes
+
+
+def test_geojson(tmp_path):
+    target, notes = written("geojson", tmp_path)
+    collection = json.loads(target.read_text())
+    line, *points = collection["features"]
+    assert (collection["type"], line["type"], line["geometry"]["type"]) == (
+        "FeatureCollection",
+        "Feature",
+        "LineString",
+    )
+    assert close(line["geometry"]["coordinates"])
+    assert close([point["geometry"]["coordinates"] for point in points])
+    # The nose points to the north: 1 m forward is north, 2 m left is west.
+    assert points[1]["properties"] == {
+        "name": "P1.jpg",
+        "stamp_ns": 1_714_979_290_250_000_000,
+        "time": TIMES[1],
+        "std_east_m": 2.0,
+        "std_north_m": 1.0,
+        "std_up_m": 3.0,
+        "part": 0,
+    }
+    assert notes == ()
+
+
+def test_gpx(tmp_path):
+    target, _ = written("gpx", tmp_path)
+    root = ET.parse(target).getroot()
+    assert root.tag == f"{GPX}gpx"
+    assert root.get("version") == "1.1"
+    assert root.get("creator").startswith("slam ")
+    points = root.findall(f"{GPX}trk/{GPX}trkseg/{GPX}trkpt")
+    assert close([(p.get("lon"), p.get("lat"), p.findtext(f"{GPX}ele")) for p in points])
+    assert [p.findtext(f"{GPX}time") for p in points] == TIMES
+    # The schema prescribes the order.
+    assert [child.tag for child in points[0]] == [f"{GPX}ele", f"{GPX}time", f"{GPX}name"]
+
+
+def test_kml(tmp_path):
+    target, _ = written("kml", tmp_path)
+    root = ET.parse(target).getroot()
+    assert root.tag == f"{KML}kml"
+    track = root.find(f".//{GX}Track")
+    assert close([coord.text.split(" ") for coord in track.findall(f"{GX}coord")])
+    assert [when.text for when in track.findall(f"{KML}when")] == TIMES
+    assert track.findtext(f"{KML}altitudeMode") == "absolute"
+    points = root.findall(f".//{KML}Folder/{KML}Placemark")
+    assert close([p.findtext(f"{KML}Point/{KML}coordinates").split(",") for p in points])
+    data = {d.get("name"): float(d.findtext(f"{KML}value")) for d in points[1].iter(f"{KML}Data")}
+    assert data == {"std_east_m": 2.0, "std_north_m": 1.0, "std_up_m": 3.0}
+
+
+@pytest.mark.parametrize("kind", ["gpx", "kml", "geojson"])
+def test_stamps_from_the_start_of_a_recorder_are_no_times(kind, tmp_path):
+    target, notes = written(kind, tmp_path, epoch_ns=5_000_000_000)
+    text = target.read_text()
+    assert "1970" not in text
+    assert "<when>" not in text
+    assert "<time>" not in text
+    if kind == "kml":
+        line = ET.fromstring(text).find(f".//{KML}LineString/{KML}coordinates")
+        assert close([place.split(",") for place in line.text.split(" ")])
+    assert kind == "geojson" or ["no times" in note for note in notes] == [True]
+
+
+@pytest.mark.parametrize("kind", ["gpx", "kml", "geojson"])
+def test_names_with_the_signs_of_markup_and_unknown_covariances(kind, tmp_path):
+    names = ('a<b>&"c".jpg', "line\nbreak\x01.jpg", "ü.jpg")
+    unknown = np.full((3, 6, 6), np.nan)
+    target, _ = written(kind, tmp_path, frame_names=names, covariances=unknown)
+    text = target.read_text(encoding="utf-8")
+    assert "NaN" not in text
+    assert "nan" not in text.lower().replace("name", "")
+    if kind == "geojson":
+        points = json.loads(text)["features"][1:]
+        found = [point["properties"]["name"] for point in points]
+        assert points[0]["properties"]["std_up_m"] is None
+    else:
+        root = ET.fromstring(text)
+        tag = f"{GPX}trkpt/{GPX}name" if kind == "gpx" else f"{KML}Folder/{KML}Placemark/{KML}name"
+        found = [element.text for element in root.findall(f".//{tag}")]
+    assert found == ['a<b>&"c".jpg', "line�break�.jpg", "ü.jpg"]
+
+
+@pytest.mark.parametrize(("kind", "tag"), [("gpx", f"{GPX}trkseg"), ("kml", f"{GX}Track")])
+def test_parts_of_the_map_are_not_joined_by_a_line(kind, tag, tmp_path):
+    target, _ = written(kind, tmp_path, component=np.array([0, 0, 1]))
+    assert len(list(ET.parse(target).getroot().iter(tag))) == 2
