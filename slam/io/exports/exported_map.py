@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.se3 import adjoint, inverse
-from slam.core.errors import one_line
+from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu
+from slam.core.names import listed
 from slam.core.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -40,6 +41,29 @@ class Keyframes:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    def with_plain_names(self, reader: str) -> tuple[Keyframes, tuple[str, ...]]:
+        """Return the keyframes whose names are one word, and a note about the others.
+
+        Raises ``InputError`` if no name is one word.
+        """
+        keep = [k for k, name in enumerate(self.names) if name.split() == [name] and not name.startswith("#")]
+        if len(keep) == len(self):
+            return self, ()
+        if not keep:
+            what = f"{reader} reads a name up to its first space, and every picture has a space in its name"
+            raise InputError(f"{what}; rename the pictures and map them again")
+        others = [name for k, name in enumerate(self.names) if k not in set(keep)]
+        plain = replace(
+            self,
+            names=tuple(self.names[k] for k in keep),
+            stamps_ns=self.stamps_ns[keep],
+            w_T_b=self.w_T_b[keep],
+            covariances=self.covariances[keep],
+            component=self.component[keep],
+        )
+        what = f"{len(others)} pictures left out: {reader} reads a name up to its first space"
+        return plain, (f"{what} ({listed(others)})",)
 
     def of_sensor(self, b_T_s: Array) -> Keyframes:
         """Return the poses and covariances of a sensor that is mounted on the body."""

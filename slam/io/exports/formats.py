@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from slam.io.exports.exported_map import ExportedMap
 
 
-ExportKind = Literal["geo", "geojson", "gpx", "kml", "euroc", "tum"]
+ExportKind = Literal["geo", "geojson", "gpx", "kml", "colmap", "euroc", "tum"]
 """Names of the formats, as the command line lists them."""
 
 
@@ -74,6 +74,9 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("geojson", "track and keyframes for GIS", "geojson", ".geojson", (PLACE,)),
     ExportFormat("gpx", "track for GPS programs", "gpx", ".gpx", (PLACE,)),
     ExportFormat("kml", "track and keyframes for Google Earth", "kml", ".kml", (PLACE,)),
+    ExportFormat(
+        "colmap", "cameras as a text model of COLMAP", "colmap", "_colmap", (CAMERA,), is_folder=True
+    ),
     ExportFormat("euroc", "truth of the EuRoC data set", "euroc", "_euroc.csv"),
     ExportFormat("tum", "poses of the TUM RGB-D benchmark", "tum", ".tum"),
 )

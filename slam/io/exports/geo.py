@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C
 from slam.core.geodesy import GeoOrigin, enu_R_enu
-from slam.core.names import listed
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.body_axes import FRD_R_B, W_R_N
 from slam.io.exports.exported_map import ExportedMap, Keyframes
@@ -30,30 +29,27 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     camera, origin = exported.estimate.camera, exported.estimate.origin
     assert camera is not None
     assert origin is not None
-    cameras = exported.keyframes.of_sensor(camera.b_T_c)
+    frames, notes = exported.keyframes.with_plain_names("OpenDroneMap")
+    cameras = frames.of_sensor(camera.b_T_c)
     latitude, longitude, altitude = cameras.geodetic(origin)
     angles_deg = np.degrees(_yaw_pitch_roll(cameras, latitude, longitude, origin))
     east_m, north_m, up_m = cameras.position_stds_m.T
     accuracies_m = np.column_stack([np.sqrt((east_m**2 + north_m**2) / 2), up_m])
-    lines, spaced = [_PROJECTION], []
+    lines = [_PROJECTION]
     for k, name in enumerate(cameras.names):
-        if not name or name.split() != [name] or name.startswith("#"):
-            spaced.append(name)
-            continue
         words = [name, f"{longitude[k]:.10f}", f"{latitude[k]:.10f}", f"{altitude[k]:.4f}"]
         words += [f"{angle:.4f}" for angle in angles_deg[k]]
         if np.isfinite(accuracies_m[k]).all():
             words += [f"{std_m:.4f}" for std_m in accuracies_m[k]]
         lines.append(" ".join(words))
     target.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    what = f"{len(spaced)} pictures are left out, since names with spaces end at the space in geo.txt"
-    return (f"{what} ({listed(spaced)})",) if spaced else ()
+    return notes
 
 
 def _yaw_pitch_roll(cameras: Keyframes, latitude: Array, longitude: Array, origin: GeoOrigin) -> Array:
     """Return angles (n, 3) in radians with respect to north at each camera; yaw lies in 0 to 2 pi."""
     places = zip(latitude.tolist(), longitude.tolist(), strict=True)
-    local_R_w = np.array([enu_R_enu(GeoOrigin(*place, 0.0), origin) for place in places])
+    local_R_w = np.array([enu_R_enu(GeoOrigin(*place, 0.0), origin) for place in places]).reshape(-1, 3, 3)
     local_R_b = local_R_w @ cameras.w_T_b[:, :3, :3] @ NADIR_B_T_C[:3, :3].T
     angles = roll_pitch_yaw_of(W_R_N.T @ local_R_b @ FRD_R_B)[:, ::-1]
     return np.column_stack([angles[:, 0] % (2 * np.pi), angles[:, 1:]])
