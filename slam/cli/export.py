@@ -31,7 +31,7 @@ def export(
     out: Annotated[Path | None, _OUT] = None,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
-    """Write a map for another program: GIS, Google Earth, OpenDroneMap, COLMAP, evo and others."""
+    """Write a map for another program: GIS, Google Earth, OpenDroneMap, COLMAP, ROS 2, evo and others."""
     from slam.cli.console import Screen
     from slam.io.estimate import read_estimate
     from slam.io.exports.exported_map import ExportedMap

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from slam.io.exports.exported_map import ExportedMap
 
 
-ExportKind = Literal["geo", "geojson", "gpx", "kml", "colmap", "euroc", "tum"]
+ExportKind = Literal["geo", "geojson", "gpx", "kml", "colmap", "euroc", "tum", "mcap", "ros2"]
 """Names of the formats, as the command line lists them."""
 
 
@@ -79,6 +79,8 @@ FORMATS: tuple[ExportFormat, ...] = (
     ),
     ExportFormat("euroc", "truth of the EuRoC data set", "euroc", "_euroc.csv"),
     ExportFormat("tum", "poses of the TUM RGB-D benchmark", "tum", ".tum"),
+    ExportFormat("mcap", "MCAP file with ROS 2 messages", "mcap", ".mcap"),
+    ExportFormat("ros2", "ROS 2 bag", "ros2", "_ros2", is_folder=True),
 )
 
 
