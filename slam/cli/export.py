@@ -23,12 +23,19 @@ _OUT = typer.Option(
     help="The file or folder to write; must not exist yet. Default: beside DIR, with its name.",
     show_default=False,
 )
+_PHOTOS = typer.Option(
+    "--photos",
+    metavar="FOLDER",
+    help="The photographs that the map was made of, for exif; they are not changed.",
+    show_default=False,
+)
 
 
 def export(
     folder: Annotated[Path, _FOLDER],
     to: Annotated[ExportKind, _TO],
     out: Annotated[Path | None, _OUT] = None,
+    photos: Annotated[Path | None, _PHOTOS] = None,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
     """Write a map for another program: GIS, Google Earth, OpenDroneMap, COLMAP, ROS 2, evo and others."""
@@ -40,7 +47,7 @@ def export(
     screen = Screen(quiet)
     target = default_target(folder, to) if out is None else out
     with screen.progress() as progress:
-        notes = export_map(ExportedMap(read_estimate(folder), progress=progress), to, target)
+        notes = export_map(ExportedMap(read_estimate(folder), photos, progress), to, target)
     for note in notes:
         screen.line(note)
     screen.files([target])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from slam.io.exports.exported_map import ExportedMap
 
 
-ExportKind = Literal["geo", "geojson", "gpx", "kml", "colmap", "euroc", "tum", "mcap", "ros2"]
+ExportKind = Literal["geo", "geojson", "gpx", "kml", "colmap", "euroc", "tum", "mcap", "ros2", "exif"]
 """Names of the formats, as the command line lists them."""
 
 
@@ -81,6 +81,14 @@ FORMATS: tuple[ExportFormat, ...] = (
     ExportFormat("tum", "poses of the TUM RGB-D benchmark", "tum", ".tum"),
     ExportFormat("mcap", "MCAP file with ROS 2 messages", "mcap", ".mcap"),
     ExportFormat("ros2", "ROS 2 bag", "ros2", "_ros2", is_folder=True),
+    ExportFormat(
+        "exif",
+        "copies of the photographs with positions",
+        "exif",
+        "_photos",
+        (PLACE, CAMERA, PHOTOGRAPHS),
+        is_folder=True,
+    ),
 )
 
 
@@ -100,6 +108,8 @@ def export_map(exported: ExportedMap, name: ExportKind, target: Path) -> tuple[s
     for need in known.needs:
         if not need.is_met(exported):
             raise InputError(f"--to {name}: the map {need.lack}; {need.advice}")
+    if exported.photos is not None and PHOTOGRAPHS not in known.needs:
+        raise InputError(f"--photos: --to {name} writes no photographs; leave --photos out")
     if not len(exported.keyframes):
         raise InputError(f"--to {name}: no keyframe of the map is placed; summary.json has the reasons")
     if target.exists() or target.is_symlink():

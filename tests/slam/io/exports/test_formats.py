@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slam.core.errors import InputError
-from slam.io.exports.formats import CAMERA, FORMATS, PLACE, ExportKind, export_map
+from slam.io.exports.formats import CAMERA, FORMATS, PHOTOGRAPHS, PLACE, ExportKind, export_map
 from tests.slam.io.exports.made_map import exported, made_map, pose
 
 FILES = [known for known in FORMATS if not known.is_folder]
@@ -25,7 +25,8 @@ def test_a_map_without_what_a_format_needs_is_refused_in_one_line(known, tmp_pat
     without = {PLACE: {"origin": None}, CAMERA: {"camera": None}}
     for need in known.needs:
         if need in without:
-            lacking = exported(made_map(pose(), **without[need]), photos=tmp_path)
+            photos = tmp_path if PHOTOGRAPHS in known.needs else None
+            lacking = exported(made_map(pose(), **without[need]), photos=photos)
             with pytest.raises(InputError, match=need.lack) as refused:
                 export_map(lacking, known.name, tmp_path / "out")
             assert "\n" not in str(refused.value)

@@ -1,0 +1,72 @@
+"""Change of the position in an XMP packet, which many programs prefer to that of Exif.
+
+Only values that the packet has are replaced, by the names that the reader of photographs knows.
+"""
+
+from __future__ import annotations
+
+import re
+
+from slam.io.exports.camera_position import CameraPosition
+
+_FAMILIES = {
+    "drone": rb"[^\"']*drone[^\"']*",
+    "camera": rb"[^\"']*(?:pix4d|sensefly)\.com/camera[^\"']*",
+    "exif": rb"http://ns\.adobe\.com/exif/[^\"']*",
+}
+"""Family of names -> pattern of its namespace."""
+_LATITUDES = ("GpsLatitude", "GPSLatitude", "Latitude")
+_LONGITUDES = ("GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")
+
+
+def with_position(packet: bytes, at: CameraPosition) -> bytes:
+    """Return the packet with the position, and with its standard deviations if they are known."""
+    for family, values in _values(at).items():
+        for prefix in _prefixes(packet, family):
+            for name, value in values.items():
+                packet = _replaced(packet, prefix + b":" + name.encode(), value.encode())
+    return packet
+
+
+def _values(at: CameraPosition) -> dict[str, dict[str, str]]:
+    """Return the text of each name by family."""
+    latitude, longitude, altitude = (
+        f"{at.latitude_deg:.9f}",
+        f"{at.longitude_deg:.9f}",
+        f"{at.altitude_m:.4f}",
+    )
+    drone = {**dict.fromkeys(_LATITUDES, latitude), **dict.fromkeys(_LONGITUDES, longitude)}
+    drone["AbsoluteAltitude"] = altitude
+    camera: dict[str, str] = {}
+    if at.std_m is not None:
+        east, north, up = (f"{std:.5f}" for std in at.std_m)
+        across = f"{at.horizontal_std_m:.5f}"
+        drone |= {"RtkStdLon": east, "RtkStdLat": north, "RtkStdHgt": up}
+        drone |= {"GpsHorizontalAccuracy": across, "GpsVerticalAccuracy": up}
+        camera = {"GPSXYAccuracy": across, "GPSZAccuracy": up}
+    exif = {
+        "GPSLatitude": _minutes(at.latitude_deg, "NS"),
+        "GPSLongitude": _minutes(at.longitude_deg, "EW"),
+        "GPSAltitude": f"{round(abs(at.altitude_m) * 10_000)}/10000",
+        "GPSAltitudeRef": str(int(at.altitude_m < 0)),
+    }
+    return {"drone": drone, "camera": camera, "exif": exif}
+
+
+def _minutes(angle_deg: float, letters: str) -> str:
+    """Return an angle as "DDD,MM.mmmmmmmK", the form of XMP's own names."""
+    units = round(abs(angle_deg) * 60 * 10**7)
+    whole, rest = divmod(units, 60 * 10**7)
+    return f"{whole},{rest / 10**7:.7f}{letters[angle_deg < 0]}"
+
+
+def _prefixes(packet: bytes, family: str) -> set[bytes]:
+    return set(re.findall(rb"xmlns:([\w.-]+)\s*=\s*[\"']" + _FAMILIES[family] + rb"[\"']", packet))
+
+
+def _replaced(packet: bytes, name: bytes, value: bytes) -> bytes:
+    """Replace the value of an attribute or of an element."""
+    attribute = rb"(\s" + re.escape(name) + rb"\s*=\s*)(?:\"[^\"]*\"|'[^']*')"
+    element = rb"(<" + re.escape(name) + rb"(?:\s[^>]*)?>)[^<]*(?=</" + re.escape(name) + rb"\s*>)"
+    packet = re.sub(attribute, lambda found: found[1] + b'"' + value + b'"', packet)
+    return re.sub(element, lambda found: found[1] + value, packet)
