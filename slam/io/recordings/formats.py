@@ -35,12 +35,15 @@ class Format:
         return head.startswith(self.starts) or (self.pattern is not None and bool(self.pattern.match(head)))
 
 
+_TELEMETRY = re.compile(rb"\0[\x03-\x07].{6}[\xfd\xfe]", re.DOTALL)
+"""Microseconds of a year from 2001 to 2037, the highest byte first, and the start of a packet."""
 _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOTALL)
 
 
 FORMATS: tuple[Format, ...] = (
     Format("a PX4 log", "slam.io.recordings.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
     Format("an ArduPilot log", "slam.io.recordings.dataflash", (".bin",), (b"\xa3\x95\x80",)),
+    Format("a MAVLink telemetry log", "slam.io.recordings.tlog", (".tlog",), (), _TELEMETRY),
     Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
     Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
     Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), mp4.START),
