@@ -19,8 +19,9 @@ from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg
 from slam.io.files import brief, refusal
 from slam.io.recordings import ros_camera
+from slam.io.recordings.open_bag import BagPictures, OpenBag
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
-from slam.io.recordings.ros_bag_file import DESCRIPTION, Bag, BagPictures
+from slam.io.recordings.ros_bag_file import DESCRIPTION, Bag
 from slam.io.recordings.ros_messages import CAMERA_INFO, IMAGE_KINDS, RANGE_T_SONAR, RULES, RosRule
 from slam.io.recordings.transforms import mount_entry
 from slam.io.sensor_yaml import Value
@@ -67,7 +68,11 @@ class _Series:
 
 def open_recording(path: Path) -> Recording:
     """Open a bag. Raises ``InputError`` without ``rosbags``, or for a damaged file."""
-    bag = Bag(path)
+    return recording_of(Bag(path), DESCRIPTION)
+
+
+def recording_of(bag: OpenBag, description: str) -> Recording:
+    """Return the recording of an open bag."""
     offers = [*_camera_offers(bag), *_series_offers(bag)]
     used = {offer.channel for offer in offers}
     used |= {topic for topic, _, _ in bag.topics(CAMERA_INFO)}
@@ -77,16 +82,16 @@ def open_recording(path: Path) -> Recording:
         return _read(bag, chosen, progress)
 
     return Recording(
-        path=path,
-        name=path.stem,
-        description=DESCRIPTION,
+        path=bag.path,
+        name=bag.path.stem,
+        description=description,
         offers=tuple(offers),
         others=tuple(sorted(others)),
         read=read,
     )
 
 
-def _camera_offers(bag: Bag) -> Iterator[Offer]:
+def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
     """Yield the topics with pictures; cameras that look down and uncompressed pictures are preferred."""
     for topic, kind, rows in bag.topics(*IMAGE_KINDS):
         first = bag.first.get(topic)
@@ -106,7 +111,7 @@ def _camera_offers(bag: Bag) -> Iterator[Offer]:
         )
 
 
-def _series_offers(bag: Bag) -> Iterator[Offer]:
+def _series_offers(bag: OpenBag) -> Iterator[Offer]:
     for rank, rule in enumerate(RULES):
         for topic, _, rows in bag.topics(rule.kind):
             if (
@@ -126,7 +131,7 @@ def _series_offers(bag: Bag) -> Iterator[Offer]:
             )
 
 
-def _doubt(bag: Bag, rule: RosRule, topic: str) -> str:
+def _doubt(bag: OpenBag, rule: RosRule, topic: str) -> str:
     if not rule.is_certain(topic):
         return "commands in m/s?" if rule.stream == "command0" else "a pose may be an estimate, not a truth"
     mount = bag.mount_of(topic) if rule.kind == _RANGE else None
@@ -134,7 +139,7 @@ def _doubt(bag: Bag, rule: RosRule, topic: str) -> str:
     return f"looks {tilt:.0f} degrees away from straight down" if tilt > MAX_TILT_DEG else ""
 
 
-def _read(bag: Bag, chosen: Sequence[Offer], progress: Progress) -> Content:
+def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
     """Read all chosen topics in one pass."""
     series = {offer.stream: _Series(None if offer.stream == "cam0" else _rule(offer)) for offer in chosen}
     by_topic: dict[str, list[_Series]] = {}
@@ -158,9 +163,9 @@ def _rule(offer: Offer) -> RosRule:
     return next(rule for rule in RULES if (rule.stream, rule.kind) == (offer.stream, offer.kind))
 
 
-def _pass(bag: Bag, by_topic: dict[str, list[_Series]], progress: Progress) -> list[str]:
+def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) -> list[str]:
     """Read the messages of some topics; where the bag is damaged, keep what came before."""
-    connections = [c for c in bag.reader.connections if c.topic in by_topic]
+    connections = [c for c in bag.connections if c.topic in by_topic]
     total = sum(c.msgcount for c in connections)
     count = 0
     try:
@@ -182,7 +187,7 @@ def _pass(bag: Bag, by_topic: dict[str, list[_Series]], progress: Progress) -> l
     return [f"{total - count} of {total} messages are missing in the bag"] if count < total else []
 
 
-def _readings(bag: Bag, offer: Offer, series: _Series) -> StreamReadings:
+def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
     rule = series.rule
     assert rule is not None
     stamps_ns = np.array(series.stamps_ns, dtype=np.int64)
@@ -202,15 +207,12 @@ def _readings(bag: Bag, offer: Offer, series: _Series) -> StreamReadings:
     return StreamReadings(stamps_ns, rule.values(rows, mount), nominal, tuple(notes))
 
 
-def _pictures(bag: Bag, topic: str, series: _Series) -> tuple[PictureChannel | None, list[str]]:
-    infos = {c.topic: c for c in bag.of_kinds(CAMERA_INFO)}
-    found = next((infos[name] for name in ros_camera.info_topics(topic) if name in infos), None)
-    info = None if found is None else next((m for _, _, m in bag.messages([found])), None)
-    camera, notes = ros_camera.camera_of(info, bag.mount_of(topic))
+def _pictures(bag: OpenBag, topic: str, series: _Series) -> tuple[PictureChannel | None, list[str]]:
+    camera, notes = ros_camera.camera_of(bag.camera_info(topic), bag.mount_of(topic))
     if camera is None:
         return None, [f"cam0: {topic}: {line}" for line in notes]
     suffix = ros_camera.suffix_of_message(series.first)
-    connections = [c for c in bag.reader.connections if c.topic == topic]
+    connections = [c for c in bag.connections if c.topic == topic]
     pictures = PictureChannel(
         stamps_ns=np.array(series.stamps_ns, dtype=np.int64),
         names=tuple(f"{stamp}{suffix}" for stamp in series.stamps_ns),
