@@ -37,6 +37,8 @@ class Format:
 
 _TELEMETRY = re.compile(rb"\0[\x03-\x07].{6}[\xfd\xfe]", re.DOTALL)
 """Microseconds of a year from 2001 to 2037, the highest byte first, and the start of a packet."""
+_MCAP_WITHOUT_ROS = re.compile(rb"\x89MCAP0\r\n\x01.{8}(?!\x04\0\0\0ros[12])", re.DOTALL)
+"""The first record, with the length and the text of the profile."""
 _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOTALL)
 
 
@@ -50,6 +52,7 @@ FORMATS: tuple[Format, ...] = (
     Format("a video", "slam.io.recordings.video", (".mkv", ".webm"), (b"\x1a\x45\xdf\xa3",)),
     Format("a video", "slam.io.recordings.video", (".avi",), (), re.compile(rb"RIFF.{4}AVI ", re.DOTALL)),
     Format("a file of subtitles", "slam.io.recordings.video", (".srt",), (), _SUBTITLES),
+    Format("an MCAP recording", "slam.io.recordings.foxglove", (".mcap",), (), _MCAP_WITHOUT_ROS),
     Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )
 
