@@ -18,6 +18,8 @@ Converted = tuple[Array, tuple[str, ...]]
 NS_PER_US = 1000
 FIX_2D, FIX_3D = 2, 3
 """Kinds of a satellite fix, as autopilots and GoPro's cameras number them."""
+_SEA_LEVEL_HPA, _SCALE_M, _EXPONENT = 1013.25, 44330.77, 0.190263
+"""International Standard Atmosphere, ISO 2533: altitude over pressure."""
 DOWN = 25
 """Orientation of a range sensor that looks down (MAVLink's ROTATION_PITCH_270)."""
 
@@ -41,6 +43,12 @@ def frd_vectors(fields: Fields, *names: str) -> Array:
 def single(name: str) -> Callable[[Fields], Converted]:
     """Return the conversion of one field that is taken as it is."""
     return lambda fields: (column(fields, name)[:, None], ())
+
+
+def standard_altitude(pressure_hpa: Array) -> Array:
+    """Return altitudes (n, 1) in the standard atmosphere of pressures (n,); NaN for none."""
+    ratio = np.maximum(pressure_hpa, 0) / _SEA_LEVEL_HPA
+    return np.where(ratio > 0, _SCALE_M * (1 - ratio**_EXPONENT), np.nan)[:, None]
 
 
 def known_fixes(values: Array, fix: Array) -> Array:

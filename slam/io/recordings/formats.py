@@ -46,6 +46,12 @@ FORMATS: tuple[Format, ...] = (
     Format("a PX4 log", "slam.io.recordings.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
     Format("an ArduPilot log", "slam.io.recordings.dataflash", (".bin",), (b"\xa3\x95\x80",)),
     Format("a MAVLink telemetry log", "slam.io.recordings.tlog", (".tlog",), (), _TELEMETRY),
+    Format(
+        "an AR.Drone's navdata",
+        "slam.io.recordings.ardrone",
+        (".navdata",),
+        (b"\x88\x77\x66\x55", b"\x89\x77\x66\x55"),
+    ),
     Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
     Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
     Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), mp4.START),

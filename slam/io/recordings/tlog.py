@@ -41,8 +41,6 @@ _LEAST_IMU_HZ = 50.0
 """Turns of a small drone reach about 10 Hz; slower readings miss them, and cannot be integrated."""
 _G_M_S2 = 9.80665
 _UNKNOWN_16 = 0xFFFF
-_SEA_LEVEL_HPA, _SCALE_M, _EXPONENT = 1013.25, 44330.77, 0.190263
-"""International Standard Atmosphere, ISO 2533: altitude over pressure."""
 
 
 @dataclass
@@ -92,9 +90,7 @@ def _voltage(fields: Fields) -> Converted:
 
 
 def _altitude(fields: Fields) -> Converted:
-    ratio = np.maximum(column(fields, "press_abs"), 0) / _SEA_LEVEL_HPA
-    altitude_m = np.where(ratio > 0, _SCALE_M * (1 - ratio**_EXPONENT), np.nan)
-    return altitude_m[:, None], ()
+    return field_values.standard_altitude(column(fields, "press_abs")), ()
 
 
 _SI, _MILLI = (
