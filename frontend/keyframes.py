@@ -21,6 +21,8 @@ from frontend.registration import Registration, register
 
 Image = NDArray[np.uint8]
 
+SAME_PICTURE = "same picture as the one before"
+"""Reason to drop a picture that equals the one before, pixel by pixel."""
 SEARCHED_AT_ONCE, MOST_PX = 2, 500_000
 """Features of pictures of up to ``MOST_PX`` are extracted two pictures at a time, because OpenCV splits small
 pictures badly among cores. It splits larger ones well, and each needs much memory."""
@@ -129,7 +131,7 @@ class Tracker:
         last: _Tracked | None = None
         best: _Tracked | None = None
         failures = 0
-        for frame, features in self._seen(images):
+        for frame, features in self._with_last_of_equal(self._seen(images)):
             if last is None:
                 last, number = self._first(frame, features), number + 1
                 yield last.keyframe(None)
@@ -153,6 +155,19 @@ class Tracker:
             failures, best = 0, tracked
         if best is not None and last is not None:
             yield best.keyframe(last)
+
+    def _with_last_of_equal(self, seen: Iterable[tuple[int, Features]]) -> Iterator[tuple[int, Features]]:
+        """Yield the last picture too where all are equal: together with the first it shows the one place."""
+        features: list[Features] = []
+        for frame, extracted in seen:
+            if len(features) < 2:
+                features.append(extracted)
+            yield frame, extracted
+        equal = [frame for frame, reason in self.dropped.items() if reason == SAME_PICTURE]
+        if len(features) == 1 and equal:
+            del self.dropped[equal[-1]]
+            self.rejected[SAME_PICTURE] -= 1
+            yield equal[-1], features[0]
 
     def _drop(self, frame: int, reason: str) -> None:
         self.rejected[reason] += 1
@@ -213,7 +228,7 @@ class Tracker:
         features = self.extractor(image, self.camera, self.masks(frame))
         if len(features) >= self.gates.min_inliers and before is not None and np.array_equal(image, before):
             # A frozen camera: time and position advance, the picture does not.
-            return "same picture as the one before"
+            return SAME_PICTURE
         return features
 
     def _track(

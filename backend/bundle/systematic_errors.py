@@ -25,6 +25,7 @@ from backend.bundle.factors import WORLD_SIZE
 from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle, metric_jacobians
 from backend.bundle.systematic_terms import Kind, added_columns
+from backend.errors import BackendError
 from backend.pose_graph.linear import cholesky, linear_system
 
 Array = NDArray[np.float64]
@@ -62,14 +63,17 @@ class SystematicErrors:
 
 
 def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
-    """Return the errors that the residuals show beyond chance; None without any or without covariances."""
+    """Return the errors that the residuals show beyond chance; None without any or without covariances.
+
+    Raises ``BackendError`` where the equations are singular, so that nothing can be tested.
+    """
     known = np.isfinite(bundle.covariances).all(axis=(1, 2))
     if not known.any():
         return None
     try:
         scores, moved = _eliminate(bundle)
-    except RuntimeError:  # singular by rounding: the errors are not observable
-        return None
+    except RuntimeError:
+        raise BackendError("the equations of the refinement are singular by rounding") from None
     found, alternatives = scores.search()
     if not found:
         return None

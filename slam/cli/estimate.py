@@ -124,6 +124,8 @@ def figures(navigation: Navigation) -> FigureTable:
         rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {used}"))
     for name, counted in (("left out", rejection_counts(track)), ("weighed less", downweight_counts(track))):
         rows.append((name, ", ".join(f"{n} x {why}" for why, n in counted.items()) or "nothing"))
+    if found.accuracy_basis:
+        rows.append(("accuracy", found.accuracy_basis))
     rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))
     rows += warning_rows(found.warnings)
     return FigureTable(found.name, (), tuple(rows))

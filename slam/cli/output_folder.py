@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from slam.core.errors import InputError, explain
+from slam.cli.supervisor import LESS_MEMORY
+from slam.core.errors import InputError, explain, one_line
 from slam.core.version import VERSION
 from slam.experiments.registry import NAMES as EXPERIMENTS
-from slam.io.atomic import atomic_folder, is_working_folder
+from slam.io.atomic import atomic_folder, is_working_folder, partial_path
 from slam.io.files import OUTPUT_MARKER, read_bytes
 
 MARKER_NAME = OUTPUT_MARKER
@@ -111,6 +113,12 @@ _FIRST_VERSION = (
 """Outputs of version 0.1.0, which wrote no marker: files that each has, keys of its summary.json, and all
 names that it may have."""
 
+_WAS_KILLED = (
+    "the last run into this folder was killed before its end (exit code 137 and the kernel's log show why); "
+    f"if memory ran out: {LESS_MEMORY}"
+)
+"""A control group with memory.oom.group kills all its processes: the run then cannot say it itself."""
+
 _MARK = "summary.json"
 """File of every finished output."""
 
@@ -123,11 +131,14 @@ def output_folder(target: str | Path) -> Iterator[Path]:
 
     An earlier output in ``target`` stays until the new one is complete. Raises ``InputError`` where
     ``target`` is a file, holds something that slam did not write, is being written by another run, or cannot
-    be written.
+    be written. A line on standard error reports that the last run into ``target`` was killed.
     """
     target = _checked(Path(target))
     _refuse_foreign(target, target)
+    was_killed = is_working_folder(partial_path(target))  # or it still runs, and is refused below
     with atomic_folder(target, may_replace=lambda folder: _refuse_foreign(folder, target)) as folder:
+        if was_killed:
+            print(f"slam: {one_line(str(target))}: {_WAS_KILLED}", file=sys.stderr)
         yield folder
         _write_marker(folder)
 

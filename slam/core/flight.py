@@ -263,6 +263,13 @@ class Flight:
         }
         return replace(self, **changed)
 
+    @property
+    def camera_file(self) -> str:
+        """Say where the camera's calibration is declared: photographs and recordings have no such file."""
+        if self.all_keyframes or self.sources:
+            return "cam0/sensor.yaml of the flight folder that `slam import` makes"
+        return "cam0/sensor.yaml"
+
     def reason_not_read(self, folder: str) -> str:
         """Return the warning that says why an existing folder was not read; empty without one."""
         lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)

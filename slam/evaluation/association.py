@@ -237,13 +237,13 @@ def _with_gps(
     check = flight.fix_check()
     known = np.zeros(0, dtype=bool)
     if gps is not None:
-        consistent = np.ones(len(gps.stamps_s), bool) if check is None else check.consistent
-        known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg) & consistent
-    if gps is None or origin is None or not known.any():
+        known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
+    if gps is None or origin is None or check is None or not (known & check.consistent).any():
         raise InputError("gps0: holds no complete fix; mend it or compare with a flight that has truth")
-    flat = not np.isfinite(gps.altitude_m[known]).any()
+    flat = not np.isfinite(gps.altitude_m[known & check.consistent]).any()
     if not flat:
         known &= np.isfinite(gps.altitude_m)
+    agrees = (check.consistent if flat else check.altitude_consistent)[known]
     altitude_m = np.full(int(known.sum()), origin.altitude_m) if flat else gps.altitude_m[known]
     fixes_m = enu_from_geodetic(gps.latitude_deg[known], gps.longitude_deg[known], altitude_m, origin)
     times_s = gps.stamps_s[known]
@@ -253,6 +253,8 @@ def _with_gps(
     nearest = np.where(np.abs(times_s[before] - stamps_s) <= np.abs(times_s[after] - stamps_s), before, after)
     matched = np.abs(times_s[nearest] - stamps_s) <= half_s
     _count(left_out, "without a GPS fix at their time", comparable & ~matched)
+    _count(left_out, "whose GPS fix contradicts the other fixes", comparable & matched & ~agrees[nearest])
+    matched &= agrees[nearest]
     keyframe = np.flatnonzero(comparable & matched)
     position_m = fixes_m[nearest[keyframe]]
     return Association(

@@ -18,6 +18,7 @@ from slam.core.flight_info import describe
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
+from slam.inertial.accuracy_basis import track_accuracy_basis
 from slam.inertial.filter_input import FilterInput
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import filter_motion
@@ -104,6 +105,7 @@ def navigate(
             *_identified_errors(inputs, track),
         ),
         trajectory_names=TRAJECTORY_NAMES,
+        accuracy_basis=track_accuracy_basis(inputs.readings, trust),
     )
     return Navigation(estimate, track, inputs)
 

@@ -20,9 +20,11 @@ from slam.io.files import refusal
 Array = NDArray[np.float64]
 
 _WINDOW_S, _SHORTEST_S = 5.0, 2.0
-_MOST_SINKING_M_S2 = 0.1 * GRAVITY_M_S2
-"""Largest mean downward acceleration in the median window: a change of 5 m/s. A level one adds to gravity at
-right angles, and hardly changes the size of the sum."""
+_MOST_SINKING_M_S = 5.0
+"""Largest downward change of speed over a recording. A level one adds to gravity at right angles, and can
+only enlarge the sum."""
+_SHORT_SHARE = 0.05
+"""Share by which a poorly calibrated accelerometer reads short of gravity."""
 _STEP_S = 0.25
 """Turns over so long exceed the noise of gyro and truth."""
 _MOST_TILT_RAD = np.radians(45.0)
@@ -36,10 +38,12 @@ _WRONG_GYROS = (
 
 def check_gyro_by_gravity(imu: Imu, path: Path) -> None:
     """Refuse a gyro that turns gravity away, where another unit or sign would not. Raises ``InputError``."""
-    as_read = _remaining_gravity(imu, 1.0)
-    corrected = [_remaining_gravity(imu, factor) for factor, _ in _WRONG_GYROS]
+    as_read, lasts_s = _remaining_gravity(imu, 1.0)
+    corrected = [_remaining_gravity(imu, factor)[0] for factor, _ in _WRONG_GYROS]
     best = int(np.argmax(corrected))
-    if np.isfinite(corrected[best]) and as_read < corrected[best] - _MOST_SINKING_M_S2:
+    # A banked turn presses with more than gravity: such a reading does not speak against the gyro.
+    expected = min(corrected[best], GRAVITY_M_S2)
+    if lasts_s > 0 and as_read < (1 - _SHORT_SHARE) * expected - _MOST_SINKING_M_S / lasts_s:
         what = f"turned by the gyro, the accelerometer's mean over {_WINDOW_S:g} s is {as_read:.1f} m/s^2"
         raise refusal(path, f"{what}, but gravity is {GRAVITY_M_S2:.1f}", _WRONG_GYROS[best][1])
 
@@ -99,19 +103,20 @@ def _tilt_rad(w_R_b: Rotation, b_force: Array) -> float:
     return float(np.median(np.arctan2(np.hypot(w_force[:, 0], w_force[:, 1]), w_force[:, 2])))
 
 
-def _remaining_gravity(imu: Imu, factor: float) -> float:
-    """Return the median over windows of the size of the mean specific force, in axes held by the gyro's
-    readings times ``factor``; infinite for a short recording."""
+def _remaining_gravity(imu: Imu, factor: float) -> tuple[float, float]:
+    """Return the mean over windows of the size of the mean specific force, in axes held by the gyro's
+    readings times ``factor``, and the seconds that the windows last; zeros for a short recording."""
     stamps_s, gyro, force = _in_body(imu)
     window = np.floor((stamps_s - stamps_s[:1]) / _WINDOW_S).astype(np.int64)
-    sizes = []
+    sizes, lasts_s = [], []
     for rows in np.split(np.arange(len(window)), np.flatnonzero(np.diff(window)) + 1):
         if len(rows) < 2 or stamps_s[rows[-1]] - stamps_s[rows[0]] < _SHORTEST_S:
             continue
         steps = factor * gyro[rows[:-1]] * np.diff(stamps_s[rows])[:, None]
         held = _composed(Rotation.from_rotvec(steps))
         sizes.append(float(np.linalg.norm(held.apply(force[rows]).mean(axis=0))))
-    return float(np.median(sizes)) if sizes else np.inf
+        lasts_s.append(float(stamps_s[rows[-1]] - stamps_s[rows[0]]))
+    return (float(np.average(sizes, weights=lasts_s)), sum(lasts_s)) if sizes else (0.0, 0.0)
 
 
 def _composed(turns: Rotation) -> Rotation:

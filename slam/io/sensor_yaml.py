@@ -24,6 +24,8 @@ MAX_BYTES = 1 << 20
 MAX_DEPTH = 8
 MAX_LEVER_M = 10.0
 """Largest distance of a sensor from the body origin, for a small aircraft."""
+ROUNDING = float(np.finfo(np.float64).eps)
+"""Share of the largest reading that a float64 resolves: a smaller noise cannot be in the data."""
 RIGID_TOLERANCE = 1e-3
 """Largest element of R^T R - I that is accepted as rounding error."""
 
@@ -63,19 +65,24 @@ class YamlFile:
         return value
 
     def std(self, key: str, default: float, largest: float) -> float:
-        """Return a standard deviation >= 0. Raises ``InputError`` above ``largest``, the range of what it
-        describes: such a value holds no information, and no covariance can be computed with it.
-        """
+        """Return a standard deviation >= 0. Raises ``InputError`` as `check_std` does."""
         value = self.number(key, default)
         self.check_std(key, value, largest)
         return value
 
     def check_std(self, key: str, value: float, largest: float) -> None:
-        """Raise ``InputError`` for a standard deviation below 0 or above ``largest``."""
+        """Raise ``InputError`` for a standard deviation below 0, or outside what is possible.
+
+        Above ``largest``, the range of what it describes, it holds no information. Below the rounding of that
+        range it claims more than a float64 holds. No covariance can be computed with either.
+        """
         if value < 0:
             raise self.refuse(key, f"is {value:g}", "write a positive number")
         if value > largest:
             what = f"is {value:g}, beyond the {largest:.3g} that are possible"
+            raise self.refuse(key, what, "write the sensor's own, in the unit of the data")
+        if 0 < value < ROUNDING * largest:
+            what = f"is {value:g}, less than the {ROUNDING * largest:.2g} to which a reading is rounded"
             raise self.refuse(key, what, "write the sensor's own, in the unit of the data")
 
     def numbers(self, key: str, count: tuple[int, ...]) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.systematic_errors import SystematicErrors, systematic_errors
+from backend.errors import BackendError
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
@@ -36,7 +37,7 @@ from slam.mapping.map import Map
 from slam.mapping.not_placed import ALONE, not_placed_warnings, pictures_not_placed
 from slam.mapping.one_place import one_place_warning
 from slam.mapping.refine import comparable
-from slam.mapping.systematic_warning import is_outside_covariances, systematic_warning
+from slam.mapping.systematic_warning import explains, is_outside_covariances, systematic_warning
 
 Array = NDArray[np.float64]
 
@@ -67,10 +68,12 @@ def _status(
     flight, stamps_s = context.flight, map_.observations.stamps_s
     by_metres = metric or map_.georeferenced
     main = map_.of_main(map_.w_T_b)
+    systematic, is_in_status = _systematic_warning(flight, map_, shared)
     lines = [
         # First, because instruments contradict a map that a lens has bent.
-        _systematic_warning(flight, map_, shared) if is_outside_covariances(shared) else "",
+        systematic if is_in_status else "",
         *map_.warnings,
+        *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
         *contradictions(flight, stamps_s, main, by_metres),
         clock_contradiction(map_.clock, context.clock),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
@@ -113,7 +116,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     odometry = map_.odometry or map_
     assert flight.frames is not None
     metric = bool(edges.heights.metric[map_.component >= 0].all())
-    shared = systematic_errors(map_.bundle) if map_.bundle is not None else None
+    shared, untested = _systematic_errors(map_)
     not_placed = pictures_not_placed(flight, map_)
     status, warnings = _status(context, map_, metric, not_placed, shared)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
@@ -154,6 +157,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             *lost_picture_warnings(flight, observations),
             *_moving(observations, shared),
             *_instrument_warnings(context, map_, mount, shared),
+            *untested,
             *map_.remarks,
             *warnings,
             *solution.warnings,
@@ -172,6 +176,14 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
     )
+
+
+def _systematic_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
+    """Return the errors that all pictures or positions share, and a line where they cannot be tested for."""
+    try:
+        return (None if map_.bundle is None else systematic_errors(map_.bundle)), []
+    except BackendError as error:
+        return None, [f"errors that all pictures or all positions share cannot be tested for: {error}"]
 
 
 def _covariances(context: Context, map_: Map) -> Array:
@@ -218,21 +230,26 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
 def _instrument_warnings(
     context: Context, map_: Map, mount: MountTilt | None, shared: SystematicErrors | None
 ) -> list[str]:
-    lines = [mount_warning(mount), clock_warning(map_.clock, context.clock)]
+    lines = [mount_warning(mount, context.flight.camera_file), clock_warning(map_.clock, context.clock)]
     if not map_.georeferenced and not context.flight.parts:
         # Positions would have determined the slope of the ground.
         poses = map_.of_main(map_.w_T_b)
         tilt = attitude_floor_tilt(context.flight, map_.observations.stamps_s, poses)
         lines.insert(0, attitude_floor_tilt_warning(tilt))
-    if not is_outside_covariances(shared):
-        lines.append(_systematic_warning(context.flight, map_, shared))
-    return [line for line in lines if line]
+    systematic, is_in_status = _systematic_warning(context.flight, map_, shared)
+    return [line for line in (*lines, "" if is_in_status else systematic) if line]
 
 
-def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> str:
+def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> tuple[str, bool]:
+    """Return the warning, with the accuracies that the same errors contradict, and whether the status is not
+    ok for it."""
     assert flight.camera is not None
     height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
-    return systematic_warning(shared, flight.camera, height_m, map_.metric)
+    line = systematic_warning(shared, flight.camera, height_m, map_.metric, flight.camera_file)
+    contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
+    if not line:
+        return "", False
+    return line + "".join(contradicted), bool(contradicted) or is_outside_covariances(shared)
 
 
 def reason_kind(reason: str) -> str:

@@ -56,8 +56,11 @@ def mount_tilt(nominal: Camera | None, bundle: Bundle | None) -> MountTilt | Non
     return MountTilt((float(turn[0]), float(turn[1])), bundle.mount_std_rad, rows)
 
 
-def mount_warning(tilt: MountTilt | None) -> str:
-    """Return a warning if the mount is tilted; otherwise an empty string."""
+def mount_warning(tilt: MountTilt | None, camera_file: str) -> str:
+    """Return a warning if the mount is tilted; otherwise an empty string.
+
+    ``camera_file`` says where the mount is declared.
+    """
     if tilt is None:
         return ""
     size = float(np.linalg.norm(tilt.tilt_rad))
@@ -67,5 +70,5 @@ def mount_warning(tilt: MountTilt | None) -> str:
     return (
         f"cam0 is mounted {np.degrees(size):.1f} ± {np.degrees(tilt.std_rad):.1g}° askew of its T_BS, as "
         f"floor and instruments show: corrected in the map; for other programs write T_BS data: [{rows}] "
-        "into cam0/sensor.yaml"
+        f"into {camera_file}"
     )

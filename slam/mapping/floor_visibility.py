@@ -30,7 +30,7 @@ def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
         return flight
     warning = (
         f"attitude0: according to {away.sum()} of {len(away)} readings the camera looks at the horizon or "
-        "the sky; they are left out; check its angles, and T_BS in cam0/sensor.yaml"
+        f"the sky; they are left out; check its angles, and T_BS in {flight.camera_file}"
     )
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)

@@ -6,13 +6,14 @@ from collections import defaultdict
 
 import numpy as np
 
+from frontend.keyframes import SAME_PICTURE
 from slam.core.flight import Flight
 from slam.mapping.front_end import Observations
 
 NOTABLE_SHARE = 0.02
 """Share of pictures above which one reason to leave them out, or something moving, is reported."""
 _HINTS = {
-    "same picture as the one before": "did the camera freeze?",
+    SAME_PICTURE: "did the camera freeze?",
     "too few features": "is the floor without texture or light there?",
 }
 

@@ -14,6 +14,7 @@ from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
 from slam.core.estimate import over_floor
 from slam.mapping.front_end import Observations
+from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.inertial_scale import AccelerometerScale
 from slam.mapping.lift_edges import Edges
 from slam.mapping.search_radius import KnownPoses
@@ -50,6 +51,8 @@ class Map:
     """Each makes the status other than ok."""
     remarks: tuple[str, ...] = ()
     """Measurements that were left out without harm to the result."""
+    stated_accuracy: tuple[Contradiction, ...] = ()
+    """Parts whose GPS fixes differ by far more than the receiver states; the status is not ok."""
     height_std_m: tuple[float, ...] = ()
     """Standard deviation of the height of each part's first keyframe over the floor, without the common
     error of all parts; 0 if unknown. The part's own covariances treat that height as certain."""

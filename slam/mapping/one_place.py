@@ -27,5 +27,6 @@ def one_place_warning(flight: Flight, map_: Map, min_overlap: float, by_metres: 
         return ""
     return (
         f"the pictures show one place only: their centres move by {length(moved, by_metres)}, less than the "
-        f"{length(step, by_metres)} of a keyframe; the vehicle stood or hovered, and nothing else is mapped"
+        f"{length(step, by_metres)} of a keyframe; the vehicle stood or hovered, or its camera froze, and "
+        "nothing else is mapped"
     )

@@ -24,6 +24,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.gps.georeferencing import align_with_positions
+from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.inertial_scale import AccelerometerScale, InertialComparison, compare_with_inertia
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
@@ -86,6 +87,7 @@ def refine_map(
         georeferenced=main.georeferenced if main else False,
         warnings=tuple(line for part in parts for line in part.warnings),
         remarks=tuple(line for part in parts for line in part.remarks),
+        stated_accuracy=tuple(part.stated_accuracy for part in parts if part.stated_accuracy),
         height_std_m=tuple(part.height_std_m for part in parts),
         inertial=main.inertial if main else None,
         clock=main.clock if main else None,
@@ -112,6 +114,7 @@ class MapPart:
     clock: PictureClock | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    stated_accuracy: Contradiction | None = None
 
     @property
     def metric(self) -> bool:
@@ -167,8 +170,13 @@ class _Evidence:
             return replace(placed, warnings=(*placed.warnings, line))
         if agreement is None or fixes is None:
             return placed
-        messages = fixes.messages(agreement, placed.w_T_b)
-        return replace(placed, warnings=(*placed.warnings, *messages.warnings), remarks=messages.remarks)
+        messages = fixes.messages(agreement)
+        return replace(
+            placed,
+            warnings=(*placed.warnings, *messages.warnings),
+            remarks=messages.remarks,
+            stated_accuracy=fixes.contradiction(agreement, placed.w_T_b),
+        )
 
     def _refined_with_agreeing(
         self, setup: Setup, part: MapPart, fixes: FixComparison | None, agreement: Agreement | None

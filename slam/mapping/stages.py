@@ -91,7 +91,7 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
     if (refined.component < 0).all() and not with_inertia:
         raise InputError(
             f"{context.flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
-            "check T_BS (which way it looks) and intrinsics in cam0/sensor.yaml, and the attitude"
+            f"check T_BS (which way it looks) and intrinsics in {context.flight.camera_file}, and attitude0"
         )
     return refined
 

@@ -10,6 +10,7 @@ from backend.bundle.systematic_errors import SystematicErrors
 from backend.bundle.systematic_terms import Kind, lens_displacement
 from frontend.camera import Camera
 from slam.core.units import length
+from slam.mapping.gps.stated_accuracy import Contradiction
 
 _CERTAIN = 3.0
 """Standard deviations from zero above which a component is reported."""
@@ -26,11 +27,25 @@ _CAUSE: Mapping[Kind, str] = {
     "position offset": "positions of another point or moment than the pictures (antenna, delay)",
 }
 _ADVICE: Mapping[Kind, str] = {
-    "radial": "calibrate the camera and declare distortion_coefficients in cam0/sensor.yaml",
-    "decentring": "calibrate the camera and declare distortion_coefficients in cam0/sensor.yaml",
-    "principal point": "calibrate the camera and correct intrinsics in cam0/sensor.yaml",
+    "radial": "calibrate the camera and declare distortion_coefficients in {camera_file}",
+    "decentring": "calibrate the camera and declare distortion_coefficients in {camera_file}",
+    "principal point": "calibrate the camera and correct intrinsics in {camera_file}",
     "position offset": "calibrate the camera, and refer the positions to its place and its clock",
 }
+_PATTERNS_OF_FIXES: Mapping[Kind, tuple[str, ...]] = {
+    "radial": ("place",),
+    "decentring": ("place",),
+    "principal point": ("body",),
+    "position offset": ("body", "delay"),
+}
+"""Patterns of the differences between fixes and map (`slam.mapping.gps.stated_accuracy`) by the same cause.
+"""
+
+
+def explains(found: SystematicErrors | None, contradiction: Contradiction) -> bool:
+    """Return whether the errors are also the reason for which fixes differ by more than is stated."""
+    kinds = () if found is None else (*found.coefficients, *found.alternatives)
+    return any(contradiction.pattern.kind in _PATTERNS_OF_FIXES[kind] for kind in kinds)
 
 
 def is_outside_covariances(found: SystematicErrors | None) -> bool:
@@ -38,11 +53,13 @@ def is_outside_covariances(found: SystematicErrors | None) -> bool:
     return found is not None and found.excess > 1.0
 
 
-def systematic_warning(found: SystematicErrors | None, camera: Camera, height_m: float, metric: bool) -> str:
+def systematic_warning(
+    found: SystematicErrors | None, camera: Camera, height_m: float, metric: bool, camera_file: str
+) -> str:
     """Return the warning; empty where the errors concern no position and the covariances include them.
 
     ``camera`` is the declared one, ``height_m`` its typical height over the floor. Lengths are metres if
-    ``metric``.
+    ``metric``. ``camera_file`` says where a calibration is declared.
     """
     if found is None:
         return ""
@@ -61,7 +78,8 @@ def systematic_warning(found: SystematicErrors | None, camera: Camera, height_m:
         if outside
         else "the standard deviations include its effect"
     )
-    return f"{_PATTERN[first]} ({terms}), likely by {causes}; {effect}; {_ADVICE[first]}"
+    advice = _ADVICE[first].format(camera_file=camera_file)
+    return f"{_PATTERN[first]} ({terms}), likely by {causes}; {effect}; {advice}"
 
 
 def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) -> str:

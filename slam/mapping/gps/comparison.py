@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from slam.mapping.gps.consensus import Agreement, exact_agreement, rough_agreement
 from slam.mapping.gps.fixes import Fixes, nearest
 from slam.mapping.gps.messages import FixMessages, fix_messages
-from slam.mapping.gps.stated_accuracy import FixesOnMap, stated_accuracy_warning
+from slam.mapping.gps.stated_accuracy import Contradiction, FixesOnMap, stated_accuracy_contradiction
 
 Array = NDArray[np.float64]
 
@@ -32,13 +32,15 @@ class FixComparison:
         off_m = self.fixes.w_p_b_m - self.fixes.on_map(self.stamps_s, w_T_b)
         return exact_agreement(off_m, self.fixes.std_m)
 
-    def messages(self, agreement: Agreement, w_T_b: Array) -> FixMessages:
-        """Return remarks and warnings about the fixes on refined poses ``w_T_b`` (m, 4, 4)."""
-        messages = fix_messages(self.fixes, agreement)
+    def messages(self, agreement: Agreement) -> FixMessages:
+        """Return remarks and warnings about the fixes."""
+        return fix_messages(self.fixes, agreement)
+
+    def contradiction(self, agreement: Agreement, w_T_b: Array) -> Contradiction | None:
+        """Compare the accuracy that the receiver states with refined poses ``w_T_b`` (m, 4, 4)."""
         if not self.fixes.stated:
-            return messages
-        contradicted = stated_accuracy_warning(self._on_map(agreement, w_T_b), self.fixes.std_m)
-        return messages.with_warning(contradicted) if contradicted else messages
+            return None
+        return stated_accuracy_contradiction(self._on_map(agreement, w_T_b), self.fixes.std_m)
 
     def _on_map(self, agreement: Agreement, w_T_b: Array) -> FixesOnMap:
         used = agreement.used & np.isfinite(agreement.off_m[:, 0])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +29,6 @@ class FixMessages:
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     """The result may be wrong."""
-
-    def with_warning(self, line: str) -> FixMessages:
-        """Return the messages with one more warning."""
-        return replace(self, warnings=(*self.warnings, line))
 
 
 def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:

@@ -53,21 +53,38 @@ class Pattern:
     """The pattern in figures."""
 
 
-def stated_accuracy_warning(fixes: FixesOnMap, stated_std_m: tuple[float, float, float]) -> str:
-    """Return a sentence where the fixes differ from the map by far more than they state; else empty."""
+@dataclass(frozen=True)
+class Contradiction:
+    """Fixes that differ from the map by far more than the receiver states."""
+
+    differs: str
+    """Sentence with the stated accuracy and the differences."""
+    pattern: Pattern
+
+    @property
+    def warning(self) -> str:
+        """The sentence, with what the pattern leaves in doubt."""
+        value = f"{self.pattern.value}; {100 * self.pattern.share:.0f} % of the squares"
+        why = _DOUBTED[self.pattern.kind].format(value=value)
+        return f"{self.differs}: {why}; the fixes count with what they differ by"
+
+
+def stated_accuracy_contradiction(
+    fixes: FixesOnMap, stated_std_m: tuple[float, float, float]
+) -> Contradiction | None:
+    """Return how the fixes differ from the map where it is by far more than they state; else None."""
     n = len(fixes.off_m)
     stated = float(np.hypot(*stated_std_m[:2]) / np.sqrt(2))
     if n < LEAST_FIXES or stated <= 0:
-        return ""
+        return None
     squares, dof = float(np.sum(fixes.off_m**2)), 2 * n - 4
     std = float(np.sqrt(squares / dof))
     if std < STATED_SIGMAS * stated or squares / stated**2 < chi2.isf(FALSE_ALARM, dof):
-        return ""
-    found = pattern(fixes)
-    why = _DOUBTED[found.kind].format(value=f"{found.value}; {100 * found.share:.0f} % of the squares")
-    return (
+        return None
+    return Contradiction(
         f"gps0: states {stated:.2g} m, but its fixes differ from the map by {std:.2g} m a horizontal axis "
-        f"({std / stated:.0f} sigmas): {why}; the fixes count with what they differ by"
+        f"({std / stated:.0f} sigmas)",
+        pattern(fixes),
     )
 
 

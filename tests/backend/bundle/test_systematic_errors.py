@@ -12,6 +12,7 @@ from scipy.stats import binom
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.systematic_errors import _eliminate, systematic_errors
 from backend.bundle.systematic_terms import LENS_KINDS, lens_displacement
+from backend.errors import BackendError
 from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make
 
 SONAR = Scene()
@@ -156,6 +157,17 @@ def test_positions_that_wander_are_no_offset() -> None:
         wandering = replace(made, measurements=replace(made.measurements, positions=moved))
         alarms += systematic_errors(solved(wandering)) is not None
     assert alarms == 0
+
+
+def test_singular_equations_are_an_error_and_not_a_map_without_errors(monkeypatch) -> None:
+    bundle = solved(make(replace(SONAR, radial=-0.1), 0))
+
+    def singular(matrix: object) -> None:
+        raise RuntimeError("Factor is exactly singular")
+
+    monkeypatch.setattr("backend.bundle.systematic_errors.cholesky", singular)
+    with pytest.raises(BackendError, match="singular"):
+        systematic_errors(bundle)
 
 
 def test_covariances_that_are_not_known_leave_nothing_to_compare() -> None:

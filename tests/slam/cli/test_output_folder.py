@@ -187,6 +187,19 @@ def test_files_can_be_added_to_an_output_by_one_run_at_a_time(target):
     assert "evaluation.json" not in contents(target), "it spoke of the output before"
 
 
+def test_the_run_after_a_killed_one_says_so(target, capsys):
+    """A control group that kills all its processes leaves nobody to print a line."""
+    write_output(target, "first")
+    assert capsys.readouterr().err == ""
+    subprocess.run([sys.executable, "-c", KILLED, str(target), "while writing"], check=False)
+    write_output(target, "second")
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "the last run into this folder was killed" in line
+    assert "--gsd" in line
+    write_output(target, "third")
+    assert capsys.readouterr().err == ""
+
+
 def test_leftovers_of_a_killed_run_lock_nothing(target):
     write_output(target, "old")
     killed = subprocess.run([sys.executable, "-c", KILLED, str(target), "while writing"], check=False)

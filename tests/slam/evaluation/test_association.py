@@ -172,7 +172,18 @@ def test_a_fix_far_from_the_others_is_no_reference():
     fixes[7, 0] += 1e6
     found = associate(estimate_of(poses, origin=ORIGIN), gps_flight(fixes, np.arange(20) * 0.25))
     assert 7 not in found.keyframe.tolist()
-    assert found.left_out == {"without a GPS fix at their time": 1}
+    assert found.left_out == {"whose GPS fix contradicts the other fixes": 1}
+
+
+def test_a_fix_whose_altitude_jumps_is_no_reference():
+    poses = smooth_poses(np.random.default_rng(2), 20, size_m=5.0)
+    fixes = poses[:, :3, 3].copy()
+    fixes[7, 2] += 500.0
+    flight = gps_flight(fixes, np.arange(20) * 0.25)
+    found = associate(estimate_of(poses, origin=ORIGIN), flight)
+    assert found.keyframe.tolist() == [k for k in range(20) if k != 7]
+    assert found.left_out == {"whose GPS fix contradicts the other fixes": 1}
+    assert evaluate(estimate_of(poses, origin=ORIGIN), flight).ate_m.rmse < 1e-6
 
 
 def test_gps_without_any_complete_fix_is_refused():

@@ -18,8 +18,11 @@ from slam.core.errors import InputError
 from slam.core.progress import COMPILING
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import gauge
+from slam.inertial.accuracy_basis import track_accuracy_basis
+from slam.inertial.instruments import InertialTrust
 from slam.inertial.navigate import dead_reckoning, navigate
 from slam.inertial.noise_identification import identify_noise
+from slam.inertial.summary import summary_record
 from slam.io.estimate import read_estimate
 from slam.io.flight_folder import write_flight
 from slam.simulation import simulate
@@ -237,3 +240,15 @@ def test_correlated_error_is_identified_from_summed_innovations(flight):
     )
     off = replace(sonar, range_m=sonar.range_m + 2 * sonar.noise_std_m * lasting)
     assert identify_noise(replace(flight, sonar=off)).adjustments.noise_factor["range"] > 3
+
+
+def test_the_accuracy_of_the_track_names_the_one_instrument_that_it_rests_on(flight, navigation):
+    """In axes at constant velocity all else reads the same: no test of the data finds such an error."""
+    assert navigation.estimate.accuracy_basis == (
+        "The track over ground and its accuracy rest on velocity0 alone: at a fixed heading no other "
+        "instrument shows a constant error of it, and ± 0.06 m/s is assumed."
+    )
+    assert summary_record(navigation)["accuracy_basis"] == navigation.estimate.accuracy_basis
+    fixes = replace(navigation.inputs.readings, w_p_b_m=navigation.inputs.readings.velocity_m_s)
+    assert track_accuracy_basis(fixes, InertialTrust()) == ""
+    assert "GPS receiver alone" in track_accuracy_basis(replace(fixes, velocity_m_s=None), InertialTrust())

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import InputError
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Imu
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
 from slam.simulation import simulate
@@ -37,6 +38,26 @@ def test_a_gyro_in_degrees_is_refused_without_an_attitude(flight: Flight):
     degrees = replace(flight.imu, gyro_rad_s=np.degrees(flight.imu.gyro_rad_s))
     with pytest.raises(InputError, match=r"but gravity is 9\.8.*in deg/s\?"):
         check_gyro_by_gravity(degrees, PATH)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_gyro_in_degrees_is_refused_in_a_quiet_hover(seed: int):
+    """Nothing but the small corrections of the hover turns gravity away."""
+    imu = simulate(replace(load_recipe("hover"), camera=None), seed).imu
+    check_gyro_by_gravity(imu, PATH)
+    with pytest.raises(InputError, match=r"in deg/s\?"):
+        check_gyro_by_gravity(replace(imu, gyro_rad_s=np.degrees(imu.gyro_rad_s)), PATH)
+
+
+@pytest.mark.parametrize("gain", [0.96, 1.0, 1.04])
+@pytest.mark.parametrize("bank_deg", [15.0, 35.0, 50.0])
+def test_a_banked_turn_of_a_healthy_vehicle_is_accepted(bank_deg: float, gain: float):
+    """The vehicle circles at 8 m/s: it presses with more than gravity, always along its own vertical."""
+    stamps_s, bank_rad = np.arange(0, 60, 0.01), np.radians(bank_deg)
+    turn = GRAVITY_M_S2 * np.tan(bank_rad) / 8.0 * np.array([0, np.sin(bank_rad), np.cos(bank_rad)])
+    force = gain * np.array([0, 0, GRAVITY_M_S2 / np.cos(bank_rad)])
+    imu = Imu(stamps_s, np.tile(turn, (len(stamps_s), 1)), np.tile(force, (len(stamps_s), 1)))
+    check_gyro_by_gravity(imu, PATH)
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 2.5])

@@ -54,8 +54,20 @@ def test_frozen_and_featureless_pictures_are_told_with_their_time(moving: Flight
 
 @pytest.mark.parametrize("shown", [0, None])
 def test_pictures_that_show_nothing_else_are_refused_with_the_reason(moving: Flight, shown: int | None):
-    with pytest.raises(InputError, match=r"pictures usable \(\d+ x (same picture|.*too|.*same)"):
+    """Equal pictures contradict the instruments of a vehicle that moves."""
+    with pytest.raises(InputError, match=r"\(\d+ x (same picture|.*too)"):
         optimize(showing(moving, lambda _: shown))
+
+
+def test_equal_pictures_make_a_map_of_one_place(moving: Flight):
+    still = replace(moving, imu=None, attitude=None, sonar=None, velocity=None)
+    estimate = optimize(showing(still, lambda _: 0))
+    n = len(moving.frames)
+    assert estimate.frame_index.tolist() == [0, n - 1]
+    np.testing.assert_allclose(estimate.w_T_b[1], estimate.w_T_b[0], atol=1e-4)
+    assert "one place only" in estimate.status
+    assert "its camera froze" in estimate.status
+    assert any(f"{n - 2} of {n} pictures are left out (same picture" in line for line in estimate.warnings)
 
 
 def test_a_stated_accuracy_names_the_one_instrument_that_it_rests_on(moving: Flight):

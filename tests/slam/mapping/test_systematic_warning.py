@@ -8,7 +8,9 @@ import pytest
 
 from backend.bundle.systematic_errors import SystematicErrors
 from frontend.camera import Camera
-from slam.mapping.systematic_warning import is_outside_covariances, systematic_warning
+from slam.core.flight import Flight
+from slam.mapping.gps.stated_accuracy import Contradiction, Pattern
+from slam.mapping.systematic_warning import explains, is_outside_covariances, systematic_warning
 
 CAMERA = Camera((1000.0, 1000.0), (499.5, 399.5), (1000, 800))
 RADIAL = SystematicErrors(
@@ -29,7 +31,7 @@ OFFSET = replace(
 
 
 def warning(found: SystematicErrors | None) -> str:
-    return systematic_warning(found, CAMERA, 50.0, True)
+    return systematic_warning(found, CAMERA, 50.0, True, "cam0/sensor.yaml")
 
 
 def test_a_lens_is_reported_with_its_size_at_the_corners() -> None:
@@ -62,6 +64,29 @@ def test_an_error_inside_the_covariances_is_reported_for_positions_alone() -> No
     assert not is_outside_covariances(None)
     assert warning(small) == warning(None) == ""
     assert "the standard deviations include its effect" in warning(replace(OFFSET, excess=0.9))
+
+
+@pytest.mark.parametrize(
+    ("found", "kind", "same"),
+    [
+        (OFFSET, "body", True),
+        (OFFSET, "delay", True),
+        (OFFSET, "place", True),  # radial distortion is an alternative
+        (OFFSET, "", False),
+        (RADIAL, "place", True),
+        (RADIAL, "body", False),
+        (None, "body", False),
+    ],
+)
+def test_fixes_that_differ_for_the_same_reason_share_the_sentence(found, kind, same) -> None:
+    assert explains(found, Contradiction("gps0: states 0.01 m", Pattern(kind, 0.9, ""))) is same
+
+
+def test_photographs_and_recordings_have_their_calibration_in_the_flight_folder() -> None:
+    assert Flight("folder").camera_file == "cam0/sensor.yaml"
+    assert "`slam import`" in Flight("photographs", all_keyframes=True).camera_file
+    line = systematic_warning(RADIAL, CAMERA, 50.0, True, Flight("p", all_keyframes=True).camera_file)
+    assert line.endswith("in cam0/sensor.yaml of the flight folder that `slam import` makes")
 
 
 @pytest.mark.parametrize("kind", ["decentring", "principal point"])

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.mapping.gps.stated_accuracy import FixesOnMap, pattern, stated_accuracy_warning
+from slam.mapping.gps.stated_accuracy import FixesOnMap, pattern, stated_accuracy_contradiction
 
 STATED = (0.01, 0.01, 0.02)
+
+
+def stated_accuracy_warning(made, stated):
+    found = stated_accuracy_contradiction(made, stated)
+    return found.warning if found else ""
 
 
 def survey(rng, n=40):
