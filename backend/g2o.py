@@ -85,7 +85,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
             raise BackendError(f"{name}:{line}: FIX names vertex {number}, which the file does not hold")
         fixed[np.searchsorted(ids, number)] = True
     information = _information(edge, dimension, name)
-    warnings += _unlike_information(edge, information)
+    warnings += [*_unlike_information(edge, information), *_repeated_edges(edge)]
     if not text.endswith("\n") and not dropped["line without an end"]:
         warnings.append("the last line has no line break: the file may be cut, digits may be missing there")
     return PoseGraph(
@@ -121,6 +121,22 @@ def _unlike_information(edge: _Block, information: Array) -> list[str]:
     return [
         f"the information of {len(unlike)} edges is unlike that of the others by a factor of a thousand or"
         f" more (the first is in line {line}, {times:.2g} times the median); check it"
+    ]
+
+
+def _repeated_edges(edge: _Block) -> list[str]:
+    """Return a warning about equal edges: two measurements hardly agree in all digits.
+
+    They stay, because published graphs hold some, and their optima count each.
+    """
+    rows = np.hstack([edge.ids.astype(np.float64), edge.figures])
+    repeated = np.setdiff1d(np.arange(len(rows)), np.unique(rows, axis=0, return_index=True)[1])
+    if len(repeated) == 0:
+        return []
+    return [
+        f"{len(repeated)} edges repeat another one in all digits (the first is in line "
+        f"{edge.lines[repeated[0]]}): remove copies, as each counts as a measurement and makes the standard "
+        "deviations too small"
     ]
 
 

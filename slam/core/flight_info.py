@@ -13,7 +13,7 @@ from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
 from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu
 from slam.core.names import listed
-from slam.core.stream_anomalies import sonar_anomalies, velocity_anomalies
+from slam.core.stream_anomalies import camera_anomalies, sonar_anomalies, velocity_anomalies
 from slam.core.stream_source import StreamSource
 from slam.core.units import length
 
@@ -179,6 +179,8 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
         if s.gaps and not (flight.all_keyframes and s.name in ("cam0", "gps0"))
     ]
     lines += _not_overlapping(streams)
+    if flight.camera is not None:
+        lines += camera_anomalies(flight.camera)
     if flight.sonar is not None:
         lines += sonar_anomalies(flight.sonar)
     if flight.attitude is not None:

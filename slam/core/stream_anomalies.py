@@ -1,20 +1,47 @@
-"""Readings of height sensor and velocity that no healthy sensor gives."""
+"""Calibrations of cameras, and readings of height sensor and velocity, that no healthy sensor has."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.camera import Camera
 from slam.core.flight import Sonar, Velocity
 
 Array = NDArray[np.float64]
 
+MOST_OFF_CENTRE = 0.1
+"""Share of the picture by which a principal point is off its middle; lenses are mounted to a few hundredths.
+The nearest usual ratios of resolutions or heights, 4 to 3, move it by an eighth."""
+MOST_ASPECT = 1.2
+"""Ratio of focal lengths between that of television's pixels (12 to 11) and that of a picture of 4 to 3 that
+was stretched to 16 to 9."""
 ECHO_RATIO = 1.5
 """A single range that exceeds its neighbours by this factor is a multipath echo or an obstacle's edge."""
 STUCK_S, STUCK_COUNT = 5.0, 20
 """A reading that repeats for so long and so often is stuck, or the vehicle is on the ground. In a
 shorter recording, so many readings must be all."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
+
+
+def camera_anomalies(camera: Camera) -> list[str]:
+    """Return a line for a principal point far from the middle, and for pixels that are not square.
+
+    Both are signs of a calibration for another resolution or crop. Nothing in a flight at a fixed heading
+    contradicts the second one.
+    """
+    size, (fu, fv), (cu, cv) = camera.size_px, camera.focal_px, camera.center_px
+    shares = ((cu + 0.5) / size[0], (cv + 0.5) / size[1])
+    lines = []
+    if max(abs(share - 0.5) for share in shares) > MOST_OFF_CENTRE:
+        lines.append(
+            f"its principal point lies at {100 * shares[0]:.0f} % of the width and {100 * shares[1]:.0f} % "
+            "of the height"
+        )
+    if max(fu / fv, fv / fu) > MOST_ASPECT:
+        lines.append(f"its focal lengths {fu:.4g} and {fv:.4g} px make pixels that are not square")
+    question = f"are intrinsics those of another resolution or crop than {size[0]} x {size[1]}?"
+    return [f"cam0: {line}: {question}" for line in lines]
 
 
 def sonar_anomalies(sonar: Sonar) -> list[str]:

@@ -15,6 +15,7 @@ from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTil
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.names import listed
+from slam.core.stream_anomalies import camera_anomalies
 from slam.mapping.accuracy_basis import accuracy_basis
 from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from slam.mapping.camera_mount import mount_tilt, mount_warning
@@ -74,6 +75,7 @@ def _status(
         systematic if is_in_status else "",
         *map_.warnings,
         *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
+        *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *contradictions(flight, stamps_s, main, by_metres),
         clock_contradiction(map_.clock, context.clock),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
@@ -149,18 +151,22 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         rejected=_rejected_counts(map_, loops),
         not_placed=not_placed,
         timing_s=context.timer.seconds,
-        warnings=(
-            *flight.warnings,
-            *describe(flight).anomalies,
-            *missing_for_map(flight),
-            *not_placed_warnings(not_placed),
-            *lost_picture_warnings(flight, observations),
-            *_moving(observations, shared),
-            *_instrument_warnings(context, map_, mount, shared),
-            *untested,
-            *map_.remarks,
-            *warnings,
-            *solution.warnings,
+        warnings=tuple(
+            dict.fromkeys(  # a line of the flight may be part of the status too
+                [
+                    *flight.warnings,
+                    *describe(flight).anomalies,
+                    *missing_for_map(flight),
+                    *not_placed_warnings(not_placed),
+                    *lost_picture_warnings(flight, observations),
+                    *_moving(observations, shared),
+                    *_instrument_warnings(context, map_, mount, shared),
+                    *untested,
+                    *map_.remarks,
+                    *warnings,
+                    *solution.warnings,
+                ]
+            )
         ),
         floor_slope_rad=map_.slope_rad,
         instruments=InstrumentErrors(

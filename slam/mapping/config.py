@@ -19,15 +19,15 @@ class SensorTrust:
     """Assumptions about sensors beyond their nominal figures."""
 
     attitude_floor_rad: float = 0.005
-    """No attitude is believed better than this."""
+    """Least standard deviation of an attitude, whatever its sensor states."""
     attitude_graph_rad: float = 0.05
-    """Roll and pitch in the pose graph, before the pictures have had their say: wind misleads attitudes."""
+    """Standard deviation of roll and pitch in the pose graph, as wind disturbs attitudes."""
     level_std_rad: float = 0.1
-    """Roll and pitch of a camera that is only said to look straight down."""
+    """Standard deviation of roll and pitch where the camera is assumed to look straight down."""
     range_floor_m: float = 0.005
-    """No range is believed better than this."""
+    """Least standard deviation of a range, whatever its sensor states."""
     accel_gain_std: float = 0.02
-    """Relative: an accelerometer's own gains, by which it has lengths wrong."""
+    """Relative standard deviation of an accelerometer's gains, which is that of lengths by it."""
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,18 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
         level_R_w = Rotation.from_euler("z", -roll_pitch_yaw_of(half_way.as_matrix())[:, 2:])
         made = level_R_w.apply(np.diff(poses[:, :3, 3], axis=0)[near])[:, :2]
         lines += _contradiction("velocity0", read, made, LEAST_WAY_M, metric)
-    return lines
+    return [*_common_cause(lines), *lines]
+
+
+def _common_cause(lines: list[str]) -> list[str]:
+    """Doubt the camera where several instruments contradict it: they hardly fail together."""
+    streams = list(dict.fromkeys(line.split(" ")[0].rstrip(":") for line in lines))
+    if len(streams) < 2:
+        return []
+    return [
+        f"cam0: {' and '.join(streams)} contradict the pictures; check first which way the camera is mounted "
+        "(T_BS), its intrinsics, and whether its pictures are mirrored, turned or in another order"
+    ]
 
 
 def _gain(who: str, read: Array, made: Array) -> list[str]:
@@ -115,7 +126,7 @@ def _contradictions(who: str, read: Array, made: Array, least: float, by_length:
     elif by_length and not 1 / FAR < further < FAR:
         yield (
             f"{who}: the path on the map is {further:.2g} times as long as this sensor says; check its unit, "
-            "and whether the height sensor is stuck"
+            "the focal length of cam0, and whether the height sensor is stuck or in another unit"
         )
 
 

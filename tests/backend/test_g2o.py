@@ -89,6 +89,7 @@ def test_keyframes_without_a_pose_are_left_out():
     [
         (PLANAR + "VERTEX_XY 5 1 2\nEDGE_SE2_XY 0 5 1 2 3 4 5\n# note\n\n", "2 lines of kinds"),
         (PLANAR + E.format(1, 1), "1 edges from a vertex to itself"),
+        (PLANAR + 2 * PLANAR.splitlines(keepends=True)[-1], "2 edges repeat another one in all digits"),
         (E.format(0, 1) + E.format(1, 2), "no vertices in the file: the 3"),
         (PLANAR + "EDGE_SE2 0 1 1 0 0 10 0", "truncated"),
         (SPATIAL.replace("0 0 0 0 0 0 0 1\n", "0 0 0 0 0 0 0 2\n", 1), "1 quaternions not of length 1"),

@@ -219,8 +219,8 @@ def test_new_kinds_change_no_case_of_the_seeds_that_were_run():
         flags = [kind == f"null_{what}" for what in ("edge", "heavy", "coloured")]
         knobs = nuisances_of(rng, *flags)
         rng.uniform()
-        told = {name: f"{value:.9g}" for name, value in sorted(knobs.items()) if value != HEALTHY[name]}
-        drawn.append(repr((seed, told, plans_for([], 4, rng))))
+        changed = {name: f"{value:.9g}" for name, value in sorted(knobs.items()) if value != HEALTHY[name]}
+        drawn.append(repr((seed, changed, plans_for([], 4, rng))))
     digest = hashlib.sha256("\n".join(drawn).encode()).hexdigest()
     assert digest[:16] == "6c369f4c275d303c"
 

@@ -25,7 +25,7 @@ def case(kind: str, *hidden: Hidden, **more) -> Case:
 
 
 def says(word: str, *causes: tuple[str, float], value: float = 0.5, **more) -> dict:
-    told = [
+    causes = [
         {
             "name": name,
             "probability": p,
@@ -34,7 +34,7 @@ def says(word: str, *causes: tuple[str, float], value: float = 0.5, **more) -> d
         }
         for name, p in causes
     ]
-    return {"verdict": word, "causes": told, "equivalence_set": [], **more}
+    return {"verdict": word, "causes": causes, "equivalence_set": [], **more}
 
 
 RIGHT = [
@@ -94,13 +94,13 @@ def test_right_answers_keep_every_floor_and_aim():
 
 
 @pytest.mark.parametrize(
-    ("told", "hits"), [((0.02, 0.01), 1), ((-0.02, -0.01), 0), ((-0.01, 0.02), 0), ((0.02, -0.02), 0)]
+    ("found", "hits"), [((0.02, 0.01), 1), ((-0.02, -0.01), 0), ((-0.01, 0.02), 0), ((0.02, -0.02), 0)]
 )
-def test_a_size_that_points_the_wrong_way_is_seen(told: tuple[float, float], hits: int):
+def test_a_size_that_points_the_wrong_way_is_seen(found: tuple[float, float], hits: int):
     wind = Hidden("steady_wind", 0.02, 0.022, "m/s", 9.0, known=True, way={"x": 0.02, "y": 0.01})
     said = says("named", ("steady_wind", 0.99))
     said["causes"][0]["parameters"] = {
-        n: {"value": v, "unit": "m/s"} for n, v in zip("xy", told, strict=True)
+        n: {"value": v, "unit": "m/s"} for n, v in zip("xy", found, strict=True)
     }
     row = next(row for row in card([Answer(case("single", wind), said)]) if "sign" in row.name)
     assert (row.hits, row.of) == (hits, 1)
@@ -160,7 +160,7 @@ def test_floor_and_aim_are_reported_each(hits, of, floor, aim, kept):
 
 def test_bounds_are_given_in_words():
     row = Row("x", 95, 100, Bound(0.85, 0.99), Bound(0.005, 0.015, whole_interval=True))
-    told = [
+    expected = [
         "95 of 100",
         "95.0 %",
         "88.8 to 97.8 %",
@@ -169,7 +169,7 @@ def test_bounds_are_given_in_words():
         "interval within 0.5 to 1.5 %",
         "missed",
     ]
-    assert row.cells() == told
+    assert row.cells() == expected
     assert Row("x", 0, 7, most(2.0), figure=1.09).cells() == ["7", "1.09", "", "at most 2", "met", "", ""]
     share = Row("x", 0, 7, most(0.25), figure=0.0532, share=True)
     assert share.cells()[1:5] == ["5.32 %", "", "at most 25 %", "met"]

@@ -40,7 +40,7 @@ CURVED_Z = 6.0
 """Least z from which the size of a chosen term needs the filter run anew: a landing makes its effect
 nonlinear."""
 MOST_TERMS = 6
-STAGES = ("fit", "look", "try causes")
+STAGES = ("fit", "screen", "compare causes")
 SHORT_S = 80.0
 """Duration of the flights on which candidates are compared: they are all highly significant."""
 PART_S = 160.0

@@ -232,7 +232,7 @@ class _Rollouts:
         progress: Progress = silent,
     ) -> None:
         self._records, self._model = records, model
-        self._rounds = Tally(progress, "fly ahead")
+        self._rounds = Tally(progress, "fit roll-outs")
         self._states = in_threads(lambda record: whole(record, parameters).states, records)
         errors = [self._rollout_errors(k, healthy) for k in range(len(records))]
         pooled = {c: np.concatenate([flight[c] for flight in errors]) for c in BEYOND_IMU}

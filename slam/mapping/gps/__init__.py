@@ -1,1 +1,1 @@
-"""GPS fixes: which of them agree with the map, how well, and what the user is told."""
+"""GPS fixes: which of them agree with the map, how well, and the messages about them."""

@@ -41,10 +41,10 @@ def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> 
     """Draw the three bands in colour over x and y, as PNG."""
     from matplotlib.figure import Figure
 
-    told, factor = _readable(quality.position_std_m) if metric else (unit(metric), 1.0)
+    unit_shown, factor = _readable(quality.position_std_m) if metric else (unit(metric), 1.0)
     panels: tuple[tuple[str, NDArray[np.float32], str], ...] = (
         ("Pictures that see it (grey: none)", quality.pictures, "viridis"),
-        (f"Position, one standard deviation [{told}]", factor * quality.position_std_m, "magma_r"),
+        (f"Position, one standard deviation [{unit_shown}]", factor * quality.position_std_m, "magma_r"),
         ("Brightness of two pictures differs by [%] (grey: no two)", 100 * quality.seam_share, "magma_r"),
     )
     tall = float(np.clip(4.4 * grid.height / grid.width, 1.8, 8.0))

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from frontend.camera import Camera
 from slam.cli.flight_tables import print_info
 from slam.core.flight import Flight, Sonar
 from slam.core.flight_info import describe
+from slam.core.stream_anomalies import camera_anomalies
 from slam.io.flight_folder import read_flight
 from tests.slam.io.made_flight import made_flight
 
@@ -56,6 +58,25 @@ def test_a_gap_exceeds_both_limits(pause_s, gaps):
     assert imu.gaps == gaps
     assert abs(imu.largest_gap_s - pause_s) < 1e-9
     assert len(anomalies(flight, "imu0", "gap")) == gaps
+
+
+@pytest.mark.parametrize(
+    ("focal_px", "center_px", "expected"),
+    [
+        ((300.0, 302.0), (325.0, 231.0), []),
+        ((300.0, 327.0), (319.5, 239.5), []),  # television's pixels
+        ((150.0, 150.0), (159.5, 119.5), ["at 25 % of the width and 25 % of the height"]),
+        ((600.0, 600.0), (639.0, 479.0), ["at 100 % of the width"]),
+        ((300.0, 300.0), (319.5, 179.5), ["at 50 % of the width and 38 % of the height"]),
+        ((400.0, 300.0), (319.5, 239.5), ["pixels that are not square"]),
+    ],
+)
+def test_a_calibration_of_another_resolution_is_reported(focal_px, center_px, expected):
+    found = camera_anomalies(Camera(focal_px, center_px, (640, 480)))
+    assert len(found) == len(expected)
+    for line, words in zip(found, expected, strict=True):
+        assert words in line
+        assert "another resolution or crop than 640 x 480" in line
 
 
 def test_sonar_anomalies_are_reported():

@@ -18,7 +18,7 @@ from slam.io.flight_writer import write_flight
 
 def test_parts_of_several_threads_are_counted_when_they_end():
     steps = []
-    tally = Tally(lambda *step: steps.append(step), "look", 40)
+    tally = Tally(lambda *step: steps.append(step), "screen", 40)
 
     def one(_):
         with tally.part():
@@ -28,7 +28,7 @@ def test_parts_of_several_threads_are_counted_when_they_end():
         list(pool.map(one, range(40)))
     done = [step[1] for step in steps]
     assert done == sorted(done)
-    assert (steps[0], steps[-1]) == (("look", 0, 40), ("look", 40, 40))
+    assert (steps[0], steps[-1]) == (("screen", 0, 40), ("screen", 40, 40))
 
 
 def test_an_item_is_finished_when_the_next_is_requested():
@@ -43,9 +43,9 @@ def test_an_item_is_finished_when_the_next_is_requested():
 def test_a_log_has_one_line_for_each_stage():
     out = io.StringIO()
     with show_progress(Console(file=out)) as progress:
-        list(Tally(progress, "look").each(range(3)))
+        list(Tally(progress, "screen").each(range(3)))
         list(Tally(progress, "pictures", 3).each(range(3)))
-    assert out.getvalue().splitlines() == ["look", "pictures (3)"]
+    assert out.getvalue().splitlines() == ["screen", "pictures (3)"]
 
 
 def test_criticism_shows_its_progress(tmp_path):

@@ -87,7 +87,7 @@ def test_progress_names_each_stage():
     flights = case(1)[:2]
     criticise(flights, progress=lambda *step: reported.append(step))
     stages = [stage for stage in dict.fromkeys(step[0] for step in reported) if stage != COMPILING]
-    assert stages == ["filter", "fit", "look", "roll out"]
+    assert stages == ["filter", "fit", "screen", "roll out"]
     for stage in stages:
         done = [step[1] for step in reported if step[0] == stage]
         assert done == sorted(done)

@@ -63,6 +63,15 @@ def test_pictures_in_another_order_are_reported(flight: Flight):
     lines = told(flight, backwards=True)
     assert any("motion seen in the pictures" in line and line.startswith("velocity0: ") for line in lines)
     assert any("motion seen in the pictures" in line and line.startswith("imu0 (gyro): ") for line in lines)
+    assert lines[0].startswith(
+        "cam0: imu0 and attitude0 and velocity0 contradict the pictures; check first which"
+    )
+
+
+def test_one_instrument_that_contradicts_leaves_the_camera_undoubted(flight: Flight):
+    turned = flight.velocity.v_m_s * [1.0, -1.0]
+    lines = told(replace(flight, velocity=replace(flight.velocity, v_m_s=-turned)))
+    assert len(lines) == 1
 
 
 def test_a_gyro_that_is_stuck_is_reported(flight: Flight):

@@ -120,7 +120,7 @@ class Rough(_Rollouts):
     """Misses that grow with how far a delay is from 80 ms, and jump where commands move across readings."""
 
     def __init__(self, records, model):
-        self._records, self._model, self._rounds = records, model, Tally(silent, "fly ahead")
+        self._records, self._model, self._rounds = records, model, Tally(silent, "fit roll-outs")
 
     def _by_channel(self, flight, parameters):
         off_s = parameters.latency_s - 0.08
