@@ -53,6 +53,7 @@ def import_flight(
 
 
 def info(
+    context: typer.Context,
     source: Annotated[Path, _SHOWN],
     topic: Annotated[list[str] | None, TOPICS] = None,
     as_json: Annotated[bool, JSON] = False,
@@ -68,7 +69,7 @@ def info(
     if kind_of(source) == "graph":
         from slam.cli.graph import graph_record, graph_table
 
-        refuse_flight_options(source, {"--topic": topic})
+        refuse_flight_options(source, context)
         record = graph_record(source)
         screen.json(json_text(record))
         screen.table(graph_table(record))

@@ -34,6 +34,7 @@ _GSD = typer.Option(
 
 
 def optimize(
+    context: typer.Context,
     sources: Annotated[list[Path], _SOURCE],
     out: Annotated[Path, options.OUT],
     gsd: Annotated[float | None, _GSD] = None,
@@ -54,15 +55,7 @@ def optimize(
 
     screen = Screen(quiet, as_json)
     if len(sources) == 1 and kind_of(sources[0]) == "graph":
-        flight_options = {
-            "--gsd": gsd,
-            "--config": config,
-            "--features": features,
-            "--model": model,
-            "--topic": topic,
-            "--picture-rate": picture_rate,
-        }
-        options.refuse_flight_options(sources[0], flight_options)
+        options.refuse_flight_options(sources[0], context)
         results = _graph(sources[0], out, screen)
     else:
         mosaics = MosaicOptions(mosaic, gsd, out)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,6 +40,8 @@ PICTURE_RATE = typer.Option(
     min=1e-3,
     help="Most pictures per second to take from a recording; default: all.",
 )
+GRAPH_PARAMETERS = ("source", "sources", "out", "mosaic", "quiet", "as_json")
+"""Parameters of commands that a pose graph has a use for; a graph has no mosaic in any case."""
 SEED = typer.Option(min=0, help="Seed of all random numbers.")
 
 
@@ -71,13 +72,25 @@ def request_of(given: list[str] | None, picture_rate_hz: float | None = None) ->
     return Request(topics, picture_rate_hz)
 
 
-def refuse_flight_options(graph: Path, options: Mapping[str, object]) -> None:
-    """Raise ``InputError`` for options of flights, by name, that are given with a pose graph."""
+def refuse_flight_options(graph: Path, context: typer.Context) -> None:
+    """Raise ``InputError`` for options of flights that the command line gives with a pose graph.
+
+    These are all but ``GRAPH_PARAMETERS``: a new option cannot be ignored without a word.
+    """
     from slam.core.errors import InputError
 
-    given = [name for name, value in options.items() if value]
+    given = [
+        parameter.opts[0]
+        for parameter in context.command.params
+        if parameter.name not in GRAPH_PARAMETERS and _is_given(context, parameter.name)
+    ]
     if given:
         it = "it" if len(given) == 1 else "them"
         raise InputError(
             f"{', '.join(given)}: {graph} is a graph, without pictures and instruments; leave {it} out"
         )
+
+
+def _is_given(context: typer.Context, name: str | None) -> bool:
+    source = context.get_parameter_source(name) if name else None
+    return source is not None and source.name == "COMMANDLINE"

@@ -6,10 +6,12 @@ import json
 from dataclasses import replace
 
 import pytest
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from slam.cli import app
 from slam.cli.criticise import MAX_PICTURES_BY_DEFAULT, gains_in_maps
+from slam.cli.options import GRAPH_PARAMETERS
 from slam.cli.output_folder import writer_of
 from slam.core.progress import silent
 from slam.criticism.cause import Cause, Gain, Interval
@@ -92,6 +94,13 @@ def test_options_of_flights_are_refused_with_a_graph(command, options, tmp_path)
     line = f"slam: {named}: {graph} is a graph, without pictures and instruments; {leave}\n"
     assert result.stderr == line
     assert not out.exists()
+
+
+def test_only_parameters_that_a_graph_uses_are_accepted_with_one():
+    """A new option of ``slam optimize`` is refused with a graph until it is named."""
+    parameters = {p.name for p in get_command(app).commands["optimize"].params}
+    assert {*GRAPH_PARAMETERS} - {"source"} <= parameters
+    assert parameters - {*GRAPH_PARAMETERS} >= {"gsd", "config", "features", "model", "topic"}
 
 
 def test_the_gain_of_an_instrument_s_correction_is_measured_in_the_map(home):
