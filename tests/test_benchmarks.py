@@ -2,10 +2,14 @@
 
 import math
 
+import gtsam
+import numpy as np
 import pytest
 
-from tests.benchmarks import blind_dev
+from tests.benchmarks import blind_dev, inertial_bound, instruments
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
+from tests.benchmarks.instrument_flights import KINDS, SEEDS
+from tests.benchmarks.instrument_maps import ALL, NO_CAMERA, NO_IMU, NO_SONAR, Flown, Gap, Mapped
 from tests.benchmarks.metric import at_least, at_most, reported, within
 
 
@@ -77,3 +81,66 @@ def test_blind_cases_are_held_to_what_is_asked_of_them():
     assert (good[-1].value, good[-1].source[:11]) == (30.0, "case 2 of 3")
     bad = blind_dev.figures(scored(4, 7, 0, 1), [119.0, 20.0])
     assert [m.met for m in bad] == [False, False, False, False, False, None, True, None]
+
+
+@pytest.mark.parametrize("gap_s", [0.5, 2.0, 5.0])
+def test_the_bound_of_a_gap_is_the_covariance_of_gtsams_preintegration(gap_s):
+    gyro, accel, step_s = 1.5e-3, 5e-2, 1e-3
+    params = gtsam.PreintegrationParams.MakeSharedU(inertial_bound.GRAVITY_M_S2)
+    params.setGyroscopeCovariance(gyro**2 * np.eye(3))
+    params.setAccelerometerCovariance(accel**2 * np.eye(3))
+    params.setIntegrationCovariance(np.zeros((3, 3)))
+    hover = gtsam.PreintegratedImuMeasurements(params)
+    for _ in range(round(gap_s / step_s)):
+        hover.integrateMeasurement(np.array([0, 0, inertial_bound.GRAVITY_M_S2]), np.zeros(3), step_s)
+    covariance = hover.preintMeasCov()  # rotation, position, velocity
+    rows = [1, 6, 3]  # turning about y accelerates along x
+    ours = inertial_bound.gap_covariance(gap_s, gyro, accel)
+    assert ours == pytest.approx(covariance[np.ix_(rows, rows)], rel=5e-3)
+    horizontal = np.sqrt(covariance[3, 3] + covariance[4, 4])
+    assert inertial_bound.navigation_bound_m(gap_s, gyro, accel) == pytest.approx(horizontal, rel=5e-3)
+
+
+def test_pictures_behind_a_gap_halve_the_error_of_the_accelerometer():
+    # Known velocities at both ends leave t³/12 of t³/3, as in a Brownian bridge.
+    alone, seen = (f(3.0, 0.0, 0.05) for f in (inertial_bound.navigation_bound_m, _smoothed_without_tilt))
+    assert seen / alone == pytest.approx(0.5)
+    with_tilt = inertial_bound.smoothing_bound_m(3.0, 1e-4, 0.05)
+    assert with_tilt == pytest.approx(seen, rel=1e-3)
+
+
+def _smoothed_without_tilt(gap_s, gyro, accel):
+    P = inertial_bound.gap_covariance(gap_s, gyro, accel)[1:, 1:]
+    return np.sqrt(2 * (P[1, 1] - P[0, 1] ** 2 / P[0, 0]))
+
+
+def _map(error_m, **changes):
+    return Mapped("ok", placed=1.0, path_m=10.0, error_m=error_m, mean_error_m=error_m, **changes)
+
+
+def test_instruments_are_compared_over_flights_that_all_sets_map():
+    whole = {ALL: _map(0.01), NO_IMU: _map(0.05), NO_SONAR: _map(0.02), NO_CAMERA: _map(5.0)}
+    parts = {**whole, ALL: _map(0.03), NO_SONAR: Mapped("in parts", placed=0.5, path_m=5.0, error_m=0.001)}
+    flights = [Flown("rich floor", 0, whole), Flown("wind", 0, parts)]
+    by_key = {metric.key.split(",")[0]: metric for metric in instruments.figures(flights)}
+    ratio = by_key["position error with all instruments over the best two of them"]
+    # Camera and IMU over the first flight alone.
+    assert ratio.value == pytest.approx(0.5)
+    both = np.hypot(0.01, 0.03) / np.hypot(0.05, 0.05)
+    assert ratio.source.startswith(f"{both:.3g} x over camera and sonar, 0.5 x over camera and IMU")
+    sonar = by_key["position error without sonar over that with all"]
+    assert (sonar.value, sonar.met) == (pytest.approx(2.0), True)
+
+
+def test_a_gap_is_judged_by_the_bound_and_by_its_covariance():
+    gaps = [Gap(2.0, e, 0.1, (e / 0.1) ** 2 * 2, 0.2, 0.1) for e in (0.1, 0.3)]
+    flights = [Flown("gap of 2 s", seed, {ALL: _map(0.1)}, gap) for seed, gap in enumerate(gaps)]
+    found = {metric.key: metric for metric in instruments.figures(flights)}
+    error = np.sqrt((0.1**2 + 0.3**2) / 2)
+    over = found["gap of 2 s: error at its end over that of navigation by the IMU alone"]
+    assert (over.value, over.met) == (pytest.approx(error / 0.2), True)
+    assert found["gap of 2 s, position at its end: mean NEES of 2 flights"].value == pytest.approx(10.0)
+
+
+def test_there_are_24_flights_of_instruments_or_more():
+    assert len(KINDS) * len(SEEDS) >= 24

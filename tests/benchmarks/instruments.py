@@ -1,198 +1,194 @@
-"""Camera, IMU and sonar together, compared with each pair of them, over simulated flights.
+"""Camera, IMU and sonar together, compared with each pair of them and with the camera alone, over kinds of
+simulated flights (`tests.benchmarks.instrument_flights`).
 
-In each flight all instruments have errors of their stated size: gain and zero of the sonar, gain and offset
-of the accelerometer, offset of the gyro. On a recorded flight a single draw of the two gains decides: where
-three instruments should be a tenth better than the best pair, they are so on one flight of three. Here gains
-and zero are drawn in strata, so each set of flights has the right number of large ones.
-
-``python -m tests.benchmarks.instruments FIRST LAST`` runs some of them and prints one line of JSON each.
+``python -m tests.benchmarks.instruments`` runs some of them: ``--kinds "gap of 2 s" violent --seeds 0 1``. It
+prints one line of JSON for each flight, and then the figures.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict
 from multiprocessing import get_context
 
 import numpy as np
-from scipy.stats import norm
+from rich.console import Console
 
-from slam.core.flight import Flight, Imu, Sonar
-from slam.evaluation import evaluate
-from slam.inertial.navigate import navigate
-from slam.mapping.config import SensorTrust
-from slam.mapping.pipeline import optimize
-from slam.simulation import simulate
-from slam.simulation.recipe import recipe_from
-from tests.benchmarks.alone import print_alone
 from tests.benchmarks.calibration import judged
-from tests.benchmarks.metric import Metric, at_most, reported
+from tests.benchmarks.instrument_flights import KINDS, SEEDS, flown
+from tests.benchmarks.instrument_maps import (
+    ALL,
+    NO_CAMERA,
+    NO_IMU,
+    NO_SONAR,
+    PAIRS,
+    PARTS,
+    Flown,
+    Gap,
+    Mapped,
+    maps_of,
+)
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
-FLIGHTS, CORES = 24, 2
-ALL, NO_SONAR, NO_IMU = "camera, IMU and sonar", "camera and IMU", "camera and sonar"
-CORNERS, FLOOR_M, HEIGHTS_M, LEAST_LEG_M = 7, (0.2, 2.8), (0.6, 1.1), 1.0
-ACCEL_OFFSET_M_S2, GYRO_OFFSET_RAD_S = 0.2, 0.01
-"""Standard deviations of the errors of cheap units at rest."""
-
-Band = tuple[float, float, float]
-"""Mean NEES over a flight's keyframes, and its 95 % band."""
-
-
-@dataclass(frozen=True)
-class Mapped:
-    """Result of one flight with some of its instruments."""
-
-    error_m: float
-    """RMS error of the positions, in metres."""
-    log_scale: float
-    """Ratio of the true lengths to the map's."""
-    scale_std: float
-    """Reported standard deviation of the scale."""
-    farthest: float
-    """NEES of the keyframe farthest from the first one."""
-    pose: Band
-    position: Band
-    rotation: Band
-
-    @property
-    def in_band(self) -> bool:
-        """Whether the flight would be called consistent."""
-        mean, lower, upper = self.pose
-        return lower <= mean <= upper
-
-
-@dataclass(frozen=True)
-class Flown:
-    """Results of one flight."""
-
-    seed: int
-    maps: dict[str, Mapped]
-    blind_error_m: float
-    """RMS error of the positions with IMU and sonar only."""
+CORES = 2
+LESS = {"IMU": NO_IMU, "sonar": NO_SONAR, "camera": NO_CAMERA}
+"""Instrument -> the set without it."""
+WORSE = 1.1
+"""Ratio of errors from which an instrument counts as missed."""
 
 
 def measure() -> list[Metric]:
-    """Return the figures over all flights."""
-    # Nothing is timed here, so that flights may share the cores.
-    with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
-        flown = list(pool.map(fly, range(FLIGHTS)))
-    maps = {name: [flight.maps[name] for flight in flown] for name in (ALL, NO_SONAR, NO_IMU)}
-    error_m = {name: _rms([m.error_m for m in found]) for name, found in maps.items()}
-    error_m["IMU and sonar"] = _rms([flight.blind_error_m for flight in flown])
-    together = error_m.pop(ALL)
-    best = [min(flight.maps[name].error_m for name in (NO_SONAR, NO_IMU)) for flight in flown]
-    smaller = sum(flight.maps[ALL].error_m < two for flight, two in zip(flown, best, strict=True))
-    metrics = [reported(f"{ALL}: position error (ate_m), RMS of {FLIGHTS} flights", together, "m")]
-    metrics += [reported(f"the same from {name} alone", error, "m") for name, error in error_m.items()]
-    metrics.append(
-        at_most(
-            "the same over the best of any two", together / min(error_m.values()), "x", 1.0,
-            f"on {smaller} of {FLIGHTS} flights smaller than with whichever two did best there",
-        )
-    )  # fmt: skip
-    for name, found in maps.items():
-        metrics += judged(f"{name}, farthest keyframe", np.array([m.farthest for m in found]), 6)
-        metrics += judged(f"{name}, scale", np.array([(m.log_scale / m.scale_std) ** 2 for m in found]), 1)
-        metrics.append(reported(f"{name}: flights whose mean NEES is inside its band", _share(found), "%"))
+    """Return the figures over all kinds."""
+    return figures(fly_all(list(KINDS), SEEDS))
+
+
+def fly_all(kinds: Sequence[str], seeds: Sequence[int], cores: int = CORES) -> list[Flown]:
+    """Simulate and map flights; nothing is timed, so that flights may share the cores."""
+    kind, seed = zip(*[(kind, seed) for kind in kinds for seed in seeds], strict=True)
+    if cores == 1:
+        return list(map(fly, kind, seed))
+    with ProcessPoolExecutor(cores, mp_context=get_context("spawn")) as pool:
+        return list(pool.map(fly, kind, seed))
+
+
+def fly(kind: str, seed: int) -> Flown:
+    """Simulate one flight and map it with all sets of its instruments."""
+    return maps_of(flown(KINDS[kind], seed), kind, seed, KINDS[kind].gap_s)
+
+
+def figures(flights: Sequence[Flown]) -> list[Metric]:
+    """Return the figures of some flights: together, then kind by kind."""
+    kinds = list(dict.fromkeys(flight.kind for flight in flights))
+    by_kind = {kind: [flight for flight in flights if flight.kind == kind] for kind in kinds}
+    metrics = [*_together(flights, by_kind), *_consistency(flights)]
+    for kind, found in by_kind.items():
+        metrics += _of_kind(kind, found)
     return metrics
 
 
-def fly(seed: int) -> Flown:
-    """Simulate one flight and map it with each pair of its instruments, and with all."""
-    flight = off(seed)
-    given = {ALL: flight, NO_SONAR: replace(flight, sonar=None), NO_IMU: replace(flight, imu=None)}
-    alone = navigate(replace(flight, camera=None, frames=None)).estimate
-    maps = {name: mapped(part, flight) for name, part in given.items()}
-    return Flown(seed, maps, evaluate(alone, flight).ate_m.rmse)
+def _together(flights: Sequence[Flown], by_kind: dict[str, list[Flown]]) -> list[Metric]:
+    ratio = {name: 1 / _without(flights, name) for name in PAIRS}
+    known = {name: value for name, value in ratio.items() if np.isfinite(value)}
+    best = max(known, key=lambda name: known[name], default=PAIRS[0])
+    each = ", ".join(f"{value:.3g} x over {name}" for name, value in known.items())
+    whole = sum(_all(flight).whole or not _all(flight).metric for flight in flights)
+    silent = [f"{f.kind} {f.seed}" for f in flights if _all(f).status == "ok" and not _all(f).in_band]
+    metrics = [
+        at_most(
+            f"position error with all instruments over the best two of them, RMS of {len(flights)} flights",
+            ratio[best], "x", 0.8, each,
+        ),
+        at_least(f"flights of {len(flights)} whose keyframes are all in one map", whole, "", len(flights)),
+        reported(
+            "flights whose status is ok and whose mean NEES is outside its band", len(silent), "",
+            ", ".join(silent),
+        ),
+    ]  # fmt: skip
+    for instrument, less in LESS.items():
+        worse = {kind: _without(found, less) for kind, found in by_kind.items()}
+        known = {kind: value for kind, value in worse.items() if np.isfinite(value)}
+        if known:
+            kind = max(known, key=lambda kind: known[kind])
+            what = f"position error without {instrument} over that with all, kind where it is largest"
+            metrics.append(at_least(what, known[kind], "x", WORSE, f"{kind}; {_listed(known)}"))
+    return metrics
 
 
-def mapped(given: Flight, flight: Flight) -> Mapped:
-    """Map some streams of a flight."""
-    estimate = optimize(given)
-    found = evaluate(estimate, flight)
-    assert found.nees is not None
-    assert estimate.scale_std is not None
-    away_m = np.linalg.norm(found.tracks.reference_m - found.tracks.reference_m[0], axis=1)
-    bands = [
-        (c.mean, c.lower95, c.upper95) for c in (found.nees.pose, found.nees.position, found.nees.rotation)
+def _consistency(flights: Sequence[Flown]) -> list[Metric]:
+    metrics = []
+    for name in (ALL, NO_SONAR, NO_IMU):
+        maps = [flight.maps[name] for flight in flights if name in flight.maps]
+        farthest = np.array([m.farthest for m in maps if np.isfinite(m.farthest)])
+        scale = np.array([(m.log_scale / m.scale_std) ** 2 for m in maps if np.isfinite(m.scale_std)])
+        metrics += judged(f"{name}, farthest keyframe", farthest, 6) if len(farthest) else []
+        metrics += judged(f"{name}, scale", scale, 1) if len(scale) else []
+        share = 100 * float(np.mean([m.in_band for m in maps])) if maps else np.nan
+        metrics.append(reported(f"{name}: flights whose mean NEES is inside its band", share, "%"))
+    return metrics
+
+
+def _of_kind(kind: str, found: list[Flown]) -> list[Metric]:
+    error = {
+        name: _rms([flight.maps[name].error_m for flight in found if name in flight.maps]) for name in PARTS
+    }
+    maps = [_all(flight) for flight in found]
+    others = [
+        f"{name} {1e3 * error[name]:.3g} mm" for name in PARTS if name != ALL and np.isfinite(error[name])
     ]
-    return Mapped(
-        found.ate_m.rmse,
-        float(np.log(found.scale)),
-        estimate.scale_std,
-        float(found.nees.per_keyframe[np.argmax(away_m)]),
-        *bands,
-    )
+    others.append(f"landmark distances {_rms([m.landmark_percent for m in maps]):.3g} %")
+    others.append(f"mean NEES in band on {sum(m.in_band for m in maps)} of {len(maps)}")
+    others.append(f"status ok on {sum(m.status == 'ok' for m in maps)}")
+    metrics = [
+        reported(
+            f"{kind}: position error with all instruments", _rms([m.error_m for m in maps]), "m",
+            "; ".join(others),
+        )
+    ]  # fmt: skip
+    gaps = [flight.gap for flight in found if flight.gap is not None]
+    if KINDS[kind].gap_s:
+        metrics += _of_gaps(kind, gaps, len(found))
+    if kind == "floor of lines":
+        percent = [100 * m.mean_error_m / m.path_m for m in maps]
+        metrics.append(at_most(f"{kind}: mean error of the path", _rms(percent), "%", 0.1))
+    return metrics
 
 
-def off(seed: int) -> Flight:
-    """Simulate straight lines at changing heights, with instrument errors."""
-    rng = np.random.default_rng((seed, 11))
-    points = [_anywhere(rng)]
-    while len(points) < CORNERS:
-        there = _anywhere(rng)
-        if np.hypot(*np.subtract(there[:2], points[-1][:2])) > LEAST_LEG_M:
-            points.append(there)
-    recipe = recipe_from(
-        {
-            "name": "instruments",
-            "maneuver": {"way_points": [*points, points[0]], "cruise_m_s": 0.8, "acceleration_m_s2": 1.5},
-            "world": {"extent_m": [0, 0, 3.0, 3.0], "margin_m": 1.0, "seed": int(rng.integers(1000))},
-            "camera": {"size_px": [176, 144], "rate_hz": 10.0},
-        },
-        "instruments",
-    )
-    flight = simulate(recipe, seed)
-    assert flight.frames is not None
-    assert flight.imu is not None
-    assert flight.sonar is not None
-    pictures = [flight.frames.load(k) for k in range(len(flight.frames))]
-    gain, zero, accel_gain = _strata(seed, rng)
-    return replace(
-        flight,
-        frames=replace(flight.frames, load=pictures.__getitem__),
-        velocity=None,
-        imu=_inertial(flight.imu, accel_gain, rng),
-        sonar=_ranged(flight.sonar, gain, zero),
-    )
+def _of_gaps(kind: str, gaps: list[Gap], flights: int) -> list[Metric]:
+    if not gaps:
+        return [reported(f"{kind}: flights whose map crosses the gap", 0, "", f"of {flights}")]
+    error, alone = _rms([gap.error_m for gap in gaps]), _rms([gap.navigation_m for gap in gaps])
+    least, std = _rms([gap.smoothing_m for gap in gaps]), _rms([gap.std_m for gap in gaps])
+    return [
+        at_most(
+            f"{kind}: error at its end over that of navigation by the IMU alone", error / alone, "x", 1.2,
+            f"{1e3 * error:.3g} over {1e3 * alone:.3g} mm; the bound with pictures behind the gap is "
+            f"{1e3 * least:.3g} mm; {len(gaps)} of {flights} flights",
+        ),
+        reported(f"{kind}: that error over its reported standard deviation", error / std, "x"),
+        *judged(f"{kind}, position at its end", np.array([gap.nees for gap in gaps]), 2),
+    ]  # fmt: skip
 
 
-def _anywhere(rng: np.random.Generator) -> tuple[float, float, float]:
-    x, y = rng.uniform(*FLOOR_M, 2).tolist()
-    return x, y, float(rng.uniform(*HEIGHTS_M))
+def _all(flight: Flown) -> Mapped:
+    """Return the map with all instruments that the flight has."""
+    return flight.maps.get(ALL) or flight.maps[NO_SONAR]
 
 
-def _strata(seed: int, rng: np.random.Generator) -> list[float]:
-    """Return three standard normal numbers. Over the flights each has one from every stratum, in independent
-    orders."""
-    orders = np.random.default_rng(11).permuted(np.tile(np.arange(FLIGHTS), (3, 1)), axis=1)
-    share = (orders[:, seed % FLIGHTS] + rng.uniform(size=3)) / FLIGHTS
-    return list(norm.ppf(share))
+def _without(flights: Sequence[Flown], less: str) -> float:
+    """Return the error with ``less`` over that with all, over the flights that both map as a whole. Errors
+    are shares of the path, so that long flights do not count more."""
+    pairs = [(flight.maps.get(less), flight.maps.get(ALL)) for flight in flights]
+    both = [(a, b) for a, b in pairs if a and b and a.whole and b.whole]
+    return _rms([a.error_m / a.path_m for a, _ in both]) / _rms([b.error_m / b.path_m for _, b in both])
 
 
-def _ranged(sonar: Sonar, gain: float, zero: float) -> Sonar:
-    # The simulator's own zero is stated as exact.
-    scale_std, datum_std_m = Sonar.scale_std, Sonar.datum_std_m
-    range_m = (1 + scale_std * gain) * sonar.range_m + datum_std_m * zero
-    return replace(sonar, range_m=range_m, scale_std=scale_std, datum_std_m=datum_std_m)
+def _listed(ratio: dict[str, float]) -> str:
+    return ", ".join(f"{kind} {value:.3g}" for kind, value in ratio.items())
 
 
-def _inertial(imu: Imu, gain: float, rng: np.random.Generator) -> Imu:
-    gain = 1 + SensorTrust.accel_gain_std * gain
-    return replace(
-        imu,
-        accel_m_s2=gain * imu.accel_m_s2 + rng.normal(0, ACCEL_OFFSET_M_S2, 3),
-        gyro_rad_s=imu.gyro_rad_s + rng.normal(0, GYRO_OFFSET_RAD_S, 3),
-    )
+def _rms(values: Sequence[float]) -> float:
+    known = np.asarray(values)[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else float("nan")
 
 
-def _rms(values: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+def main() -> None:
+    """Run the chosen kinds and seeds, and print them."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.instruments", description=__doc__)
+    parser.add_argument("--kinds", nargs="+", choices=list(KINDS), default=list(KINDS))
+    parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
+    parser.add_argument("--cores", type=int, default=CORES)
+    chosen = parser.parse_args()
+    flights = fly_all(chosen.kinds, chosen.seeds, chosen.cores)
+    for flight in flights:
+        print(json.dumps(asdict(flight)), flush=True)
+    screen = Console(width=150)
+    from tests.benchmarks.run import Record, shown
 
-
-def _share(found: list[Mapped]) -> float:
-    return 100 * float(np.mean([m.in_band for m in found]))
+    screen.print(shown(Record("instruments", tuple(figures(flights)), "", 0.0, "")))
 
 
 if __name__ == "__main__":
-    print_alone(fly)
+    main()

@@ -22,7 +22,8 @@ def check_photograph(path: Path) -> None:
 
     if not path.is_file():
         raise InputError(
-            f"world.texture: {str(path)!r}: no such file; give 'puzzle', 'gym', 'plain' or a photograph"
+            f"world.texture: {str(path)!r}: no such file; "
+            "give 'puzzle', 'gym', 'lines', 'plain' or a photograph"
         )
     too_large = InputError(f"world.texture: {str(path)!r}: more than {MAX_TEXELS} px; scale it down")
     try:

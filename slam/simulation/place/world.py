@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from slam.core.errors import InputError
+from slam.simulation.place.court import lines_floor
 from slam.simulation.place.gym import gym_floor
 from slam.simulation.place.marks import draw_mark
 from slam.simulation.place.obstacles import Box, Pylon, corners, covers, prisms, steps
@@ -30,7 +31,7 @@ from slam.simulation.place.weathering import NEUTRAL, apply_weathering, draw_wea
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-FLOORS = ("puzzle", "gym", "plain")
+FLOORS = ("puzzle", "gym", "lines", "plain")
 """Names of generated textures; any other name is the path of a photograph."""
 MIP_LEVELS = 5
 STEPS = 1
@@ -49,8 +50,8 @@ class World:
     """The place: the floor, its texture and its obstacles."""
 
     texture: Annotated[str, Field(min_length=1)] = "puzzle"
-    """``puzzle``, ``gym`` (planks with the lines of its courts), ``plain`` (one grey), or the path of a
-    photograph of a floor, mirrored beyond its edge."""
+    """``puzzle``, ``gym`` (planks with the lines of its courts), ``lines`` (a court's lines on one colour),
+    ``plain`` (one grey), or the path of a photograph of a floor, mirrored beyond its edge."""
     extent_m: tuple[float, float, float, float] = (-0.15, -0.15, 4.65, 4.65)
     """x0, y0, x1, y1 of the floor over which flights are allowed."""
     margin_m: Annotated[float, Field(ge=0, le=50)] = 1.0
@@ -62,6 +63,8 @@ class World:
     """Whether the weathering repeats with the tile too, so that places differ by their marks alone."""
     mark_diameter_m: Annotated[float, Field(ge=0, le=1)] = 0.12
     """Size of a landmark's mark; 0 draws none."""
+    blanks_m: Annotated[tuple[tuple[float, float, float, float], ...], Field(max_length=200)] = ()
+    """x0, y0, x1, y1 of pieces of the floor that are painted in one grey, without texture."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of the floor. Each flight has its own seed, so several flights can share a floor."""
     boxes: Annotated[tuple[Box, ...], Field(max_length=200)] = ()
@@ -127,6 +130,12 @@ def check_world(world: World, seen: bool = True) -> None:
         )
     if seen:
         _check_texture(world)
+    for k, (left, low, right, high) in enumerate(world.blanks_m):
+        if not (right > left and high > low):  # written so that NaN is refused too
+            blank = list(world.blanks_m[k])
+            raise InputError(
+                f"world.blanks_m[{k}] {blank} is empty; give x0, y0, x1, y1 with x0 < x1, y0 < y1"
+            )
     for k, box in enumerate(world.boxes):
         _check_obstacle(box, f"world.boxes[{k}]", world)
     for k, pylon in enumerate(world.pylons):
@@ -164,11 +173,15 @@ def build_floor(world: World, marks: Marks) -> Floor:
         texture = _puzzle_floor(world, width, height, rng)
     elif world.texture == "gym":
         texture = gym_floor(width, height, world.metres_per_px, rng)
+    elif world.texture == "lines":
+        texture = lines_floor(width, height, world.metres_per_px, rng)
     elif world.texture == "plain":
         texture = np.full((height, width, 3), NEUTRAL, np.uint8)
     else:
         texture = photographed_floor(Path(world.texture), width, height)
     corner_m = (world.extent_m[0] - world.margin_m, world.extent_m[3] + world.margin_m)
+    for blank_m in world.blanks_m:
+        _paint_blank(texture, blank_m, corner_m, world.metres_per_px)
     if world.mark_diameter_m > 0:
         for name, x, y in marks:
             center = (
@@ -215,6 +228,19 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
         weathering = draw_weathering(height, width, world.metres_per_px, rng)
     apply_weathering(texture, weathering)
     return texture
+
+
+def _paint_blank(
+    texture: Image,
+    blank_m: tuple[float, float, float, float],
+    corner_m: tuple[float, float],
+    metres_per_px: float,
+) -> None:
+    """Paint a rectangle (x0, y0, x1, y1) in one grey; what lies off the texture is left out."""
+    x0, y0, x1, y1 = blank_m
+    columns, rows = (np.array([x0, x1]) - corner_m[0]), (corner_m[1] - np.array([y1, y0]))
+    (c0, c1), (r0, r1) = (np.maximum(np.rint(at / metres_per_px).astype(int), 0) for at in (columns, rows))
+    texture[r0:r1, c0:c1] = NEUTRAL
 
 
 def _cast_shadow(texture: Image, prism: Array, corner_m: tuple[float, float], metres_per_px: float) -> None:

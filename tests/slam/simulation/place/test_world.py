@@ -88,6 +88,27 @@ def test_a_puzzle_tile_wraps_around():
     assert step(np.roll(tile, 200, 1)[:, 199], np.roll(tile, 200, 1)[:, 200]) > 0
 
 
+def test_a_floor_of_lines_looks_the_same_all_along_a_line_between_two_cross_lines():
+    world = World("lines", (0.0, 0.0, 8.0, 4.0), 0.5, 0.005)
+    floor = build_floor(world, ()).levels[0].astype(int)
+    changes = np.flatnonzero((np.diff(floor, axis=1) != 0).any(axis=(0, 2)))
+    assert 4 <= len(changes) <= 10  # two edges of each cross line, 2.4 to 4.2 m apart, over 9 m
+    rows = np.flatnonzero((np.diff(floor, axis=0) != 0).any(axis=(1, 2)))
+    assert 6 <= len(rows) <= 18
+
+
+def test_a_blank_piece_of_floor_has_no_texture_and_the_rest_is_as_before():
+    before, after = (
+        build_floor(replace(SMALL, blanks_m=blanks), ()) for blanks in ((), ((0.4, -1, 0.8, 5),))
+    )
+    inside = (texel(after, x, y) for x in (0.41, 0.6, 0.79) for y in (-0.15, 0.5, 1.35))
+    assert all((colour == 128).all() for colour in inside)
+    for x in (0.39, 0.81):
+        assert np.array_equal(texel(before, x, 0.5), texel(after, x, 0.5))
+    with pytest.raises(InputError, match=r"blanks_m\[0\].*is empty"):
+        check_world(replace(SMALL, blanks_m=((0.8, 0, 0.4, 1),)))
+
+
 @pytest.mark.parametrize("texture", ["puzzle", "gym"])
 def test_features_are_found_all_over_the_floor(texture):
     floor = build_floor(replace(SMALL, texture=texture, metres_per_px=0.002), ())
