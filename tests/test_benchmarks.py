@@ -5,8 +5,10 @@ import math
 import gtsam
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from tests.benchmarks import blind_dev, inertial_bound, instruments
+from slam.core.flight import Truth
+from tests.benchmarks import blind_dev, inertial_alone, inertial_bound, instruments
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
 from tests.benchmarks.instrument_flights import KINDS, SEEDS
 from tests.benchmarks.instrument_maps import ALL, NO_CAMERA, NO_IMU, NO_SONAR, Flown, Gap, Mapped
@@ -144,3 +146,28 @@ def test_a_gap_is_judged_by_the_bound_and_by_its_covariance():
 
 def test_there_are_24_flights_of_instruments_or_more():
     assert len(KINDS) * len(SEEDS) >= 24
+
+
+def test_an_accelerometer_on_an_arm_feels_how_the_arms_end_accelerates():
+    t, arm_m = np.arange(0, 4, 0.01), np.array([0.1, 0.2, -0.3])
+    angles = np.column_stack([np.sin(t), 0.4 * np.sin(2 * t + 1), 0.3 * np.cos(3 * t)])
+    w_T_b = np.tile(np.eye(4), (len(t), 1, 1))
+    w_T_b[:, :3, :3] = Rotation.from_euler("ZYX", angles).as_matrix()
+    end_m = w_T_b[:, :3, :3] @ arm_m
+    accel = np.gradient(np.gradient(end_m, t, axis=0), t, axis=0)
+    expected = np.einsum("nba,nb->na", w_T_b[:, :3, :3], accel)
+    found = inertial_alone.lever_force(Truth(t, w_T_b), t, arm_m)
+    assert np.abs(found - expected)[10:-10].max() < 0.01 * np.abs(expected).max()
+
+
+def test_recovered_errors_are_judged_by_their_reported_deviations():
+    good = inertial_alone.Recovered(0, "ok", 0.4, 1.0, (0.5, -1.0, 1.9), (0.1, 0.1, 0.1), (1.0,))
+    bad = inertial_alone.Recovered(1, "ok", 0.8, 9.0, (5.0, -6.0, 7.0), (0.1, 0.1, 0.1), ())
+    none = inertial_alone.Recovered(2, "no map")
+    found = {m.key.split(":")[0].split(",")[0]: m for m in inertial_alone.figures([good, bad, none])}
+    assert (found["lively flights of 3 with a metric scale"].value, found["error of the scale"].value) == (
+        2, pytest.approx(0.6),
+    )  # fmt: skip
+    offset, arm = found["offset of the accelerometer"], found["lever arm of the accelerometer"]
+    assert (offset.value, offset.met, arm.value, arm.met) == (50.0, False, 100.0, True)
+    assert found["delay of the pictures"].value == 100.0

@@ -35,6 +35,7 @@ TITLES = {
     "calibration": "Covariances against errors, simulated flights",
     "hybrid": "AR.Drone 2 over a photographed floor (`ardrone2-hybrid`)",
     "instruments": "Instruments together, simulated flights",
+    "inertial_alone": "Camera and IMU alone, lively simulated flights",
     "estimates": "Measured flights without a camera (`slam estimate`)",
     "caliterra": "75 aerial photographs (`caliterra`)",
     "gps_outliers": "Gross outliers among GPS fixes",

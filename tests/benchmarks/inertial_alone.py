@@ -1,0 +1,165 @@
+"""Camera and IMU alone over lively simulated flights: the scale, and the errors of the IMU and of its clock.
+
+No range, position or speed is recorded. The accelerometer has a gain, an offset and an undeclared lever arm,
+the pictures an undeclared delay, each drawn anew for each flight. The map states the scale and these errors
+with standard deviations; errors over standard deviations are compared with their distribution.
+
+``python -m tests.benchmarks.inertial_alone FIRST LAST`` runs some of them and prints one line of JSON each.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.stats import binom
+
+from slam.core.errors import InputError
+from slam.core.flight import Flight, Truth
+from slam.evaluation import evaluate
+from slam.mapping.config import SensorTrust
+from slam.mapping.pipeline import optimize
+from slam.simulation import simulate
+from tests.benchmarks.alone import print_alone
+from tests.benchmarks.calibration import judged
+from tests.benchmarks.instrument_flights import ACCEL_OFFSET_M_S2, GYRO_OFFSET_RAD_S, corners
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
+
+FLIGHTS, CORES = 8, 2
+ARM_M, DELAY_S = 0.05, 0.03
+"""Standard deviations of the lever arm along each axis, and of the delay of the pictures' clock."""
+SIGMAS, SHARE = 2.0, 0.95
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """Result of one flight."""
+
+    seed: int
+    status: str
+    scale_percent: float = np.nan
+    """Absolute error of the map's lengths; NaN without metres."""
+    scale_nees: float = np.nan
+    """Squared ratio of the scale's error to its reported standard deviation."""
+    offset_sigmas: tuple[float, ...] = ()
+    """Error of the accelerometer's offset along each axis over its reported standard deviation; empty if it
+    is not reported."""
+    arm_sigmas: tuple[float, ...] = ()
+    """The same of its lever arm."""
+    delay_sigmas: tuple[float, ...] = ()
+    """The same of the pictures' delay, one value."""
+
+
+def measure() -> list[Metric]:
+    """Return the figures over all flights."""
+    with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
+        return figures(list(pool.map(fly, range(FLIGHTS))))
+
+
+def figures(found: list[Recovered]) -> list[Metric]:
+    """Return the figures of some flights."""
+    percent = np.array([f.scale_percent for f in found])
+    metric = np.isfinite(percent)
+    median = float(np.median(percent[metric])) if metric.any() else np.nan
+    worst = f"largest {np.max(percent[metric]):.3g} %" if metric.any() else ""
+    metrics = [
+        at_least(f"lively flights of {len(found)} with a metric scale", metric.sum(), "", len(found)),
+        at_most("error of the scale, median", median, "%", 0.5, worst),
+    ]
+    if metric.any():
+        metrics += judged("scale", np.array([f.scale_nees for f in found])[metric], 1)
+    for name, sigmas in (
+        ("offset of the accelerometer", [f.offset_sigmas for f in found]),
+        ("lever arm of the accelerometer", [f.arm_sigmas for f in found]),
+        ("delay of the pictures", [f.delay_sigmas for f in found]),
+    ):
+        metrics.append(_recovered(name, [abs(s) for each in sigmas for s in each], len(found)))
+    return metrics
+
+
+def _recovered(name: str, sigmas: list[float], flights: int) -> Metric:
+    """Return the share of components within their reported two standard deviations."""
+    what = f"{name}: components within {SIGMAS:g} reported standard deviations"
+    if not sigmas:
+        return reported(what, 0.0, "%", f"not reported on any of {flights} flights")
+    share = 100 * float(np.mean(np.array(sigmas) < SIGMAS))
+    # The least share that 95 % leave by chance.
+    least = 100 * float(binom.ppf(0.025, len(sigmas), SHARE)) / len(sigmas)
+    return at_least(what, share, "%", least, f"{len(sigmas)} components; {100 * SHARE:g} % expected")
+
+
+def fly(seed: int) -> Recovered:
+    """Simulate one flight, map it with camera and IMU, and compare."""
+    rng = np.random.default_rng((seed, 13))
+    gain = 1 + SensorTrust.accel_gain_std * rng.normal()
+    offset_m_s2, arm_m = rng.normal(0, ACCEL_OFFSET_M_S2, 3), rng.normal(0, ARM_M, 3)
+    delay_s = float(rng.normal(0, DELAY_S))
+    flight = lively(seed, rng)
+    assert flight.imu is not None
+    assert flight.truth is not None
+    accel_m_s2 = flight.imu.accel_m_s2 + lever_force(flight.truth, flight.imu.stamps_s, arm_m)
+    imu = replace(
+        flight.imu,
+        accel_m_s2=gain * accel_m_s2 + offset_m_s2,
+        gyro_rad_s=flight.imu.gyro_rad_s + rng.normal(0, GYRO_OFFSET_RAD_S, 3),
+    )
+    flight = replace(flight, imu=imu, sonar=None, velocity=None)
+    late = flight.restamped(["frames"], lambda stamps_s: stamps_s + delay_s)
+    try:
+        estimate = optimize(late)
+    except InputError as refused:
+        return Recovered(seed, f"no map: {refused}")
+    found = evaluate(estimate, flight)
+    errors = estimate.instruments.accelerometer
+    result = Recovered(seed, estimate.status)
+    if estimate.metric and estimate.scale_std is not None:
+        result = replace(
+            result,
+            scale_percent=100 * abs(1 / found.scale - 1),
+            scale_nees=float((np.log(found.scale) / estimate.scale_std) ** 2),
+        )
+    if errors is None:
+        return result
+    # A gain along the thrust acts like an offset of its share of gravity.
+    true_offset = offset_m_s2 + [0, 0, (gain - 1) * 9.80665]
+    offset = (np.array(errors.offset_m_s2) - true_offset) / errors.offset_std_m_s2
+    arm = (np.array(errors.arm_m) - arm_m) / errors.arm_std_m
+    known = np.isfinite(errors.delay_std_s)
+    delay = ((errors.delay_s - delay_s) / errors.delay_std_s,) if known else ()
+    return replace(
+        result,
+        offset_sigmas=tuple(offset.tolist()),
+        arm_sigmas=tuple(arm.tolist()),
+        delay_sigmas=delay,
+    )
+
+
+def lively(seed: int, rng: np.random.Generator) -> Flight:
+    """Simulate straight lines with hard corners; the pictures are held in memory."""
+    recipe = corners(
+        rng, maneuver={"cruise_m_s": 1.0, "acceleration_m_s2": 3.0, "laps": 2}, camera={"rate_hz": 15.0}
+    )
+    flight = simulate(recipe, seed)
+    assert flight.frames is not None
+    pictures = [flight.frames.load(k) for k in range(len(flight.frames))]
+    return replace(flight, frames=replace(flight.frames, load=pictures.__getitem__))
+
+
+def lever_force(truth: Truth, stamps_s: Array, arm_m: Array) -> Array:
+    """Return the specific force (n, 3) that an accelerometer at ``arm_m`` (3,) measures beyond that of the
+    body's origin, in body axes: ``alpha x r + omega x (omega x r)``."""
+    turn = RotationSpline(truth.stamps_s, Rotation.from_matrix(truth.w_T_b[:, :3, :3]))
+    at_s = np.clip(stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
+    rate, change = turn(at_s, 1), turn(at_s, 2)
+    arm = np.broadcast_to(arm_m, rate.shape)
+    return np.asarray(np.cross(change, arm) + np.cross(rate, np.cross(rate, arm)))
+
+
+if __name__ == "__main__":
+    print_alone(fly)
