@@ -101,21 +101,30 @@ class DelayResiduals:
 
 
 def delay_residuals(
-    stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
+    stamps_s: Array,
+    w_R_b: Array,
+    chain: NDArray[np.int64],
+    readings: InertialReadings,
+    longest_delay_s: float | None = None,
+    step_s: float = GRID_STEP_S,
 ) -> DelayResiduals | None:
     """Compare attitudes (n, 3, 3) at stamps (n,), sorted, with a gyro; None where the two do not overlap.
 
-    Turns within one ``chain`` (n,) of attitudes are known, turns between two are not.
+    Turns within one ``chain`` (n,) of attitudes are known, turns between two are not. Without
+    ``longest_delay_s``, delays up to ``LONGEST_DELAY_S`` and a step over the longest pause are tried.
     """
     if len(stamps_s) < 2:
         return None
     lasts_s = float(stamps_s[-1] - stamps_s[0])
-    spacing_s = max(_SPACING_S, lasts_s / _MOST_TURNS)
+    pauses_s = np.diff(stamps_s)
+    spacing_s = max(_SPACING_S, float(np.minimum(pauses_s, _LONGEST_TURN_S).sum()) / _MOST_TURNS)
+    if longest_delay_s is None:
+        longest_delay_s = LONGEST_DELAY_S + float(pauses_s.max())
     apart = np.unique(np.floor((stamps_s - stamps_s[0]) / spacing_s), return_index=True)[1]
     stamps_s, attitude, chain = stamps_s[apart], Rotation.from_matrix(w_R_b[apart]), chain[apart]
-    longest_s = min(LONGEST_DELAY_S + float(np.diff(stamps_s, append=stamps_s[-1]).max()), _SHARE * lasts_s)
-    steps = int(longest_s / GRID_STEP_S)
-    delays_s = np.arange(-steps, steps + 1, dtype=np.float64) * GRID_STEP_S
+    longest_s = min(longest_delay_s, _SHARE * lasts_s)
+    steps = int(longest_s / step_s)
+    delays_s = np.arange(-steps, steps + 1, dtype=np.float64) * step_s
     kept = _covered(stamps_s, readings.stamps_s, delays_s[-1]) & (chain[1:] == chain[:-1])
     if not kept.any():
         return None
@@ -129,6 +138,11 @@ def delay_residuals(
         difference = (end.inv() * begin * by_pictures).as_rotvec()
         difference_rad[:, some] = difference.reshape(len(first), len(some), 3)
     return DelayResiduals(delays_s, stamps_s[first], stamps_s[last], turned.as_rotvec(), difference_rad)
+
+
+def gyro_attitudes(readings: InertialReadings, stamps_s: Array) -> Array:
+    """Return the attitudes (n, 3, 3) by the gyro alone at stamps (n,), relative to its first reading."""
+    return np.asarray(_GyroAttitude.of(readings).at(stamps_s).as_matrix())
 
 
 def turn_costs(squares: Array) -> Array:

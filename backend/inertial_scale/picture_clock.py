@@ -26,14 +26,14 @@ NOTABLE_S = 0.025
 SURE = 6.0
 """Standard deviations by which a delay must differ from none, or from that before a step. A step is looked
 for between any two pictures, so that chance has thousands of trials."""
-_LEAST_TURNS = 15
+LEAST_TURNS = 15
 """Fewer determine the noise of an axis, its bias and the delay too poorly."""
 _BLOCKS = 12
 """Blocks of time whose scores are compared."""
 _ROUNDS = 3
 _AS_LIKELY = 9.0
 """Difference of a log-likelihood, times -2, that is three standard deviations."""
-_GAIN_ERROR, _GAIN_SURE = 0.1, 3.0
+GAIN_ERROR, _GAIN_SURE = 0.1, 3.0
 """Largest error of a gyro's gain, three times what makers of small ones state, and standard deviations of the
 gain that are allowed besides."""
 _FINE = 20
@@ -99,15 +99,23 @@ def picture_clock(
     the delay.
     """
     residuals = delay_residuals(stamps_s, w_R_b, chain, readings)
-    if residuals is None or len(residuals.begin_s) < _LEAST_TURNS:
+    return None if residuals is None else clock_of(residuals)
+
+
+def clock_of(residuals: DelayResiduals, gain_error: float = GAIN_ERROR) -> PictureClock | None:
+    """Estimate the delay from the turns; None as for ``picture_clock``.
+
+    ``gain_error`` is the largest relative error of the turns that an instrument causes.
+    """
+    if len(residuals.begin_s) < LEAST_TURNS:
         return None
-    pieces = _pieces(residuals, float("-inf"), _piece(residuals, float("-inf")))
-    if not _explained(residuals, pieces):
+    pieces = _pieces(residuals, float("-inf"), piece_of(residuals, float("-inf")))
+    if not _explained(residuals, pieces, gain_error):
         return None
     return PictureClock(tuple(pieces), float(residuals.delays_s[-1]))
 
 
-def _piece(residuals: DelayResiduals, begin_s: float) -> ClockPiece:
+def piece_of(residuals: DelayResiduals, begin_s: float) -> ClockPiece:
     """Return mean and standard deviation of the posterior over the delays."""
     turn_cost = turn_costs(residuals.squares)
     delays_s, weight = _posterior(residuals.delays_s, turn_cost.sum(axis=0))
@@ -143,11 +151,11 @@ def _robust_cost(turn_cost: Array) -> Array:
 
 def _pieces(residuals: DelayResiduals, begin_s: float, whole: ClockPiece) -> list[ClockPiece]:
     """Split at a step of the clock, and again on both sides of it, as long as the delays differ surely."""
-    if len(residuals.begin_s) < 2 * _LEAST_TURNS + 1:
+    if len(residuals.begin_s) < 2 * LEAST_TURNS + 1:
         return [whole]
     stop, start = _likeliest_step(residuals)
     before, after = residuals.part(slice(None, stop)), residuals.part(slice(start, None))
-    first, second = _piece(before, begin_s), _piece(after, float(after.begin_s[0]))
+    first, second = piece_of(before, begin_s), piece_of(after, float(after.begin_s[0]))
     if not first.differs(second.delay_s, second.std_s):
         return [whole]
     return [*_pieces(before, begin_s, first), *_pieces(after, second.begin_s, second)]
@@ -160,7 +168,7 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
     """
     squares, n = residuals.squares, len(residuals.begin_s)
     variance = squares[:, :, int(turn_costs(squares).sum(axis=0).argmin())].mean(axis=1)
-    start = np.arange(_LEAST_TURNS + 1, n - _LEAST_TURNS)
+    start = np.arange(LEAST_TURNS + 1, n - LEAST_TURNS)
     parted = start[residuals.begin_s[start] > residuals.end_s[start - 1]]
     stops, starts = np.concatenate([start - 1, parted]), np.concatenate([start, parted])
     # A turn that is left out would have cost as much as its three components have variances.
@@ -182,7 +190,7 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
     return int(stops[best]), int(starts[best])
 
 
-def _explained(residuals: DelayResiduals, pieces: list[ClockPiece]) -> bool:
+def _explained(residuals: DelayResiduals, pieces: list[ClockPiece], gain_error: float) -> bool:
     """Return whether pictures and gyro turn by the same angles, bias apart.
 
     A wrong sign, axis or unit of the gyro leaves another ratio of the two at any delay; at a false delay of
@@ -200,4 +208,4 @@ def _explained(residuals: DelayResiduals, pieces: list[ClockPiece]) -> bool:
     size = max(float((by_gyro**2).sum()), 1e-300)
     off = float((by_gyro * left).sum()) / size
     std = np.sqrt(float((left**2).mean()) / size)
-    return bool(abs(off) < _GAIN_ERROR + _GAIN_SURE * std)
+    return bool(abs(off) < gain_error + _GAIN_SURE * std)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from slam.cli.options import FLIGHT_OUT, JSON, PICTURE_RATE, QUIET, TOPICS, refuse_flight_options, request_of
+from slam.core.errors import InputError
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
@@ -16,12 +17,19 @@ if TYPE_CHECKING:
 
 _IMPORTED = typer.Argument(
     metavar="SOURCE",
-    help="A recording (log, bag or video), a EuRoC folder, or a folder of geotagged photos.",
+    help="A recording (log, bag or video), a EuRoC folder, or a folder of geotagged photos. Several sources "
+    "of one flight, such as a video and a log, are brought onto one clock.",
     show_default=False,
 )
 _SHOWN = typer.Argument(
     metavar="FLIGHT",
     help="A flight folder, a recording, a folder of photos, or a .g2o pose graph.",
+    show_default=False,
+)
+_OFFSETS = typer.Option(
+    metavar="STREAM=SECONDS",
+    help="Seconds by which the source of a stream, such as cam0, begins after the vehicle's log; default: "
+    "estimated. Can be repeated.",
     show_default=False,
 )
 _BAND = typer.Option(
@@ -32,21 +40,31 @@ _BAND = typer.Option(
 
 
 def import_flight(
-    source: Annotated[Path, _IMPORTED],
+    sources: Annotated[list[Path], _IMPORTED],
     out: Annotated[Path, FLIGHT_OUT],
     topic: Annotated[list[str] | None, TOPICS] = None,
     picture_rate: Annotated[float | None, PICTURE_RATE] = None,
+    offset: Annotated[list[str] | None, _OFFSETS] = None,
     band: Annotated[str | None, _BAND] = None,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
     """Convert a recording or photos into a flight folder; pictures keep their names."""
     from slam.cli.console import Screen
+    from slam.cli.one_flight import offsets_of, open_one_flight
     from slam.cli.source import import_source
     from slam.io.flight_folder import write_flight
 
-    screen = Screen(quiet)
+    screen, request, offsets_s = Screen(quiet), request_of(topic, picture_rate), offsets_of(offset)
+    if len(sources) == 1 and offsets_s:
+        raise InputError("--offset: there is one source, and so one clock; leave --offset out")
+    if len(sources) > 1 and band is not None:
+        raise InputError("--band: several sources are no folder of photographs; leave --band out")
     with screen.progress() as progress:
-        flight = import_source(source, progress, request_of(topic, picture_rate), band)
+        flight = (
+            import_source(sources[0], progress, request, band)
+            if len(sources) == 1
+            else open_one_flight(sources, progress, request, offsets_s)
+        )
         write_flight(flight, out, progress)
     show(flight, screen)
     screen.files([out])

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.inertial_scale.picture_clock import PictureClock, picture_clock
-from frontend.lift import lift
+from frontend.keyframes import IntermediateFrame
+from frontend.lift import LiftedPoses, lift
 from slam.core.flight import Flight
 from slam.mapping.front_end import Observations
 from slam.mapping.keyframe_readings import inertial_readings
@@ -33,15 +34,8 @@ def turned_attitudes(observations: Observations, setup: Setup) -> tuple[Array, A
 
     The attitudes of one chain are relative to each other; no picture links two chains.
     """
-    rows = [row for frames in observations.registered() for row in frames[1:]]  # not the keyframe itself
+    rows, lifted = _lifted(observations, setup)
     k = np.array([row.keyframe for row in rows], dtype=np.int64)
-    lifted = lift(
-        np.array([row.i_H_j for row in rows]).reshape(-1, 3, 3),
-        np.array([row.corner_covariance for row in rows]).reshape(-1, 8, 8),
-        setup.camera,
-        setup.readings.roll_pitch_rad[k],
-        setup.readings.roll_pitch_std_rad[k],
-    )
     n, keyframe_of = len(observations.stamps_s), {int(f): j for j, f in enumerate(observations.frame_index)}
     attitude, chain = np.tile(np.eye(3), (n, 1, 1)), np.arange(n)
     for m in np.flatnonzero(lifted.usable):  # in the order of the keyframes
@@ -57,3 +51,34 @@ def turned_attitudes(observations: Observations, setup: Setup) -> tuple[Array, A
     chains = np.concatenate([chain, chain[k[between]]])
     stamps_s, first = np.unique(observations.frame_stamps_s[frames], return_index=True)
     return stamps_s, attitudes[first], chains[first]
+
+
+def picture_speeds(observations: Observations, setup: Setup) -> tuple[Array, Array]:
+    """Return times (n,) between tracked pictures and the speed there, in heights above the floor a second."""
+    rows, lifted = _lifted(observations, setup)
+    at_s, speed = [], []
+    previous: tuple[int, float, Array] | None = None
+    for m in np.flatnonzero(lifted.usable):
+        keyframe, place = rows[m].keyframe, lifted.i_T_j[m, :3, 3]
+        if previous is None or previous[0] != keyframe:
+            previous = keyframe, float(observations.stamps_s[keyframe]), np.zeros(3)
+        stamp_s = float(observations.frame_stamps_s[rows[m].frame])
+        if stamp_s > previous[1]:
+            at_s.append(0.5 * (stamp_s + previous[1]))
+            speed.append(float(np.linalg.norm(place - previous[2])) / (stamp_s - previous[1]))
+        previous = keyframe, stamp_s, place
+    return np.array(at_s), np.array(speed)
+
+
+def _lifted(observations: Observations, setup: Setup) -> tuple[list[IntermediateFrame], LiftedPoses]:
+    """Return the pictures registered to each keyframe, and their poses relative to it."""
+    rows = [row for frames in observations.registered() for row in frames[1:]]  # not the keyframe itself
+    k = np.array([row.keyframe for row in rows], dtype=np.int64)
+    lifted = lift(
+        np.array([row.i_H_j for row in rows]).reshape(-1, 3, 3),
+        np.array([row.corner_covariance for row in rows]).reshape(-1, 8, 8),
+        setup.camera,
+        setup.readings.roll_pitch_rad[k],
+        setup.readings.roll_pitch_std_rad[k],
+    )
+    return rows, lifted

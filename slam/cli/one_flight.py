@@ -1,0 +1,94 @@
+"""Several sources of one flight on the command line: which channels come from where, and their clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from slam.core.errors import InputError
+from slam.core.flight import FIELD_BY_FOLDER
+
+if TYPE_CHECKING:
+    from slam.core.flight import Flight
+    from slam.core.progress import Progress
+    from slam.io.recordings.choice import Request
+
+
+def offsets_of(given: Sequence[str] | None) -> dict[str, float]:
+    """Return the folder of a stream -> seconds, from ``--offset``. Raises ``InputError``."""
+    offsets_s: dict[str, float] = {}
+    for text in given or []:
+        stream, _, seconds = text.partition("=")
+        try:
+            offsets_s[stream] = float(seconds)
+        except ValueError:
+            stream = ""
+        if stream not in FIELD_BY_FOLDER or abs(offsets_s[stream]) > 1e9:
+            raise InputError(
+                f"--offset {text}: is not of the form STREAM=SECONDS; write, for example, cam0=7.3"
+            )
+    return offsets_s
+
+
+def open_one_flight(
+    paths: Sequence[Path], progress: Progress, request: Request, offsets_s: dict[str, float]
+) -> Flight:
+    """Read several sources of one flight, and join them on one clock. Raises ``InputError``."""
+    from slam.cli.source import kind_of, open_flight
+    from slam.io.recordings.archive import unpacked
+    from slam.mapping.recording_clocks.join import join_recordings
+
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise InputError(f"{paths[0]}: a source is given twice; give each source of the flight once")
+    sources = [unpacked(path, progress) if kind_of(path) == "archive" else path for path in paths]
+    for path, source in zip(paths, sources, strict=True):
+        kind = kind_of(source)
+        if kind in ("photos", "graph"):
+            what = "photographs" if kind == "photos" else "a pose graph"
+            raise InputError(f"{path}: is {what}, without a clock to align; give it alone")
+    requests = _requests(sources, request)
+    flights = [
+        _without(open_flight(source, progress, each)[0], request, each)
+        for source, each in zip(sources, requests, strict=True)
+    ]
+    return join_recordings(flights, offsets_s, progress)
+
+
+def _requests(paths: Sequence[Path], request: Request) -> list[Request]:
+    """Return what to take from each source. A channel is taken from the first source that has it alone.
+
+    Raises ``InputError`` for a channel that no source has.
+    """
+    from slam.cli.source import kind_of
+    from slam.io.recordings.choice import Request
+    from slam.io.recordings.formats import open_recording
+
+    found: list[Request] = []
+    missing = {stream: channel for stream, channel in request.topics.items() if channel}
+    for path in paths:
+        if kind_of(path) != "recording":
+            found.append(Request())
+            continue
+        offers = {(o.stream, o.channel) for o in open_recording(path).offers} if missing else set()
+        here = {stream: channel for stream, channel in missing.items() if (stream, channel) in offers}
+        missing = {stream: channel for stream, channel in missing.items() if stream not in here}
+        topics = {stream: here.get(stream, "") for stream in request.topics}
+        found.append(Request(topics, request.picture_rate_hz))
+    for stream, channel in missing.items():
+        raise InputError(
+            f"--topic {stream}={channel}: no source has this channel as {stream}; slam info of each source "
+            "lists its channels"
+        )
+    return found
+
+
+def _without(flight: Flight, request: Request, taken: Request) -> Flight:
+    """Return a flight without the streams that are taken from another source, or from none."""
+    left: dict[str, Any] = {
+        FIELD_BY_FOLDER[stream]: None
+        for stream in request.topics
+        if stream in FIELD_BY_FOLDER and not taken.topics.get(stream)
+    }
+    return replace(flight, **left)
