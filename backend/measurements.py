@@ -107,6 +107,52 @@ class FloorTracks:
 
 
 @dataclass(frozen=True)
+class InertialReadings:
+    """Gyro and accelerometer in body axes; finite, in order of time."""
+
+    stamps_s: Array
+    """(k,)."""
+    gyro_rad_s: Array
+    """(k, 3)."""
+    accel_m_s2: Array
+    """(k, 3)."""
+
+
+@dataclass(frozen=True)
+class InertialNoise:
+    """Noise and unknown constants of gyro and accelerometer, as standard deviations."""
+
+    gyro_density: float = 1.5e-3
+    """White noise, rad/s/sqrt(Hz)."""
+    accel_density: float = 5.0e-2
+    """m/s²/sqrt(Hz)."""
+    gyro_walk: float = 1e-4
+    """Random walk of the bias, rad/s²/sqrt(Hz)."""
+    accel_walk: float = 1e-3
+    """m/s³/sqrt(Hz)."""
+    gyro_offset_rad_s: float = 0.02
+    accel_offset_m_s2: float = 0.3
+    gain_ratio: float = 0.02
+    """Error of the accelerometer's gain on each axis. Half of its variance is common to all axes."""
+    arm_m: float = 0.1
+    """Error of the position of the accelerometer on the body, on each axis."""
+    delay_s: float = 0.0125
+    """Delay of the keyframes' stamps behind the readings."""
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Readings of an IMU, to be integrated between the keyframes."""
+
+    readings: InertialReadings
+    noise: InertialNoise = InertialNoise()
+    b_p_imu_m: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) nominal position of the accelerometer in body axes."""
+    invalid_s: Array = field(default_factory=lambda: np.zeros(0))
+    """Increasing times of readings that are wrong, such as saturated ones."""
+
+
+@dataclass(frozen=True)
 class Measurements:
     """All measurements of a flight's keyframes: the input of the back end."""
 

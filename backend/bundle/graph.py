@@ -26,6 +26,7 @@ from backend.bundle.factors import (
     scaled_range_factor,
 )
 from backend.bundle.floor_points import intersect_floor
+from backend.bundle.world import WorldTransform
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
@@ -224,10 +225,6 @@ def _add_gauge(
 
 def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
     """Return body poses (n, 4, 4) in metres in the measured world."""
-    world = values.atVector(WORLD)
-    w_T_f = np.eye(4)
-    w_T_f[:3, :3] = rotation_of(world, SLOPE)
-    w_T_f[2, 3] = world[FLOOR_Z]
-    f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
-    f_T_c[:, :3, 3] *= np.exp(world[LOG_SCALE])
-    return np.asarray(w_T_f @ f_T_c @ np.linalg.inv(problem.b_T_c(values)))
+    transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
+    poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
+    return np.array([transform.body_pose(pose).matrix() for pose in poses])

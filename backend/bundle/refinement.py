@@ -30,9 +30,6 @@ from backend.bundle.factors import (
     LOG_SCALE,
     MOUNT,
     SLOPE,
-    WORLD_SIZE,
-    rotation_jacobian,
-    rotation_of,
 )
 from backend.bundle.graph import (
     WORLD,
@@ -47,12 +44,12 @@ from backend.bundle.graph import (
 )
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
 from backend.bundle.observations import build_graph
+from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.measurements import Measurements
 from backend.pose_graph.marginals import joint_covariances
 from backend.pose_graph.minimise import minimise
 from backend.pose_graph.solution import RangeErrors
-from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]
 
@@ -153,28 +150,9 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
 
     ``origin`` (3,), in mean heights, is the fixed point of a change of scale.
     """
-    n, world = problem.measurements.count, values.atVector(WORLD)
-    scale = float(np.exp(world[LOG_SCALE]))
-    A, rotation, mount_rotation = (
-        rotation_of(world, SLOPE),
-        rotation_jacobian(world, SLOPE),
-        rotation_jacobian(world, MOUNT),
-    )
-    jacobians = np.zeros((n, 6, 6 + WORLD_SIZE))
-    for k, J in enumerate(jacobians):
-        pose = values.atPose3(POSE(k)).matrix()
-        of_world = J[:, 6:]
-        J[:3, :3] = np.eye(3)
-        J[3:, 3:6] = scale * np.eye(3)
-        R, p = pose[:3, :3], pose[:3, 3] - origin
-        of_world[3:, LOG_SCALE] = scale * R.T @ p
-        of_world[3:, FLOOR_Z] = (A @ R)[2]
-        # A right perturbation of the slope rotates the whole map about the floor under the origin.
-        of_world[:3, SLOPE] = R.T @ rotation
-        of_world[3:, SLOPE] = -scale * R.T @ cross_matrix(p) @ rotation
-        # The camera stays in place; the body rotates about it in the opposite sense.
-        of_world[:3, MOUNT] = -mount_rotation
-    return np.asarray(gtsam.Pose3(problem.b_T_c(values)).AdjointMap() @ jacobians)
+    transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
+    poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
+    return np.array([transform.jacobian(pose, origin) for pose in poses])
 
 
 def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> tuple[Array, Array]:

@@ -28,7 +28,8 @@ from backend.inertial_scale.picture_clock import (
     clock_of,
     piece_of,
 )
-from backend.inertial_scale.preintegration import InertialReadings, integrate
+from backend.inertial_scale.preintegration import integrate
+from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, lapack
 from scipy.spatial.transform import Rotation
 
-from backend.inertial_scale.preintegration import InertialReadings
+from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
 

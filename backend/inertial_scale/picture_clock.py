@@ -17,7 +17,7 @@ from backend.inertial_scale.delay_residuals import (
     delay_residuals,
     turn_costs,
 )
-from backend.inertial_scale.preintegration import InertialReadings
+from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
 

@@ -5,26 +5,12 @@ Source: Forster et al. 2017 (T-RO 33), equation 33, for the integrals.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class InertialReadings:
-    """Gyro and accelerometer in body axes; finite, in order of time."""
-
-    stamps_s: Array
-    """(k,)."""
-    gyro_rad_s: Array
-    """(k, 3)."""
-    accel_m_s2: Array
-    """(k, 3)."""
 
 
 def interpolate_attitudes(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array) -> Array:

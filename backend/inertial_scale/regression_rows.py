@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-from backend.inertial_scale.preintegration import InertialReadings, integrate_twice, interpolate_attitudes
-from backend.measurements import GRAVITY_M_S2
+from backend.inertial_scale.preintegration import integrate_twice, interpolate_attitudes
+from backend.measurements import GRAVITY_M_S2, InertialReadings
 
 Array = NDArray[np.float64]
 

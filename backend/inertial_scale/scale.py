@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares, minimize
 
-from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.regression_rows import (
     MIN_POSES,
     MIN_SEGMENTS,
@@ -35,6 +34,7 @@ from backend.inertial_scale.regression_rows import (
     find_segments,
     regressor_covariance,
 )
+from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
 

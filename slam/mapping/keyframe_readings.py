@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.inertial_scale.preintegration import InertialReadings
-from backend.measurements import Attitude, Position, SlantRange
+from backend.measurements import Attitude, InertialReadings, Position, SlantRange
 from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar
 from slam.core.geodesy import GeoOrigin
 from slam.mapping.config import PipelineConfig

@@ -12,9 +12,8 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.inertial_scale.picture_clock import PictureClock
-from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.scale import NoScale
-from backend.measurements import FloorTracks, Position
+from backend.measurements import FloorTracks, InertialReadings, Position
 from frontend.camera import Camera
 from frontend.registration import Registration
 from frontend.tracks import join_tracks

@@ -13,7 +13,7 @@ from backend.inertial_scale.clock_alignment import Turns
 from backend.inertial_scale.delay_residuals import gyro_attitudes
 from backend.inertial_scale.lag_profile import Signal
 from backend.inertial_scale.picture_clock import GAIN_ERROR
-from backend.inertial_scale.preintegration import InertialReadings
+from backend.measurements import InertialReadings
 from slam.core.flight import Flight, Frames
 from slam.core.progress import Progress
 from slam.core.rotations import rotation_of

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from backend.inertial_scale.clock_alignment import AlignmentResult, Turns, align_turns
-from backend.inertial_scale.preintegration import InertialReadings
+from backend.measurements import InertialReadings
 
 IMU_S, PICTURE_S = 0.01, 0.1
 AWAY_S = 7000.0

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from backend.inertial_scale.picture_clock import PictureClock, picture_clock
-from backend.inertial_scale.preintegration import InertialReadings
+from backend.measurements import InertialReadings
 
 IMU_S, PICTURE_S = 0.005, 0.2
 CALM_RAD = np.radians([0.3, 0.3, 1.0])

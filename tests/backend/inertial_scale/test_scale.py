@@ -9,9 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.scale import InertialScale, NoScale, inertial_scale
-from backend.measurements import GRAVITY_M_S2
+from backend.measurements import GRAVITY_M_S2, InertialReadings
 
 SCALE = 1.3
 OFFSET_M_S2, ARM_M = np.array([0.1, -0.2, -0.6]), np.array([-0.02, 0.03, 0.06])

@@ -1,0 +1,157 @@
+"""Readings of gyro and accelerometer, integrated between successive keyframes by gtsam.
+
+Source: Forster et al. 2017 (T-RO 33), section VI, for the preintegrated measurement and its covariance; gtsam
+integrates in the tangent space of the initial state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.inertial_scale.preintegration import integrate
+from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise
+
+Array = NDArray[np.float64]
+
+STATE_SIZE = 15
+"""Rows of the error of an interval: rotation, position, velocity, bias of accelerometer and gyro (3 each)."""
+ROTATION, MOTION = slice(0, 3), slice(3, 9)
+"""Rows that the gyro dominates, and rows that the accelerometer dominates."""
+_GAP_STEPS, _LEAST_GAP_S = 3.0, 0.05
+"""Longest step between two readings within an interval: in typical steps, but at least in seconds. Small
+vehicles turn at less than 10 Hz, so that a straight line bridges a twentieth of a second."""
+_STEP_S = 0.004
+"""Least step of the integration. The readings of a faster IMU are averaged over it."""
+_NO_NOISE = 1e-9
+"""Density of an instrument whose noise is left out of a covariance."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Readings between two successive keyframes, integrated."""
+
+    i: int
+    j: int
+    factor: gtsam.CombinedImuFactor
+    """Error by metric poses (keys 0, 2), velocities (1, 3) and biases (4, 5) of the IMU at both ends."""
+    gyro_covariance: Array
+    """(15, 15) covariance of the error by noise and random walk of the gyro."""
+    accel_covariance: Array
+    """(15, 15) the same of the accelerometer."""
+    rates_rad_s: Array
+    """(2, 3) body rates at both ends."""
+
+    def whitening(self, gyro_factor: float, accel_factor: float) -> Array:
+        """Return the matrix (15, 15) that whitens the error, for noise larger by these factors."""
+        covariance = gyro_factor**2 * self.gyro_covariance + accel_factor**2 * self.accel_covariance
+        return np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)).T)
+
+
+@dataclass(frozen=True)
+class ImuBias:
+    """Bias of accelerometer and gyro in body axes, (3,) each."""
+
+    accel_m_s2: Array
+    gyro_rad_s: Array
+
+
+NO_BIAS = ImuBias(np.zeros(3), np.zeros(3))
+
+
+def preintegrate(
+    inertial: Inertial, stamps_s: Array, bias: ImuBias = NO_BIAS, cut: Collection[int] = ()
+) -> tuple[Interval, ...]:
+    """Integrate the readings between successive keyframes at increasing ``stamps_s`` (n,).
+
+    Intervals that begin at a keyframe of ``cut`` are left out, and those with a gap or an invalid reading.
+    ``bias`` is the point of linearisation: the effect of another one is exact to first order.
+    """
+    readings = inertial.readings
+    covered = _covered(readings.stamps_s, stamps_s)
+    covered[list(cut)] = False
+    covered &= np.diff(np.searchsorted(inertial.invalid_s, stamps_s)) == 0
+    times_s = np.union1d(readings.stamps_s, stamps_s)
+    both = np.hstack([readings.accel_m_s2, readings.gyro_rad_s])
+    values = np.column_stack([np.interp(times_s, readings.stamps_s, column) for column in both.T])
+    integral = integrate(times_s, values)
+    at = np.searchsorted(times_s, stamps_s)
+    constant = gtsam.imuBias.ConstantBias(bias.accel_m_s2, bias.gyro_rad_s)
+    parts = [_parameters(inertial.noise, accel) for accel in (True, False)]
+    intervals = []
+    for k in np.flatnonzero(covered).tolist():
+        node = _thinned(times_s, int(at[k]), int(at[k + 1]))
+        steps_s = np.diff(times_s[node])
+        means = np.diff(integral[node], axis=0) / steps_s[:, None]
+        rates = values[[at[k], at[k + 1]], 3:] - bias.gyro_rad_s
+        intervals.append(_interval(k, means, steps_s, constant, parts, rates))
+    return tuple(intervals)
+
+
+def _covered(imu_s: Array, stamps_s: Array) -> NDArray[np.bool_]:
+    """Return which intervals (n - 1,) between the stamps lie within the readings and contain no gap."""
+    step_s = np.diff(imu_s)
+    gap = step_s > max(_GAP_STEPS * float(np.median(step_s)), _LEAST_GAP_S)
+    begin, end = imu_s[:-1][gap], imu_s[1:][gap]
+    # As many gaps have ended before an interval as begin before its end.
+    free = np.searchsorted(end, stamps_s[:-1], side="right") == np.searchsorted(begin, stamps_s[1:])
+    return np.asarray(
+        free & (stamps_s[:-1] >= imu_s[0]) & (stamps_s[1:] <= imu_s[-1]) & (np.diff(stamps_s) > 0)
+    )
+
+
+def _thinned(times_s: Array, start: int, stop: int) -> NDArray[np.int64]:
+    """Return indices of times from ``start`` to ``stop``, both included, at least a step apart."""
+    inside = np.arange(start, stop)
+    bins = np.floor((times_s[inside] - times_s[start]) / _STEP_S + 1e-6)
+    return np.append(inside[np.unique(bins, return_index=True)[1]], stop)
+
+
+def _parameters(noise: InertialNoise, accel: bool) -> gtsam.PreintegrationCombinedParams:
+    """Return parameters with the noise of the gyro, and with or without that of the accelerometer."""
+    parameters = gtsam.PreintegrationCombinedParams.MakeSharedU(GRAVITY_M_S2)
+    parameters.setGyroscopeCovariance(noise.gyro_density**2 * np.eye(3))
+    parameters.setBiasOmegaCovariance(noise.gyro_walk**2 * np.eye(3))
+    parameters.setAccelerometerCovariance((noise.accel_density if accel else _NO_NOISE) ** 2 * np.eye(3))
+    parameters.setBiasAccCovariance((noise.accel_walk if accel else _NO_NOISE) ** 2 * np.eye(3))
+    parameters.setIntegrationCovariance(_NO_NOISE**2 * np.eye(3))
+    return parameters
+
+
+def _interval(
+    i: int,
+    means: Array,
+    steps_s: Array,
+    bias: gtsam.imuBias.ConstantBias,
+    parts: list[gtsam.PreintegrationCombinedParams],
+    rates: Array,
+) -> Interval:
+    """Integrate mean readings (m, 6) over steps (m,) from keyframe ``i`` to the next one."""
+    by_both, by_gyro = (gtsam.PreintegratedCombinedMeasurements(part, bias) for part in parts)
+    for mean, step_s in zip(means, steps_s.tolist(), strict=True):
+        by_gyro.integrateMeasurement(mean[:3], mean[3:], step_s)
+        by_both.integrateMeasurement(mean[:3], mean[3:], step_s)
+    return Interval(
+        i=i,
+        j=i + 1,
+        factor=gtsam.CombinedImuFactor(0, 1, 2, 3, 4, 5, by_both),
+        gyro_covariance=by_gyro.preintMeasCov(),
+        accel_covariance=by_both.preintMeasCov() - by_gyro.preintMeasCov(),
+        rates_rad_s=rates,
+    )
+
+
+def chains(intervals: tuple[Interval, ...]) -> Iterator[list[Interval]]:
+    """Yield runs of intervals that follow each other without a break."""
+    run: list[Interval] = []
+    for interval in intervals:
+        if run and interval.i != run[-1].j:
+            yield run
+            run = []
+        run.append(interval)
+    if run:
+        yield run
