@@ -175,7 +175,7 @@ PACKAGES = {
     ),
     "backend": (
         ("errors", "measurements", "se3", "numba_cache"),
-        ("gauge",),
+        ("gauge", "sparse_cholesky"),
         ("pose_graph", "ekf", "inertial_scale"),
         ("bundle", "g2o"),
     ),

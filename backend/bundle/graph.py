@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
-from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
@@ -31,9 +30,6 @@ from backend.measurements import FloorTracks, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
 WORLD = gtsam.symbol("w", 0)
-IDENTITY = gtsam.symbol("i", 0)
-"""Mount that the projection factor with a free calibration requires. It is held at the identity, as the poses
-are those of the camera."""
 
 
 @dataclass(frozen=True)
@@ -105,18 +101,16 @@ class BundleProblem:
 
 
 @dataclass(frozen=True)
-class BundleOptimum:
-    """The solved graph of the last round."""
+class Variables:
+    """All variables of a refinement."""
 
-    problem: BundleProblem
-    graph: gtsam.NonlinearFactorGraph
     values: gtsam.Values
-    noise: NoiseLevels
-    used: NDArray[np.bool_]
-    """(m,) observations in the graph."""
+    """Those of the pose side."""
+    point: Array
+    """(t, 3) floor points, in mean heights."""
 
 
-def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsam.Values:
+def start_variables(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> Variables:
     """Return initial values: poses in units of the mean height, points at the mean intersections of rays."""
     tracks, camera = problem.tracks, problem.camera
     w_T_c = w_T_b @ camera.b_T_c
@@ -126,10 +120,8 @@ def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsa
     values = gtsam.Values()
     for k, pose in enumerate(w_T_c):
         values.insert(POSE(k), gtsam.Pose3(pose))
-    for t, point in enumerate(intersect_floor(tracks, camera, w_T_c)):
-        values.insert(POINT(t), point)
     values.insert(WORLD, np.array([np.log(scale), floor_z_m, *[0.0] * (WORLD_SIZE - 2)]))
-    return values
+    return Variables(values, intersect_floor(tracks, camera, w_T_c))
 
 
 def pose_side_graph(
@@ -144,10 +136,11 @@ def pose_side_graph(
     return graph
 
 
-def start_calibration(values: gtsam.Values, camera: PinholeModel) -> None:
-    """Insert the initial calibration into the values."""
+def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
+    """Return the variables with the initial calibration."""
+    values = gtsam.Values(at.values)
     values.insert(CALIBRATION(0), _nominal(camera))
-    values.insert(IDENTITY, gtsam.Pose3())
+    return Variables(values, at.point)
 
 
 def _nominal(camera: PinholeModel) -> gtsam.Cal3DS2:
@@ -161,13 +154,13 @@ def _add_calibration(graph: gtsam.NonlinearFactorGraph, camera: PinholeModel) ->
     held = 1e-5
     fx, fy = camera.focal_px
     sigmas = np.full(9, held)
+    # Held relatively: in pixels the two focal lengths would be so strongly tied that digits are lost.
+    sigmas[:2] *= fx, fy
     sigmas[5:7] = max(camera.radial_std, held)
     covariance = np.diag(sigmas**2)
     covariance[:2, :2] += camera.focal_std_ratio**2 * np.outer([fx, fy], [fx, fy])
     model = gtsam.noiseModel.Gaussian.Covariance(covariance)
     graph.push_back(gtsam.PriorFactorCal3DS2(CALIBRATION(0), _nominal(camera), model))
-    fixed = gtsam.noiseModel.Isotropic.Sigma(6, held)
-    graph.push_back(gtsam.PriorFactorPose3(IDENTITY, gtsam.Pose3(), fixed))
 
 
 def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:

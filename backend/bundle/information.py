@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import SuperLU
 
-from backend.bundle.factors import WORLD_SIZE
-from backend.bundle.graph import BundleConfig, BundleProblem, start_values
+from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, start_variables
+from backend.bundle.minimise import BundleCost
 from backend.bundle.noise import start_noise
-from backend.bundle.observations import build_graph
+from backend.bundle.reduced_system import ReducedSystem
 from backend.bundle.refinement import metric_jacobians
 from backend.errors import BackendError
 from backend.measurements import Measurements
-from backend.pose_graph.linear import cholesky, jacobian
+from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
 
@@ -25,8 +24,8 @@ Array = NDArray[np.float64]
 class Information:
     """Fisher information of measurements over a floor at z = 0, at given poses."""
 
-    factor: SuperLU
-    """Cholesky factor of J'J in points (3 each), world, poses (6 each)."""
+    reduced: ReducedSystem
+    """Factorised normal equations of poses and world, with the floor points eliminated."""
     to_metres: Array
     """(n, 6, 6 + w) Jacobian of metric body poses by pose and world."""
 
@@ -37,12 +36,12 @@ class Information:
 
         Source: Kay 1993, section 3.6 (bound on functions of the parameters).
         """
-        n = self.to_metres.shape[0]
-        of_all = np.einsum("kna,nab->knb", gradient, self.to_metres)
-        right = np.zeros((self.factor.shape[0], len(gradient)))
-        right[-6 * n - WORLD_SIZE : -6 * n] = of_all[:, :, 6:].sum(axis=1).T
-        right[-6 * n :] = of_all[:, :, :6].reshape(len(gradient), -1).T
-        return np.asarray(right.T @ self.factor.solve(right))
+        of_all = np.einsum("kna,nab->nbk", gradient, self.to_metres)
+        right = np.zeros((self.reduced.size, len(gradient)))
+        right[self.reduced.structure.columns(WORLD)] = of_all[:, 6:].sum(axis=0)
+        for k, of_pose in enumerate(of_all[:, :6]):
+            right[self.reduced.structure.columns(POSE(k))] = of_pose
+        return np.asarray(right.T @ self.reduced.factor.solve(right))
 
 
 def information(measurements: Measurements, w_T_b: Array, config: BundleConfig) -> Information:
@@ -54,13 +53,11 @@ def information(measurements: Measurements, w_T_b: Array, config: BundleConfig) 
     if tracks is None or camera is None:
         raise BackendError("information: no tracks of floor points, or no camera")
     problem = BundleProblem(measurements, tracks, camera, config, self_calibrates=False)
-    values = start_values(problem, w_T_b, 0.0)
+    at = start_variables(problem, w_T_b, 0.0)
     used = np.ones(len(tracks.track), dtype=bool)
-    graph = build_graph(problem, start_noise(measurements, config), used, values)
-    # By key: points (l), world (w), poses (x).
-    J = jacobian(graph, values)
+    cost = BundleCost.of(problem, start_noise(measurements, config), used, at.values)
     try:
-        factor = cholesky(csc_array(J.T @ J))
-    except RuntimeError:
+        reduced = cost.linearise(at, cost.structure(at)).eliminate()
+    except SingularMatrixError:
         raise BackendError("information: a direction is unobserved; add measurements") from None
-    return Information(factor, metric_jacobians(problem, values, np.zeros(3)))
+    return Information(reduced, metric_jacobians(problem, at.values, np.zeros(3)))

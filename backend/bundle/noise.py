@@ -6,14 +6,14 @@ from dataclasses import dataclass, fields, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import K as CALIBRATION
-from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
-from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
+from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
+from backend.bundle.observations import Cameras
+from backend.bundle.projections import residuals
 from backend.measurements import FloorTracks, Measurements
 
 Array = NDArray[np.float64]
@@ -71,22 +71,16 @@ class _Residuals:
     """(t,) information of the pictures alone on each point's height, with its x and y marginalised."""
 
 
-def _linearise(
-    problem: BundleProblem, values: gtsam.Values, std_px: Array, used: NDArray[np.bool_]
-) -> _Residuals:
+def _linearise(problem: BundleProblem, at: Variables, std_px: Array, used: NDArray[np.bool_]) -> _Residuals:
     """Compute residuals of all observations."""
-    tracks = problem.tracks
-    n, points = problem.measurements.count, int(tracks.track.max()) + 1
-    pose = np.array([values.atPose3(POSE(k)).matrix() for k in range(n)])[tracks.keyframe]
-    point = np.array([values.atPoint3(POINT(t)) for t in range(points)])
-    focal, centre, k1, k2 = np.array(problem.camera.focal_px), np.array(problem.camera.center_px), 0.0, 0.0
-    if problem.self_calibrates:
-        found = values.atCal3DS2(CALIBRATION(0))
-        focal, (k1, k2) = np.array([found.fx(), found.fy()]), found.k()[:2]
-    c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
+    tracks, cameras = problem.tracks, Cameras.of(problem, at.values)
+    focal, points = np.array(cameras.calibration[:2]), len(at.point)
+    pose = cameras.f_T_c[tracks.keyframe]
+    residual = -residuals(
+        cameras.f_T_c, at.point, cameras.calibration, tracks.keyframe, tracks.track, tracks.pixel
+    )
+    c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], at.point[tracks.track] - pose[:, :3, 3])
     xy = c_p[:, :2] / c_p[:, 2:]
-    r2 = np.sum(xy**2, axis=1, keepdims=True)
-    residual = tracks.pixel - (xy * (1 + k1 * r2 + k2 * r2**2) * focal + centre)
     # d pixel / d point without distortion: it is used for weights only.
     J = np.zeros((len(c_p), 2, 3))
     J[:, 0, 0] = J[:, 1, 1] = 1.0
@@ -98,16 +92,16 @@ def _linearise(
     plane = information[:, :2, :2] + 1e-9 * np.eye(2)
     cross = information[:, :2, 2]
     projected = np.einsum("ta,ta->t", cross, np.linalg.solve(plane, cross[..., None])[..., 0])
-    return _Residuals(residual, point[:, 2], np.maximum(information[:, 2, 2] - projected, 0.0))
+    return _Residuals(residual, at.point[:, 2], np.maximum(information[:, 2, 2] - projected, 0.0))
 
 
 def estimate_noise(
-    problem: BundleProblem, values: gtsam.Values, noise: NoiseLevels, used: NDArray[np.bool_]
+    problem: BundleProblem, at: Variables, noise: NoiseLevels, used: NDArray[np.bool_]
 ) -> tuple[NoiseLevels, NDArray[np.bool_]]:
     """Return noise levels from the residuals, and the observations (m,) to keep."""
     tracks = problem.tracks
     std_px = tracks.std_px * noise.pixel_scale
-    residuals = _linearise(problem, values, std_px, used)
+    residuals = _linearise(problem, at, std_px, used)
     whitened = residuals.pixel / std_px[:, None]
     # The outlier limit uses the estimated noise if it is larger: the nominal one may be far too small.
     spread = _spread(problem, residuals, whitened, noise, noise.relief, used)
@@ -119,7 +113,7 @@ def estimate_noise(
     spread *= np.sqrt(track_correlation_factor(tracks, whitened, used))
     pixel_scale = max(noise.pixel_scale * float(np.clip(spread, 0.2, 5.0)), _MIN_PIXEL_SCALE)
     level = replace(noise, pixel_scale=pixel_scale, relief=relief)
-    return _sensor_noise(problem, values, level), used
+    return _sensor_noise(problem, at.values, level), used
 
 
 def _spread(

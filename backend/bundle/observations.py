@@ -1,54 +1,111 @@
-"""The floor points in the factor graph of the planar bundle adjustment: projections and relief."""
+"""The cost of the floor points: their observations with Huber's loss, and the priors on their places."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import gtsam
-import gtsam_unstable
 import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
-from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.graph import IDENTITY, BundleProblem, NoiseLevels, pose_side_graph
+from backend.bundle.graph import BundleProblem, NoiseLevels
+from backend.bundle.projections import CALIBRATION_SIZE, linearise, total_loss
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_ANYWHERE = 1e4
+"""Standard deviation of a point's place on the floor, in mean heights: beyond the reach of any flight."""
 
 
-def build_graph(
-    problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_], start: gtsam.Values
-) -> gtsam.NonlinearFactorGraph:
-    """Build the whole factor graph at the given noise levels: observations, relief, and the pose side."""
-    graph = gtsam.NonlinearFactorGraph()
-    _add_observations(graph, problem, noise, used)
-    flat = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e4, 1e4, noise.relief]))
-    for t in range(int(problem.tracks.track.max()) + 1):
-        graph.push_back(gtsam.PriorFactorPoint3(POINT(t), np.zeros(3), flat))
-    graph.push_back(pose_side_graph(problem, noise, start))
-    return graph
+@dataclass(frozen=True)
+class Cameras:
+    """Poses and calibration of the cameras at one linearisation point."""
 
+    f_T_c: Array
+    """(n, 4, 4) poses, in mean heights."""
+    calibration: Array
+    """(9,) numbers of `gtsam.Cal3DS2`."""
 
-def _add_observations(
-    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]
-) -> None:
-    """Add one projection factor per observation, with Huber's loss."""
-    tracks, camera = problem.tracks, problem.camera
-    models: dict[float, gtsam.noiseModel.Base] = {}
-    kernel = gtsam.noiseModel.mEstimator.Huber.Create(problem.config.huber_sigmas)
-    fixed = gtsam.Cal3_S2(*camera.focal_px, 0.0, *camera.center_px)
-    std = np.round(tracks.std_px * noise.pixel_scale, 4)
-    for m in np.flatnonzero(used):
-        sigma = float(std[m])
-        if sigma not in models:
-            models[sigma] = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(2, sigma))
-        keys = POSE(int(tracks.keyframe[m])), POINT(int(tracks.track[m]))
-        # No exception (the last two arguments): a point behind the camera has a cost. GeneralSFMFactor2 would
-        # accept it at no cost, and print a line.
+    @staticmethod
+    def of(problem: BundleProblem, values: gtsam.Values) -> Cameras:
+        """Read the cameras of a problem from its variables."""
+        f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
         if problem.self_calibrates:
-            pose, point = keys
-            factor: gtsam.NonlinearFactor = gtsam_unstable.ProjectionFactorPPPCCal3DS2(
-                tracks.pixel[m], models[sigma], pose, IDENTITY, point, CALIBRATION(0), False, False
-            )
-        else:
-            factor = gtsam.GenericProjectionFactorCal3_S2(
-                tracks.pixel[m], models[sigma], *keys, fixed, False, False
-            )
-        graph.push_back(factor)
+            return Cameras(f_T_c, values.atCal3DS2(CALIBRATION(0)).vector())
+        fx, fy = problem.camera.focal_px
+        return Cameras(f_T_c, np.array([fx, fy, 0.0, *problem.camera.center_px, 0.0, 0.0, 0.0, 0.0]))
+
+
+@dataclass(frozen=True)
+class LinearObservations:
+    """Whitened Jacobians and residuals of the floor points. Rows beyond Huber's limit have its weight."""
+
+    of_pose: Array
+    """(m, 2, 6) by the right perturbation of the pose, rotation first."""
+    of_point: Array
+    """(m, 2, 3)."""
+    of_calibration: Array
+    """(m, 2, q), q = 9 numbers of the calibration, or 0 if it is fixed."""
+    right: Array
+    """(m, 2) minus the residuals."""
+    prior_right: Array
+    """(t, 3) minus the residuals of the priors on the points."""
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The observations of a round, sorted by point."""
+
+    number: Index
+    """(m,) number of each among the observations of the tracks."""
+    keyframe: Index
+    """(m,)."""
+    track: Index
+    """(m,) point of each, ascending."""
+    first: Index
+    """(t + 1,) begin of each point's observations."""
+    pixel: Array
+    """(m, 2)."""
+    std_px: Array
+    """(m,)."""
+    huber_sigmas: float
+    prior_std: Array
+    """(3,) standard deviations of a point about the origin: anywhere along the floor, and its relief."""
+
+    @staticmethod
+    def of(problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]) -> Observations:
+        """Collect the observations that are used, with the estimated noise levels."""
+        tracks = problem.tracks
+        number = np.flatnonzero(used)
+        number = number[np.lexsort((tracks.keyframe[number], tracks.track[number]))]
+        seen = np.bincount(tracks.track[number], minlength=int(tracks.track.max()) + 1)
+        return Observations(
+            number=number,
+            keyframe=np.asarray(tracks.keyframe[number], dtype=np.int64),
+            track=np.asarray(tracks.track[number], dtype=np.int64),
+            first=np.concatenate([[0], np.cumsum(seen)]),
+            pixel=np.ascontiguousarray(tracks.pixel[number], dtype=float),
+            std_px=tracks.std_px[number] * noise.pixel_scale,
+            huber_sigmas=float(problem.config.huber_sigmas),
+            prior_std=np.array([_ANYWHERE, _ANYWHERE, noise.relief]),
+        )
+
+    def error(self, cameras: Cameras, point: Array) -> float:
+        """Return the sum of Huber's loss of the observations and half the squares of the priors."""
+        seen = self.keyframe, self.track, self.pixel
+        loss = total_loss(cameras.f_T_c, point, cameras.calibration, *seen, self.std_px, self.huber_sigmas)
+        return float(loss) + 0.5 * float(np.sum((point / self.prior_std) ** 2))
+
+    def linearise(self, cameras: Cameras, point: Array, self_calibrates: bool) -> LinearObservations:
+        """Linearise the observations at poses and points (t, 3)."""
+        count = len(self.track)
+        of_pose, of_point = np.empty((count, 2, 6)), np.empty((count, 2, 3))
+        of_calibration = np.empty((count, 2, CALIBRATION_SIZE if self_calibrates else 0))
+        right = linearise(
+            cameras.f_T_c, point, cameras.calibration, self.keyframe, self.track, self.pixel,
+            self.std_px, self.huber_sigmas, of_pose, of_point, of_calibration,
+        )  # fmt: skip
+        return LinearObservations(of_pose, of_point, of_calibration, right, -point / self.prior_std)

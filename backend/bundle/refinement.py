@@ -34,22 +34,20 @@ from backend.bundle.factors import (
 from backend.bundle.graph import (
     WORLD,
     BundleConfig,
-    BundleOptimum,
     BundleProblem,
     NoiseLevels,
     ScalePrior,
     metric_poses,
     start_calibration,
-    start_values,
+    start_variables,
 )
+from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
-from backend.bundle.observations import build_graph
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.measurements import Measurements
-from backend.pose_graph.marginals import joint_covariances
-from backend.pose_graph.minimise import minimise
 from backend.pose_graph.solution import RangeErrors
+from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
 
@@ -120,8 +118,8 @@ def refine(
         measurements, tracks, camera, config, self_calibrates=False, scale_prior=scale_prior
     )
     noise = noise or start_noise(measurements, config)
-    values = start_values(problem, w_T_b, floor_z_m)
-    start = values
+    at = start_variables(problem, w_T_b, floor_z_m)
+    start = at.values
     used = np.ones(len(tracks.track), bool)
     iterations = 0
     settled = False
@@ -129,20 +127,17 @@ def refine(
         if number == 1 and camera.focal_std_ratio > 0:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
             problem = replace(problem, self_calibrates=True)
-            start_calibration(values, camera)
-        graph = build_graph(problem, noise, used, start)
+            at = start_calibration(at, camera)
+        cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
-        tolerance = 1e-5 if last else 1e-3
-        minimum = minimise(
-            graph, values, max_iterations=30, relative_tolerance=tolerance, on_step=on_step, common=WORLD
-        )
-        values, iterations = minimum.values, iterations + minimum.iterations
+        minimum = minimise_bundle(cost, at, 30, 1e-5 if last else 1e-3, on_step)
+        at, iterations = minimum.at, iterations + minimum.iterations
         if last:
             break
         before = noise
-        noise, used = estimate_noise(problem, values, noise, used)
+        noise, used = estimate_noise(problem, at, noise, used)
         settled = number > 0 and same_noise(before, noise)
-    return _result(problem, graph, values, noise, used, minimum.error, iterations)
+    return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum.error, iterations)
 
 
 def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:
@@ -174,15 +169,8 @@ def _propagate(J: Array, covariances: Array) -> Array:
     return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))
 
 
-def _result(
-    problem: BundleProblem,
-    graph: gtsam.NonlinearFactorGraph,
-    values: gtsam.Values,
-    noise: NoiseLevels,
-    used: NDArray[np.bool_],
-    error: float,
-    iterations: int,
-) -> Bundle:
+def _result(optimum: BundleOptimum, error: float, iterations: int) -> Bundle:
+    problem, values = optimum.problem, optimum.values
     heights = np.array([values.atPose3(POSE(k)).z() for k in range(problem.measurements.count)])
     if not (np.isfinite(heights).all() and (heights > 0).all()):
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
@@ -191,8 +179,7 @@ def _result(
         found = values.atCal3DS2(CALIBRATION(0))
         focal, radial = (found.fx(), found.fy()), (float(found.k()[0]), float(found.k()[1]))
     world = values.atVector(WORLD)
-    poses = [POSE(k) for k in range(problem.measurements.count)]
-    joint = joint_covariances(graph, values, poses, WORLD)
+    joint = _joint_covariances(optimum)
     mount_std = float(np.sqrt(np.diag(joint[0, 6:, 6:])[MOUNT].max()))
     in_world, over_floor = _metric_covariances(problem, joint, values)
     return Bundle(
@@ -208,12 +195,21 @@ def _result(
         range_errors=_range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
         scale_std=float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.has_scale else None,
         conditional_scale_std=_conditional_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,
-        noise=noise,
-        dropped_observations=int((~used).sum()),
+        noise=optimum.noise,
+        dropped_observations=int((~optimum.used).sum()),
         error=error,
         iterations=iterations,
-        optimum=BundleOptimum(problem, graph, values, noise, used),
+        optimum=optimum,
     )
+
+
+def _joint_covariances(optimum: BundleOptimum) -> Array:
+    """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world; NaN if undetermined."""
+    poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
+    try:
+        return optimum.linearise().eliminate().joint_covariances(poses, WORLD)
+    except SingularMatrixError:
+        return np.full((len(poses), 6 + WORLD_SIZE, 6 + WORLD_SIZE), np.nan)
 
 
 def _conditional_scale_std(covariance: Array) -> float:

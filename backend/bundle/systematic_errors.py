@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.stats import f as fisher
 
-from backend.bundle.factors import WORLD_SIZE
+from backend.bundle.graph import WORLD
 from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle, metric_jacobians
 from backend.bundle.systematic_terms import Kind, added_columns
 from backend.errors import BackendError
-from backend.pose_graph.linear import cholesky, linear_system
+from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
 
@@ -72,7 +72,7 @@ def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
         return None
     try:
         scores, moved = _eliminate(bundle)
-    except RuntimeError:
+    except SingularMatrixError:
         raise BackendError("the equations of the refinement are singular by rounding") from None
     found, alternatives = scores.search()
     if not found:
@@ -175,25 +175,32 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
     """Return the scores, and the displacements (n, 6, c) of metric poses by a unit of each coefficient."""
     optimum = bundle.optimum
     problem, values = optimum.problem, optimum.values
-    jacobian, left = linear_system(optimum.graph, values)
-    added = added_columns(optimum, jacobian, left)
-    factor = cholesky(csc_array(jacobian.T @ jacobian))
+    linear = optimum.linearise()
+    (jacobian, left), reduced = linear.jacobian(), linear.eliminate()
+
+    def absorbed_by_fit(column: Array) -> tuple[Array, Array]:
+        """Return what all variables absorb of columns, and the change of those of the pose side."""
+        gradient = np.asarray(jacobian.T @ column)
+        by_pose, by_point = reduced.solve(gradient[: reduced.size], gradient[reduced.size :])
+        return jacobian @ np.vstack([by_pose, by_point]), by_pose
+
+    added = added_columns(optimum, linear, left)
     origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
     to_metres = metric_jacobians(problem, values, origin)
     n = len(to_metres)
     columns: dict[Kind, Array] = {}
     moved: dict[Kind, Array] = {}
     for kind, column in added.columns.items():
-        absorbed = factor.solve(np.asarray(jacobian.T @ column))
-        rest = column - jacobian @ absorbed
+        fitted, change = absorbed_by_fit(column)
+        rest = column - fitted
         if (np.sum(rest**2, axis=0) <= _ROUNDING * np.sum(column**2, axis=0)).all():
             continue
         columns[kind] = rest
-        # By key: points, world, poses.
-        poses, world = absorbed[-6 * n :].reshape(n, 6, -1), absorbed[-6 * n - WORLD_SIZE : -6 * n]
+        poses = np.array([change[optimum.structure.columns(POSE(k))] for k in range(n)])
+        world = change[optimum.structure.columns(WORLD)]
         moved[kind] = -to_metres @ np.concatenate([poses, np.repeat(world[None], n, axis=0)], axis=1)
     white = np.random.default_rng(0).standard_normal((len(left), _DRAWS))
-    white -= jacobian @ factor.solve(np.asarray(jacobian.T @ white))
+    white -= absorbed_by_fit(white)[0]
     return _Scores(columns, left, white, added.keyframe), moved
 
 

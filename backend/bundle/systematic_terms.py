@@ -8,11 +8,13 @@ from typing import Literal
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from backend.bundle.factors import LOG_SCALE
-from backend.bundle.graph import WORLD, BundleOptimum
+from backend.bundle.graph import WORLD
+from backend.bundle.minimise import BundleOptimum
+from backend.bundle.reduced_system import LinearSystem
 
 Array = NDArray[np.float64]
 Kind = Literal["radial", "decentring", "principal point", "position offset"]
@@ -45,63 +47,65 @@ class AddedColumns:
     """(rows,) keyframe of each row; 0 for rows that belong to none."""
 
 
-def added_columns(optimum: BundleOptimum, jacobian: csc_array, left: Array) -> AddedColumns:
+def added_columns(optimum: BundleOptimum, linear: LinearSystem, left: Array) -> AddedColumns:
     """Return the columns for the lens and, where there are positions, for an offset in body axes.
 
     The offset is forward and left. Upward it would be one of the world's height, which is free.
 
-    ``jacobian`` (rows, dimensions), columns by key, and ``left`` (rows,), the residuals, are whitened, with
-    the weights of the robust losses.
+    ``left`` (rows,), the residuals in the order of `LinearSystem.jacobian`, are whitened, with the weights of
+    the robust losses.
     """
-    tracks, seen = optimum.problem.tracks, np.flatnonzero(optimum.used)
+    seen = optimum.cost.observations
     # The height of a point belongs to the last picture that shows it.
-    last = np.zeros(int(tracks.track.max()) + 1, dtype=np.int64)
-    np.maximum.at(last, tracks.track[seen], tracks.keyframe[seen])
-    keyframe = np.zeros(len(left), dtype=np.int64)
-    keyframe[: 2 * len(seen)] = np.repeat(tracks.keyframe[seen], 2)
-    at = 2 * len(seen)
+    last = np.zeros(len(optimum.at.point), dtype=np.int64)
+    np.maximum.at(last, seen.track, seen.keyframe)
+    keyframe = [np.repeat(seen.keyframe, 2), np.repeat(last, 3)]
+    at = 2 * len(seen.keyframe) + 3 * len(last)
+    first_row = at
+    graph = optimum.cost.pose_side
     positions: list[tuple[int, int]] = []
-    for number in range(len(seen), optimum.graph.size()):
-        factor = optimum.graph.at(number)
+    for factor in (graph.at(number) for number in range(graph.size())):
         keys, size = factor.keys(), factor.dim()
-        first = gtsam.Symbol(keys[0])
-        kind, index = first.string()[0], first.index()
-        keyframe[at : at + size] = last[index] if kind == "l" else index if kind == "x" else 0
-        if kind == "x" and len(keys) == 2 and size == _POSITION_ROWS:
-            positions.append((at, index))
+        poses = [symbol.index() for symbol in map(gtsam.Symbol, keys) if symbol.chr() == ord("x")]
+        keyframe.append(np.full(size, poses[0] if poses else 0))
+        if poses and WORLD in keys and size == _POSITION_ROWS:
+            positions.append((at, poses[0]))
         at += size
-    columns = _of_pixels(optimum, seen, left)
+    columns = _of_pixels(optimum, left)
     if positions:
-        columns["position offset"] = _of_positions(optimum, jacobian, positions)
-    return AddedColumns(columns, keyframe)
+        columns["position offset"] = _of_positions(optimum, linear, len(left), first_row, positions)
+    return AddedColumns(columns, np.concatenate(keyframe))
 
 
-def _of_pixels(optimum: BundleOptimum, seen: NDArray[np.int64], left: Array) -> dict[Kind, Array]:
-    problem = optimum.problem
-    tracks, camera, sigmas = problem.tracks, problem.camera, problem.config.huber_sigmas
-    std_px = (tracks.std_px * optimum.noise.pixel_scale)[seen]
-    weighted = left[: 2 * len(seen)].reshape(-1, 2)
+def _of_pixels(optimum: BundleOptimum, left: Array) -> dict[Kind, Array]:
+    seen, camera = optimum.cost.observations, optimum.problem.camera
+    count = 2 * len(seen.keyframe)
+    weighted = left[:count].reshape(-1, 2)
     # Huber's loss multiplies residuals beyond the limit by sqrt(limit / distance).
-    weight = np.minimum(1.0, sigmas / np.maximum(np.linalg.norm(weighted, axis=1), 1e-12)) / std_px
+    distance = np.maximum(np.linalg.norm(weighted, axis=1), 1e-12)
+    weight = np.minimum(1.0, seen.huber_sigmas / distance) / seen.std_px
     focal = np.array(camera.focal_px)
-    x, y = ((tracks.pixel[seen] - weighted / weight[:, None] - camera.center_px) / focal).T
+    x, y = ((seen.pixel - weighted / weight[:, None] - camera.center_px) / focal).T
     columns: dict[Kind, Array] = {}
     for kind, terms in _OF_LENS.items():
         displaced = [(np.column_stack(term) * focal * weight[:, None]).ravel() for term in terms(x, y)]
         columns[kind] = np.zeros((len(left), len(displaced)))
-        columns[kind][: 2 * len(seen)] = np.column_stack(displaced)
+        columns[kind][:count] = np.column_stack(displaced)
     return columns
 
 
-def _of_positions(optimum: BundleOptimum, jacobian: csc_array, positions: list[tuple[int, int]]) -> Array:
-    """Return the columns (rows, 2): an offset moves a position as a motion of the camera does."""
-    rows, size = jacobian.shape
+def _of_positions(
+    optimum: BundleOptimum, linear: LinearSystem, rows: int, first_row: int, positions: list[tuple[int, int]]
+) -> Array:
+    """Return the columns (rows, 2): an offset moves a position as a motion of the camera does.
+
+    The rows of the pose side begin at ``first_row``.
+    """
     scale = float(np.exp(optimum.values.atVector(WORLD)[LOG_SCALE]))
     c_T_b = np.linalg.inv(optimum.problem.b_T_c(optimum.values))
-    first_pose = size - 6 * optimum.problem.measurements.count  # poses come last by key
-    by_row, columns = jacobian.tocsr(), np.zeros((rows, 2))
+    by_row, columns = linear.pose_side.tocsr(), np.zeros((rows, 2))
     for at, k in positions:
-        along = first_pose + 6 * k + 3
-        moved = by_row[at : at + _POSITION_ROWS, along : along + 3].toarray()
-        columns[at : at + _POSITION_ROWS] = moved @ c_T_b[:3, :2] / scale
+        moved = by_row[at - first_row : at - first_row + _POSITION_ROWS].toarray()
+        along = moved[:, linear.structure.columns(POSE(k))][:, 3:]
+        columns[at : at + _POSITION_ROWS] = along @ c_T_b[:3, :2] / scale
     return columns

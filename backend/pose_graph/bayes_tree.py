@@ -27,16 +27,15 @@ deep as a chain."""
 
 
 def bayes_tree(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, common: int | None = None, by_qr: bool = False
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, by_qr: bool = False
 ) -> gtsam.GaussianBayesTree | None:
-    """Eliminate the linear system at ``values``, ``common`` last; None if it is singular.
+    """Eliminate the linear system at ``values``; None if it is singular.
 
     QR is used if Cholesky fails, or at once with ``by_qr``.
     """
     try:
         linear = graph.linearize(values)
-        deep = common is not None or values.size() > _DEEP
-        order = nested_dissection(linear, common) if deep else gtsam.Ordering.OrderingType.COLAMD
+        order = nested_dissection(linear) if values.size() > _DEEP else gtsam.Ordering.OrderingType.COLAMD
         if not by_qr:
             try:
                 return linear.eliminateMultifrontal(order)
@@ -66,19 +65,16 @@ class CliqueCovariance:
 _ABOVE_ROOT = CliqueCovariance((), {}, np.zeros((0, 0)))
 
 
-def clique_covariances(
-    tree: gtsam.GaussianBayesTree, values: gtsam.Values, common: int | None = None
-) -> Iterator[CliqueCovariance]:
+def clique_covariances(tree: gtsam.GaussianBayesTree, values: gtsam.Values) -> Iterator[CliqueCovariance]:
     """Yield the covariance of each clique of the tree of ``values``, parents before their children.
 
-    A child's covariance also has the variable ``common``, if its root has it. A clique that is singular, and
-    all below it, are NaN.
+    A clique that is singular, and all below it, are NaN.
     """
     children = _children(tree, values)
     waiting = [(root, _ABOVE_ROOT) for root in children[None]]
     while waiting:
         clique, parent = waiting.pop()
-        found = clique.covariance(parent, common)
+        found = clique.covariance(parent)
         yield found
         waiting += [(child, found) for child in children[clique.frontals[0]]]
 
@@ -103,25 +99,24 @@ class _Clique:
             count += 1
         return _Clique(tuple(keys[:count]), tuple(keys[count:]), size, R, conditional.S())
 
-    def covariance(self, parent: CliqueCovariance, common: int | None) -> CliqueCovariance:
+    def covariance(self, parent: CliqueCovariance) -> CliqueCovariance:
         """Return the covariance from that of the parent, which has the whole separator.
 
         With B = -R^-1 S, cov(x, s) = B cov(s) and cov(x) = (R'R)^-1 + B cov(s) B'.
         """
-        carried = (common,) if common in parent.rows and common not in self.separator else ()
-        above = parent.of(*self.separator, *carried)
-        n, s = len(self.R), self.S.shape[1]
+        above = parent.of(*self.separator)
+        n = len(self.R)
         root, singular = dtrtri(self.R)
         if singular:
             root = np.full_like(self.R, np.nan)
         B = -root @ self.S
         matrix = np.empty((n + len(above),) * 2)
         matrix[n:, n:] = above
-        matrix[:n, n:] = B @ above[:s]
+        matrix[:n, n:] = B @ above
         matrix[n:, :n] = matrix[:n, n:].T
-        matrix[:n, :n] = root @ root.T + matrix[:n, n : n + s] @ B.T
+        matrix[:n, :n] = root @ root.T + matrix[:n, n:] @ B.T
         rows, end = {}, 0
-        for key in (*self.frontals, *self.separator, *carried):
+        for key in (*self.frontals, *self.separator):
             begin, end = end, end + self.size[key]
             rows[key] = range(begin, end)
         return CliqueCovariance(self.frontals, rows, matrix)

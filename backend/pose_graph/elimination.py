@@ -14,26 +14,20 @@ Graph = gtsam.NonlinearFactorGraph | gtsam.GaussianFactorGraph
 
 
 def set_ordering(
-    params: gtsam.NonlinearOptimizerParams,
-    graph: gtsam.NonlinearFactorGraph,
-    keys: int,
-    common: int | None = None,
+    params: gtsam.NonlinearOptimizerParams, graph: gtsam.NonlinearFactorGraph, keys: int
 ) -> None:
-    """Set an optimizer's elimination order for a graph of ``keys`` variables.
-
-    With a ``common`` variable in almost all factors COLAMD has three times the fill-in of nested dissection.
-    """
-    if common is not None or keys > DEEP_GRAPH:
-        params.setOrdering(nested_dissection(graph, common))
+    """Set an optimizer's elimination order for a graph of ``keys`` variables."""
+    if keys > DEEP_GRAPH:
+        params.setOrdering(nested_dissection(graph))
     else:
         params.setOrderingType("COLAMD")
 
 
-def nested_dissection(graph: Graph, last: int | None = None) -> gtsam.Ordering:
-    """Return METIS' ordering, a shallow tree; ``last`` is eliminated last.
+def nested_dissection(graph: Graph) -> gtsam.Ordering:
+    """Return METIS' ordering, a shallow tree.
 
-    A variable without neighbours, such as a floor point without observations, comes first: METIS itself would
-    write out of bounds and abort the interpreter.
+    A variable without neighbours comes first: METIS itself would write out of bounds and abort the
+    interpreter.
     """
     linear = isinstance(graph, gtsam.GaussianFactorGraph)
     tied: Any = gtsam.GaussianFactorGraph() if linear else gtsam.NonlinearFactorGraph()
@@ -52,8 +46,6 @@ def nested_dissection(graph: Graph, last: int | None = None) -> gtsam.Ordering:
         )
         dissected = of_kind(tied)
         order += [dissected.at(k) for k in range(dissected.size())]
-    if last is not None:
-        order = [key for key in order if key != last] + [last]
     ordering = gtsam.Ordering()
     for key in order:
         ordering.push_back(key)

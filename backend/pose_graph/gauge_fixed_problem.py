@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.errors import BackendError
 from backend.pose_graph.chi_square import ChiSquare, chi_square
+from backend.pose_graph.descent import OnStep
 from backend.pose_graph.initialize import chordal, spanning_tree
 from backend.pose_graph.minimise import (
     MAX_ITERATIONS,
     RELATIVE_TOLERANCE,
-    OnStep,
     OptimizationResult,
     gauss_newton,
     levenberg_marquardt,

@@ -79,26 +79,3 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, values: gtsam.Values, row: 
     place = np.arange(6) if covariances.shape[1] == 6 else PLANAR
     whole[:, place[:, None], place] = covariances[sound]
     out[np.array(asked)[sound]] = whole
-
-
-def joint_covariances(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int], common: int
-) -> Array:
-    """Return joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first.
-
-    Singular ones are NaN. gtsam would traverse and cache its tree for each pose, at a higher cost than the
-    solve of a long flight. Here one traversal goes from the root to all poses.
-    """
-    d = len(values.atVector(common))
-    out = np.full((len(keys), 6 + d, 6 + d), np.nan)
-    if common not in graph.keys():  # noqa: SIM118
-        return out  # gtsam aborts the interpreter if an ordering has a key without a factor
-    row = {key: k for k, key in enumerate(keys)}
-    tree = bayes_tree(graph, values, common)
-    if tree is None:
-        return out
-    for clique in clique_covariances(tree, values, common):
-        for key in clique.frontals:
-            if key in row and common in clique.rows:
-                out[row[key]] = clique.of(key, common)
-    return out

@@ -19,35 +19,30 @@ import numpy as np
 
 from backend.errors import GTSAM_ERRORS, BackendError, first_line
 from backend.gauge import format_keys, graph_components, key_name
+from backend.pose_graph.descent import (
+    MAX_DAMPING,
+    Limits,
+    LinearSolverError,
+    OnStep,
+    Outcome,
+    descend,
+    descend_damped,
+)
 from backend.pose_graph.elimination import set_ordering
 from backend.pose_graph.observability import unobserved
 
-OnStep = Callable[[int, float], None]
 Name = Callable[[int], str]
 
 MAX_ITERATIONS = 100
 RELATIVE_TOLERANCE = 1e-5
 """The solver stops after a step whose relative decrease of the error is smaller."""
-_ABSOLUTE_TOLERANCE = 1e-7
-_GROWTH = 1e-6
-_MODEL_SHARE = 0.2
-"""Tolerance, as a fraction of the relative tolerance, between the error and its linear prediction.
-Within it the remaining nonlinearity cannot lower the error further, and the confirming step is skipped. The
-difference must also be a hundred times smaller than one step before, to exclude a coincidence."""
 
 
 @dataclass(frozen=True)
-class OptimizationResult:
+class OptimizationResult(Outcome):
     """Result of a minimisation."""
 
     values: gtsam.Values
-    error: float
-    """Half the sum of squared whitened residuals (with the graph's robust losses)."""
-    initial_error: float
-    iterations: int
-    converged: bool
-    reason: str
-    """Reason for the end of the iterations, in words."""
 
 
 def minimise(
@@ -58,21 +53,20 @@ def minimise(
     relative_tolerance: float = RELATIVE_TOLERANCE,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
-    common: int | None = None,
 ) -> OptimizationResult:
     """Minimise with Gauss-Newton; if the error rises, continue from the best point with Levenberg-Marquardt.
 
-    ``common`` is a variable that almost all factors share. ``on_step(iteration, error)`` is called after each
-    step; its exceptions propagate. Raises ``BackendError`` if the graph or the initial guess is not finite, a
-    component has no unary factor, or a direction is unobserved (the message names it).
+    ``on_step(iteration, error)`` is called after each step; its exceptions propagate. Raises ``BackendError``
+    if the graph or the initial guess is not finite, a component has no unary factor, or a direction is
+    unobserved (the message names it).
     """
     check(graph, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     limits = (max_iterations, relative_tolerance, on_step, deadline)
-    first = gauss_newton(graph, initial, *limits, common=common)
+    first = gauss_newton(graph, initial, *limits)
     if first.converged or first.iterations >= max_iterations or time.monotonic() >= deadline:
         return first
-    return levenberg_marquardt(graph, first, *limits, common)
+    return levenberg_marquardt(graph, first, *limits)
 
 
 def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> None:
@@ -104,12 +98,12 @@ def _check_values(values: gtsam.Values) -> None:
 
 
 def _optimizer(
-    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name, common: int | None
+    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name
 ) -> gtsam.GaussNewtonOptimizer:
     """Create gtsam's optimizer. Raises ``BackendError`` if the initial error is not finite."""
     params = gtsam.GaussNewtonParams()
     params.setLinearSolverType(solver)
-    set_ordering(params, graph, initial.size(), common)
+    set_ordering(params, graph, initial.size())
     try:
         optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
@@ -138,20 +132,19 @@ def gauss_newton(
     on_step: OnStep | None,
     deadline: float,
     name: Name = key_name,
-    common: int | None = None,
 ) -> OptimizationResult:
     """Take undamped steps while the error falls; if a step raises it, return the best point, not converged.
 
     The graph must have passed ``check``. Raises ``BackendError`` if a direction is unobserved.
     """
-    limits = (max_iterations, relative_tolerance, on_step, deadline, name, common)
+    limits = Limits(max_iterations, relative_tolerance, on_step, deadline)
     try:
-        return _gauss_newton(graph, initial, "MULTIFRONTAL_CHOLESKY", *limits)
+        return _gauss_newton(_Steps(graph, initial, "MULTIFRONTAL_CHOLESKY", name), limits)
     except _SingularError:
         pass
     try:
         # Cholesky squares the condition number: a long well-posed chain fails with it, not with QR.
-        return _gauss_newton(graph, initial, "MULTIFRONTAL_QR", *limits)
+        return _gauss_newton(_Steps(graph, initial, "MULTIFRONTAL_QR", name), limits)
     except _SingularError as singular:
         raise BackendError(_singular_message(graph, singular, name)) from singular
 
@@ -179,48 +172,62 @@ def translated(message: str, name: Name = key_name) -> str:
     return f"the measurements around {name(int(found.group(1)))} leave a direction open"
 
 
-def _gauss_newton(
-    graph: gtsam.NonlinearFactorGraph,
-    initial: gtsam.Values,
-    solver: str,
-    max_iterations: int,
-    relative_tolerance: float,
-    on_step: OnStep | None,
-    deadline: float,
-    name: Name,
-    common: int | None,
-) -> OptimizationResult:
-    optimizer = _optimizer(graph, initial, solver, name, common)
-    start = error = float(optimizer.error())
-    gap = math.inf
-    iteration = 0
+class _Steps:
+    """Undamped steps of gtsam's optimizer."""
 
-    def ended(converged: bool, reason: str) -> OptimizationResult:
-        return OptimizationResult(
-            gtsam.Values(optimizer.values()), error, start, iteration, converged, reason
-        )
+    def __init__(
+        self, graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name
+    ) -> None:
+        self._optimizer = _optimizer(graph, initial, solver, name)
+        self._before = self.values = initial
+        self.error = float(self._optimizer.error())
 
-    for iteration in range(1, max_iterations + 1):
-        # A copy: gtsam returns a view of a state that the next step frees.
-        best = gtsam.Values(optimizer.values())
+    def step(self) -> Callable[[], float]:
+        self._before = before = self.values
         try:
-            linear = optimizer.iterate()
+            linear = self._optimizer.iterate()
         except GTSAM_ERRORS as exception:
-            raise _SingularError(str(exception), best) from exception
-        previous, error = error, float(optimizer.error())
-        if not error <= previous * (1 + _GROWTH) + _ABSOLUTE_TOLERANCE:
-            return OptimizationResult(best, previous, start, iteration, False, "the error rose")
-        if on_step is not None:
-            on_step(iteration, error)
-        if _is_converged(previous, error, relative_tolerance):
-            return ended(True, "converged")
-        before, gap = gap, abs(error - float(linear.error(best.localCoordinates(optimizer.values()))))
-        del linear  # It is larger than the graph: free it before the next one.
-        if gap <= _MODEL_SHARE * relative_tolerance * error and gap <= 0.01 * before < math.inf:
-            return ended(True, "converged")
-        if time.monotonic() >= deadline:
-            return ended(False, "the time limit was reached")
-    return ended(False, f"{max_iterations} iterations done")
+            raise _SingularError(str(exception), before) from exception
+        # A copy: gtsam returns a view of a state that the next step frees.
+        self.values = after = gtsam.Values(self._optimizer.values())
+        self.error = float(self._optimizer.error())
+        return lambda: float(linear.error(before.localCoordinates(after)))
+
+    def revert(self) -> None:
+        self.values = self._before
+
+
+def _gauss_newton(steps: _Steps, limits: Limits) -> OptimizationResult:
+    outcome = descend(steps, limits)
+    return OptimizationResult(**vars(outcome), values=steps.values)
+
+
+class _DampedSteps:
+    """Steps of gtsam's Levenberg-Marquardt optimizer."""
+
+    def __init__(self, graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> None:
+        params = gtsam.LevenbergMarquardtParams()
+        set_ordering(params, graph, initial.size())
+        params.setlambdaUpperBound(MAX_DAMPING)
+        self._optimizer = gtsam.LevenbergMarquardtOptimizer(graph, initial, params)
+
+    @property
+    def error(self) -> float:
+        return float(self._optimizer.error())
+
+    @property
+    def damping(self) -> float:
+        return float(self._optimizer.lambda_())
+
+    @property
+    def values(self) -> gtsam.Values:
+        return gtsam.Values(self._optimizer.values())
+
+    def step(self) -> None:
+        try:
+            self._optimizer.iterate()
+        except GTSAM_ERRORS as exception:
+            raise LinearSolverError(first_line(exception)) from exception
 
 
 def levenberg_marquardt(
@@ -230,40 +237,9 @@ def levenberg_marquardt(
     relative_tolerance: float,
     on_step: OnStep | None,
     deadline: float,
-    common: int | None = None,
 ) -> OptimizationResult:
     """Take damped steps, which never raise the error. The graph must have passed ``check``."""
-    params = gtsam.LevenbergMarquardtParams()
-    set_ordering(params, graph, start.values.size(), common)
-    params.setlambdaUpperBound(1e10)
-    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, start.values, params)
-    error, iteration = float(optimizer.error()), start.iterations
-
-    def ended(converged: bool, reason: str) -> OptimizationResult:
-        return OptimizationResult(
-            gtsam.Values(optimizer.values()), error, start.initial_error, iteration, converged, reason
-        )
-
-    while iteration < max_iterations:
-        iteration += 1
-        try:
-            optimizer.iterate()
-        except GTSAM_ERRORS as exception:
-            return ended(False, f"the linear solver failed: {first_line(exception)}")
-        previous, error = error, float(optimizer.error())
-        if not math.isfinite(error):
-            raise BackendError("the solve left the finite numbers: a measurement is not finite")
-        if on_step is not None:
-            on_step(iteration, error)
-        if optimizer.lambda_() >= 1e10:
-            return ended(False, "no step lowers the error further")
-        if _is_converged(previous, error, relative_tolerance):
-            return ended(True, "converged")
-        if time.monotonic() >= deadline:
-            return ended(False, "the time limit was reached")
-    return ended(False, f"{max_iterations} iterations done")
-
-
-def _is_converged(previous: float, error: float, relative_tolerance: float) -> bool:
-    decrease = previous - error
-    return decrease <= _ABSOLUTE_TOLERANCE or decrease <= relative_tolerance * previous
+    steps = _DampedSteps(graph, start.values)
+    limits = Limits(max_iterations, relative_tolerance, on_step, deadline)
+    outcome = descend_damped(steps, limits, start)
+    return OptimizationResult(**vars(outcome), values=steps.values)

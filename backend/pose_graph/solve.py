@@ -18,10 +18,10 @@ from backend.errors import BackendError
 from backend.gauge import format_keys
 from backend.measurements import Measurements
 from backend.pose_graph.connected_component import SolvedComponent, is_placed_alone, solve_component
+from backend.pose_graph.descent import OnStep
 from backend.pose_graph.from_measurements import components, from_measurements
 from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
-from backend.pose_graph.minimise import OnStep
 from backend.pose_graph.problem import Problem, from_pose_graph, informative
 from backend.pose_graph.redundancy import (
     rejected_odometry_warning,

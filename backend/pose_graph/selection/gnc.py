@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.chi_square import edge_limit
+from backend.pose_graph.descent import OnStep
 from backend.pose_graph.elimination import set_ordering
-from backend.pose_graph.minimise import OnStep
 from backend.pose_graph.problem import Problem
 
 Array = NDArray[np.float64]

@@ -84,7 +84,9 @@ def coarse_solver(gauge_fixed: GaugeFixedProblem) -> Solve:
 
     def solve(kept: Mask, w_T: Array) -> Array:
         limits = (_FEW, _COARSE, None, options.deadline)
-        begin = OptimizationResult(problem.values(w_T), 0.0, 0.0, 0, False, "")
+        begin = OptimizationResult(
+            error=0.0, initial_error=0.0, iterations=0, converged=False, reason="", values=problem.values(w_T)
+        )
         graph = gauge_fixed.graph(kept)
         try:
             at = gauss_newton(graph, begin.values, *limits, problem.name)

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.graph import BundleConfig, BundleProblem, start_calibration, start_values
-from backend.bundle.noise import start_noise
-from backend.bundle.observations import build_graph
 from backend.bundle.refinement import refine
 from backend.errors import BackendError
-from tests.backend.bundle.made_scenes import SCENES, SEEDS, SONAR, errors_squared, position_rms
+from tests.backend.bundle.made_scenes import SEEDS, SONAR, errors_squared, position_rms
 from tests.backend.made_floor import make
 
 
@@ -60,25 +55,6 @@ def test_a_camera_below_the_floor_raises():
     start[5, 2, 3] *= -1
     with pytest.raises(BackendError, match=r"keyframe 5|below the floor"):
         refine(made.measurements, start)
-
-
-@pytest.mark.parametrize("free_lens", [False, True])
-def test_points_behind_a_camera_cost_and_print_nothing(capfd: pytest.CaptureFixture[str], free_lens: bool):
-    """Some factors of gtsam take them at no cost, and print a line for each."""
-    made = make(SCENES["gps, camera unknown"], 0)
-    measured = made.measurements
-    problem = BundleProblem(measured, measured.tracks, measured.camera, BundleConfig(), free_lens)
-    values = start_values(problem, made.start, made.floor_z_m)
-    if free_lens:
-        start_calibration(values, measured.camera)
-    used = np.ones(len(measured.tracks.track), bool)
-    graph = build_graph(problem, start_noise(measured, problem.config), used, values)
-    before = graph.error(values)
-    pose = values.atPose3(POSE(5))
-    values.update(POSE(5), gtsam.Pose3(pose.rotation(), pose.translation() * [1, 1, -1]))
-    assert graph.error(values) > 5 * before
-    graph.linearize(values)
-    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("missing", ["tracks", "camera"])

@@ -7,7 +7,7 @@ import pytest
 from backend import se3
 from backend.pose_graph.bayes_tree import bayes_tree, clique_covariances
 from backend.pose_graph.graph import PoseGraph
-from backend.pose_graph.marginals import joint_covariances, pose_covariances
+from backend.pose_graph.marginals import pose_covariances
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve_pose_graph
 from backend.pose_graph.unary_factors import fixed
@@ -80,37 +80,6 @@ def test_a_part_with_an_open_direction_is_nan():
 def test_a_key_that_is_not_there_is_nan():
     factors, values = _anchored(2, 3)
     assert np.isnan(pose_covariances(factors, values, [999])).all()
-
-
-@pytest.mark.parametrize("seed", [1, 2])
-def test_joints_with_a_common_variable_agree_with_the_dense_inverse(seed: int):
-    factors, values = _anchored(seed, 3)
-    common, d = 100, 2
-    values.insert(common, np.zeros(d))
-    rng = np.random.default_rng(seed)
-    linear = factors.linearize(values)
-    for k in range(0, 25, 3):
-        A, B = rng.normal(size=(3, 6)), rng.normal(size=(3, d))
-        noise = gtsam.noiseModel.Unit.Create(3)
-        linear.add(gtsam.JacobianFactor(k, A, common, B, np.zeros(3), noise))
-    graph = gtsam.NonlinearFactorGraph()
-    for k in range(linear.size()):
-        graph.add(gtsam.LinearContainerFactor(linear.at(k), values))
-    J, _ = linear.jacobian()
-    dense = np.linalg.inv(J.T @ J)
-    ours = joint_covariances(graph, values, range(25), common)
-    for k in range(25):
-        rows = [*range(6 * k, 6 * k + 6), *range(150, 150 + d)]
-        block = dense[np.ix_(rows, rows)]
-        scale = np.sqrt(np.outer(np.diag(block), np.diag(block)))
-        assert np.abs(ours[k] - block).max() < 1e-5 * scale.max()
-        assert (np.abs(ours[k] - block) < 1e-4 * scale).all()
-
-
-def test_joints_with_a_variable_that_nothing_measures_are_nan():
-    factors, values = _anchored(1, 3)
-    values.insert(100, np.zeros(1))
-    assert np.isnan(joint_covariances(factors, values, range(25), 100)).all()
 
 
 def test_a_message_that_cannot_be_decoded_is_an_error_like_any_other(monkeypatch: pytest.MonkeyPatch):

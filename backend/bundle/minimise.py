@@ -1,0 +1,187 @@
+"""Minimisation of a refinement's cost: pose-side graph and floor points, the points eliminated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_graph
+from backend.bundle.observations import Cameras, Observations
+from backend.bundle.reduced_system import LinearSystem, Structure
+from backend.errors import BackendError
+from backend.gauge import key_name
+from backend.pose_graph.descent import (
+    MAX_DAMPING,
+    Limits,
+    OnStep,
+    Outcome,
+    descend,
+    descend_damped,
+)
+from backend.sparse_cholesky import SingularMatrixError
+
+Array = NDArray[np.float64]
+
+_FIRST_DAMPING, _DAMPING_FACTOR, _LEAST_FIDELITY = 1e-5, 10.0, 1e-3
+"""Levenberg and Marquardt's damping as in gtsam: its start, its factor, and the least ratio of the actual to
+the predicted decrease of a step that is taken."""
+
+
+@dataclass(frozen=True)
+class BundleCost:
+    """Cost of a round: the factors of the pose side, and the observations of floor points."""
+
+    problem: BundleProblem
+    pose_side: gtsam.NonlinearFactorGraph
+    observations: Observations
+
+    @staticmethod
+    def of(
+        problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_], start: gtsam.Values
+    ) -> BundleCost:
+        """Build the cost at the given noise levels; ``start`` holds what nothing observes."""
+        pose_side = pose_side_graph(problem, noise, start)
+        return BundleCost(problem, pose_side, Observations.of(problem, noise, used))
+
+    def error(self, at: Variables) -> float:
+        """Return half the sum of squared whitened residuals, with the robust losses."""
+        cameras = Cameras.of(self.problem, at.values)
+        return float(self.pose_side.error(at.values)) + self.observations.error(cameras, at.point)
+
+    def structure(self, at: Variables) -> Structure:
+        """Return the order of elimination and the pattern of the linear systems."""
+        return Structure.of(self.pose_side, at.values, self.observations)
+
+    def linearise(self, at: Variables, structure: Structure) -> LinearSystem:
+        """Return the linear system at the variables."""
+        cameras = Cameras.of(self.problem, at.values)
+        seen = self.observations.linearise(cameras, at.point, self.problem.self_calibrates)
+        return LinearSystem.at(self.pose_side, at.values, structure, seen)
+
+
+@dataclass(frozen=True)
+class BundleOptimum:
+    """The solved problem of the last round."""
+
+    cost: BundleCost
+    at: Variables
+    structure: Structure
+    noise: NoiseLevels
+    used: NDArray[np.bool_]
+    """(m,) observations of the tracks that were used."""
+
+    @property
+    def problem(self) -> BundleProblem:
+        """Inputs of the round."""
+        return self.cost.problem
+
+    @property
+    def values(self) -> gtsam.Values:
+        """Variables of the pose side."""
+        return self.at.values
+
+    def linearise(self) -> LinearSystem:
+        """Return the linear system at the optimum."""
+        return self.cost.linearise(self.at, self.structure)
+
+
+@dataclass(frozen=True)
+class BundleMinimum(Outcome):
+    """The minimum of a round."""
+
+    at: Variables
+    structure: Structure
+
+
+def minimise_bundle(
+    cost: BundleCost,
+    start: Variables,
+    max_iterations: int,
+    relative_tolerance: float,
+    on_step: OnStep | None = None,
+) -> BundleMinimum:
+    """Minimise with Gauss-Newton; if the error rises, continue with Levenberg-Marquardt.
+
+    Raises ``BackendError`` if the start is not finite or a variable is not determined.
+    """
+    limits = Limits(max_iterations, relative_tolerance, on_step, math.inf)
+    steps = _Steps(cost, start)
+    if not math.isfinite(steps.error):
+        raise BackendError(
+            "bundle adjustment: the start or a measurement is not finite; the pose graph's result stands"
+        )
+    outcome = descend(steps, limits)
+    if not outcome.converged and outcome.iterations < max_iterations:
+        damped = _DampedSteps(cost, steps.at, steps.structure)
+        outcome = descend_damped(damped, limits, outcome)
+        return BundleMinimum(**vars(outcome), at=damped.at, structure=steps.structure)
+    return BundleMinimum(**vars(outcome), at=steps.at, structure=steps.structure)
+
+
+class _Steps:
+    """Undamped steps."""
+
+    def __init__(self, cost: BundleCost, start: Variables) -> None:
+        self._cost, self.structure = cost, cost.structure(start)
+        self._before = self.at = start
+        self.error = cost.error(start)
+
+    def step(self) -> Callable[[], float]:
+        self._before = self.at
+        linear = self._cost.linearise(self.at, self.structure)
+        try:
+            step = _solve(linear, 0.0)
+        except SingularMatrixError as singular:
+            name = key_name(list(self.structure.variable)[singular.variable])
+            raise BackendError(
+                f"under-determined: the measurements around {name} leave a direction open"
+            ) from singular
+        self.at = _moved(self.at, self.structure, *step)
+        self.error = self._cost.error(self.at)
+        predicted = linear.error_after(step, 0.0)
+        return lambda: predicted
+
+    def revert(self) -> None:
+        self.at = self._before
+
+
+class _DampedSteps:
+    """Steps of Levenberg and Marquardt, with the damping of gtsam: a multiple of the identity."""
+
+    def __init__(self, cost: BundleCost, start: Variables, structure: Structure) -> None:
+        self._cost, self._structure = cost, structure
+        self.at, self.damping = start, _FIRST_DAMPING
+        self.error = cost.error(start)
+
+    def step(self) -> None:
+        linear = self._cost.linearise(self.at, self._structure)
+        while self.damping < MAX_DAMPING:
+            try:
+                step = _solve(linear, self.damping)
+            except SingularMatrixError:
+                self.damping *= _DAMPING_FACTOR
+                continue
+            at = _moved(self.at, self._structure, *step)
+            error, predicted = self._cost.error(at), linear.error - linear.error_after(step, self.damping)
+            if self.error - error >= _LEAST_FIDELITY * predicted:
+                self.at, self.error = at, error
+                self.damping /= _DAMPING_FACTOR
+                return
+            self.damping *= _DAMPING_FACTOR
+
+
+def _solve(linear: LinearSystem, damping: float) -> tuple[Array, Array]:
+    return linear.eliminate(damping).solve(*linear.gradient)
+
+
+def _moved(at: Variables, structure: Structure, by_pose: Array, by_point: Array) -> Variables:
+    """Return the variables after a step by the pose side (size,) and by the points (3t,)."""
+    delta = gtsam.VectorValues()
+    for key in structure.variable:
+        delta.insert(key, by_pose[structure.columns(key)])
+    return Variables(at.values.retract(delta), at.point + by_point.reshape(-1, 3))

@@ -1,0 +1,175 @@
+"""Projection of floor points into pictures, with derivatives and Huber's loss: numba kernels.
+
+The distortion is that of `gtsam.Cal3DS2`, whose nine numbers are (fx, fy, s, u0, v0, k1, k2, p1, p2). Poses
+are perturbed on the right, rotation first. Source: Hartley and Zisserman 2004, section 7.4; Huber 1964.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.numba_cache import discard_stale, njit
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+discard_stale([Path(__file__)])
+
+CALIBRATION_SIZE = 9
+
+
+@njit(cache=True)
+def _in_camera(f_T_c: Array, point: Array) -> tuple[float, float, float]:
+    x, y, z = point[0] - f_T_c[0, 3], point[1] - f_T_c[1, 3], point[2] - f_T_c[2, 3]
+    return (
+        f_T_c[0, 0] * x + f_T_c[1, 0] * y + f_T_c[2, 0] * z,
+        f_T_c[0, 1] * x + f_T_c[1, 1] * y + f_T_c[2, 1] * z,
+        f_T_c[0, 2] * x + f_T_c[1, 2] * y + f_T_c[2, 2] * z,
+    )
+
+
+@njit(cache=True)
+def _distorted(calibration: Array, x: float, y: float) -> tuple[float, float]:
+    """Return image coordinates over the focal length with the radial and tangential distortion."""
+    k1, k2, p1, p2 = calibration[5:]
+    r2 = x * x + y * y
+    radial = 1.0 + k1 * r2 + k2 * r2 * r2
+    return (
+        radial * x + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+        radial * y + 2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y),
+    )
+
+
+@njit(cache=True)
+def residual(f_T_c: Array, point: Array, calibration: Array, pixel: Array) -> tuple[float, float]:
+    """Return projection minus measured pixel: twice the focal length for a point behind the camera."""
+    x, y, z = _in_camera(f_T_c, point)
+    fx, fy, skew, u0, v0 = calibration[:5]
+    if z <= 0.0:
+        return 2.0 * fx, 2.0 * fx
+    xd, yd = _distorted(calibration, x / z, y / z)
+    return fx * xd + skew * yd + u0 - pixel[0], fy * yd + v0 - pixel[1]
+
+
+@njit(cache=True)
+def residuals(
+    f_T_c: Array, point: Array, calibration: Array, keyframe: Index, track: Index, pixel: Array
+) -> Array:
+    """Return projection minus pixel (m, 2) of all observations."""
+    found = np.empty((len(keyframe), 2))
+    for m in range(len(keyframe)):
+        found[m, 0], found[m, 1] = residual(f_T_c[keyframe[m]], point[track[m]], calibration, pixel[m])
+    return found
+
+
+@njit(cache=True)
+def total_loss(
+    f_T_c: Array,
+    point: Array,
+    calibration: Array,
+    keyframe: Index,
+    track: Index,
+    pixel: Array,
+    std_px: Array,
+    huber_sigmas: float,
+) -> float:
+    """Return the sum of Huber's loss, half the squared distance within ``huber_sigmas``."""
+    total = 0.0
+    for m in range(len(keyframe)):
+        u, v = residual(f_T_c[keyframe[m]], point[track[m]], calibration, pixel[m])
+        distance = math.sqrt(u * u + v * v) / std_px[m]
+        if distance <= huber_sigmas:
+            total += 0.5 * distance * distance
+        else:
+            total += huber_sigmas * (distance - 0.5 * huber_sigmas)
+    return total
+
+
+@njit(cache=True)
+def linearise(
+    f_T_c: Array,
+    point: Array,
+    calibration: Array,
+    keyframe: Index,
+    track: Index,
+    pixel: Array,
+    std_px: Array,
+    huber_sigmas: float,
+    of_pose: Array,
+    of_point: Array,
+    of_calibration: Array,
+) -> Array:
+    """Return minus the whitened residuals (m, 2), and fill in their Jacobians.
+
+    The Jacobians are ``of_pose`` (m, 2, 6), ``of_point`` (m, 2, 3) and ``of_calibration`` (m, 2, 9), or
+    (m, 2, 0) for a fixed calibration. Rows beyond Huber's limit have the square root of its weight. A point
+    behind the camera has no derivatives.
+    """
+    count, lens = len(keyframe), of_calibration.shape[2] > 0
+    right = np.empty((count, 2))
+    of_ray, in_camera = np.zeros((2, 2)), np.zeros((2, 3))
+    for m in range(count):
+        T = f_T_c[keyframe[m]]
+        u, v = residual(T, point[track[m]], calibration, pixel[m])
+        distance = math.sqrt(u * u + v * v) / std_px[m]
+        weight = 1.0 / std_px[m]
+        if distance > huber_sigmas:
+            weight *= math.sqrt(huber_sigmas / distance)
+        right[m, 0], right[m, 1] = -weight * u, -weight * v
+        X, Y, Z = _in_camera(T, point[track[m]])
+        if Z <= 0.0:
+            of_pose[m], of_point[m], of_calibration[m] = 0.0, 0.0, 0.0
+            continue
+        x, y = X / Z, Y / Z
+        _by_ray(calibration, x, y, of_ray)
+        for row in range(2):
+            a, b = weight * of_ray[row, 0] / Z, weight * of_ray[row, 1] / Z
+            in_camera[row, 0], in_camera[row, 1], in_camera[row, 2] = a, b, -(a * x + b * y)
+        for row in range(2):
+            a, b, c = in_camera[row]
+            J = of_pose[m, row]
+            J[0], J[1], J[2] = b * Z - c * Y, c * X - a * Z, a * Y - b * X
+            J[3], J[4], J[5] = -a, -b, -c
+            for axis in range(3):
+                of_point[m, row, axis] = a * T[axis, 0] + b * T[axis, 1] + c * T[axis, 2]
+        if lens:
+            _by_calibration(calibration, x, y, weight, of_calibration[m])
+    return right
+
+
+@njit(cache=True)
+def _by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
+    """Fill in the Jacobian (2, 2) of the pixel by the undistorted image coordinates."""
+    fx, fy, skew = calibration[:3]
+    k1, k2, p1, p2 = calibration[5:]
+    r2 = x * x + y * y
+    radial, growth = 1.0 + k1 * r2 + k2 * r2 * r2, 2.0 * (k1 + 2.0 * k2 * r2)
+    xx = radial + growth * x * x + 2.0 * p1 * y + 6.0 * p2 * x
+    yy = radial + growth * y * y + 2.0 * p2 * x + 6.0 * p1 * y
+    xy = growth * x * y + 2.0 * p1 * x + 2.0 * p2 * y
+    J[0, 0], J[0, 1] = fx * xx + skew * xy, fx * xy + skew * yy
+    J[1, 0], J[1, 1] = fy * xy, fy * yy
+
+
+@njit(cache=True)
+def _by_calibration(calibration: Array, x: float, y: float, weight: float, J: Array) -> None:
+    """Fill in the Jacobian (2, 9) of the pixel by the calibration, times the weight."""
+    fx, fy, skew = calibration[:3]
+    xd, yd = _distorted(calibration, x, y)
+    r2 = x * x + y * y
+    J[:] = 0.0
+    J[0, 0], J[0, 2], J[0, 3] = weight * xd, weight * yd, weight
+    J[1, 1], J[1, 4] = weight * yd, weight
+    terms = (
+        (x * r2, y * r2),
+        (x * r2 * r2, y * r2 * r2),
+        (2.0 * x * y, r2 + 2.0 * y * y),
+        (r2 + 2.0 * x * x, 2.0 * x * y),
+    )
+    for k in range(4):
+        J[0, 5 + k] = weight * (fx * terms[k][0] + skew * terms[k][1])
+        J[1, 5 + k] = weight * fy * terms[k][1]

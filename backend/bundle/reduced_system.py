@@ -1,0 +1,289 @@
+"""The normal equations of a refinement, with the floor points eliminated.
+
+The factors of the pose side are linearised by gtsam, and the observations of the floor points by a kernel.
+Together they are one sparse system in the variables of the pose side, in an order of elimination that is
+found once, because the pattern stays.
+
+Source: Triggs et al. 2000, section 6 (reduced camera system); Agarwal, Snavely, Seitz and Szeliski 2010.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import K as CALIBRATION
+from numpy.typing import NDArray
+from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array
+
+from backend.bundle.observations import LinearObservations, Observations
+from backend.bundle.schur import block_pattern, camera_system, eliminate
+from backend.pose_graph.linear import linear_system
+from backend.sparse_cholesky import Cholesky, Elimination, analyse, factorise
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Order of elimination of the pose side, and pattern of the reduced camera system."""
+
+    variable: dict[int, int]
+    """Number of each key of the pose side, 0.. by key."""
+    elimination: Elimination
+    observations: Observations
+    camera: Index
+    """(m,) camera of each observation. Cameras are keyframes, numbered in the order of elimination."""
+    by_camera: Index
+    """(m,) observations, sorted by camera."""
+    at: Index
+    """(n + 1,) begin of each camera's observations among these."""
+    row: Index
+    """(n + 1,) begin of each camera's blocks, and..."""
+    column: Index
+    """(blocks,) ...the camera of each block's columns."""
+    of_cameras: Index
+    """(6n,) columns of the cameras."""
+    of_calibration: Index
+    """(q,) columns of the calibration; none if it is fixed."""
+
+    @staticmethod
+    def of(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, observations: Observations) -> Structure:
+        """Analyse the pattern of a pose-side graph and the observations of its keyframes."""
+        dims = values.dims()
+        variable = {key: k for k, key in enumerate(sorted(dims))}
+        keyframes = np.array([v for key, v in variable.items() if gtsam.Symbol(key).chr() == ord("x")])
+        lens = np.array([variable[CALIBRATION(0)]] if CALIBRATION(0) in variable else [], dtype=np.int64)
+        n = len(keyframes)
+        by_camera, at = _sorted_by(observations.keyframe, n)
+        row, column = block_pattern(
+            observations.keyframe, observations.track, observations.first, by_camera, at
+        )
+        pairs = np.column_stack([np.repeat(np.arange(n), np.diff(row)), column])
+        everywhere = np.array([(k, v) for v in lens for k in keyframes], dtype=np.int64).reshape(-1, 2)
+        ties = np.vstack([_pairs_of(graph, variable), keyframes[pairs], everywhere])
+        widths = np.array([dims[key] for key in variable], dtype=np.int64)
+        elimination = analyse(np.unique(ties[ties[:, 0] != ties[:, 1]], axis=0), widths)
+        order = np.argsort(elimination.begin[keyframes])
+        rank = np.empty(n, dtype=np.int64)
+        rank[order] = np.arange(n)
+        camera = rank[observations.keyframe]
+        pairs = np.sort(rank[pairs], axis=1)
+        return Structure(
+            variable,
+            elimination,
+            observations,
+            camera,
+            *_sorted_by(camera, n),
+            row=np.concatenate([[0], np.cumsum(np.bincount(pairs[:, 0], minlength=n))]),
+            column=pairs[np.lexsort(pairs.T[::-1]), 1],
+            of_cameras=elimination.columns(keyframes[order]),
+            of_calibration=elimination.columns(lens),
+        )
+
+    def columns(self, key: int) -> slice:
+        """Return the columns of a variable of the pose side."""
+        v = self.variable[key]
+        begin = int(self.elimination.begin[v])
+        return slice(begin, begin + int(self.elimination.widths[v]))
+
+    @cached_property
+    def by_key(self) -> Index:
+        """Place among the columns by key of each column in the order of elimination."""
+        at = np.empty(self.elimination.size, dtype=np.int64)
+        at[self.elimination.columns(np.arange(len(self.variable)))] = np.arange(len(at))
+        return at
+
+    @cached_property
+    def entries(self) -> tuple[Index, Index]:
+        """Row of each entry of the blocks, and begin of each column, in the matrix of all variables."""
+        count, first = np.repeat(np.diff(self.row), 6), np.repeat(self.row[:-1], 6)
+        ends = np.cumsum(count)
+        block = np.repeat(first - (ends - count), count) + np.arange(ends[-1])
+        rows = self.of_cameras.reshape(-1, 6)[self.column[block]].ravel()
+        start = np.zeros(self.elimination.size + 1, dtype=np.int64)
+        start[self.of_cameras + 1] = 6 * count
+        return rows, np.cumsum(start)
+
+
+def _sorted_by(number: Index, n: int) -> tuple[Index, Index]:
+    begin = np.concatenate([[0], np.cumsum(np.bincount(number, minlength=n))])
+    return np.argsort(number, kind="stable"), begin
+
+
+def _pairs_of(graph: gtsam.NonlinearFactorGraph, variable: dict[int, int]) -> Index:
+    """Return the pairs (p, 2) of variables that share a factor."""
+    found = {
+        pair
+        for factor in (graph.at(k) for k in range(graph.size()))
+        for pair in combinations(sorted(variable[key] for key in factor.keys()), 2)  # noqa: SIM118
+    }
+    return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """Linearised residuals of the pose side and the floor points, whitened, with robust weights."""
+
+    structure: Structure
+    seen: LinearObservations
+    pose_side: csc_array
+    """(rows, size) Jacobian of the pose side's factors, columns in the order of elimination."""
+    pose_side_right: Array
+    """(rows,) minus their residuals."""
+
+    @staticmethod
+    def at(
+        graph: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        structure: Structure,
+        seen: LinearObservations,
+    ) -> LinearSystem:
+        """Linearise the pose side at ``values``, and join it with the observations."""
+        return LinearSystem(structure, seen, *linear_system(graph, values, structure.by_key))
+
+    @property
+    def error(self) -> float:
+        """Half the sum of squares."""
+        parts = self.seen.right, self.seen.prior_right, self.pose_side_right
+        return 0.5 * sum(float(np.sum(part**2)) for part in parts)
+
+    @cached_property
+    def _of_cameras(self) -> bsr_array:
+        count = len(self.structure.camera)
+        entries = self.seen.of_pose, self.structure.camera, np.arange(count + 1)
+        return bsr_array(entries, shape=(2 * count, len(self.structure.of_cameras)))
+
+    @cached_property
+    def _of_points(self) -> bsr_array:
+        count = len(self.structure.camera)
+        entries = self.seen.of_point, self.structure.observations.track, np.arange(count + 1)
+        return bsr_array(entries, shape=(2 * count, self.seen.prior_right.size))
+
+    @property
+    def _of_calibration(self) -> Array:
+        return self.seen.of_calibration.reshape(2 * len(self.structure.camera), -1)
+
+    @cached_property
+    def gradient(self) -> tuple[Array, Array]:
+        """J'b by the pose side (size,) and by the points (3t,)."""
+        right = self.seen.right.ravel()
+        by_pose = np.asarray(self.pose_side.T @ self.pose_side_right)
+        by_pose[self.structure.of_cameras] += self._of_cameras.T @ right
+        by_pose[self.structure.of_calibration] += self._of_calibration.T @ right
+        prior = self.seen.prior_right / self.structure.observations.prior_std
+        return by_pose, self._of_points.T @ right + prior.ravel()
+
+    def error_after(self, step: tuple[Array, Array], damping: float) -> float:
+        """Return half the sum of squares after the step x that solves (J'J + damping I) x = J'b."""
+        pairs = zip(self.gradient, step, strict=True)
+        return self.error - 0.5 * sum(float(g @ x + damping * x @ x) for g, x in pairs)
+
+    def eliminate(self, damping: float = 0.0) -> ReducedSystem:
+        """Eliminate the points and factorise the rest, with ``damping`` added to the diagonal.
+
+        Raises ``SingularMatrixError`` if a variable is not determined.
+        """
+        s, seen = self.structure, self.seen
+        first, prior = s.observations.first, s.observations.prior_std**-2.0 + damping
+        y_pose, y_lens, inverse = eliminate(first, prior, seen.of_pose, seen.of_point, seen.of_calibration)
+        y_lens = y_lens.reshape(3 * len(inverse), -1)
+        shape = 3 * len(inverse), len(s.of_cameras)
+        y_cameras = bsr_array((y_pose, s.camera, first), shape=shape)
+        entries, observed = camera_system(
+            s.camera, s.observations.track, first, s.by_camera, s.at, s.row, s.column, seen.of_pose, y_pose
+        )
+        size = s.elimination.size
+        of_sensors = self.pose_side.T @ self.pose_side
+        scale = of_sensors.diagonal() + damping
+        scale[s.of_cameras] += observed.ravel()
+        matrix = csc_array((entries, *s.entries), shape=(size, size)) + of_sensors
+        if damping:
+            matrix = matrix + damping * diags_array(np.ones(size))
+        if len(s.of_calibration):
+            C = self._of_calibration
+            scale[s.of_calibration] += np.sum(C**2, axis=0)
+            mixed = self._of_cameras.T @ C - y_cameras.T @ y_lens
+            matrix = matrix + self._with_calibration(mixed, C.T @ C - y_lens.T @ y_lens)
+        factor = factorise(s.elimination, csc_array(matrix), scale)
+        return ReducedSystem(s, factor, y_cameras, y_lens, inverse)
+
+    def _with_calibration(self, mixed: Array, own: Array) -> csc_array:
+        """Return the entries of the calibration, both triangles."""
+        cameras, lens = self.structure.of_cameras, self.structure.of_calibration
+        row, column = (index.ravel() for index in np.meshgrid(cameras, lens, indexing="ij"))
+        own_row, own_column = (index.ravel() for index in np.meshgrid(lens, lens, indexing="ij"))
+        values = np.concatenate([mixed.ravel(), mixed.ravel(), own.ravel()])
+        rows = np.concatenate([row, column, own_row])
+        columns = np.concatenate([column, row, own_column])
+        return csc_array(coo_array((values, (rows, columns)), shape=(self.structure.elimination.size,) * 2))
+
+    def jacobian(self) -> tuple[csr_array, Array]:
+        """Return the whole Jacobian (rows, size + 3t), and the right-hand side (rows,).
+
+        Rows are those of the observations, of the points' priors, and of the pose side; columns those of the
+        pose side, and of the points.
+        """
+        s, size = self.structure, self.structure.elimination.size
+        count, points = len(s.camera), self.seen.prior_right.size
+        cameras = coo_array(self._of_cameras)
+        lens = coo_array(self._of_calibration) if len(s.of_calibration) else coo_array((2 * count, 0))
+        values = np.concatenate([cameras.data, lens.data])
+        rows = np.concatenate([cameras.row, lens.row])
+        columns = np.concatenate([s.of_cameras[cameras.col], s.of_calibration[lens.col]])
+        seen = coo_array((values, (rows, columns)), shape=(2 * count, size))
+        prior = diags_array(np.tile(1.0 / s.observations.prior_std, points // 3))
+        whole = block_array([[seen, self._of_points], [None, prior], [self.pose_side, None]], format="csr")
+        parts = self.seen.right, self.seen.prior_right, self.pose_side_right
+        return csr_array(whole), np.concatenate([part.ravel() for part in parts])
+
+
+@dataclass(frozen=True)
+class ReducedSystem:
+    """Factorised normal equations, with the points eliminated."""
+
+    structure: Structure
+    factor: Cholesky
+    y_cameras: bsr_array
+    """(3t, 6n) L^-1 W' of the cameras."""
+    y_calibration: Array
+    """(3t, q)."""
+    inverse: Array
+    """(t, 3, 3) L^-1 of each point."""
+
+    @property
+    def size(self) -> int:
+        """Number of columns of the pose side."""
+        return self.structure.elimination.size
+
+    def solve(self, by_pose: Array, by_point: Array) -> tuple[Array, Array]:
+        """Solve for right-hand sides by the pose side (size, ...) and by the points (3t, ...)."""
+        s = self.structure
+        left = self._each(self.inverse, by_point)
+        u = np.array(by_pose)
+        u[s.of_cameras] -= self.y_cameras.T @ left
+        u[s.of_calibration] -= self.y_calibration.T @ left
+        x = self.factor.solve(u)
+        left -= self.y_cameras @ x[s.of_cameras] + self.y_calibration @ x[s.of_calibration]
+        return x, self._each(np.swapaxes(self.inverse, 1, 2), left)
+
+    def _each(self, blocks: Array, vectors: Array) -> Array:
+        """Multiply each point's block (t, 3, 3) with its part of the vectors (3t, ...)."""
+        return np.asarray(blocks @ vectors.reshape(len(blocks), 3, -1)).reshape(vectors.shape)
+
+    def joint_covariances(self, keys: Sequence[int], common: int) -> Array:
+        """Return joint covariances (n, a + d, a + d) of variables, which come first, with a common one."""
+        s = self.structure
+        shared = s.columns(common)
+        unit = np.zeros((s.elimination.size, shared.stop - shared.start))
+        unit[shared] = np.eye(unit.shape[1])
+        with_common = self.factor.solve(unit)
+        own = self.factor.covariances(np.array([s.variable[key] for key in keys]))
+        mixed = [with_common[s.columns(key)] for key in keys]
+        last = with_common[shared]
+        return np.array([np.block([[a, b], [b.T, last]]) for a, b in zip(own, mixed, strict=True)])

@@ -1,0 +1,155 @@
+"""Elimination of floor points from the normal equations, and their back-substitution: numba kernels.
+
+The normal equations of poses x and points p are [U W; W' V] (x, p) = (u, v), with V block diagonal, one
+3 x 3 block L L' for each point. Without the points they are S x = u - W V^-1 v with S = U - W V^-1 W', the
+reduced camera system. With Y = W L'^-1 of each observation, S_ij is U_ij less the products Y_i Y_j' over the
+common points of the keyframes i and j. A calibration that all pictures share is one more variable, of q
+numbers (0 if it is fixed).
+
+Observations are sorted by point: those of point t begin at ``first[t]``. ``by_camera`` (m,) sorts them by
+camera: those of camera i begin at ``at[i]``. Blocks of S are those of its upper triangle, row by row: row i
+has the columns ``column[row[i] : row[i + 1]]``, in ascending order.
+
+Source: Triggs et al. 2000, section 6.1; Agarwal, Snavely, Seitz and Szeliski 2010, section 3.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.numba_cache import discard_stale, njit
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+discard_stale([Path(__file__)])
+
+
+@njit(cache=True)
+def block_pattern(
+    camera: Index, track: Index, first: Index, by_camera: Index, at: Index
+) -> tuple[Index, Index]:
+    """Return ``row`` (n + 1,) and ``column`` (blocks,) of the reduced camera system; rows are not sorted."""
+    n = len(at) - 1
+    row = np.zeros(n + 1, np.int64)
+    seen, buffer = np.full(n, -1), np.empty(n, np.int64)
+    for i in range(n):
+        row[i + 1] = row[i] + _partners(i, camera, track, first, by_camera, at, seen, buffer)
+    column = np.empty(row[n], np.int64)
+    seen[:] = -1
+    for i in range(n):
+        count = _partners(i, camera, track, first, by_camera, at, seen, buffer)
+        column[row[i] : row[i + 1]] = buffer[:count]
+    return row, column
+
+
+@njit(cache=True)
+def _partners(
+    i: int, camera: Index, track: Index, first: Index, by_camera: Index, at: Index, seen: Index, found: Index
+) -> int:
+    """Fill in the cameras from i on that share a point with camera i, i itself first; return their number."""
+    seen[i], found[0], count = i, i, 1
+    for a in by_camera[at[i] : at[i + 1]]:
+        for b in range(first[track[a]], first[track[a] + 1]):
+            j = camera[b]
+            if j > i and seen[j] != i:
+                seen[j], found[count] = i, j
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def eliminate(
+    first: Index, prior: Array, of_pose: Array, of_point: Array, of_calibration: Array
+) -> tuple[Array, Array, Array]:
+    """Return Y' of each observation (m, 3, 6), L^-1 W' of the calibration (t, 3, q), and L^-1 (t, 3, 3).
+
+    ``prior`` (3,) is the information of each point's prior, added to the diagonal of V.
+    """
+    points, q = len(first) - 1, of_calibration.shape[2]
+    y_pose, y_calibration = np.empty((len(of_pose), 3, 6)), np.zeros((points, 3, q))
+    inverse, V, mixed = np.empty((points, 3, 3)), np.empty((3, 3)), np.empty((3, q))
+    for t in range(points):
+        V[:], mixed[:] = 0.0, 0.0
+        for a in range(3):
+            V[a, a] = prior[a]
+        for m in range(first[t], first[t + 1]):
+            for k in range(2):
+                for a in range(3):
+                    for b in range(a + 1):
+                        V[a, b] += of_point[m, k, a] * of_point[m, k, b]
+                    for c in range(q):
+                        mixed[a, c] += of_point[m, k, a] * of_calibration[m, k, c]
+        R = inverse[t]
+        _inverse_cholesky(V, R)
+        for a in range(3):
+            for c in range(q):
+                y_calibration[t, a, c] = R[a, 0] * mixed[0, c] + R[a, 1] * mixed[1, c] + R[a, 2] * mixed[2, c]
+            for m in range(first[t], first[t + 1]):
+                J = of_point[m]
+                u = R[a, 0] * J[0, 0] + R[a, 1] * J[0, 1] + R[a, 2] * J[0, 2]
+                v = R[a, 0] * J[1, 0] + R[a, 1] * J[1, 1] + R[a, 2] * J[1, 2]
+                for c in range(6):
+                    y_pose[m, a, c] = u * of_pose[m, 0, c] + v * of_pose[m, 1, c]
+    return y_pose, y_calibration, inverse
+
+
+@njit(cache=True)
+def _inverse_cholesky(V: Array, R: Array) -> None:
+    """Fill in the inverse R (3, 3) of the lower Cholesky factor of V (3, 3), whose lower triangle is read."""
+    l00 = math.sqrt(V[0, 0])
+    l10, l20 = V[1, 0] / l00, V[2, 0] / l00
+    l11 = math.sqrt(V[1, 1] - l10 * l10)
+    l21 = (V[2, 1] - l20 * l10) / l11
+    l22 = math.sqrt(V[2, 2] - l20 * l20 - l21 * l21)
+    R[0, 1] = R[0, 2] = R[1, 2] = 0.0
+    R[0, 0], R[1, 1], R[2, 2] = 1.0 / l00, 1.0 / l11, 1.0 / l22
+    R[1, 0] = -l10 / l00 / l11
+    R[2, 1] = -l21 / l11 / l22
+    R[2, 0] = (l10 * l21 / l11 - l20) / l00 / l22
+
+
+@njit(cache=True)
+def camera_system(
+    camera: Index,
+    track: Index,
+    first: Index,
+    by_camera: Index,
+    at: Index,
+    row: Index,
+    column: Index,
+    of_pose: Array,
+    y_pose: Array,
+) -> tuple[Array, Array]:
+    """Return the blocks of S, and the diagonal of U (n, 6).
+
+    The blocks of row i are one matrix (6, 6 (row[i + 1] - row[i])), flat, from 36 row[i] on.
+    """
+    n = len(at) - 1
+    S, diagonal, begin = np.zeros(36 * row[n]), np.zeros((n, 6)), np.empty(n, np.int64)
+    for i in range(n):
+        for k in range(row[i], row[i + 1]):
+            begin[column[k]] = 6 * (k - row[i])
+        blocks = S[36 * row[i] : 36 * row[i + 1]].reshape((6, 6 * (row[i + 1] - row[i])))
+        for m in by_camera[at[i] : at[i + 1]]:
+            for c in range(6):
+                u, v = of_pose[m, 0, c], of_pose[m, 1, c]
+                diagonal[i, c] += u * u + v * v
+                for d in range(6):
+                    blocks[c, d] += u * of_pose[m, 0, d] + v * of_pose[m, 1, d]
+            for other in range(first[track[m]], first[track[m] + 1]):
+                if camera[other] >= i:
+                    _subtract_product(y_pose[m], y_pose[other], blocks, begin[camera[other]])
+    return S, diagonal
+
+
+@njit(cache=True)
+def _subtract_product(y: Array, other: Array, blocks: Array, begin: int) -> None:
+    for c in range(6):
+        y0, y1, y2 = y[0, c], y[1, c], y[2, c]
+        for d in range(6):
+            blocks[c, begin + d] -= y0 * other[0, d] + y1 * other[1, d] + y2 * other[2, d]
