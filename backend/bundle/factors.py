@@ -11,11 +11,12 @@ gtsam crashes on a custom factor with missing or ill-shaped Jacobians; these alw
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
+
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
-
-from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]
 
@@ -26,12 +27,28 @@ WORLD_SIZE = 8
 
 def rotation_of(world: Array, which: slice) -> Array:
     """Return the rotation (3, 3) of the slope or the mount of a world variable."""
-    return gtsam.Rot3.Rodrigues(np.array([*world[which], 0.0])).matrix()
+    return _rotation(*world[which].tolist())[0]
 
 
 def rotation_jacobian(world: Array, which: slice) -> Array:
     """Return the Jacobian (3, 2) of that rotation, as a right perturbation, by its two numbers."""
-    return gtsam.Rot3.ExpmapDerivative(np.array([*world[which], 0.0]))[:, :2]
+    return _rotation(*world[which].tolist())[1]
+
+
+@lru_cache(maxsize=64)
+def _rotation(x: float, y: float) -> tuple[Array, Array]:
+    """Return a rotation vector's matrix and Jacobian, which the factors of all keyframes share."""
+    vector = np.array([x, y, 0.0])
+    rotation = gtsam.Rot3.Rodrigues(vector).matrix()
+    jacobian = gtsam.Rot3.ExpmapDerivative(vector)[:, :2]
+    rotation.flags.writeable = jacobian.flags.writeable = False
+    return rotation, jacobian
+
+
+def _hat(v: Array) -> Array:
+    """Return the cross product's matrix of one vector (3,), faster than that of many."""
+    x, y, z = v.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def scaled_range_factor(
@@ -44,22 +61,21 @@ def scaled_range_factor(
     """
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        pose, world = values.atPose3(pose_key), values.atVector(world_key)
-        scale, gain = np.exp(world[LOG_SCALE]), np.exp(world[LOG_GAIN])
-        u, t = (rotation_of(world, MOUNT).T @ c_T_s[:3, 2:]).T
-        row, z = pose.rotation().matrix()[2], pose.translation()[2]
+        pose, world = values.atPose3(pose_key).matrix(), values.atVector(world_key)
+        scale, gain = math.exp(world[LOG_SCALE]), math.exp(world[LOG_GAIN])
+        u, t = c_T_s[:3, 2:].T @ rotation_of(world, MOUNT)
+        row, z = pose[2, :3], pose[2, 3]
         height, cosine = scale * z + row @ t, row @ u
         if jacobians is not None:
             J = np.empty((1, 6))
-            J[0, :3] = cross_matrix(t - height / cosine * u) @ row / cosine
-            J[0, 3:] = scale * row / cosine
-            jacobians[0] = gain * J
-            by_rotation = J[0, :3]
-            J = np.zeros((1, WORLD_SIZE))
-            J[0, MOUNT] = -gain * by_rotation @ rotation_jacobian(world, MOUNT)
-            J[0, LOG_SCALE], J[0, LOG_GAIN] = gain / cosine * scale * z, gain / cosine * height
-            J[0, DATUM] = 1.0
-            jacobians[1] = J
+            J[0, :3] = gain / cosine * (_hat(t - height / cosine * u) @ row)
+            J[0, 3:] = gain / cosine * scale * row
+            jacobians[0] = J
+            of_world = np.zeros((1, WORLD_SIZE))
+            of_world[0, MOUNT] = -J[0, :3] @ rotation_jacobian(world, MOUNT)
+            of_world[0, LOG_SCALE] = gain / cosine * scale * z
+            of_world[0, LOG_GAIN], of_world[0, DATUM] = gain / cosine * height, 1.0
+            jacobians[1] = of_world
         return np.array([gain * height / cosine + world[DATUM] - range_m])
 
     return gtsam.CustomFactor(model, [pose_key, world_key], error)
@@ -71,19 +87,23 @@ def scaled_position_factor(
     """Return a position factor: A (s p + R t) + (0, 0, f) - measured, t the body in the camera."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        pose, world = values.atPose3(pose_key), values.atVector(world_key)
-        R, p, scale = pose.rotation().matrix(), pose.translation(), np.exp(world[LOG_SCALE])
+        pose, world = values.atPose3(pose_key).matrix(), values.atVector(world_key)
+        R, p, scale = pose[:3, :3], pose[:3, 3], math.exp(world[LOG_SCALE])
         A, t = rotation_of(world, SLOPE), rotation_of(world, MOUNT).T @ c_T_b[:3, 3]
         over_floor = scale * p + R @ t
         if jacobians is not None:
-            t_hat = cross_matrix(t)
-            jacobians[0] = A @ np.hstack([-R @ t_hat, scale * R])
-            J = np.zeros((3, WORLD_SIZE))
-            J[:, LOG_SCALE], J[2, FLOOR_Z] = scale * A @ p, 1.0
-            J[:, SLOPE] = -A @ cross_matrix(over_floor) @ rotation_jacobian(world, SLOPE)
-            J[:, MOUNT] = A @ R @ t_hat @ rotation_jacobian(world, MOUNT)
-            jacobians[1] = J
-        return np.asarray(A @ over_floor + np.array([0.0, 0.0, world[FLOOR_Z]]) - w_p_b_m)
+            AR, t_hat = A @ R, _hat(t)
+            J = np.empty((3, 6))
+            J[:, :3], J[:, 3:] = -AR @ t_hat, scale * AR
+            jacobians[0] = J
+            of_world = np.zeros((3, WORLD_SIZE))
+            of_world[:, LOG_SCALE], of_world[2, FLOOR_Z] = scale * A @ p, 1.0
+            of_world[:, SLOPE] = -A @ _hat(over_floor) @ rotation_jacobian(world, SLOPE)
+            of_world[:, MOUNT] = AR @ t_hat @ rotation_jacobian(world, MOUNT)
+            jacobians[1] = of_world
+        off = A @ over_floor - w_p_b_m
+        off[2] += world[FLOOR_Z]
+        return np.asarray(off)
 
     return gtsam.CustomFactor(model, [pose_key, world_key], error)
 
@@ -95,18 +115,24 @@ def level_factor(
 
     The pose is relative to the sloped floor, but gravity is that of the world. Source: derived.
     """
-    across = np.linalg.svd(c_up[None])[2][1:]
+    # Unit vectors across it, the first along its cross product with the axis that it is farthest from.
+    first = _hat(c_up)[:, np.argmin(np.abs(c_up))]
+    first = first / np.linalg.norm(first)
+    across = np.array([first, _hat(c_up) @ first])
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        R, world = values.atPose3(pose_key).rotation().matrix(), values.atVector(world_key)
+        R, world = values.atPose3(pose_key).matrix()[:3, :3], values.atVector(world_key)
         f_up = rotation_of(world, SLOPE)[2]
-        up, seen = R.T @ f_up, across @ rotation_of(world, MOUNT)
+        up, seen = f_up @ R, across @ rotation_of(world, MOUNT)
         if jacobians is not None:
-            jacobians[0] = seen @ np.hstack([cross_matrix(up), np.zeros((3, 3))])
-            J = np.zeros((2, WORLD_SIZE))
-            J[:, SLOPE] = seen @ R.T @ cross_matrix(f_up) @ rotation_jacobian(world, SLOPE)
-            J[:, MOUNT] = -seen @ cross_matrix(up) @ rotation_jacobian(world, MOUNT)
-            jacobians[1] = J
+            by_up = seen @ _hat(up)
+            J = np.zeros((2, 6))
+            J[:, :3] = by_up
+            jacobians[0] = J
+            of_world = np.zeros((2, WORLD_SIZE))
+            of_world[:, SLOPE] = seen @ R.T @ _hat(f_up) @ rotation_jacobian(world, SLOPE)
+            of_world[:, MOUNT] = -by_up @ rotation_jacobian(world, MOUNT)
+            jacobians[1] = of_world
         return np.asarray(seen @ up)
 
     return gtsam.CustomFactor(model, [pose_key, world_key], error)

@@ -55,7 +55,7 @@ class BundleCost:
 
     def structure(self, at: Variables) -> Structure:
         """Return the order of elimination and the pattern of the linear systems."""
-        return Structure.of(self.pose_side, at.values, self.observations)
+        return Structure.of(self.pose_side, at.values, self.problem.measurements.count, self.observations)
 
     def linearise(self, at: Variables, structure: Structure) -> LinearSystem:
         """Return the linear system at the variables."""

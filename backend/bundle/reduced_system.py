@@ -17,11 +17,12 @@ from itertools import combinations
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
+from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array
 
 from backend.bundle.observations import LinearObservations, Observations
-from backend.bundle.schur import block_pattern, camera_system, eliminate
+from backend.bundle.schur import block_pattern, camera_system, eliminate, transposed_product
 from backend.pose_graph.linear import linear_system
 from backend.sparse_cholesky import Cholesky, Elimination, analyse, factorise
 
@@ -53,13 +54,14 @@ class Structure:
     """(q,) columns of the calibration; none if it is fixed."""
 
     @staticmethod
-    def of(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, observations: Observations) -> Structure:
-        """Analyse the pattern of a pose-side graph and the observations of its keyframes."""
+    def of(
+        graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, n: int, observations: Observations
+    ) -> Structure:
+        """Analyse the pattern of a pose-side graph and the observations of its ``n`` keyframes."""
         dims = values.dims()
         variable = {key: k for k, key in enumerate(sorted(dims))}
-        keyframes = np.array([v for key, v in variable.items() if gtsam.Symbol(key).chr() == ord("x")])
+        keyframes = np.array([variable[POSE(k)] for k in range(n)])
         lens = np.array([variable[CALIBRATION(0)]] if CALIBRATION(0) in variable else [], dtype=np.int64)
-        n = len(keyframes)
         by_camera, at = _sorted_by(observations.keyframe, n)
         row, column = block_pattern(
             observations.keyframe, observations.track, observations.first, by_camera, at
@@ -174,10 +176,12 @@ class LinearSystem:
         """J'b by the pose side (size,) and by the points (3t,)."""
         right = self.seen.right.ravel()
         by_pose = np.asarray(self.pose_side.T @ self.pose_side_right)
-        by_pose[self.structure.of_cameras] += self._of_cameras.T @ right
-        by_pose[self.structure.of_calibration] += self._of_calibration.T @ right
-        prior = self.seen.prior_right / self.structure.observations.prior_std
-        return by_pose, self._of_points.T @ right + prior.ravel()
+        s, seen, each = self.structure, self.seen, np.arange(len(self.structure.camera))
+        by_pose[s.of_cameras] += _transposed(seen.of_pose, each, s.camera, right, len(s.at) - 1)
+        by_pose[s.of_calibration] += self._of_calibration.T @ right
+        points = len(seen.prior_right)
+        by_point = _transposed(seen.of_point, each, s.observations.track, right, points)
+        return by_pose, by_point + (seen.prior_right / s.observations.prior_std).ravel()
 
     def error_after(self, step: tuple[Array, Array], damping: float) -> float:
         """Return half the sum of squares after the step x that solves (J'J + damping I) x = J'b."""
@@ -243,6 +247,13 @@ class LinearSystem:
         return csr_array(whole), np.concatenate([part.ravel() for part in parts])
 
 
+def _transposed(blocks: Array, row: Index, column: Index, vectors: Array, count: int) -> Array:
+    """Return the product (count c, ...) of the transpose of a matrix of blocks (m, r, c) with vectors."""
+    rows = vectors.reshape(-1, blocks.shape[1], *vectors.shape[1:])
+    product = transposed_product(blocks, row, column, rows.reshape(*rows.shape[:2], -1), count)
+    return product.reshape(-1, *vectors.shape[1:])
+
+
 @dataclass(frozen=True)
 class ReducedSystem:
     """Factorised normal equations, with the points eliminated."""
@@ -266,7 +277,8 @@ class ReducedSystem:
         s = self.structure
         left = self._each(self.inverse, by_point)
         u = np.array(by_pose)
-        u[s.of_cameras] -= self.y_cameras.T @ left
+        y, track, cameras = self.y_cameras.data, s.observations.track, len(s.at) - 1
+        u[s.of_cameras] -= _transposed(y, track, s.camera, left, cameras)
         u[s.of_calibration] -= self.y_calibration.T @ left
         x = self.factor.solve(u)
         left -= self.y_cameras @ x[s.of_cameras] + self.y_calibration @ x[s.of_calibration]

@@ -30,6 +30,7 @@ from backend.bundle.factors import (
     LOG_SCALE,
     MOUNT,
     SLOPE,
+    WORLD_SIZE,
 )
 from backend.bundle.graph import (
     WORLD,

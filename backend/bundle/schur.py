@@ -130,26 +130,43 @@ def camera_system(
     The blocks of row i are one matrix (6, 6 (row[i + 1] - row[i])), flat, from 36 row[i] on.
     """
     n = len(at) - 1
-    S, diagonal, begin = np.zeros(36 * row[n]), np.zeros((n, 6)), np.empty(n, np.int64)
+    S, diagonal, place = np.empty(36 * row[n]), np.zeros((n, 6)), np.empty(n, np.int64)
+    blocks = np.empty((n, 6, 6))
     for i in range(n):
-        for k in range(row[i], row[i + 1]):
-            begin[column[k]] = 6 * (k - row[i])
-        blocks = S[36 * row[i] : 36 * row[i + 1]].reshape((6, 6 * (row[i + 1] - row[i])))
+        count = row[i + 1] - row[i]
+        blocks[:count] = 0.0
+        for k in range(count):
+            place[column[row[i] + k]] = k
         for m in by_camera[at[i] : at[i + 1]]:
             for c in range(6):
                 u, v = of_pose[m, 0, c], of_pose[m, 1, c]
                 diagonal[i, c] += u * u + v * v
                 for d in range(6):
-                    blocks[c, d] += u * of_pose[m, 0, d] + v * of_pose[m, 1, d]
+                    blocks[place[i], c, d] += u * of_pose[m, 0, d] + v * of_pose[m, 1, d]
+            Y = y_pose[m]
             for other in range(first[track[m]], first[track[m] + 1]):
-                if camera[other] >= i:
-                    _subtract_product(y_pose[m], y_pose[other], blocks, begin[camera[other]])
+                if camera[other] < i:
+                    continue
+                block, Z = blocks[place[camera[other]]], y_pose[other]
+                for c in range(6):
+                    y0, y1, y2 = Y[0, c], Y[1, c], Y[2, c]
+                    for d in range(6):
+                        block[c, d] -= y0 * Z[0, d] + y1 * Z[1, d] + y2 * Z[2, d]
+        for c in range(6):
+            for k in range(count):
+                begin = 36 * row[i] + 6 * (c * count + k)
+                S[begin : begin + 6] = blocks[k, c]
     return S, diagonal
 
 
 @njit(cache=True)
-def _subtract_product(y: Array, other: Array, blocks: Array, begin: int) -> None:
-    for c in range(6):
-        y0, y1, y2 = y[0, c], y[1, c], y[2, c]
-        for d in range(6):
-            blocks[c, begin + d] -= y0 * other[0, d] + y1 * other[1, d] + y2 * other[2, d]
+def transposed_product(blocks: Array, row: Index, column: Index, vectors: Array, columns: int) -> Array:
+    """Return the product (columns, c, k) of transposed blocks (m, r, c) with vectors (rows, r, k)."""
+    product = np.zeros((columns, blocks.shape[2], vectors.shape[2]))
+    for m in range(len(blocks)):
+        x, y = vectors[row[m]], product[column[m]]
+        for a in range(blocks.shape[1]):
+            for b in range(blocks.shape[2]):
+                for k in range(vectors.shape[2]):
+                    y[b, k] += blocks[m, a, b] * x[a, k]
+    return product

@@ -45,6 +45,7 @@ TITLES = {
     "incremental": "Incremental back end",
     "front_end": "Front end",
     "side_by_side": "Side by side on the demo's keyframes",
+    "refinement": "Refinement of made surveys",
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
     "criticism": "Criticism of ten flights",

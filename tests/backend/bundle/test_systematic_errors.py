@@ -13,6 +13,7 @@ from backend.bundle.refinement import Bundle, refine
 from backend.bundle.systematic_errors import _eliminate, systematic_errors
 from backend.bundle.systematic_terms import LENS_KINDS, lens_displacement
 from backend.errors import BackendError
+from backend.sparse_cholesky import SingularMatrixError
 from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make
 
 SONAR = Scene()
@@ -162,10 +163,10 @@ def test_positions_that_wander_are_no_offset() -> None:
 def test_singular_equations_are_an_error_and_not_a_map_without_errors(monkeypatch) -> None:
     bundle = solved(make(replace(SONAR, radial=-0.1), 0))
 
-    def singular(matrix: object) -> None:
-        raise RuntimeError("Factor is exactly singular")
+    def singular(*_: object) -> None:
+        raise SingularMatrixError(0)
 
-    monkeypatch.setattr("backend.bundle.systematic_errors.cholesky", singular)
+    monkeypatch.setattr("backend.bundle.reduced_system.factorise", singular)
     with pytest.raises(BackendError, match="singular"):
         systematic_errors(bundle)
 
