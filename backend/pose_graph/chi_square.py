@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from backend.pose_graph.problem import Problem
+from backend.quantiles import chi_square_quantile
 
 CONFIDENCE = 0.999
 """Confidence level of the global test and of the gate of one edge."""
@@ -31,7 +31,7 @@ class ChiSquare:
     @property
     def is_below(self) -> bool:
         """Whether the statistic is too small by chance: the stated covariances are too large."""
-        return self.dof > 0 and self.statistic < float(chi2.ppf(1 - CONFIDENCE, self.dof))
+        return self.dof > 0 and self.statistic < chi_square_quantile(1 - CONFIDENCE, self.dof)
 
     @property
     def is_far_below(self) -> bool:
@@ -50,9 +50,9 @@ def chi_square(problem: Problem, statistic: float) -> ChiSquare:
     rows = sum(unary.gaussian.dim() for unary in problem.unary_factors)
     dof = d * len(problem.i) - tree + min(rows, tree)
     # A tree of edges always fits: its residuals are rounding errors.
-    return ChiSquare(statistic, dof, float(chi2.ppf(CONFIDENCE, dof)) if dof > 0 else np.inf)
+    return ChiSquare(statistic, dof, chi_square_quantile(CONFIDENCE, dof) if dof > 0 else np.inf)
 
 
 def edge_limit(problem: Problem) -> float:
     """Return the whitened norm that a true edge exceeds with probability 0.001."""
-    return float(np.sqrt(chi2.ppf(CONFIDENCE, problem.dof)))
+    return float(np.sqrt(chi_square_quantile(CONFIDENCE, problem.dof)))

@@ -18,15 +18,16 @@ from backend.pose_graph.gauge_fixed_problem import (
     least_squares_fit,
 )
 from backend.pose_graph.initialize import elimination_cost
-from backend.pose_graph.marginals import pose_covariances
+from backend.pose_graph.marginals import Posterior, posterior
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.doubts import has_dominant_loop
+from backend.pose_graph.selection.doubts import has_dominant_loop, suspected_loops
 from backend.pose_graph.selection.rejection import has_loops_on_odometry, reason, reject_outliers
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
 
 _EXPENSIVE = 1.5e10
 """Floating-point operations of an elimination that takes some seconds."""
@@ -63,18 +64,20 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     # Random false loops cause large fill-in: then they are rejected before any solve with all edges.
     expensive = elimination_cost(problem) > _EXPENSIVE and has_loops_on_odometry(problem)
     fit = None if expensive and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
-    if fit is None or (options.loops_robust and _is_doubtful(gauge_fixed, fit)):
+    found: Posterior | None = None
+    doubtful = fit is None
+    if fit is not None and options.loops_robust:
+        doubtful, found = _is_doubtful(gauge_fixed, fit)
+    if fit is None or doubtful:
         selected = reject_outliers(gauge_fixed, fit)
-        kept, fit, sigma = selected.kept, selected.fit, selected.innovation_sigma
+        kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
     minimum, w_T = fit.minimum, fit.w_T
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
     if options.covariances:
-        graph = gauge_fixed.graph(kept)
-        covariances = pose_covariances(
-            graph, minimum.values, range(problem.count), by_qr=_is_ill_scaled(problem)
-        )
+        covariances = (found or _posterior(gauge_fixed, kept, fit)).poses
         if np.isnan(covariances).any():
+            graph = gauge_fixed.graph(kept)
             still_open = tuple(unobserved(graph, minimum.values, problem.name))
     return SolvedComponent(
         w_T=w_T,
@@ -91,9 +94,31 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     )
 
 
-def _is_doubtful(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
-    """Return whether the fit of all edges fails its test, or passes it by its covariances alone."""
-    return not fit.test.passed or (fit.test.is_below and has_dominant_loop(gauge_fixed, fit))
+def _is_doubtful(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> tuple[bool, Posterior | None]:
+    """Return whether the fit of all edges fails its test, or passes it by its covariances alone.
+
+    The second question needs the posterior, which is returned too if it was computed.
+    """
+    problem = gauge_fixed.problem
+    residual = problem.residuals(fit.w_T)
+    loops = suspected_loops(problem, residual)
+    if not fit.test.is_below or len(loops) == 0:
+        return not fit.test.passed, None
+    found = _posterior(gauge_fixed, np.ones(len(residual), dtype=bool), fit, loops)
+    return has_dominant_loop(residual, loops, found.predictions), found
+
+
+def _posterior(
+    gauge_fixed: GaugeFixedProblem, kept: Mask, fit: GraphFit, edges: Index = np.zeros(0, dtype=np.int64)
+) -> Posterior:
+    """Return the covariances of all poses, and of the predictions of some kept edges."""
+    return posterior(
+        gauge_fixed.graph(kept),
+        fit.minimum.values,
+        range(gauge_fixed.problem.count),
+        [gauge_fixed.edges[e] for e in edges.tolist()],
+        by_qr=_is_ill_scaled(gauge_fixed.problem),
+    )
 
 
 def _is_ill_scaled(problem: Problem) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -16,32 +18,54 @@ Array = NDArray[np.float64]
 
 _MAX_VARIANCE = 1e10
 """Variance (rad^2, m^2) above which the result is dominated by rounding."""
+_MAX_ROUNDING = 1e-6
+"""Error of a whitened covariance, at which a prediction could look like that of an edge without a check."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Covariances at a solution; NaN where undetermined."""
+
+    poses: Array
+    """(n, 6, 6), rotation first, right perturbation, rad and m; zeros for the directions that a planar pose
+    does not have."""
+    predictions: Array
+    """(k, d, d) covariance of the prediction of each factor, whitened by the factor's own noise."""
 
 
 def pose_covariances(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int], by_qr: bool = False
 ) -> Array:
-    """Return marginal covariances of poses: (n, 6, 6), rotation first, right perturbation, rad and m.
+    """Return the covariances of poses as `posterior` does."""
+    return posterior(graph, values, keys, by_qr=by_qr).poses
 
-    Planar poses are embedded with zeros for the other directions. An undetermined pose is NaN; components
-    that are determined still get their covariances. ``by_qr`` needs half the digits of a normal matrix: for
-    edges whose information differs by more than ten orders.
+
+def posterior(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    keys: Sequence[int],
+    factors: Sequence[gtsam.NonlinearFactor] = (),
+    by_qr: bool = False,
+) -> Posterior:
+    """Return covariances of poses, and of the predictions of ``factors`` of the graph on two poses each.
+
+    Components that are determined get their covariances if others are not. ``by_qr`` needs half the digits of
+    a normal matrix: for edges whose information differs by more than ten orders.
     """
-    out = np.full((len(keys), 6, 6), np.nan)
-    row = {key: k for k, key in enumerate(keys)}
+    found = _Blocks(keys, factors, values)
     components = graph_components(graph)
     tree = None if components.floating else bayes_tree(graph, values, by_qr=by_qr)
     if tree is not None:
-        _fill(out, tree, values, row)
-        return out
+        found.add(tree, values)
+        return found.posterior()
     for part in components.parts:
-        if part in components.floating or row.keys().isdisjoint(part):
+        if part in components.floating or found.row.keys().isdisjoint(part):
             continue
-        factors, inside = _part(graph, values, set(part))
-        tree = bayes_tree(factors, inside, by_qr=by_qr)
+        of_part, inside = _part(graph, values, set(part))
+        tree = bayes_tree(of_part, inside, by_qr=by_qr)
         if tree is not None:
-            _fill(out, tree, inside, row)
-    return out
+            found.add(tree, inside)
+    return found.posterior()
 
 
 def _part(
@@ -58,24 +82,61 @@ def _part(
     return factors, rest
 
 
-def _fill(out: Array, tree: gtsam.GaussianBayesTree, values: gtsam.Values, row: dict[int, int]) -> None:
-    """Store the covariances of a tree's poses, except those that are dominated by rounding."""
-    asked: list[int] = []
-    found: list[Array] = []
-    # Vanishing information overflows to infinite variances, which are unknown.
-    with np.errstate(over="ignore", invalid="ignore"):
-        for clique in clique_covariances(tree, values):
-            for key in clique.frontals:
-                if key in row:
-                    asked.append(row[key])
-                    found.append(clique.of(key))
-    if not found:
-        return
-    covariances = np.array(found)
+class _Blocks:
+    """The requested blocks of the covariance matrix, filled clique by clique."""
+
+    def __init__(
+        self, keys: Sequence[int], factors: Sequence[gtsam.NonlinearFactor], values: gtsam.Values
+    ) -> None:
+        self.row = {key: k for k, key in enumerate(keys)}
+        self._poses: dict[int, Array] = {}
+        self._ends = [tuple(factor.keys()) for factor in factors]
+        self._jacobians = [np.asarray(factor.linearize(values).jacobian()[0]) for factor in factors]
+        self._predictions: dict[int, Array] = {}
+        self._factors_of: dict[int, list[int]] = defaultdict(list)
+        for k, ends in enumerate(self._ends):
+            for key in ends:
+                self._factors_of[key].append(k)
+
+    def add(self, tree: gtsam.GaussianBayesTree, values: gtsam.Values) -> None:
+        """Add the blocks that a tree has."""
+        # Vanishing information overflows to infinite variances, which are unknown.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for clique in clique_covariances(tree, values):
+                for key in clique.frontals:
+                    if key in self.row:
+                        self._poses[self.row[key]] = clique.of(key)
+                    for k in self._factors_of.get(key, ()):
+                        # The end that is eliminated first shares a clique with the other one.
+                        if clique.rows.keys() >= set(self._ends[k]):
+                            self._predictions[k] = _predicted(self._jacobians[k], clique.of(*self._ends[k]))
+
+    def posterior(self) -> Posterior:
+        """Return the blocks, except those that are dominated by rounding."""
+        d = len(self._jacobians[0]) if self._jacobians else 0
+        predictions = np.full((len(self._ends), d, d), np.nan)
+        for k, covariance in self._predictions.items():
+            predictions[k] = covariance
+        poses = np.full((len(self.row), 6, 6), np.nan)
+        if self._poses:
+            poses[list(self._poses)] = _embedded(np.array(list(self._poses.values())))
+        return Posterior(poses, predictions)
+
+
+def _predicted(J: Array, covariance: Array) -> Array:
+    """Return J C J'; NaN if the rounding errors of its terms are not small beside the factor's own noise."""
+    rounding = np.finfo(float).eps * float((J**2 @ np.diagonal(covariance)).sum())
+    found = J @ covariance @ J.T
+    return found if rounding < _MAX_ROUNDING else np.full_like(found, np.nan)
+
+
+def _embedded(covariances: Array) -> Array:
+    """Return covariances (n, 6, 6) of poses from (n, 3, 3) or (n, 6, 6); NaN if rounding dominates them."""
     variance = np.diagonal(covariances, axis1=1, axis2=2)
     sound = np.isfinite(covariances).all(axis=(1, 2)) & (variance >= 0).all(axis=1)
     sound &= (variance < _MAX_VARIANCE).all(axis=1)
-    whole = np.zeros((np.count_nonzero(sound), 6, 6))
     place = np.arange(6) if covariances.shape[1] == 6 else PLANAR
-    whole[:, place[:, None], place] = covariances[sound]
-    out[np.array(asked)[sound]] = whole
+    out = np.zeros((len(covariances), 6, 6))
+    out[:, place[:, None], place] = covariances
+    out[~sound] = np.nan
+    return out

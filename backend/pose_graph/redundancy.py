@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import networkx
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.gauge import format_keys
+from backend.pose_graph.bridges import find_bridges, reached
 from backend.pose_graph.chi_square import ChiSquare
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.places import place_pairs
 from backend.pose_graph.solution import NO_INFORMATION, Solution
+
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
@@ -30,42 +33,45 @@ def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
         inside = component[problem.i] == number
         if len(members) < 2 or fixed[number] > 1:
             continue
-        graph = _simple_graph(problem, inside & solution.edge_kept)
-        if graph.number_of_edges() < len(members):
+        ends, trusted = _simple_edges(problem, inside & solution.edge_kept)
+        if len(ends) < len(members):
             rejected = int((inside & ~solution.edge_kept).sum())
             sentences.append(_sentence(problem, members.tolist(), rejected, inside & solution.edge_kept))
             continue
-        sentences += _bridge_sentences(problem, graph)
+        sentences += _bridge_sentences(problem, ends, trusted)
         sentences += _one_place_sentence(problem, inside & ~problem.trusted, solution.edge_kept)
     return sentences
 
 
-def _simple_graph(problem: Problem, kept: NDArray[np.bool_]) -> networkx.Graph:
-    """Return the graph of the kept edges; parallel edges are one, trusted if one of them is."""
-    graph = networkx.Graph()
-    order = np.argsort(problem.trusted[kept], kind="stable")
-    ends = np.column_stack([problem.i, problem.j])[kept][order].tolist()
-    for (i, j), trusted in zip(ends, problem.trusted[kept][order].tolist(), strict=True):
-        graph.add_edge(i, j, trusted=trusted)
-    return graph
+def _simple_edges(problem: Problem, kept: Mask) -> tuple[Index, Mask]:
+    """Return the ends (e, 2) of the kept edges, and which are trusted; parallel edges are one.
+
+    It is trusted if one of them is.
+    """
+    ends = np.sort(np.column_stack([problem.i, problem.j])[kept], axis=1)
+    simple, number = np.unique(ends, axis=0, return_inverse=True)
+    trusted = np.zeros(len(simple), dtype=bool)
+    trusted[number[problem.trusted[kept]]] = True
+    return simple, trusted
 
 
-def _bridge_sentences(problem: Problem, graph: networkx.Graph) -> list[str]:
+def _bridge_sentences(problem: Problem, ends: Index, trusted: Mask) -> list[str]:
     """Return a sentence about loops whose removal would cut the graph in two; a tail of odometry is none."""
-    bridges = [ends for ends in networkx.bridges(graph) if not graph.edges[ends]["trusted"]]
-    if not bridges:
+    bridges = find_bridges(ends, problem.count)
+    bridges = bridges[~trusted[bridges]]
+    if len(bridges) == 0:
         return []
-    i, j = bridges[0]
+    i, j = ends[bridges[0]].tolist()
     loop = f"{problem.name(i)} to {problem.name(j)}"
     if len(bridges) > 1:
         return [f"{len(bridges)} loops (the first is {loop}) each join a part that no other edge checks"]
-    graph.remove_edge(i, j)
-    smaller = min((networkx.node_connected_component(graph, end) for end in (i, j)), key=len)
-    who = format_keys(sorted(smaller), problem.name)
+    rest = np.delete(ends, bridges[0], axis=0)
+    smaller = min((reached(rest, end, problem.count) for end in (i, j)), key=len)
+    who = format_keys(smaller.tolist(), problem.name)
     return [f"one loop alone ({loop}) joins {who} to the rest, and no other edge checks it"]
 
 
-def _one_place_sentence(problem: Problem, loops: NDArray[np.bool_], kept: NDArray[np.bool_]) -> list[str]:
+def _one_place_sentence(problem: Problem, loops: Mask, kept: Mask) -> list[str]:
     """Return a sentence if all loops but those between one pair of places were rejected."""
     place = place_pairs(problem.i[loops], problem.j[loops])
     accepted, rejected = (len(np.unique(place[which])) for which in (kept[loops], ~kept[loops]))
@@ -80,7 +86,7 @@ def _one_place_sentence(problem: Problem, loops: NDArray[np.bool_], kept: NDArra
     ]
 
 
-def _sentence(problem: Problem, members: list[int], rejected: int, kept: NDArray[np.bool_]) -> str:
+def _sentence(problem: Problem, members: list[int], rejected: int, kept: Mask) -> str:
     who = format_keys(members, problem.name)
     base = "odometry alone" if problem.trusted[kept].all() else "a tree of edges alone"
     why = f": {rejected} edges were rejected, and" if rejected else ", and"

@@ -29,7 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import chi2
+
+from backend.quantiles import chi_square_quantile
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def consistency(whitened: Array, shared: Array | None = None) -> Consistency:
     """
     n, dof = whitened.shape
     n_eff = effective_count(whitened, np.zeros_like(whitened) if shared is None else shared)
-    lower, upper = (float(chi2.ppf(quantile, dof * n_eff)) / n_eff for quantile in (0.025, 0.975))
+    lower, upper = (chi_square_quantile(quantile, dof * n_eff) / n_eff for quantile in (0.025, 0.975))
     return Consistency(dof, float(np.sum(whitened**2) / n), lower, upper, n_eff)
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import chi2
 
+from backend.quantiles import chi_square_quantile
 from slam.core.plot_style import (
     BLUE,
     GREY,
@@ -184,7 +184,7 @@ def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:
 
     assert evaluation.nees is not None
     pose = evaluation.nees.pose
-    low, high = (float(chi2.ppf(quantile, pose.dof)) for quantile in (0.025, 0.975))
+    low, high = (chi_square_quantile(quantile, pose.dof) for quantile in (0.025, 0.975))
     axes.axhspan(low, high, color=_REFERENCE, alpha=0.08, lw=0, label="95 % of single poses")
     axes.axhspan(pose.lower95, pose.upper95, color=_LOOPS, alpha=0.25, lw=0, label="95 % band of the mean")
     axes.plot(evaluation.tracks.stamps_s, evaluation.tracks.nees, ".", color=_LOOPS, ms=3)

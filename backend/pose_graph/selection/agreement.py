@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.null_loops import NullLoops
@@ -32,6 +31,7 @@ from backend.pose_graph.selection.prediction import (
     noise_scale,
     squared_mahalanobis,
 )
+from backend.quantiles import chi_square_quantile
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -169,7 +169,8 @@ class _Growth:
             now[new] = True
             at = self.solve(now, w_T)
             off = (self.problem.residuals(at) ** 2).sum(axis=1)
-            allowed = _TAIL_FACTOR * scale**2 * float(chi2.ppf(1 - SIGNIFICANCE, self.problem.dof * len(new)))
+            quantile = chi_square_quantile(1 - SIGNIFICANCE, self.problem.dof * len(new))
+            allowed = _TAIL_FACTOR * scale**2 * quantile
             if float(off[now].sum()) - before <= allowed:
                 return new, at
             new = new[off[new] < np.quantile(off[new], 0.5)]

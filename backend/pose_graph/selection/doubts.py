@@ -5,33 +5,34 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.chains import chain_members
-from backend.pose_graph.selection.evidence import LinearizedSet
-from backend.pose_graph.selection.swap_search import SwapSearch
+from backend.pose_graph.selection.swap_search import removal_gains
 
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 _SUSPECTS = 100
 """Loops of the largest residuals that are examined one by one."""
 
 
-def has_dominant_loop(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> bool:
+def suspected_loops(problem: Problem, residual: Array) -> Index:
+    """Return the loops of the largest residuals, at most 100; ``residual`` (m, d) is that of a fit."""
+    loops = np.flatnonzero(~problem.trusted)
+    return np.sort(loops[np.argsort(-(residual[loops] ** 2).sum(axis=1))][:_SUSPECTS])
+
+
+def has_dominant_loop(residual: Array, loops: Index, predictions: Array) -> bool:
     """Return whether the removal of one loop would halve the chi-square of the fit of all edges.
 
     Where covariances are stated far too large, the chi-square test passes with a false loop in the graph.
+    ``residual`` (m, d) is that of all edges, ``predictions`` (k, d, d) the whitened covariance of each of the
+    ``loops`` (k,) by the fit.
     """
-    problem = gauge_fixed.problem
-    residual = problem.residuals(fit.w_T)
-    loops = np.flatnonzero(~problem.trusted)
-    loops = np.sort(loops[np.argsort(-(residual[loops] ** 2).sum(axis=1))][:_SUSPECTS])
-    volumes = np.zeros(len(problem.i))
-    whole = LinearizedSet.of(problem, gauge_fixed.graph, np.ones_like(problem.trusted), fit.w_T, volumes)
-    if whole is None or len(loops) == 0:
-        return False
-    decrease = SwapSearch(whole, loops, residual).chi_square_changes()
-    return bool(decrease.max() > whole.chi_square / 2)
+    known = np.isfinite(predictions).all(axis=(1, 2))
+    decrease = removal_gains(residual[loops[known]], predictions[known])
+    return bool(decrease.max(initial=0.0) > (residual**2).sum() / 2)
 
 
 def doubtful_odometry(problem: Problem, kept: Mask) -> int | None:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.special import gammaln
-from scipy.stats import chi2
 
 from backend import se3
 from backend.pose_graph.linear import cholesky, elimination_order, jacobian
 from backend.pose_graph.problem import Problem
+from backend.quantiles import chi_square_quantile
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -82,7 +82,7 @@ def squared_mahalanobis(residual: Array, covariance: Array) -> Array:
 
 def chi_square_gate(d: int) -> float:
     """Return the squared Mahalanobis distance that a true loop exceeds once in a thousand."""
-    return float(chi2.ppf(1 - SIGNIFICANCE, d))
+    return chi_square_quantile(1 - SIGNIFICANCE, d)
 
 
 def log_volume(covariance: Array, within: float) -> Array:
@@ -168,7 +168,7 @@ def first_scale(pending: LoopInnovations, place: Index) -> float:
         true = float(np.clip(share.mean(), 0.01, 0.99))
     # Loops between the same places have a common error: they count once.
     dof = d * max(len(np.unique(place[share > 0.5])), 1)
-    return float(np.sqrt(min(variance * dof / chi2.ppf(SIGNIFICANCE, dof), 1.0)))
+    return float(np.sqrt(min(variance * dof / chi_square_quantile(SIGNIFICANCE, dof), 1.0)))
 
 
 def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
@@ -183,6 +183,6 @@ def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
     if dof <= 0:
         return 1.0
     statistic = float((problem.residuals(w_T)[kept] ** 2).sum())
-    if statistic > chi2.ppf(1 - SIGNIFICANCE, dof):
+    if statistic > chi_square_quantile(1 - SIGNIFICANCE, dof):
         return float(np.sqrt(statistic / dof))
-    return float(np.clip(np.sqrt(statistic / chi2.ppf(SIGNIFICANCE, dof)), _MIN_SCALE, 1.0))
+    return float(np.clip(np.sqrt(statistic / chi_square_quantile(SIGNIFICANCE, dof)), _MIN_SCALE, 1.0))

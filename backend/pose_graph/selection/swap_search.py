@@ -67,27 +67,13 @@ class SwapSearch:
 
         They are infinite for an accepted loop that nothing else checks in some direction: it joins two parts.
         """
-        sign, variance, along = self._innovations()
+        sign = np.where(self.accepted, -1.0, 1.0)
+        variance, along = _innovations(self.residual, self.covariances, sign)
         off = (along**2 / variance).sum(axis=1) / self.current.scale**2
         volume = sign * np.log(variance).sum(axis=1)
         volume_prior = self.current.log_volumes[self.loops] - self.d * np.log(self.current.scale)
         odds = np.nan_to_num(volume_prior + self.current.odds - (off + volume) / 2, nan=-ABANDON_NATS)
         return np.where(variance.min(axis=1) <= _UNCHECKED, np.inf, odds)
-
-    def chi_square_changes(self) -> Array:
-        """Return (k,) how much the chi-square changes if each loop alone is flipped.
-
-        A direction that no other edge checks changes nothing.
-        """
-        _, variance, along = self._innovations()
-        return np.asarray((along**2 / np.where(variance > _UNCHECKED, variance, np.inf)).sum(axis=1))
-
-    def _innovations(self) -> tuple[Array, Array, Array]:
-        """Return signs (k,), -1 if accepted, and variances and innovations (k, d) on principal axes."""
-        sign = np.where(self.accepted, -1.0, 1.0)
-        variance, axes = np.linalg.eigh(np.eye(self.d) + sign[:, None, None] * self.covariances)
-        along = np.einsum("kab,ka->kb", axes, self.residual)
-        return sign, np.maximum(variance, _UNCHECKED), along
 
     def flip(self, x: int) -> None:
         """Flip loop x: insert it if it is rejected, remove it if it is accepted."""
@@ -123,3 +109,19 @@ class SwapSearch:
             if total > best and (len(directions) == 2 or not both):
                 best, length = total, len(done)
         return best, done[:length]
+
+
+def removal_gains(residual: Array, covariances: Array) -> Array:
+    """Return (k,) how much the chi-square falls if each accepted loop alone is removed.
+
+    ``residual`` (k, d) and ``covariances`` (k, d, d) of the predictions are whitened. A direction that no
+    other edge checks changes nothing.
+    """
+    variance, along = _innovations(residual, covariances, -np.ones(len(residual)))
+    return np.asarray((along**2 / np.where(variance > _UNCHECKED, variance, np.inf)).sum(axis=1))
+
+
+def _innovations(residual: Array, covariances: Array, sign: Array) -> tuple[Array, Array]:
+    """Return variances and innovations (k, d) on principal axes; ``sign`` (k,) is -1 for an accepted loop."""
+    variance, axes = np.linalg.eigh(np.eye(residual.shape[1]) + sign[:, None, None] * covariances)
+    return np.maximum(variance, _UNCHECKED), np.einsum("kab,ka->kb", axes, residual)
