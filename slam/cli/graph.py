@@ -29,6 +29,8 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     The stamps are the numbers of the vertices, or 0, 1, 2 and so on where these are too large for a stamp.
     Raises ``BackendError``.
     """
+    from threadpoolctl import threadpool_limits
+
     from backend.g2o import read_g2o
     from backend.pose_graph.certificate import certify
     from backend.pose_graph.solve import solve_pose_graph
@@ -36,10 +38,12 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     start = time.perf_counter()
     graph = read_g2o(path)
     read_s = time.perf_counter() - start
-    solution = solve_pose_graph(graph, on_step=lambda done, error: progress("solve", done, 0))
-    solved_s = time.perf_counter() - start
-    progress("certify", 0, 0)
-    certificate = certify(graph, solution)
+    # The blocks of a pose graph are too small for the threads of BLAS, which would wait for each other.
+    with threadpool_limits(1, "blas"):
+        solution = solve_pose_graph(graph, on_step=lambda done, error: progress("solve", done, 0))
+        solved_s = time.perf_counter() - start
+        progress("certify", 0, 0)
+        certificate = certify(graph, solution)
     certify_s = time.perf_counter() - start - solved_s
     timing_s = {"read": read_s, "solve": solved_s - read_s, "certify": certify_s}
     kept = solution.edge_kept
