@@ -174,7 +174,7 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
-        ("errors", "measurements", "se3", "numba_cache"),
+        ("errors", "measurements", "quantiles", "se3", "numba_cache"),
         ("gauge", "sparse_cholesky"),
         ("pose_graph", "ekf", "inertial_scale"),
         ("bundle", "g2o"),
