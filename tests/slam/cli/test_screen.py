@@ -20,7 +20,7 @@ from tests.slam.cli.test_cli import SQUARE
 
 LONG = {
     "demo", "optimize", "estimate", "evaluate", "locate", "loops", "simulate", "replay", "reproduce",
-    "criticise", "import",
+    "criticise", "import", "export",
 }  # fmt: skip
 TABLES = {"optimize", "estimate", "evaluate", "locate", "loops", "replay", "reproduce", "criticise", "info"}
 
