@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, RotationSpline
 from scipy.stats import binom
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Truth
 from slam.evaluation import evaluate
@@ -127,7 +128,7 @@ def fly(seed: int) -> Recovered:
     if errors is None:
         return result
     # A gain along the thrust acts like an offset of its share of gravity.
-    true_offset = offset_m_s2 + [0, 0, (gain - 1) * 9.80665]
+    true_offset = offset_m_s2 + [0, 0, (gain - 1) * GRAVITY_M_S2]
     offset = (np.array(errors.offset_m_s2) - true_offset) / errors.offset_std_m_s2
     arm = (np.array(errors.arm_m) - arm_m) / errors.arm_std_m
     known = np.isfinite(errors.delay_std_s)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-GRAVITY_M_S2 = 9.80665
+from backend.measurements import GRAVITY_M_S2
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Flight, Imu, Sonar
 from slam.mapping.config import SensorTrust
 from slam.simulation import simulate
@@ -219,9 +220,10 @@ def _saturated(flight: Flight, rng: np.random.Generator) -> Flight:
     """The IMU's ranges are exceeded in the sharpest twentieth of the flight."""
     imu = flight.imu
     assert imu is not None
-    accel, gyro = imu.accel_m_s2 - [0, 0, 9.80665], imu.gyro_rad_s
+    at_rest = np.array([0.0, 0.0, GRAVITY_M_S2])
+    accel, gyro = imu.accel_m_s2 - at_rest, imu.gyro_rad_s
     most_accel, most_gyro = (np.quantile(np.abs(values), 0.95) for values in (accel, gyro))
-    clipped = np.clip(accel, -most_accel, most_accel) + [0, 0, 9.80665]
+    clipped = np.clip(accel, -most_accel, most_accel) + at_rest
     imu = replace(imu, accel_m_s2=clipped, gyro_rad_s=np.clip(gyro, -most_gyro, most_gyro))
     return replace(flight, imu=imu)
 

@@ -74,7 +74,7 @@ def _together(flights: Sequence[Flown], by_kind: dict[str, list[Flown]]) -> list
     known = {name: value for name, value in ratio.items() if np.isfinite(value)}
     best = max(known, key=lambda name: known[name], default=PAIRS[0])
     each = ", ".join(f"{value:.3g} x over {name}" for name, value in known.items())
-    whole = sum(_all(flight).whole or not _all(flight).metric for flight in flights)
+    whole = sum(_all(flight).placed == 1.0 for flight in flights)
     silent = [f"{f.kind} {f.seed}" for f in flights if _all(f).status == "ok" and not _all(f).in_band]
     metrics = [
         at_most(
