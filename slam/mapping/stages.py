@@ -12,6 +12,7 @@ from backend.inertial_scale.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.progress import show_compilation
 from slam.mapping.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.build_estimate import reason_kind
 from slam.mapping.camera_mount import estimated_mount
@@ -86,7 +87,7 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
     Raises ``InputError`` where no pose of a camera above a floor explains the matches.
     """
     inertial = inertial_readings(context.flight.imu) if with_inertia else None
-    with context.timer("refine"):
+    with context.timer("refine"), show_compilation(context.job.progress):
         refined = context.bridges.join(refine_map(solved, context.setup, context.job.progress, inertial))
     if (refined.component < 0).all() and not with_inertia:
         raise InputError(
