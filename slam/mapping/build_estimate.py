@@ -16,29 +16,29 @@ from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies
-from slam.mapping.accuracy_basis import accuracy_basis
-from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
-from slam.mapping.camera_mount import mount_tilt, mount_warning
-from slam.mapping.clock_offset import (
+from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
+from slam.mapping.calibration.camera_mount import mount_tilt, mount_warning
+from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,
     clock_contradiction,
     clock_errors,
     clock_warning,
     with_clock_error,
 )
+from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context
-from slam.mapping.contradictions import contradictions
 from slam.mapping.front_end import Observations
 from slam.mapping.homography_chain import chain
-from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.lift_edges import Edges
-from slam.mapping.lost_pictures import NOTABLE_SHARE, lost_picture_warnings
 from slam.mapping.map import Map
-from slam.mapping.not_placed import ALONE, not_placed_warnings, pictures_not_placed
-from slam.mapping.one_place import one_place_warning
 from slam.mapping.refine import comparable
-from slam.mapping.systematic_warning import explains, is_outside_covariances, systematic_warning
+from slam.mapping.warnings.accuracy_basis import accuracy_basis
+from slam.mapping.warnings.contradictions import contradictions
+from slam.mapping.warnings.lost_pictures import NOTABLE_SHARE, lost_picture_warnings
+from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings, pictures_not_placed
+from slam.mapping.warnings.one_place import one_place_warning
+from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
-from slam.mapping.clock_offset import NO_CORRECTION
+from slam.mapping.calibration.clock_offset import NO_CORRECTION
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.inertial_bridges import InertialBridges

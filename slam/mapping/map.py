@@ -13,9 +13,9 @@ from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
 from slam.core.estimate import over_floor
+from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.stated_accuracy import Contradiction
-from slam.mapping.inertial_scale import AccelerometerScale
 from slam.mapping.lift_edges import Edges
 from slam.mapping.search_radius import KnownPoses
 

@@ -19,12 +19,16 @@ from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
+from slam.mapping.calibration.inertial_scale import (
+    AccelerometerScale,
+    InertialComparison,
+    compare_with_inertia,
+)
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.gps.georeferencing import align_with_positions
 from slam.mapping.gps.stated_accuracy import Contradiction
-from slam.mapping.inertial_scale import AccelerometerScale, InertialComparison, compare_with_inertia
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
 from slam.mapping.refine_part import LEAST_SEEN, refine_part

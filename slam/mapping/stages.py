@@ -13,19 +13,19 @@ from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import show_compilation
-from slam.mapping.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.build_estimate import reason_kind
-from slam.mapping.camera_mount import estimated_mount
-from slam.mapping.clock_offset import clock_correction, finer_correction
+from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
+from slam.mapping.calibration.camera_mount import estimated_mount
+from slam.mapping.calibration.clock_offset import clock_correction, finer_correction
+from slam.mapping.calibration.picture_turns import tracked_clock
+from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first
 from slam.mapping.obstacles import Masks
-from slam.mapping.picture_turns import tracked_clock
 from slam.mapping.refine import refine_map
-from slam.mapping.rolling_shutter import correct_rolling_shutter
 from slam.mapping.search_radius import KnownPoses, implausible_edges, search_radius
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph

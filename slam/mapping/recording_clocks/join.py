@@ -21,7 +21,8 @@ _WITH_PICTURES = ("frames", "camera")
 _IN_BODY_AXES = ("imu", "sonar", "attitude", "velocity", "command")
 """Streams whose values depend on the axes of the body."""
 _LEAST_TURN_RAD = 0.3
-"""A smaller error of the mount is left to the map, which estimates it (`slam.mapping.camera_mount`)."""
+"""A smaller error of the mount is left to the map, which estimates it
+(`slam.mapping.calibration.camera_mount`)."""
 _SURE = 6.0
 
 

@@ -18,10 +18,10 @@ from slam.core.flight import Flight, Frames
 from slam.core.progress import Progress
 from slam.core.rotations import rotation_of
 from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
+from slam.mapping.calibration.picture_turns import picture_speeds, turned_attitudes
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
-from slam.mapping.picture_turns import picture_speeds, turned_attitudes
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]

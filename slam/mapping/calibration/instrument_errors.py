@@ -13,8 +13,8 @@ from backend.bundle.noise import autocorrelated_std
 from slam.core.estimate import AccelerometerErrors, AttitudeErrors, ClockErrors
 from slam.core.flight import Flight
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.mapping.attitude_floor_tilt import LEAST_KEYFRAMES
-from slam.mapping.inertial_scale import AccelerometerScale
+from slam.mapping.calibration.attitude_floor_tilt import LEAST_KEYFRAMES
+from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.keyframe_readings import attitudes_at
 
 Array = NDArray[np.float64]

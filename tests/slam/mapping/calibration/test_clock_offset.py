@@ -9,7 +9,7 @@ import pytest
 
 from backend.inertial_scale.picture_clock import ClockPiece, PictureClock
 from slam.evaluation import evaluate
-from slam.mapping.clock_offset import (
+from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,
     clock_contradiction,
     clock_correction,

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from slam import optimize
 from slam.core.flight import AttitudeSeries, Flight
 from slam.evaluation import evaluate
-from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
+from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from tests.slam.small_flight import flown
 
 ASKEW_RAD = np.array([0.05, -0.035])

@@ -15,8 +15,8 @@ from backend.bundle.refinement import Bundle
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
 from slam.core.estimate import MountTilt
-from slam.mapping.attitude_floor_tilt import CLEARLY, SURE, AttitudeFloorTilt
-from slam.mapping.inertial_scale import AccelerometerScale
+from slam.mapping.calibration.attitude_floor_tilt import CLEARLY, SURE, AttitudeFloorTilt
+from slam.mapping.calibration.inertial_scale import AccelerometerScale
 
 _FREE_RAD = 0.1
 """Prior standard deviation of a mount whose nominal value is wrong."""

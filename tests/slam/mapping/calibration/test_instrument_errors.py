@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slam import optimize
-from slam.mapping.instrument_errors import attitude_errors
+from slam.mapping.calibration.instrument_errors import attitude_errors
 from tests.slam.small_flight import flown
 
 OFFSET_RAD, WANDER_RAD = np.array([0.06, -0.03]), 0.2

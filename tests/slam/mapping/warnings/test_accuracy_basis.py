@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from backend.pose_graph.solution import RangeErrors
-from slam.mapping.accuracy_basis import accuracy_basis
+from slam.mapping.warnings.accuracy_basis import accuracy_basis
 
 SONAR = SimpleNamespace(scale_std=0.05, datum_std_m=0.02)
 

@@ -10,7 +10,7 @@ from backend.bundle.systematic_errors import SystematicErrors
 from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.mapping.gps.stated_accuracy import Contradiction, Pattern
-from slam.mapping.systematic_warning import explains, is_outside_covariances, systematic_warning
+from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
 
 CAMERA = Camera((1000.0, 1000.0), (499.5, 399.5), (1000, 800))
 RADIAL = SystematicErrors(

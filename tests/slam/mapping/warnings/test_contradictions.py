@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.core.flight import Flight
-from slam.mapping.contradictions import contradictions
+from slam.mapping.warnings.contradictions import contradictions
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 
