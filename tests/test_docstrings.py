@@ -42,10 +42,8 @@ def test_no_docstring_begins_with_a_fragment():
 
 
 def test_a_fragment_is_seen():
-    assert fragments(ast.parse('A = 1\n"""Of the pictures."""\n\ndef f():\n    """What it is."""\n')) == [
-        (2, "Of"),
-        (5, "What"),
-    ]
+    source = '"""Where it is."""\n\nA = 1\n"""Of the pictures."""\n\ndef f():\n    """What it is."""\n'
+    assert fragments(ast.parse(source)) == [(1, "Where"), (4, "Of"), (7, "What")]
 
 
 def test_public_class_names_are_unique():

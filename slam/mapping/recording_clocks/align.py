@@ -29,7 +29,7 @@ class KnownClock:
     lag_s: float
     """Stamp in the recording less that of the same moment in the reference, at ``middle_s``."""
     how: str
-    """What tied the clocks: "turns of cam0 and imu0", or "given by --offset"."""
+    """Source of the alignment: "turns of cam0 and imu0", or "given by --offset"."""
     middle_s: float = 0.0
     drift: float = 0.0
     lag_std_s: float | None = None

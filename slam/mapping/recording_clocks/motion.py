@@ -1,4 +1,4 @@
-"""What a recording shows of the vehicle's motion: how it turned, and how fast it was."""
+"""Motion of the vehicle that one recording shows: its turns, and its speed."""
 
 from __future__ import annotations
 
