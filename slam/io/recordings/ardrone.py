@@ -9,6 +9,7 @@ SDK 2.0, section 7, and its ``navdata_common.h``.
 from __future__ import annotations
 
 import mmap
+import re
 import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -28,6 +29,7 @@ from slam.io.recordings.recording import Content, Offer, Recording
 DESCRIPTION = "a recording of an AR.Drone's navdata"
 MARKS = (b"\x88\x77\x66\x55", b"\x89\x77\x66\x55")
 """First bytes of a packet, of the first and the second generation."""
+_MARK = re.compile(b"|".join(MARKS))
 _HEADER_BYTES, _OPTION_BYTES = 16, 4
 _TIME, _CHECKSUM = 1, 0xFFFF
 _CHECKSUM_BYTES = 8
@@ -155,7 +157,8 @@ def _scanned(data: mmap.mmap) -> tuple[dict[str, _Rows], int, int]:
     while at < len(data):
         options = _packet(data, at)
         if options is None:
-            following = min((k for mark in MARKS if (k := data.find(mark, at + 1)) >= 0), default=len(data))
+            mark = _MARK.search(data, at + 1)
+            following = mark.start() if mark else len(data)
             lost += following - at
             at = following
             continue
