@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import JSON, QUIET
+from slam.cli.options import JSON, PICTURE_RATE, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from slam.evaluation import Evaluation
@@ -23,6 +23,8 @@ _TRUTH = typer.Option(
 def evaluate(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder that slam optimize wrote.")],
     truth: Annotated[list[Path], _TRUTH],
+    topic: Annotated[list[str] | None, TOPICS] = None,
+    picture_rate: Annotated[float | None, PICTURE_RATE] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -35,10 +37,10 @@ def evaluate(
     from slam.io.estimate import read_estimate
     from slam.report.accuracy import accuracy_tables
 
-    screen = Screen(quiet, as_json)
+    screen, request = Screen(quiet, as_json), request_of(topic, picture_rate)
     folder = Path(os.path.realpath(folder))
     estimate = read_estimate(folder)
-    evaluation = compare(estimate, mapped_flight(folder, truth))
+    evaluation = compare(estimate, mapped_flight(folder, truth, request))
     with locked(folder):
         write_evaluation(folder, evaluation)
     screen.json_file(folder / "evaluation.json")

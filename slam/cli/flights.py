@@ -52,6 +52,7 @@ def import_flight(
     from slam.cli.console import Screen
     from slam.cli.one_flight import offsets_of, open_one_flight
     from slam.cli.source import import_source
+    from slam.io.atomic import check_free
     from slam.io.flight_folder import write_flight
 
     screen, request, offsets_s = Screen(quiet), request_of(topic, picture_rate), offsets_of(offset)
@@ -59,6 +60,7 @@ def import_flight(
         raise InputError("--offset: there is one source, and so one clock; leave --offset out")
     if len(sources) > 1 and band is not None:
         raise InputError("--band: several sources are no folder of photographs; leave --band out")
+    check_free(out)
     with screen.progress() as progress:
         flight = (
             import_source(sources[0], progress, request, band)

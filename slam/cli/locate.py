@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import JSON, OUT, QUIET
+from slam.cli.options import JSON, OUT, PICTURE_RATE, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -27,6 +27,8 @@ def locate(
     map_folder: Annotated[Path, _MAP],
     flights: Annotated[list[Path], _FLIGHT],
     out: Annotated[Path, OUT],
+    topic: Annotated[list[str] | None, TOPICS] = None,
+    picture_rate: Annotated[float | None, PICTURE_RATE] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -38,9 +40,9 @@ def locate(
     from slam.io.estimate import read_estimate
     from slam.mapping.relocation import Relocalizer
 
-    screen = Screen(quiet, as_json)
+    screen, request = Screen(quiet, as_json), request_of(topic, picture_rate)
     estimate = read_estimate(map_folder)
-    flight = mapped_flight(map_folder, flights)
+    flight = mapped_flight(map_folder, flights, request)
     with output_folder(out) as folder, screen.progress() as progress:
         relocalizer = Relocalizer(estimate, flight, progress=progress)
         found = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,20 +16,26 @@ if TYPE_CHECKING:
     from slam.core.progress import Progress
     from slam.io.recordings.choice import Request
 
+_LARGEST_OFFSET_S = 1e9
+"""A larger number is a stamp, in seconds since 1970, and no offset."""
+
 
 def offsets_of(given: Sequence[str] | None) -> dict[str, float]:
     """Return the folder of a stream -> seconds, from ``--offset``. Raises ``InputError``."""
     offsets_s: dict[str, float] = {}
     for text in given or []:
         stream, _, seconds = text.partition("=")
+        if stream in offsets_s:
+            raise InputError(f"--offset {text}: {stream} is given twice; give one offset of each stream")
         try:
-            offsets_s[stream] = float(seconds)
+            offset_s = float(seconds)
         except ValueError:
-            stream = ""
-        if stream not in FIELD_BY_FOLDER or abs(offsets_s[stream]) > 1e9:
+            offset_s = math.nan
+        if stream not in FIELD_BY_FOLDER or not abs(offset_s) <= _LARGEST_OFFSET_S:
             raise InputError(
                 f"--offset {text}: is not of the form STREAM=SECONDS; write, for example, cam0=7.3"
             )
+        offsets_s[stream] = offset_s
     return offsets_s
 
 

@@ -93,8 +93,7 @@ def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None =
     target = Path(path)
     with _working_folder(target) as work:
         new, old = work / _NEW, work / _OLD
-        with _as_input_error(target):
-            _check_free(target, may_replace)
+        check_free(target, may_replace)
         with _as_input_error(target, written=work):
             yield new
         with _as_input_error(target):
@@ -115,6 +114,12 @@ def locked(path: Path | str) -> Iterator[None]:
     """
     with _working_folder(Path(path)):
         yield
+
+
+def check_free(target: Path, may_replace: Callable[[Path], None] | None = None) -> None:
+    """Raise ``InputError`` where ``atomic_folder`` would refuse the target, before anything is computed."""
+    with _as_input_error(target):
+        _check_free(target, may_replace)
 
 
 def _check_free(target: Path, may_replace: Callable[[Path], None] | None) -> None:

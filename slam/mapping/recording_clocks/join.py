@@ -38,7 +38,7 @@ def join_recordings(
     motions = [RecordedMotion(flight, progress) for flight in flights]
     reference = motions[_reference_of(flights)]
     taken = _taken(flights, reference.flight)
-    _check_offsets(offsets_s, taken, reference.flight)
+    _check_offsets(offsets_s, taken, flights)
     moved: dict[int, Flight] = {}
     for k, motion in enumerate(motions):
         streams = [folder for folder, number in taken.items() if number == k]
@@ -73,12 +73,25 @@ def _taken(flights: Sequence[Flight], reference: Flight) -> dict[str, int]:
     return taken
 
 
-def _check_offsets(offsets_s: Mapping[str, float], taken: Mapping[str, int], reference: Flight) -> None:
+def _check_offsets(
+    offsets_s: Mapping[str, float], taken: Mapping[str, int], flights: Sequence[Flight]
+) -> None:
+    """Raise ``InputError`` for an offset that could not be used: each recording but the reference has one."""
+    first: dict[int, str] = {}
     for folder, offset_s in offsets_s.items():
+        given = f"--offset {folder}={offset_s:g}"
         if folder not in taken:
-            have = ", ".join(taken)
+            raise InputError(f"{given}: no recording has this stream; there are {', '.join(taken)}")
+        k = taken[folder]
+        if k == _reference_of(flights):
             raise InputError(
-                f"--offset {folder}={offset_s:g}: no recording has this stream; there are {have}"
+                f"{given}: {folder} is taken from {flights[k].name}, whose clock is the reference; give the "
+                "offset of a stream of another source"
+            )
+        if offsets_s[first.setdefault(k, folder)] != offset_s:
+            raise InputError(
+                f"{given}: {first[k]}, of the same source {flights[k].name}, has another offset; give one of "
+                "the two"
             )
 
 

@@ -105,9 +105,20 @@ def test_what_nothing_ties_is_refused_with_the_way_out(other, why):
     assert "\n" not in str(refused.value)
 
 
-def test_an_offset_of_a_stream_that_is_not_there_is_refused():
-    with pytest.raises(InputError, match="--offset cam0=1: no recording has this stream"):
-        join_recordings([gimbal(), log()], {"cam0": 1.0})
+@pytest.mark.parametrize(
+    ("offsets_s", "why"),
+    [
+        ({"cam0": 1.0}, "--offset cam0=1: no recording has this stream"),
+        ({"imu0": 1.0}, "--offset imu0=1: imu0 is taken from log, whose clock is the reference"),
+        (
+            {"attitude0": 1.0, "barometer0": 2.0},
+            "--offset barometer0=2: attitude0, of the same source gimbal, has another offset",
+        ),
+    ],
+)
+def test_an_offset_that_cannot_be_used_is_refused(offsets_s, why):
+    with pytest.raises(InputError, match=why):
+        join_recordings([gimbal(), log()], offsets_s)
 
 
 def by_speed(seed: int, repeats_s: float = 0.0) -> tuple[Flight, Flight, float]:
