@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, NoiseLevels
-from backend.bundle.projections import CALIBRATION_SIZE, linearise, total_loss
+from backend.bundle.projections import CALIBRATION_SIZE, linearise, residuals
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -96,8 +96,12 @@ class Observations:
     def error(self, cameras: Cameras, point: Array) -> float:
         """Return the sum of Huber's loss of the observations and half the squares of the priors."""
         seen = self.keyframe, self.track, self.pixel
-        loss = total_loss(cameras.f_T_c, point, cameras.calibration, *seen, self.std_px, self.huber_sigmas)
-        return float(loss) + 0.5 * float(np.sum((point / self.prior_std) ** 2))
+        found = residuals(cameras.f_T_c, point, cameras.calibration, *seen)
+        distance = np.hypot(found[:, 0], found[:, 1]) / self.std_px
+        # Beyond the limit the loss grows linearly: half the square less half the square of the excess.
+        excess = np.maximum(distance - self.huber_sigmas, 0.0)
+        priors = float(np.sum((point / self.prior_std) ** 2))
+        return 0.5 * (float(np.sum(distance**2 - excess**2)) + priors)
 
     def linearise(self, cameras: Cameras, point: Array, self_calibrates: bool) -> LinearObservations:
         """Linearise the observations at poses and points (t, 3)."""

@@ -1,4 +1,4 @@
-"""Projection of floor points into pictures, with derivatives and Huber's loss: numba kernels.
+"""Projection of floor points into pictures, with derivatives and Huber's weights: numba kernels.
 
 The distortion is that of `gtsam.Cal3DS2`, whose nine numbers are (fx, fy, s, u0, v0, k1, k2, p1, p2). Poses
 are perturbed on the right, rotation first. Source: Hartley and Zisserman 2004, section 7.4; Huber 1964.
@@ -64,29 +64,6 @@ def residuals(
     for m in range(len(keyframe)):
         found[m, 0], found[m, 1] = residual(f_T_c[keyframe[m]], point[track[m]], calibration, pixel[m])
     return found
-
-
-@njit(cache=True)
-def total_loss(
-    f_T_c: Array,
-    point: Array,
-    calibration: Array,
-    keyframe: Index,
-    track: Index,
-    pixel: Array,
-    std_px: Array,
-    huber_sigmas: float,
-) -> float:
-    """Return the sum of Huber's loss, half the squared distance within ``huber_sigmas``."""
-    total = 0.0
-    for m in range(len(keyframe)):
-        u, v = residual(f_T_c[keyframe[m]], point[track[m]], calibration, pixel[m])
-        distance = math.sqrt(u * u + v * v) / std_px[m]
-        if distance <= huber_sigmas:
-            total += 0.5 * distance * distance
-        else:
-            total += huber_sigmas * (distance - 0.5 * huber_sigmas)
-    return total
 
 
 @njit(cache=True)
