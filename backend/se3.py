@@ -61,6 +61,9 @@ def adjoint(T: Array) -> Array:
 
 def cross_matrix(v: Array) -> Array:
     """Return the matrix with ``cross_matrix(v) @ u == cross(v, u)``. (..., 3) -> (..., 3, 3)."""
+    if v.ndim == 1:  # a third of the time, which counts in factors
+        x, y, z = v.tolist()
+        return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]

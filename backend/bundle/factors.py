@@ -18,6 +18,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.se3 import cross_matrix
+
 Array = NDArray[np.float64]
 
 LOG_SCALE, FLOOR_Z, LOG_GAIN, DATUM, SLOPE, MOUNT = 0, 1, 2, 3, slice(4, 6), slice(6, 8)
@@ -45,12 +47,6 @@ def _rotation(x: float, y: float) -> tuple[Array, Array]:
     return rotation, jacobian
 
 
-def _hat(v: Array) -> Array:
-    """Return the cross product's matrix of one vector (3,), faster than that of many."""
-    x, y, z = v.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
 def scaled_range_factor(
     pose_key: int, world_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_s: Array
 ) -> gtsam.CustomFactor:
@@ -68,7 +64,7 @@ def scaled_range_factor(
         height, cosine = scale * z + row @ t, row @ u
         if jacobians is not None:
             J = np.empty((1, 6))
-            J[0, :3] = gain / cosine * (_hat(t - height / cosine * u) @ row)
+            J[0, :3] = gain / cosine * (cross_matrix(t - height / cosine * u) @ row)
             J[0, 3:] = gain / cosine * scale * row
             jacobians[0] = J
             of_world = np.zeros((1, WORLD_SIZE))
@@ -92,14 +88,14 @@ def scaled_position_factor(
         A, t = rotation_of(world, SLOPE), rotation_of(world, MOUNT).T @ c_T_b[:3, 3]
         over_floor = scale * p + R @ t
         if jacobians is not None:
-            AR, t_hat = A @ R, _hat(t)
+            AR, t_cross = A @ R, cross_matrix(t)
             J = np.empty((3, 6))
-            J[:, :3], J[:, 3:] = -AR @ t_hat, scale * AR
+            J[:, :3], J[:, 3:] = -AR @ t_cross, scale * AR
             jacobians[0] = J
             of_world = np.zeros((3, WORLD_SIZE))
             of_world[:, LOG_SCALE], of_world[2, FLOOR_Z] = scale * A @ p, 1.0
-            of_world[:, SLOPE] = -A @ _hat(over_floor) @ rotation_jacobian(world, SLOPE)
-            of_world[:, MOUNT] = AR @ t_hat @ rotation_jacobian(world, MOUNT)
+            of_world[:, SLOPE] = -A @ cross_matrix(over_floor) @ rotation_jacobian(world, SLOPE)
+            of_world[:, MOUNT] = AR @ t_cross @ rotation_jacobian(world, MOUNT)
             jacobians[1] = of_world
         off = A @ over_floor - w_p_b_m
         off[2] += world[FLOOR_Z]
@@ -116,21 +112,21 @@ def level_factor(
     The pose is relative to the sloped floor, but gravity is that of the world. Source: derived.
     """
     # Unit vectors across it, the first along its cross product with the axis that it is farthest from.
-    first = _hat(c_up)[:, np.argmin(np.abs(c_up))]
+    first = cross_matrix(c_up)[:, np.argmin(np.abs(c_up))]
     first = first / np.linalg.norm(first)
-    across = np.array([first, _hat(c_up) @ first])
+    across = np.array([first, cross_matrix(c_up) @ first])
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         R, world = values.atPose3(pose_key).matrix()[:3, :3], values.atVector(world_key)
         f_up = rotation_of(world, SLOPE)[2]
         up, seen = f_up @ R, across @ rotation_of(world, MOUNT)
         if jacobians is not None:
-            by_up = seen @ _hat(up)
+            by_up = seen @ cross_matrix(up)
             J = np.zeros((2, 6))
             J[:, :3] = by_up
             jacobians[0] = J
             of_world = np.zeros((2, WORLD_SIZE))
-            of_world[:, SLOPE] = seen @ R.T @ _hat(f_up) @ rotation_jacobian(world, SLOPE)
+            of_world[:, SLOPE] = seen @ R.T @ cross_matrix(f_up) @ rotation_jacobian(world, SLOPE)
             of_world[:, MOUNT] = -by_up @ rotation_jacobian(world, MOUNT)
             jacobians[1] = of_world
         return np.asarray(seen @ up)
