@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import refusal
@@ -34,7 +35,6 @@ _HEADER_BYTES, _OPTION_BYTES = 16, 4
 _TIME, _CHECKSUM = 1, 0xFFFF
 _CHECKSUM_BYTES = 8
 _SECONDS_BIT, _WRAP_US = 21, 2048 * 10**6
-_G_M_S2 = 9.80665
 _MOTOR_MAX = 255.0
 
 
@@ -75,7 +75,7 @@ class _Rows:
 
 def _imu(fields: Fields) -> Converted:
     values = field_values.frd_vectors(fields, "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z")
-    return values * np.repeat([np.pi / 180, _G_M_S2 * 1e-3], 3), ()
+    return values * np.repeat([np.pi / 180, GRAVITY_M_S2 * 1e-3], 3), ()
 
 
 def _attitude(fields: Fields) -> Converted:

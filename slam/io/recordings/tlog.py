@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
@@ -39,7 +40,6 @@ _RESTART_NS = 10**9
 """A clock that goes back by more belongs to an autopilot that was started again."""
 _LEAST_IMU_HZ = 50.0
 """Turns of a small drone reach about 10 Hz; slower readings miss them, and cannot be integrated."""
-_G_M_S2 = 9.80665
 _UNKNOWN_16 = 0xFFFF
 
 
@@ -95,7 +95,7 @@ def _altitude(fields: Fields) -> Converted:
 
 _SI, _MILLI = (
     partial(_imu, accel_unit=1.0, gyro_unit=1.0),
-    partial(_imu, accel_unit=_G_M_S2 * 1e-3, gyro_unit=1e-3),
+    partial(_imu, accel_unit=GRAVITY_M_S2 * 1e-3, gyro_unit=1e-3),
 )
 _FRD = "forward-right-down to forward-left-up"
 _MILLI_READING = f"mrad/s, 1e-3 g; {_FRD}"
