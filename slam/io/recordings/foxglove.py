@@ -51,10 +51,7 @@ class FoxgloveBag(OpenBag):
         super().__init__(path)
         self._file = McapFile(path)
         self._connections = [_connection(each) for each in self._file.channels.values() if each.times_ns]
-        if self._file.lost_bytes:
-            self.warnings = (
-                f"{self._file.lost_bytes:,} bytes are damaged or cut short, and were passed over",
-            )
+        self.warnings = _damage(self._file)
         self._add_mounts()
         self.find_first()
 
@@ -98,6 +95,15 @@ class FoxgloveBag(OpenBag):
         for (parent, child), transform in found.items():
             if transform is not None:
                 self.mounts.add(parent, child, transform)
+
+
+def _damage(file: McapFile) -> tuple[str, ...]:
+    lines = []
+    if file.lost_bytes:
+        lines.append(f"{file.lost_bytes:,} bytes are damaged or cut short, and were passed over")
+    if not file.has_end:
+        lines.append("the file ends without the record of its end: later messages are lost")
+    return tuple(lines)
 
 
 def _connection(channel: McapChannel) -> _Connection:

@@ -88,6 +88,8 @@ class McapFile:
         self.channels: dict[int, McapChannel] = {}
         self.lost_bytes = 0
         """Bytes of records that are damaged or cut short."""
+        self.has_end = False
+        """Whether the recorder wrote the record that ends the data."""
         self._schemas: dict[int, Schema] = {}
         self._chunk = lru_cache(_KEPT_CHUNKS)(self._decompressed)
         self._index()
@@ -118,6 +120,7 @@ class McapFile:
             if content + size > end:
                 break
             if code in (_DATA_END, _FOOTER):
+                self.has_end = True
                 return
             try:
                 if code == _CHUNK:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import contextlib
+from collections import Counter
 
 import cv2
 import lz4.frame
@@ -251,13 +251,45 @@ def test_damaged_messages_and_schemas_end_in_one_line(data, encoding, tmp_path):
             assert "\n" not in str(refused.value)
 
 
-def test_random_damage_never_crashes(tmp_path):
-    whole = mcap(tmp_path / "a.mcap", chunk(b"".join(json_records(a_flight())))).read_bytes()
-    rng = np.random.default_rng(4)
+def test_a_file_that_ends_between_two_records_says_so(tmp_path):
+    """Nothing of it is damaged; only the record of the end is missing."""
+    whole = mcap(tmp_path / "a.mcap", *json_records(a_flight()))
+    assert not any("without the record of its end" in line for line in read(whole).warnings)
+    begin, end = b"\x89MCAP0\r\n", b"\x0f" + (4).to_bytes(8, "little")
+    content = whole.read_bytes()
+    (tmp_path / "b.mcap").write_bytes(content[: content.index(end, len(begin))])
+    assert any("without the record of its end" in line for line in read(tmp_path / "b.mcap").warnings)
+
+
+def read_damaged(path) -> tuple[object, str]:
+    """The flight or None, and the text of the refusal or the warnings."""
+    try:
+        flight = read(path)
+    except InputError as refused:
+        return None, str(refused)
+    return flight, "; ".join(flight.warnings)
+
+
+@pytest.mark.parametrize("seed", [4])
+def test_random_damage_changes_no_value_and_is_named(seed, tmp_path):
+    """Each record has a chunk with a checksum: what is read is what was written, and losses are named."""
+    whole = mcap(tmp_path / "a.mcap", *map(chunk, json_records(a_flight()))).read_bytes()
+    rng, outcomes = np.random.default_rng(seed), Counter()
     for _ in range(60):
         damaged = bytearray(whole)
-        for place in rng.integers(50, len(whole), 3):
+        for place in rng.integers(50, len(whole), rng.integers(1, 3)):
             damaged[place] = rng.integers(256)
-        (tmp_path / "b.mcap").write_bytes(bytes(damaged[: rng.integers(50, len(whole) + 1)]))
-        with contextlib.suppress(InputError):
-            read(tmp_path / "b.mcap")
+        (tmp_path / "b.mcap").write_bytes(damaged[: rng.integers(len(whole) // 2, 2 * len(whole))])
+        flight, said = read_damaged(tmp_path / "b.mcap")
+        if flight is None:
+            assert "b.mcap: " in said
+            assert "\n" not in said
+            outcomes["refused"] += 1
+            continue
+        pictures = 0 if flight.frames is None else len(flight.frames)
+        assert all(np.array_equal(flight.frames.load(k), PIXELS) for k in range(pictures))
+        assert flight.gps is None or set(flight.gps.latitude_deg.tolist()) <= {50.5}
+        is_whole = pictures == 3 and flight.gps is not None
+        assert is_whole or "bytes are damaged" in said or "record of its end" in said
+        outcomes["whole" if is_whole else "in part"] += 1
+    assert {*outcomes} == {"refused", "in part", "whole"}, "the damage is of every degree"
