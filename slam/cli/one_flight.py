@@ -44,20 +44,20 @@ def open_one_flight(
 ) -> Flight:
     """Read several sources of one flight, and join them on one clock. Raises ``InputError``."""
     from slam.cli.source import kind_of, open_flight
-    from slam.io.recordings.archive import unpacked
+    from slam.io.recordings.archive import Unpacked, unpacked
     from slam.mapping.recording_clocks.join import join_recordings
 
     if len({path.resolve() for path in paths}) < len(paths):
         raise InputError(f"{paths[0]}: a source is given twice; give each source of the flight once")
-    sources = [unpacked(path, progress) if kind_of(path) == "archive" else path for path in paths]
+    sources = [unpacked(path, progress) if kind_of(path) == "archive" else Unpacked(path) for path in paths]
     for path, source in zip(paths, sources, strict=True):
-        kind = kind_of(source)
+        kind = kind_of(source.source)
         if kind in ("photos", "graph"):
             what = "photographs" if kind == "photos" else "a pose graph"
             raise InputError(f"{path}: is {what}, without a clock to align; give it alone")
-    requests = _requests(sources, request)
+    requests = _requests([each.source for each in sources], request)
     flights = [
-        _without(open_flight(source, progress, each)[0], request, each)
+        source.warned(_without(open_flight(source.source, progress, each)[0], request, each))
         for source, each in zip(sources, requests, strict=True)
     ]
     return join_recordings(flights, offsets_s, progress)

@@ -56,7 +56,8 @@ def open_flight(path: Path, progress: Progress, request: Request | None = None) 
     if kind == "archive":
         from slam.io.recordings.archive import unpacked
 
-        return open_flight(unpacked(path, progress), progress, request)[0], kind
+        found = unpacked(path, progress)
+        return found.warned(open_flight(found.source, progress, request)[0]), kind
     if kind == "flight" and (request is None or request.is_empty):
         from slam.io.flight_folder import read_flight
 
@@ -78,7 +79,8 @@ def import_source(
         # A flight folder in an archive is converted too, into one that can be read at once.
         if band is None:
             return open_flight(path, progress, request)[0]
-        return import_source(unpacked(path, progress), progress, request, band)
+        found = unpacked(path, progress)
+        return found.warned(import_source(found.source, progress, request, band))
     if kind == "graph":
         raise InputError(f"{path}: a pose graph holds no flight; give a flight folder or a folder of photos")
     if band is not None and kind != "photos":

@@ -7,11 +7,14 @@ import shutil
 import tempfile
 import zipfile
 import zlib
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from slam.core.errors import InputError
+from slam.core.flight import Flight
 from slam.core.progress import Progress
 from slam.io.files import brief, refusal
+from slam.io.photos.search import holds_photos
 from slam.io.recordings.formats import format_of
 
 STARTS = (b"PK\x03\x04", b"PK\x05\x06")
@@ -30,11 +33,26 @@ def is_archive(path: Path) -> bool:
         return file.read(4) in STARTS
 
 
-def unpacked(path: Path, progress: Progress) -> Path:
+@dataclass(frozen=True)
+class Unpacked:
+    """The source that an archive holds."""
+
+    source: Path
+    """A flight, a recording, or a folder of photographs."""
+    warnings: tuple[str, ...] = ()
+    """A line for each damaged recording beside it."""
+
+    def warned(self, flight: Flight) -> Flight:
+        """Return the flight of the source with the warnings of the archive."""
+        return replace(flight, warnings=(*self.warnings, *flight.warnings))
+
+
+def unpacked(path: Path, progress: Progress) -> Unpacked:
     """Unpack an archive and return the flight, recording or folder of photographs in it.
 
     Raises ``InputError`` for a name that leads out of the archive, for more bytes than declared or than the
-    disk has room for, for a damaged or encrypted archive, and where several recordings are in it.
+    disk has room for, for a damaged or encrypted archive, and where several recordings, or only
+    damaged ones, are in it.
     """
     folder = tempfile.TemporaryDirectory(prefix="slam-")
     _unpacked.append(folder)
@@ -79,24 +97,33 @@ def _unpack(path: Path, archive: zipfile.ZipFile, root: Path, progress: Progress
         progress("unpacking", k + 1, len(entries))
 
 
-def _source_in(folder: Path, archive: Path) -> Path:
+def _source_in(folder: Path, archive: Path) -> Unpacked:
     """Return the one source in a folder, or the folder itself for others to judge."""
     entries = [path for path in folder.iterdir() if not path.name.startswith((".", "__MACOSX"))]
     if len(entries) == 1 and entries[0].is_dir() and entries[0].name != "mav0":
         return _source_in(entries[0], archive)
     if any(path.name == "mav0" for path in entries) or format_of(folder) is not None:
-        return folder
-    found = sorted(path for path in folder.rglob("*") if path.is_file() and _is_recording(path))
+        return Unpacked(folder)
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    faults = {path: fault for path in files if (fault := _fault(path)) is not None}
+    found = [path for path in files if path not in faults and format_of(path) is not None]
     stems = {path.with_suffix("") for path in found if path.suffix.lower() != ".srt"}
     found = [path for path in found if path.suffix.lower() != ".srt" or path.with_suffix("") not in stems]
     if len(found) > 1:
         names = ", ".join(os.path.relpath(path, folder) for path in found[:_MAX_NAMED])
         raise refusal(archive, f"holds {len(found)} recordings ({names})", "unpack it and name one of them")
-    return found[0] if found else folder
+    if faults and not found and not holds_photos(folder):
+        raise next(iter(faults.values()))
+    lines = tuple(
+        f"{archive.name} holds {str(fault).removeprefix(f'{folder}/')}" for fault in faults.values()
+    )
+    return Unpacked(found[0] if found else folder, lines)
 
 
-def _is_recording(path: Path) -> bool:
+def _fault(path: Path) -> InputError | None:
+    """Return what is wrong with a file that has the name of a recording; None where nothing is."""
     try:
-        return format_of(path) is not None
-    except InputError:
-        return False
+        format_of(path)
+    except InputError as fault:
+        return fault
+    return None

@@ -37,30 +37,47 @@ class GoproTrack:
     positions: StreamReadings
     others: tuple[tuple[str, int], ...]
     """Key and number of samples of each other series."""
+    damage: tuple[str, ...] = ()
+    """A line that counts the damaged payloads, if there are any."""
 
 
 def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
-    """Return the positions in degrees and metres; without a fix they are NaN. Damaged payloads end early."""
+    """Return the positions in degrees and metres; without a fix they are NaN.
+
+    A damaged payload ends at the damage, and is counted.
+    """
     starts_s = np.concatenate([[0.0], np.cumsum(track.durations_s)])
     stamps: dict[str, list[Array]] = {key: [np.empty(0)] for key in _KEYS}
     values: dict[str, list[Array]] = {key: [np.empty((0, 3))] for key in _KEYS}
     counts: dict[str, int] = {}
+    damaged = 0
     with path.open("rb") as file:
         for k, payload in enumerate(track.samples(file)):
-            for key, count, found in _streams(payload):
-                counts[key] = counts.get(key, 0) + count
-                if found is not None:
-                    stamps[key].append(starts_s[k] + np.arange(count) / count * track.durations_s[k])
-                    values[key].append(found)
+            try:
+                for key, count, found in _streams(payload):
+                    counts[key] = counts.get(key, 0) + count
+                    if found is not None:
+                        stamps[key].append(starts_s[k] + np.arange(count) / count * track.durations_s[k])
+                        values[key].append(found)
+            except ValueError:
+                damaged += 1
     key = next((key for key in _KEYS if counts.get(key)), "")
     taken = key or _KEYS[0]
     stamps_ns = np.round(np.concatenate(stamps[taken]) * 1e9).astype(np.int64)
     others = tuple((name, count) for name, count in sorted(counts.items()) if name != key)
-    return GoproTrack(key, StreamReadings(stamps_ns, np.vstack(values[taken])), others)
+    line = f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata are damaged or of an unknown layout"
+    return GoproTrack(
+        key, StreamReadings(stamps_ns, np.vstack(values[taken])), others, (line,) * bool(damaged)
+    )
 
 
-def _streams(payload: bytes) -> Iterator[tuple[str, int, Array | None]]:
-    """Yield key, number of samples and, of positions, latitude, longitude, altitude of each series."""
+def _streams(payload: bytes | None) -> Iterator[tuple[str, int, Array | None]]:
+    """Yield key, number of samples and, of positions, latitude, longitude, altitude of each series.
+
+    Raises ``ValueError`` where the payload is damaged.
+    """
+    if payload is None:
+        raise ValueError("the payload leads out of the file")
     for key, code, _, body in _blocks(payload):
         if code == "\0" and key == "DEVC":
             for inner, inner_code, _, stream in _blocks(body):
@@ -84,13 +101,15 @@ def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
         else code * (size // 4)
     )
     if any(kind not in _TYPES for kind in kinds) or len(kinds) < 3:
-        return
+        raise ValueError("positions have an unknown layout")
     layout = np.dtype([(str(k), _TYPES[kind]) for k, kind in enumerate(kinds)])
     if layout.itemsize != size:
-        return
+        raise ValueError("positions have another size than their layout")
     samples = np.frombuffer(data[: count * size], layout)
     columns = np.column_stack([samples[str(k)].astype(float) for k in range(len(kinds))])
     scale = np.frombuffer(attributes["SCAL"][2], _TYPES.get(attributes["SCAL"][0], ">i4")).astype(float)
+    if not len(scale) or not scale.all():
+        raise ValueError("positions have no scale")
     position = columns[:, :3] / (scale[:3] if len(scale) >= 3 else scale[0])
     if key == "GPS9":
         fix = columns[:, -1]
@@ -102,12 +121,17 @@ def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
 
 
 def _blocks(data: bytes) -> Iterator[tuple[str, str, int, bytes]]:
-    """Yield key, type, bytes of a sample, and content; a block that is cut short ends the walk."""
+    """Yield key, type, bytes of a sample, and content, up to the zeros that pad a payload.
+
+    Raises ``ValueError`` for a block that is cut short.
+    """
     at = 0
     while at + 8 <= len(data):
         key, code, size, count = struct.unpack(">4scBH", data[at : at + 8])
         end = at + 8 + size * count
-        if key == b"\0\0\0\0" or end > len(data):
+        if key == b"\0\0\0\0":
             return
+        if end > len(data):
+            raise ValueError("a block leads out of its payload")
         yield key.decode("latin-1"), code.decode("latin-1"), size, data[at + 8 : end]
         at = end + -(size * count) % 4  # blocks begin at multiples of four bytes

@@ -43,11 +43,12 @@ class Mp4Track:
     sizes: Integers
     """(n,) bytes."""
 
-    def samples(self, file: BinaryIO, limit_bytes: int = 1 << 24) -> Iterator[bytes]:
-        """Yield the samples in the order of the file; one that is larger than the limit is empty."""
+    def samples(self, file: BinaryIO, limit_bytes: int = 1 << 24) -> Iterator[bytes | None]:
+        """Yield the samples in the order of the file; None for one beyond its end or the limit."""
         for offset, size in zip(self.offsets.tolist(), self.sizes.tolist(), strict=True):
             file.seek(offset)
-            yield file.read(size) if size <= limit_bytes else b""
+            data = file.read(size) if size <= limit_bytes else b""
+            yield data if len(data) == size else None
 
 
 def read_tracks(path: Path) -> tuple[Mp4Track, ...]:

@@ -33,6 +33,7 @@ class _Video:
     subtitles: Subtitles | None
     subtitle_name: str
     gopro: GoproTrack | None = None
+    damage: tuple[str, ...] = ()
 
 
 def open_recording(path: Path) -> Recording:
@@ -68,7 +69,8 @@ def open_recording(path: Path) -> Recording:
         taken = any(offer.stream == "cam0" for offer in chosen)
         date = "" if video.subtitles is None else video.subtitles.date
         pictures = _pictures(path, video) if taken else None
-        return Content(readings, pictures, _coverage(video), {"date": date} if date else {})
+        warnings = (*_coverage(video), *video.damage)
+        return Content(readings, pictures, warnings, {"date": date} if date else {})
 
     return Recording(
         path=path,
@@ -95,19 +97,24 @@ def _opened(path: Path) -> _Video:
         stamps_s = np.arange(count) / rate_hz
     else:
         raise refusal(path, "is a video without a picture", "copy it again from the recorder")
-    subtitles, name = _subtitles_of(path, tracks)
+    subtitles, name, damage = _subtitles_of(path, tracks)
     metadata = next((track for track in tracks if track.code == TRACK_CODE), None)
     gopro = None if metadata is None else read_gopro(path, metadata)
-    return _Video(stamps_s, size, subtitles, name, gopro)
+    damage += () if gopro is None else gopro.damage
+    return _Video(stamps_s, size, subtitles, name, gopro, damage)
 
 
-def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str]:
-    """Return the subtitles beside a video, else those inside it."""
+def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[str, ...]]:
+    """Return the subtitles beside a video, else those inside it; their name, and a line about damage."""
     beside = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".srt"]
     if beside:
-        return _from_file(beside[0]), beside[0].name
+        return _from_file(beside[0]), beside[0].name, ()
     track = next((t for t in tracks if t.code in _SUBTITLE_CODES), None)
-    return (None, "") if track is None else (subtitles_of_track(path, track), f"{path.name} {track.code}")
+    if track is None:
+        return None, "", ()
+    subtitles, lost = subtitles_of_track(path, track)
+    line = f"{lost} of {len(track.sizes)} subtitles lead out of the file and are lost"
+    return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
 
 
 def _from_file(path: Path) -> Subtitles:
@@ -115,17 +122,23 @@ def _from_file(path: Path) -> Subtitles:
     return parse_subtitles(content.decode("utf-8", errors="replace"))
 
 
-def subtitles_of_track(path: Path, track: Mp4Track) -> Subtitles:
-    """Return the subtitles of a track of text; each sample is its length in 16 bits, and the text."""
+def subtitles_of_track(path: Path, track: Mp4Track) -> tuple[Subtitles, int]:
+    """Return the subtitles of a track of text; each sample is its length in 16 bits, and the text.
+
+    The second value is the number of samples that cannot be read.
+    """
     starts = np.concatenate([[0], np.cumsum(track.durations_s)])
-    cues = []
+    cues, lost = [], 0
     with path.open("rb") as file:
         for k, sample in enumerate(track.samples(file)):
+            if sample is None:
+                lost += 1
+                continue
             text = sample[2 : 2 + int.from_bytes(sample[:2], "big")].decode("utf-8", errors="replace")
             ms = round(float(starts[k]) * 1000)
             clock = f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
             cues.append(f"{k + 1}\n{clock} --> {clock}\n{text}\n")
-    return parse_subtitles("\n".join(cues))
+    return parse_subtitles("\n".join(cues)), lost
 
 
 def _coverage(video: _Video) -> tuple[str, ...]:

@@ -54,6 +54,20 @@ def test_several_recordings_are_named(tmp_path):
         read(zipped(tmp_path / "a.zip", {"a.mp4": content, "b.mp4": content}))
 
 
+def test_a_damaged_recording_beside_a_whole_one_is_named(tmp_path):
+    content = video(tmp_path / "v.mp4", 5).read_bytes()
+    flight = read(zipped(tmp_path / "a.zip", {"a.mp4": content, "b/b.ulg": b"damaged"}))
+    assert len(flight.frames) == 5
+    assert flight.warnings[0].startswith(
+        "a.zip holds b/b.ulg: has the name of a PX4 log, but begins otherwise"
+    )
+
+
+def test_a_damaged_recording_alone_is_refused_by_its_name(tmp_path):
+    with pytest.raises(InputError, match=r"b\.ulg: is empty; copy it again"):
+        read(zipped(tmp_path / "a.zip", {"b.ulg": b"", "notes.txt": b"hello"}))
+
+
 @pytest.mark.parametrize(
     "name", ["../evil.txt", "/evil.txt", "a/../../evil.txt", "..\\evil.txt", "C:/evil.txt"]
 )

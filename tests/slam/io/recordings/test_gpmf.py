@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,10 +69,42 @@ def test_newer_cameras_hold_the_fix_in_each_sample(tmp_path):
     assert np.isnan(found.positions.values[1]).all()
 
 
-def test_a_payload_that_is_cut_short_ends_early(tmp_path):
+def without_scale(payload: bytes) -> bytes:
+    at = payload.index(b"SCAL") + 8
+    return payload[:at] + bytes(20) + payload[at + 20 :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda payload: payload[:-9],
+        without_scale,
+        lambda payload: payload.replace(b"GPS5l", b"GPS5x"),
+        lambda payload: payload.replace(b"GPS5l\x14", b"GPS5l\x12"),
+        lambda payload: payload.replace(b"SCALl\x04\0\5", b"SCALl\x02\0\5"),
+    ],
+    ids=["cut short", "scale zero", "unknown type", "another size", "odd scale"],
+)
+def test_a_damaged_payload_is_passed_over_and_counted(damage, tmp_path):
     row = (475_000_000, 82_500_000, 488_250, 0, 0)
-    found = positions(tmp_path / "a.mp4", [gps5(3, row)[:-9], gps5(3, row)])
+    whole = gps5(3, row)
+    assert damage(whole) != whole
+    found = positions(tmp_path / "a.mp4", [damage(whole), whole])
     assert found.positions.stamps_ns.tolist() == [1_000_000_000]
+    assert found.positions.values.tolist() == [[47.5, 8.25, 488.25]]
+    assert found.damage == ("1 of 2 payloads of GoPro's metadata are damaged or of an unknown layout",)
+    assert positions(tmp_path / "a.mp4", [whole + bytes(12)]).damage == (), "zeros pad a payload"
+
+
+def test_payloads_beyond_the_end_of_the_file_are_counted(tmp_path):
+    row = (475_000_000, 82_500_000, 488_250, 0, 0)
+    path = tmp_path / "a.mp4"
+    file_of_samples(path, b"meta", b"gpmd", [1000] * 2, [gps5(3, row)] * 2)
+    (track,) = read_tracks(path)
+    beyond = replace(track, offsets=track.offsets + [0, path.stat().st_size])
+    found = read_gopro(path, beyond)
+    assert found.positions.stamps_ns.tolist() == [0]
+    assert len(found.damage) == 1
 
 
 @measured

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -231,9 +232,13 @@ def test_subtitles_inside_the_file_are_read(tmp_path):
         assert list(track.samples(file)) == samples
     from slam.io.recordings.video import subtitles_of_track
 
-    found = subtitles_of_track(path, track)
+    found, lost = subtitles_of_track(path, track)
     assert found.column("longitude") == pytest.approx([8.25, 8.26, 8.27, 8.28])
     assert found.stamps_s == pytest.approx([0, 0.1, 0.3, 0.6])
+    assert lost == 0
+    found, lost = subtitles_of_track(path, replace(track, offsets=track.offsets + [0, 10**6, 0, 0]))
+    assert found.stamps_s == pytest.approx([0, 0.3, 0.6])
+    assert lost == 1
 
 
 WITHOUT_POSITIONS = ("juan_broken_empty", "juan_broken_empty2", "juan_mavic_air")
