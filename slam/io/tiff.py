@@ -17,6 +17,8 @@ from slam.io.levels import Raw
 
 MAGIC = (b"II*\0", b"MM\0*")
 """First bytes of a TIFF."""
+XMP_TAG = 700
+"""Tag of an XMP packet."""
 
 _WIDTH, _HEIGHT, _BITS, _SAMPLES = 256, 257, 258, 277
 _STRIPS_AND_TILES = ((273, 279), (324, 325))

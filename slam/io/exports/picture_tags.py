@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 
 from slam.io.exports.tiff_tags import EMPTY, TiffTags, bytes_value
 from slam.io.tiff import MAGIC as TIFF_MAGIC
+from slam.io.tiff import XMP_TAG
 
 ChangeTags = Callable[[TiffTags], None]
 ChangePacket = Callable[[bytes], bytes]
@@ -21,7 +22,6 @@ _LARGEST_SEGMENT = 0xFFFF - 2
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_XMP = b"XML:com.adobe.xmp\0\0\0\0\0"
 """Keyword of an XMP packet that is not compressed, without language and translation."""
-_XMP_TAG = 700
 
 
 def with_tags(picture: bytes, tags: ChangeTags, packet: ChangePacket) -> bytes:
@@ -47,8 +47,8 @@ def _changed(exif: bytes, tags: ChangeTags) -> bytes:
 def _tiff(picture: bytes, tags: ChangeTags, packet: ChangePacket) -> bytes:
     structure = TiffTags(picture)
     tags(structure)
-    if found := structure.value_bytes(_XMP_TAG):
-        structure.set(_XMP_TAG, bytes_value(packet(found)))
+    if found := structure.value_bytes(XMP_TAG):
+        structure.set(XMP_TAG, bytes_value(packet(found)))
     return structure.to_bytes()
 
 

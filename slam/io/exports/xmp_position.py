@@ -8,15 +8,13 @@ from __future__ import annotations
 import re
 
 from slam.io.exports.camera_position import CameraPosition
+from slam.io.photos.position import LATITUDE_NAMES, LONGITUDE_NAMES
+from slam.io.photos.xmp import family_of
 
-_FAMILIES = {
-    "drone": rb"[^\"']*drone[^\"']*",
-    "camera": rb"[^\"']*(?:pix4d|sensefly)\.com/camera[^\"']*",
-    "exif": rb"http://ns\.adobe\.com/exif/[^\"']*",
-}
-"""Family of names -> pattern of its namespace."""
-_LATITUDES = ("GpsLatitude", "GPSLatitude", "Latitude")
-_LONGITUDES = ("GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")
+_NAMESPACE = re.compile(rb"xmlns:([\w.-]+)\s*=\s*[\"']([^\"']*)[\"']")
+"""Declaration of a prefix, and the address of its namespace."""
+_EXIF = "http://ns.adobe.com/exif/"
+"""Begin of the address of Adobe's own names, which the reader leaves to Exif."""
 
 
 def with_position(packet: bytes, at: CameraPosition) -> bytes:
@@ -35,7 +33,7 @@ def _values(at: CameraPosition) -> dict[str, dict[str, str]]:
         f"{at.longitude_deg:.9f}",
         f"{at.altitude_m:.4f}",
     )
-    drone = {**dict.fromkeys(_LATITUDES, latitude), **dict.fromkeys(_LONGITUDES, longitude)}
+    drone = {**dict.fromkeys(LATITUDE_NAMES, latitude), **dict.fromkeys(LONGITUDE_NAMES, longitude)}
     drone["AbsoluteAltitude"] = altitude
     camera: dict[str, str] = {}
     if at.std_m is not None:
@@ -61,7 +59,12 @@ def _minutes(angle_deg: float, letters: str) -> str:
 
 
 def _prefixes(packet: bytes, family: str) -> set[bytes]:
-    return set(re.findall(rb"xmlns:([\w.-]+)\s*=\s*[\"']" + _FAMILIES[family] + rb"[\"']", packet))
+    declared = [(prefix, uri.decode("utf-8", "replace")) for prefix, uri in _NAMESPACE.findall(packet)]
+    return {prefix for prefix, uri in declared if family == _family(uri)}
+
+
+def _family(uri: str) -> str | None:
+    return "exif" if uri.startswith(_EXIF) else family_of(uri)
 
 
 def _replaced(packet: bytes, name: bytes, value: bytes) -> bytes:

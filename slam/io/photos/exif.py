@@ -26,9 +26,7 @@ from slam.io.photos.position import PhotoPosition, read_position
 from slam.io.photos.tag_values import number, numbers, positive, text
 from slam.io.photos.xmp import Xmp, parse_xmp
 from slam.io.tiff import MAGIC as TIFF_MAGIC
-from slam.io.tiff import tiff_header
-
-_XMP_TAG = 700
+from slam.io.tiff import XMP_TAG, tiff_header
 
 Angles = tuple[float, float, float]
 """Yaw, pitch, roll in degrees."""
@@ -125,7 +123,7 @@ def _header(path: Path) -> tuple[tuple[int, int], Image.Exif, str | bytes, bool]
             header = tiff_header(file)
             exif = header.exif
             exif.get_ifd(IFD.Exif), exif.get_ifd(IFD.GPSInfo)  # these are read from the open file
-            packet = exif.get(_XMP_TAG, b"")
+            packet = exif.get(XMP_TAG, b"")
             return (
                 header.size_px,
                 exif,

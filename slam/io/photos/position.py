@@ -16,6 +16,9 @@ from slam.core.geodesy import MAX_ALTITUDE_M, position_fault
 from slam.io.photos.tag_values import number, numbers, positive, text
 from slam.io.photos.xmp import Xmp
 
+LATITUDE_NAMES = ("GpsLatitude", "GPSLatitude", "Latitude")
+LONGITUDE_NAMES = ("GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")
+"""Makers' XMP names; older DJI cameras write the second one of the longitude."""
 UNSIGNED = "so the sign is unknown"
 """Words that mark a fault of a missing letter N, S, E or W."""
 
@@ -49,9 +52,8 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
     """Return the position in Exif's GPS directory ``gps`` and the XMP packet."""
     faults: list[str] = []
     lat, lon = (
-        number(xmp.text("drone", "GpsLatitude", "GPSLatitude", "Latitude")),
-        # Older DJI cameras write the second name.
-        number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")),
+        number(xmp.text("drone", *LATITUDE_NAMES)),
+        number(xmp.text("drone", *LONGITUDE_NAMES)),
     )
     unsigned, letters = None, ""
     if lat is None or lon is None or (reason := position_fault(lat, lon)):

@@ -71,10 +71,11 @@ def _named_values(element: Element, structure: str, depth: int) -> Iterator[tupl
 
 def _split(tag: str) -> tuple[Family | None, str]:
     uri, _, name = tag.removeprefix("{").rpartition("}")
-    return _family(uri), name
+    return family_of(uri), name
 
 
-def _family(uri: str) -> Family | None:
+def family_of(uri: str) -> Family | None:
+    """Return the family of the names in a namespace; None for other namespaces."""
     uri = uri.casefold()
     if "pix4d.com/camera" in uri or "sensefly.com/camera" in uri:
         return "camera"
