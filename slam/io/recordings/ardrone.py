@@ -11,7 +11,7 @@ from __future__ import annotations
 import mmap
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import refusal
 from slam.io.recordings import field_values
-from slam.io.recordings.field_rules import FieldRule, FieldSeries, offers_of, other_channels, readings_of
+from slam.io.recordings.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.field_values import Converted, Fields, column, columns
-from slam.io.recordings.recording import Content, Offer, Recording
+from slam.io.recordings.recording import Recording
 
 DESCRIPTION = "a recording of an AR.Drone's navdata"
 MARKS = (b"\x88\x77\x66\x55", b"\x89\x77\x66\x55")
@@ -130,24 +129,12 @@ def open_recording(path: Path) -> Recording:
         do = "record with all options (general:navdata_demo FALSE)" if timeless else "copy it again"
         raise refusal(path, f"is {DESCRIPTION} {what}", do)
     series = {name: _series(name, each) for name, each in rows.items()}
-    offers = offers_of(series, RULES)
-
-    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
-        warnings = []
-        if lost:
-            warnings.append(f"{lost} bytes hold no packet (damaged or cut short) and were passed over")
-        if timeless:
-            warnings.append(f"{timeless} packets without a time left out")
-        return Content(readings_of(series, RULES, chosen), None, tuple(warnings), {"vehicle": "AR.Drone"})
-
-    return Recording(
-        path=path,
-        name=path.stem,
-        description=DESCRIPTION,
-        offers=offers,
-        others=other_channels(series, offers),
-        read=read,
-    )
+    warnings = []
+    if lost:
+        warnings.append(f"{lost} bytes hold no packet (damaged or cut short) and were passed over")
+    if timeless:
+        warnings.append(f"{timeless} packets without a time left out")
+    return field_recording(path, DESCRIPTION, series, RULES, tuple(warnings), {"vehicle": "AR.Drone"})
 
 
 def _scanned(data: mmap.mmap) -> tuple[dict[str, _Rows], int, int]:

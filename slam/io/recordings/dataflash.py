@@ -10,20 +10,18 @@ from __future__ import annotations
 
 import mmap
 from array import array
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import refusal
 from slam.io.recordings import field_values
-from slam.io.recordings.field_rules import FieldRule, FieldSeries, offers_of, readings_of
+from slam.io.recordings.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.field_values import Converted, Fields, column, columns
-from slam.io.recordings.recording import Content, Offer, Recording
+from slam.io.recordings.recording import Recording
 from slam.io.recordings.sticks import stick_from_pulses
 
 DESCRIPTION = "an ArduPilot log"
@@ -166,17 +164,10 @@ def open_recording(path: Path) -> Recording:
     if not any(counts.values()):
         raise refusal(path, f"is {DESCRIPTION} without a message", "copy it again from the autopilot")
     rules = (*RULES, _stick_rule(_parameters(series)), *_flow_rules(series))
-    offers = offers_of(series, rules)
     used = {each.kind for each in series.values()}
-    others = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
-
-    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
-        damage = (f"{lost} bytes of the log hold no message (damaged or cut short) and were passed over",)
-        return Content(readings_of(series, rules, chosen), None, damage * bool(lost), _metadata(series))
-
-    return Recording(
-        path=path, name=path.stem, description=DESCRIPTION, offers=offers, others=tuple(others), read=read
-    )
+    unread = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
+    damage = (f"{lost} bytes of the log hold no message (damaged or cut short) and were passed over",)
+    return field_recording(path, DESCRIPTION, series, rules, damage * bool(lost), _metadata(series), unread)
 
 
 def _parameters(series: dict[str, FieldSeries]) -> dict[str, float]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.progress import Progress
 from slam.io.recordings.field_values import Converted, Fields
-from slam.io.recordings.recording import Offer, StreamReadings
+from slam.io.recordings.recording import Content, Offer, Recording, StreamReadings
 from slam.io.sensor_yaml import Value
 
 
@@ -39,9 +42,39 @@ class FieldRule:
     """Units and axes of the log, and how they are converted."""
     nominal: Callable[[Fields], dict[str, Value]] = _nothing
     """Return keys of ``sensor.yaml`` that the messages state."""
+    doubt: Callable[[FieldSeries], str] = lambda series: ""
+    """Return the reason not to take a channel without a request; empty for none."""
 
 
-def offers_of(series: Mapping[str, FieldSeries], rules: Sequence[FieldRule]) -> tuple[Offer, ...]:
+def field_recording(
+    path: Path,
+    description: str,
+    series: Mapping[str, FieldSeries],
+    rules: Sequence[FieldRule],
+    warnings: tuple[str, ...] = (),
+    metadata: Mapping[str, str] = MappingProxyType({}),
+    unread: Iterable[tuple[str, str, int]] = (),
+) -> Recording:
+    """Return the recording of a log: what the rules make of its channels, by name.
+
+    ``unread`` are name, type and number of messages of channels whose fields were not read.
+    """
+    offers = _offers(series, rules)
+
+    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
+        return Content(_readings(series, rules, chosen), None, warnings, metadata)
+
+    return Recording(
+        path=path,
+        name=path.stem,
+        description=description,
+        offers=offers,
+        others=(*_other_channels(series, offers), *unread),
+        read=read,
+    )
+
+
+def _offers(series: Mapping[str, FieldSeries], rules: Sequence[FieldRule]) -> tuple[Offer, ...]:
     """Return the streams that the channels can fill; ``rank`` is the number of the rule."""
     return tuple(
         Offer(
@@ -51,6 +84,7 @@ def offers_of(series: Mapping[str, FieldSeries], rules: Sequence[FieldRule]) -> 
             rows=len(each.stamps_ns),
             reading=rule.reading,
             rank=rank,
+            doubt=rule.doubt(each),
         )
         for rank, rule in enumerate(rules)
         for channel, each in series.items()
@@ -58,7 +92,7 @@ def offers_of(series: Mapping[str, FieldSeries], rules: Sequence[FieldRule]) -> 
     )
 
 
-def other_channels(
+def _other_channels(
     series: Mapping[str, FieldSeries], offers: Iterable[Offer]
 ) -> tuple[tuple[str, str, int], ...]:
     """Return name, type and number of rows of the channels that no rule takes."""
@@ -70,7 +104,7 @@ def other_channels(
     )
 
 
-def readings_of(
+def _readings(
     series: Mapping[str, FieldSeries], rules: Sequence[FieldRule], chosen: Iterable[Offer]
 ) -> dict[str, StreamReadings]:
     """Return the folder of each chosen stream -> its readings."""

@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import mmap
 from collections import Counter, defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -19,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
 from slam.io.recordings import field_values
-from slam.io.recordings.field_rules import FieldRule, FieldSeries, offers_of, other_channels, readings_of
+from slam.io.recordings.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.field_values import Converted, Fields, column, columns
 from slam.io.recordings.mavlink import DECLARATIONS, Packet, telemetry
-from slam.io.recordings.recording import Content, Offer, Recording
+from slam.io.recordings.recording import Recording
 from slam.io.recordings.sticks import stick_from_pulses
 
 DESCRIPTION = "a MAVLink telemetry log"
@@ -54,6 +52,14 @@ class _Messages:
 def _imu(fields: Fields, accel_unit: float, gyro_unit: float) -> Converted:
     names = ("xgyro", "ygyro", "zgyro", "xacc", "yacc", "zacc")
     return field_values.frd_vectors(fields, *names) * np.repeat([gyro_unit, accel_unit], 3), ()
+
+
+def _slow_imu(series: FieldSeries) -> str:
+    """Return the rate of an IMU as a doubt, where it is too slow to be integrated."""
+    if len(series.stamps_ns) < 2:
+        return ""
+    rate_hz = 1e9 / max(float(np.median(np.diff(series.stamps_ns))), 1.0)
+    return "" if rate_hz >= _LEAST_IMU_HZ else f"{rate_hz:.2g} readings a second are too few to be integrated"
 
 
 def _attitude(fields: Fields) -> Converted:
@@ -102,8 +108,8 @@ _MILLI_READING = f"mrad/s, 1e-3 g; {_FRD}"
 _ANGLES = "rad; yaw from north to east, pitch up to pitch down"
 _NED = f"quaternion; north-east-down to yaw from east, {_FRD}"
 RULES: tuple[FieldRule, ...] = (
-    FieldRule("imu0", "HIGHRES_IMU", ("xgyro", "xacc"), _SI, f"rad/s, m/s²; {_FRD}"),
-    FieldRule("imu0", "SCALED_IMU", ("xgyro", "xacc"), _MILLI, _MILLI_READING),
+    FieldRule("imu0", "HIGHRES_IMU", ("xgyro", "xacc"), _SI, f"rad/s, m/s²; {_FRD}", doubt=_slow_imu),
+    FieldRule("imu0", "SCALED_IMU", ("xgyro", "xacc"), _MILLI, _MILLI_READING, doubt=_slow_imu),
     FieldRule("sonar0", "DISTANCE_SENSOR", ("current_distance",), _range, "cm to m, facing down"),
     FieldRule("sonar0", "RANGEFINDER", ("distance",), field_values.single("distance"), "m, facing down"),
     FieldRule("attitude0", "ATTITUDE_QUATERNION", ("q1",), _quaternion, _NED),
@@ -128,28 +134,14 @@ def open_recording(path: Path) -> Recording:
         {number: each for (sender, number), each in messages.items() if sender == system}
     )
     rules = (*RULES, *(_ardupilot_rules(series) if autopilot == "ArduPilot" else ()))
-    offers = tuple(_with_doubt(offer, series[offer.channel]) for offer in offers_of(series, rules))
-
-    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
-        warnings = ["stamps are those of the autopilot, placed in the calendar by the earliest reception"]
-        if lost:
-            warnings.append(
-                f"{lost} bytes of the log hold no packet (damaged or cut short) and were passed over"
-            )
-        if doubles:
-            warnings.append(f"{doubles} messages were received twice and are taken once")
-        metadata = {"vehicle": autopilot} if autopilot else {}
-        return Content(readings_of(series, rules, chosen), None, tuple(warnings), metadata)
-
+    warnings = ["stamps are those of the autopilot, placed in the calendar by the earliest reception"]
+    if lost:
+        warnings.append(f"{lost} bytes of the log hold no packet (damaged or cut short) and were passed over")
+    if doubles:
+        warnings.append(f"{doubles} messages were received twice and are taken once")
+    metadata = {"vehicle": autopilot} if autopilot else {}
     unread = [(f"message {number}", "MAVLink", count) for number, count in sorted(others.items())]
-    return Recording(
-        path=path,
-        name=path.stem,
-        description=DESCRIPTION,
-        offers=offers,
-        others=(*other_channels(series, offers), *unread),
-        read=read,
-    )
+    return field_recording(path, DESCRIPTION, series, rules, tuple(warnings), metadata, unread)
 
 
 def _scanned(data: mmap.mmap) -> tuple[dict[tuple[int, int], _Messages], Counter[int], int]:
@@ -263,16 +255,6 @@ def _ardupilot_rules(series: dict[str, FieldSeries]) -> tuple[FieldRule, ...]:
 
     reading = "µs by the calibration of the log; right and back to left and forward"
     return (
-        FieldRule("imu0", "RAW_IMU", ("xgyro", "xacc"), _MILLI, _MILLI_READING),
+        FieldRule("imu0", "RAW_IMU", ("xgyro", "xacc"), _MILLI, _MILLI_READING, doubt=_slow_imu),
         FieldRule("command0", "RC_CHANNELS", ("chan4_raw",), sticks, reading),
     )
-
-
-def _with_doubt(offer: Offer, series: FieldSeries) -> Offer:
-    """Return the offer of an IMU with its rate as a doubt, where it is too slow to be integrated."""
-    if offer.stream != "imu0" or len(series.stamps_ns) < 2:
-        return offer
-    rate_hz = 1e9 / max(float(np.median(np.diff(series.stamps_ns))), 1.0)
-    if rate_hz >= _LEAST_IMU_HZ:
-        return offer
-    return replace(offer, doubt=f"{rate_hz:.2g} readings a second are too few to be integrated")

@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_ned_quaternion
 from slam.io.recordings import field_values
-from slam.io.recordings.field_rules import FieldRule, FieldSeries, offers_of, other_channels, readings_of
+from slam.io.recordings.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.field_values import Converted, Fields, column, columns
 from slam.io.recordings.readers import damage_reported, optional_reader
-from slam.io.recordings.recording import Content, Offer, Recording
+from slam.io.recordings.recording import Recording
 from slam.io.sensor_yaml import Value
 
 if TYPE_CHECKING:
@@ -141,20 +140,7 @@ def open_recording(path: Path) -> Recording:
         for data in log.data_list
         if "timestamp" in data.data
     }
-    offers = offers_of(series, RULES)
-
-    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
-        readings = readings_of(series, RULES, chosen)
-        return Content(readings, warnings=_damage(log), metadata=_metadata(log))
-
-    return Recording(
-        path=path,
-        name=path.stem,
-        description=DESCRIPTION,
-        offers=offers,
-        others=other_channels(series, offers),
-        read=read,
-    )
+    return field_recording(path, DESCRIPTION, series, RULES, _damage(log), _metadata(log))
 
 
 def _parsed(path: Path, reader: type[ULog]) -> ULog:

@@ -116,6 +116,13 @@ def test_flow_times_the_range_at_its_time_is_the_speed(tmp_path):
     assert np.isnan(flight.velocity.v_m_s[2]).all()
 
 
+def test_a_flow_without_a_range_is_named_as_left_out(tmp_path):
+    flows = [(1_000_000, 200, 0.25, 0.5, 0.0, 0.5)]
+    flight = read(log(tmp_path / "a.bin", {"IMU": (*IMU, imu_rows()), "OF": (*FLOW, flows)}))
+    assert flight.velocity is None
+    assert [source.channel for source in flight.sources if not source.stream] == ["OF"]
+
+
 def test_sticks_by_the_calibration_of_the_log(tmp_path):
     """Right and back give longer pulses; channel 2 is trimmed to 1520 and channel 4 is reversed."""
     parameters = {
