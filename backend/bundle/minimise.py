@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
+from scipy.sparse import csc_array
 
 from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_graph
 from backend.bundle.observations import Cameras, Observations
@@ -23,6 +25,8 @@ from backend.pose_graph.descent import (
     descend,
     descend_damped,
 )
+from backend.pose_graph.minimise import not_finite
+from backend.pose_graph.observability import null_space, open_directions
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
@@ -52,6 +56,16 @@ class BundleCost:
         """Return half the sum of squared whitened residuals, with the robust losses."""
         cameras = Cameras.of(self.problem, at.values)
         return float(self.pose_side.error(at.values)) + self.observations.error(cameras, at.point)
+
+    def not_finite(self, at: Variables) -> str:
+        """Name the measurement that makes the error at the variables infinite or NaN."""
+        seen = self.observations
+        found = seen.residuals(Cameras.of(self.problem, at.values), at.point) / seen.std_px[:, None]
+        wrong = seen.keyframe[~np.isfinite(found).all(axis=1)]
+        if len(wrong):
+            where = key_name(POSE(wrong[0]))
+            return f"an observation of a floor point from {where} has no finite error: look for NaN in it"
+        return not_finite(self.pose_side, at.values)
 
     def structure(self, at: Variables) -> Structure:
         """Return the order of elimination and the pattern of the linear systems."""
@@ -112,9 +126,7 @@ def minimise_bundle(
     limits = Limits(max_iterations, relative_tolerance, on_step, math.inf)
     steps = _Steps(cost, start)
     if not math.isfinite(steps.error):
-        raise BackendError(
-            "bundle adjustment: the start or a measurement is not finite; the pose graph's result stands"
-        )
+        raise BackendError(f"bundle adjustment: {cost.not_finite(start)}")
     outcome = descend(steps, limits)
     if not outcome.converged and outcome.iterations < max_iterations:
         damped = _DampedSteps(cost, steps.at, steps.structure)
@@ -137,10 +149,8 @@ class _Steps:
         try:
             step = _solve(linear, 0.0)
         except SingularMatrixError as singular:
-            name = key_name(list(self.structure.variable)[singular.variable])
-            raise BackendError(
-                f"under-determined: the measurements around {name} leave a direction open"
-            ) from singular
+            message = _open_message(linear, self.at.values, singular.variable)
+            raise BackendError(message) from singular
         self.at = _moved(self.at, self.structure, *step)
         self.error = self._cost.error(self.at)
         predicted = linear.error_after(step, 0.0)
@@ -173,6 +183,17 @@ class _DampedSteps:
                 self.damping /= _DAMPING_FACTOR
                 return
             self.damping *= _DAMPING_FACTOR
+
+
+def _open_message(linear: LinearSystem, values: gtsam.Values, variable: int) -> str:
+    """Describe the directions that the measurements leave open, at least one of them in the ``variable``."""
+    structure = linear.structure
+    keys = list(structure.variable)
+    null = null_space(csc_array(linear.jacobian()[0]))
+    null = null[structure.elimination.columns(np.arange(len(keys)))]
+    sentences = open_directions(null, values, [keys])
+    around = f"the measurements around {key_name(keys[variable])} leave a direction open"
+    return "under-determined: " + ("; ".join(sentences) or around)
 
 
 def _solve(linear: LinearSystem, damping: float) -> tuple[Array, Array]:

@@ -93,15 +93,18 @@ class Observations:
             prior_std=np.array([_ANYWHERE, _ANYWHERE, noise.relief]),
         )
 
+    def residuals(self, cameras: Cameras, point: Array) -> Array:
+        """Return projection minus pixel (m, 2) at poses and points (t, 3)."""
+        seen = self.keyframe, self.track, self.pixel
+        return np.asarray(residuals(cameras.f_T_c, point, cameras.calibration, *seen))
+
     def error(self, cameras: Cameras, point: Array) -> float:
         """Return the sum of Huber's loss of the observations and half the squares of the priors."""
-        seen = self.keyframe, self.track, self.pixel
-        found = residuals(cameras.f_T_c, point, cameras.calibration, *seen)
+        found = self.residuals(cameras, point)
         distance = np.hypot(found[:, 0], found[:, 1]) / self.std_px
-        # Beyond the limit the loss grows linearly: half the square less half the square of the excess.
-        excess = np.maximum(distance - self.huber_sigmas, 0.0)
-        priors = float(np.sum((point / self.prior_std) ** 2))
-        return 0.5 * (float(np.sum(distance**2 - excess**2)) + priors)
+        cut = np.minimum(distance, self.huber_sigmas)
+        priors = 0.5 * float(np.sum((point / self.prior_std) ** 2))
+        return float(np.sum(cut * (distance - 0.5 * cut))) + priors
 
     def linearise(self, cameras: Cameras, point: Array, self_calibrates: bool) -> LinearObservations:
         """Linearise the observations at poses and points (t, 3)."""

@@ -109,6 +109,11 @@ def refine(
         raise BackendError(
             "bundle adjustment: no tracks of floor points, or no camera; solve the pose graph alone"
         )
+    unknown = np.flatnonzero(~np.isfinite(w_T_b).all(axis=(1, 2)))
+    if len(unknown):
+        raise BackendError(
+            f"bundle adjustment: the start of keyframe {unknown[0]} is not finite; give it one"
+        )
     below = np.flatnonzero((w_T_b @ camera.b_T_c)[:, 2, 3] <= floor_z_m)
     if len(below):  # from there the solve may end anywhere
         raise BackendError(

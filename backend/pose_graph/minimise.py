@@ -109,11 +109,11 @@ def _optimizer(
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
         raise BackendError(f"the graph cannot be evaluated: {first_line(error)}") from error
     if not math.isfinite(optimizer.error()):
-        raise BackendError(_not_finite(graph, initial, name))
+        raise BackendError(not_finite(graph, initial, name))
     return optimizer
 
 
-def _not_finite(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: Name) -> str:
+def not_finite(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: Name = key_name) -> str:
     """Name the first factor whose error is not finite."""
     for k in range(graph.size()):
         factor = graph.at(k)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import gtsam
 import numpy as np
@@ -33,16 +33,22 @@ def unobserved(
     Rigid motions in world axes about the mean position, and the scale, are recognised per connected
     component; remaining directions are described by the variables that take part.
     """
-    keys = sorted(values.keys())
-    dims = values.dims()
-    width = np.array([dims[key] for key in keys])
-    null = null_space(graph, values, width)
+    return open_directions(null_space(jacobian(graph, values)), values, graph_components(graph).parts, name)
+
+
+def open_directions(
+    null: Array, values: gtsam.Values, parts: Sequence[Sequence[int]], name: Callable[[int], str] = key_name
+) -> list[str]:
+    """Return sentences about directions (dim, k) in the columns by key; ``parts`` are the connected ones."""
     if null.shape[1] == 0:
         return []
+    null = _orthonormal(null)
+    keys, dims = sorted(values.keys()), values.dims()
+    width = np.array([dims[key] for key in keys])
     start = np.concatenate([[0], np.cumsum(width)])
     where = {key: slice(start[k], start[k + 1]) for k, key in enumerate(keys)}
     sentences = []
-    for part in graph_components(graph).parts:
+    for part in parts:
         G = _generators(values, part, where, start[-1])
         norm = np.linalg.norm(G, axis=0)
         G = G[:, norm > 0] / norm[norm > 0]
@@ -68,14 +74,14 @@ def unobserved(
     return sentences
 
 
-def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: NDArray[np.int64]) -> Array:
-    """Return orthonormal directions (dim, k) that do not change the linearised residuals; at most 14.
+def null_space(J: csc_array) -> Array:
+    """Return orthonormal directions (dim, k) that do not change residuals of this Jacobian; at most 14.
 
     Rows are first brought to unit length, so that one very accurate measurement does not make the others look
     like rounding errors, then columns, so that radians and metres compare. Dense below 1200 unknowns,
     shift-invert Lanczos above.
     """
-    J, dim = jacobian(graph, values), int(width.sum())
+    dim = J.shape[1]
     size = np.sqrt(np.asarray(J.multiply(J).sum(axis=1)).ravel())
     J = csc_array(diags_array(1 / np.maximum(size, np.sqrt(_MIN_INFORMATION))) @ J)
     length = np.sqrt(np.asarray(J.multiply(J).sum(axis=0)).ravel())
@@ -113,7 +119,7 @@ def _orthonormal(A: Array) -> Array:
     return U[:, s > 1e-3]
 
 
-def _generators(values: gtsam.Values, part: list[int], where: dict[int, slice], dim: int) -> Array:
+def _generators(values: gtsam.Values, part: Sequence[int], where: dict[int, slice], dim: int) -> Array:
     """Return tangent vectors (dim, 7) of the rigid motions and the scale change of one component."""
     G = np.zeros((dim, 7))
     poses = {key: values.atPose3(key).matrix() for key in part if _has_type(values.atPose3, key)}

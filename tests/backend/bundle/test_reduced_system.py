@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import gtsam
 import numpy as np
 import pytest
@@ -13,39 +11,14 @@ from gtsam.symbol_shorthand import X as POSE
 
 from backend.bundle.graph import (
     WORLD,
-    BundleConfig,
-    BundleProblem,
     Variables,
-    start_calibration,
-    start_variables,
 )
 from backend.bundle.minimise import BundleCost, minimise_bundle
-from backend.bundle.noise import start_noise
 from backend.bundle.reduced_system import Structure
 from tests.backend.bundle.factor_graph import IDENTITY, all_values, factor_graph
-from tests.backend.bundle.made_scenes import SCENES
-from tests.backend.made_floor import make
+from tests.backend.bundle.posed_costs import posed
 
 UNKNOWN = "gps, camera unknown"
-
-
-def posed(
-    name: str, seed: int = 0, free_lens: bool = False, wild: float = 0.0, drop: float = 0.0
-) -> tuple[BundleCost, Variables]:
-    """A scene at its start, with shares of wrong observations and of observations that are not used."""
-    made, rng = make(SCENES[name], seed), np.random.default_rng(seed)
-    tracks = made.measurements.tracks
-    pixel = tracks.pixel + rng.normal(0, 20, (len(tracks.track), 2)) * (
-        rng.uniform(size=(len(tracks.track), 1)) < wild
-    )
-    measured = replace(made.measurements, tracks=replace(tracks, pixel=pixel))
-    problem = BundleProblem(measured, measured.tracks, measured.camera, BundleConfig(), free_lens)
-    at = start_variables(problem, made.start, made.floor_z_m)
-    if free_lens:
-        at = start_calibration(at, measured.camera)
-    used = rng.uniform(size=len(tracks.track)) >= drop
-    return BundleCost.of(problem, start_noise(measured, problem.config), used, at.values), at
-
 
 CASES = {
     "sonar": {"name": "sonar"},
@@ -55,6 +28,7 @@ CASES = {
     "tilted mount": {"name": "tilted mount"},
     "gps over a slope": {"name": "gps over a slope"},
     "free lens": {"name": UNKNOWN, "free_lens": True},
+    "variables of other instruments": {"name": "gps over a slope", "free_lens": True, "more": True},
     "free lens, wild observations": {"name": UNKNOWN, "free_lens": True, "wild": 0.1},
 }
 cases = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
