@@ -66,7 +66,7 @@ def open_one_flight(
 def _requests(paths: Sequence[Path], request: Request) -> list[Request]:
     """Return what to take from each source. A channel is taken from the first source that has it alone.
 
-    Raises ``InputError`` for a channel that no source has.
+    Raises ``InputError`` for a channel that no source has, and for a rate without a recording.
     """
     from slam.cli.source import kind_of
     from slam.io.recordings.choice import Request
@@ -88,6 +88,8 @@ def _requests(paths: Sequence[Path], request: Request) -> list[Request]:
             f"--topic {stream}={channel}: no source has this channel as {stream}; slam info of each source "
             "lists its channels"
         )
+    if request.picture_rate_hz is not None and not any(each.picture_rate_hz for each in found):
+        raise InputError("--picture-rate: no source is a recording; leave --picture-rate out")
     return found
 
 
@@ -98,4 +100,6 @@ def _without(flight: Flight, request: Request, taken: Request) -> Flight:
         for stream in request.topics
         if stream in FIELD_BY_FOLDER and not taken.topics.get(stream)
     }
+    if "frames" in left:
+        left["camera"] = None
     return replace(flight, **left)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
+
 import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
 from slam.cli.mapped import mapped_flight
-from slam.cli.one_flight import offsets_of
+from slam.cli.one_flight import offsets_of, open_one_flight
 from slam.core.errors import InputError
+from slam.core.progress import silent
+from slam.io.flight_folder import write_flight
 from slam.io.recordings.choice import Request
+from tests.slam.io.made_flight import made_flight
 from tests.slam.io.recordings.made_mcap import json_records, mcap
 
 START_NS = 1_700_000_000 * 10**9
@@ -24,6 +30,28 @@ def recording(tmp_path):
             fix = {"timestamp": {"sec": START_NS // 10**9 + k, "nsec": 0}, "latitude": latitude}
             rows.append((topic, "LocationFix", START_NS + k * 10**9, fix))
     return mcap(tmp_path / "two.mcap", *json_records(rows))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A flight folder with IMU and pictures, without GPS."""
+    write_flight(replace(made_flight(), gps=None), tmp_path / "flight")
+    return tmp_path / "flight"
+
+
+def test_a_stream_that_is_left_out_takes_its_camera_along(folder, recording):
+    both = open_one_flight([folder, recording], silent, Request({"gps0": "/rear"}), {"gps0": 0.0})
+    assert both.camera is not None
+    assert set(both.gps.latitude_deg.tolist()) == {20.0}
+    request = Request({"gps0": "/rear", "cam0": ""})
+    alone = open_one_flight([folder, recording], silent, request, {"gps0": 0.0})
+    assert (alone.camera, alone.frames) == (None, None)
+
+
+def test_a_picture_rate_without_a_recording_is_refused(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "second")
+    with pytest.raises(InputError, match="--picture-rate: no source is a recording"):
+        open_one_flight([folder, tmp_path / "second"], silent, Request({}, 2.0), {})
 
 
 @pytest.mark.parametrize("text", ["cam0", "cam0=", "cam0=x", "cam0=nan", "cam0=inf", "cam0=1e10", "eye=1"])
