@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from backend.inertial_scale.picture_clock import SURE
 from slam.core.errors import InputError
 from slam.core.flight import FIELD_BY_FOLDER, STREAMS, Flight
 from slam.core.progress import Progress, silent
@@ -19,11 +20,11 @@ from slam.mapping.recording_clocks.motion import RecordedMotion
 
 _WITH_PICTURES = ("frames", "camera")
 _IN_BODY_AXES = ("imu", "sonar", "attitude", "velocity", "command")
-"""Streams whose values depend on the axes of the body."""
+"""Streams that are left out where the axes of the body are others; pictures and truth are turned instead."""
+_OTHER_AXES = "its body axes are not those of the reference"
 _LEAST_TURN_RAD = 0.3
 """A smaller error of the mount is left to the map, which estimates it
 (`slam.mapping.calibration.camera_mount`)."""
-_SURE = 6.0
 
 
 def join_recordings(
@@ -114,7 +115,7 @@ def _turned(flight: Flight, clock: KnownClock, reference: str) -> Flight:
     if clock.turned is None:
         return flight
     turn = Rotation.from_matrix(clock.turned)
-    if turn.magnitude() < max(_LEAST_TURN_RAD, _SURE * clock.turned_std_rad):
+    if turn.magnitude() < max(_LEAST_TURN_RAD, SURE * clock.turned_std_rad):
         return flight
     vector = ", ".join(f"{degrees:.0f}°" for degrees in np.degrees(turn.as_rotvec()))
     changed: dict[str, Any] = {name: None for name in _IN_BODY_AXES}
@@ -124,11 +125,15 @@ def _turned(flight: Flight, clock: KnownClock, reference: str) -> Flight:
         mount = b_T_b @ flight.camera.b_T_c
         mount[:3, 3] = flight.camera.b_T_c[:3, 3]
         changed["camera"] = replace(flight.camera, b_T_c=mount)
+    if flight.truth is not None:
+        w_T_b = flight.truth.w_T_b.copy()
+        w_T_b[:, :3, :3] = w_T_b[:, :3, :3] @ clock.turned.T
+        changed["truth"] = replace(flight.truth, w_T_b=w_T_b)
     lost = [STREAMS[name].folder for name in _IN_BODY_AXES if getattr(flight, name) is not None]
     also = f"; {', '.join(lost)} of it, in its own axes, left out" if lost else ""
     return replace(flight, **changed).with_warning(
         f"{flight.name}: its body axes are turned by ({vector}) against those of {reference}, as both show "
-        f"by their turns; the camera's mount follows{also}"
+        f"by their turns; its camera and truth follow{also}"
     )
 
 
@@ -146,6 +151,8 @@ def _joined(flights: Sequence[Flight], taken: Mapping[str, int], reference: Flig
             if winner != k:
                 reason = f"that of {flights[winner].name} taken as {source.stream}"
                 named = replace(named, stream="", rate_hz=math.nan, reading=reason)
+            elif source.stream and getattr(flight, FIELD_BY_FOLDER[source.stream]) is None:
+                named = replace(named, stream="", rate_hz=math.nan, reading=_OTHER_AXES)
             sources.append(named)
     joined = replace(
         reference,

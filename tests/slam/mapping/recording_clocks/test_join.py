@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
+from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Truth, Velocity
 from slam.mapping.recording_clocks.join import join_recordings
 
 LASTS_S, AHEAD_S = 150.0, 40.0
@@ -103,6 +103,29 @@ def test_what_nothing_ties_is_refused_with_the_way_out(other, why):
         join_recordings([other, log()], {})
     assert "give --offset " in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_recording_in_other_body_axes_keeps_its_truth_and_loses_its_attitude():
+    """The recorder is mounted a quarter turn to the left: its truth becomes that of the log's axes."""
+    upright, mount = gimbal(), Rotation.from_euler("z", 90, degrees=True)
+    attitude = Rotation.from_euler("ZYX", upright.attitude.roll_pitch_yaw_rad[:, ::-1])
+    stamps_s = upright.attitude.stamps_s
+    expected = np.tile(np.eye(4), (len(stamps_s), 1, 1))
+    expected[:, :3, :3], expected[:, :3, 3] = attitude.as_matrix(), [1.0, 2.0, 3.0]
+    recorded = expected.copy()
+    recorded[:, :3, :3] = (attitude * mount).as_matrix()
+    angles = (attitude * mount).as_euler("ZYX")[:, ::-1]
+    sideways = replace(
+        upright, attitude=AttitudeSeries(stamps_s, angles), truth=Truth(stamps_s, w_T_b=recorded)
+    )
+    joined = join_recordings([sideways, log()], {})
+    assert joined.attitude is None
+    error = Rotation.from_matrix(np.swapaxes(joined.truth.w_T_b, 1, 2)[:, :3, :3] @ expected[:, :3, :3])
+    assert error.magnitude().max() < np.radians(2.0), "the error of the mount that the turns show"
+    assert np.array_equal(joined.truth.w_T_b[:, :3, 3], expected[:, :3, 3])
+    assert any("attitude0 of it, in its own axes, left out" in line for line in joined.warnings)
+    assert "attitude0" not in {source.stream for source in joined.sources}
+    assert "gimbal: attitude0" in {source.channel for source in joined.sources if not source.stream}
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,5 @@ def test_a_video_that_begins_in_the_log_is_aligned_to_five_milliseconds(tmp_path
     assert result.exit_code == 0, result.output
     joined = read_flight(out)
     found_s = joined.frames.stamps_s[0] - joined.imu.stamps_s[0]
-    print(joined.warnings, result.output, found_s, begin_s - first_s)
     assert found_s == pytest.approx(begin_s - first_s, abs=0.005)
     assert np.ptp(joined.frames.stamps_s) == pytest.approx((COUNT - 1) / RATE_HZ, abs=0.005)
