@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.preintegrate import MOTION, STATE_SIZE, Interval
+from backend.bundle.preintegrate import MOTION, STATE_SIZE, InertialInterval
 from backend.bundle.world import WorldTransform
 from backend.measurements import GRAVITY_M_S2
 from backend.se3 import cross_matrix
@@ -78,7 +78,7 @@ def gain_effect(w_R_b: Array, w_p_m: Array, w_v_m_s: Array, lasts_s: float) -> A
 
 
 def inertial_factor(
-    interval: Interval,
+    interval: InertialInterval,
     whitening: Array,
     by_gain: Array,
     keys: IntervalKeys,

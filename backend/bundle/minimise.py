@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from backend.bundle.graph import BundleProblem, NoiseLevels, Variables, pose_side_graph
-from backend.bundle.observations import Cameras, Observations
+from backend.bundle.observations import Cameras, FloorObservations
 from backend.bundle.reduced_system import LinearSystem, Structure
 from backend.errors import BackendError
 from backend.gauge import key_name
@@ -42,7 +42,7 @@ class BundleCost:
 
     problem: BundleProblem
     pose_side: gtsam.NonlinearFactorGraph
-    observations: Observations
+    observations: FloorObservations
 
     @staticmethod
     def of(
@@ -50,7 +50,7 @@ class BundleCost:
     ) -> BundleCost:
         """Build the cost at the given noise levels; ``start`` holds what nothing observes."""
         pose_side = pose_side_graph(problem, noise, start)
-        return BundleCost(problem, pose_side, Observations.of(problem, noise, used))
+        return BundleCost(problem, pose_side, FloorObservations.of(problem, noise, used))
 
     def error(self, at: Variables) -> float:
         """Return half the sum of squared whitened residuals, with the robust losses."""

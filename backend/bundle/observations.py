@@ -56,7 +56,7 @@ class LinearObservations:
 
 
 @dataclass(frozen=True)
-class Observations:
+class FloorObservations:
     """The observations of a round, sorted by point."""
 
     number: Index
@@ -76,13 +76,13 @@ class Observations:
     """(3,) standard deviations of a point about the origin: anywhere along the floor, and its relief."""
 
     @staticmethod
-    def of(problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]) -> Observations:
+    def of(problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]) -> FloorObservations:
         """Collect the observations that are used, with the estimated noise levels."""
         tracks = problem.tracks
         number = np.flatnonzero(used)
         number = number[np.lexsort((tracks.keyframe[number], tracks.track[number]))]
         seen = np.bincount(tracks.track[number], minlength=int(tracks.track.max()) + 1)
-        return Observations(
+        return FloorObservations(
             number=number,
             keyframe=np.asarray(tracks.keyframe[number], dtype=np.int64),
             track=np.asarray(tracks.track[number], dtype=np.int64),

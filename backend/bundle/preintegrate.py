@@ -32,7 +32,7 @@ _NO_NOISE = 1e-9
 
 
 @dataclass(frozen=True)
-class Interval:
+class InertialInterval:
     """Readings between two successive keyframes, integrated."""
 
     i: int
@@ -65,7 +65,7 @@ NO_BIAS = ImuBias(np.zeros(3), np.zeros(3))
 
 def preintegrate(
     inertial: Inertial, stamps_s: Array, bias: ImuBias = NO_BIAS, cut: Collection[int] = ()
-) -> tuple[Interval, ...]:
+) -> tuple[InertialInterval, ...]:
     """Integrate the readings between successive keyframes at increasing ``stamps_s`` (n,).
 
     Intervals that begin at a keyframe of ``cut`` are left out, and those with a gap or an invalid reading.
@@ -129,13 +129,13 @@ def _interval(
     bias: gtsam.imuBias.ConstantBias,
     parts: list[gtsam.PreintegrationCombinedParams],
     rates: Array,
-) -> Interval:
+) -> InertialInterval:
     """Integrate mean readings (m, 6) over steps (m,) from keyframe ``i`` to the next one."""
     by_both, by_gyro = (gtsam.PreintegratedCombinedMeasurements(part, bias) for part in parts)
     for mean, step_s in zip(means, steps_s.tolist(), strict=True):
         by_gyro.integrateMeasurement(mean[:3], mean[3:], step_s)
         by_both.integrateMeasurement(mean[:3], mean[3:], step_s)
-    return Interval(
+    return InertialInterval(
         i=i,
         j=i + 1,
         factor=gtsam.CombinedImuFactor(0, 1, 2, 3, 4, 5, by_both),
@@ -145,9 +145,9 @@ def _interval(
     )
 
 
-def chains(intervals: tuple[Interval, ...]) -> Iterator[list[Interval]]:
+def chains(intervals: tuple[InertialInterval, ...]) -> Iterator[list[InertialInterval]]:
     """Yield runs of intervals that follow each other without a break."""
-    run: list[Interval] = []
+    run: list[InertialInterval] = []
     for interval in intervals:
         if run and interval.i != run[-1].j:
             yield run

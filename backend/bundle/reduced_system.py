@@ -21,7 +21,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array
 
-from backend.bundle.observations import LinearObservations, Observations
+from backend.bundle.observations import FloorObservations, LinearObservations
 from backend.bundle.schur import block_pattern, camera_system, eliminate, transposed_product
 from backend.pose_graph.linear import linear_system
 from backend.sparse_cholesky import Cholesky, Elimination, analyse, factorise
@@ -37,7 +37,7 @@ class Structure:
     variable: dict[int, int]
     """Number of each key of the pose side, 0.. by key."""
     elimination: Elimination
-    observations: Observations
+    observations: FloorObservations
     camera: Index
     """(m,) camera of each observation. Cameras are keyframes, numbered in the order of elimination."""
     by_camera: Index
@@ -55,7 +55,7 @@ class Structure:
 
     @staticmethod
     def of(
-        graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, n: int, observations: Observations
+        graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, n: int, observations: FloorObservations
     ) -> Structure:
         """Analyse the pattern of a pose-side graph and the observations of its ``n`` keyframes."""
         dims = values.dims()

@@ -18,7 +18,7 @@ from backend.pose_graph.gauge_fixed_problem import (
     least_squares_fit,
 )
 from backend.pose_graph.initialize import elimination_cost
-from backend.pose_graph.marginals import Posterior, posterior
+from backend.pose_graph.marginals import SolutionCovariances, posterior
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.doubts import has_dominant_loop, suspected_loops
@@ -64,7 +64,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     # Random false loops cause large fill-in: then they are rejected before any solve with all edges.
     expensive = elimination_cost(problem) > _EXPENSIVE and has_loops_on_odometry(problem)
     fit = None if expensive and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
-    found: Posterior | None = None
+    found: SolutionCovariances | None = None
     doubtful = fit is None
     if fit is not None and options.loops_robust:
         doubtful, found = _is_doubtful(gauge_fixed, fit)
@@ -94,7 +94,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     )
 
 
-def _is_doubtful(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> tuple[bool, Posterior | None]:
+def _is_doubtful(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> tuple[bool, SolutionCovariances | None]:
     """Return whether the fit of all edges fails its test, or passes it by its covariances alone.
 
     The second question needs the posterior, which is returned too if it was computed.
@@ -110,7 +110,7 @@ def _is_doubtful(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> tuple[bool, P
 
 def _posterior(
     gauge_fixed: GaugeFixedProblem, kept: Mask, fit: GraphFit, edges: Index = np.zeros(0, dtype=np.int64)
-) -> Posterior:
+) -> SolutionCovariances:
     """Return the covariances of all poses, and of the predictions of some kept edges."""
     return posterior(
         gauge_fixed.graph(kept),

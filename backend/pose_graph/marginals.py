@@ -23,7 +23,7 @@ _MAX_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
-class Posterior:
+class SolutionCovariances:
     """Covariances at a solution; NaN where undetermined."""
 
     poses: Array
@@ -46,7 +46,7 @@ def posterior(
     keys: Sequence[int],
     factors: Sequence[gtsam.NonlinearFactor] = (),
     by_qr: bool = False,
-) -> Posterior:
+) -> SolutionCovariances:
     """Return covariances of poses, and of the predictions of ``factors`` of the graph on two poses each.
 
     Components that are determined get their covariances if others are not. ``by_qr`` needs half the digits of
@@ -111,7 +111,7 @@ class _Blocks:
                         if clique.rows.keys() >= set(self._ends[k]):
                             self._predictions[k] = _predicted(self._jacobians[k], clique.of(*self._ends[k]))
 
-    def posterior(self) -> Posterior:
+    def posterior(self) -> SolutionCovariances:
         """Return the blocks, except those that are dominated by rounding."""
         d = len(self._jacobians[0]) if self._jacobians else 0
         predictions = np.full((len(self._ends), d, d), np.nan)
@@ -120,7 +120,7 @@ class _Blocks:
         poses = np.full((len(self.row), 6, 6), np.nan)
         if self._poses:
             poses[list(self._poses)] = _embedded(np.array(list(self._poses.values())))
-        return Posterior(poses, predictions)
+        return SolutionCovariances(poses, predictions)
 
 
 def _predicted(J: Array, covariance: Array) -> Array:
