@@ -23,6 +23,8 @@ _TYPES = {
 _HEADER = {V1: 6, V2: 10}
 """Bytes before the payload, by the first byte."""
 _CHECKSUM_BYTES, _SIGNATURE_BYTES = 2, 13
+_TIME_BYTES = 8
+"""Time of reception before each packet of a log."""
 _SIGNED = 1
 """Bit of the flags of a packet that has a signature."""
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
@@ -180,18 +182,24 @@ def telemetry(data: bytes | mmap.mmap) -> Iterator[tuple[int, Packet] | int]:
     """Yield time of reception [us since 1970] and packet, or the number of bytes that were passed over.
 
     In a telemetry log, each packet follows the time at which the ground station received it, in 8 bytes, the
-    highest first.
+    highest first. The checksum of an undeclared message is unknown: it counts where another packet follows.
     """
     at, lost = 0, 0
-    while at + 9 <= len(data):
-        packet = packet_at(data, at + 8)
-        if packet is None:
+    while at + _TIME_BYTES < len(data):
+        packet = packet_at(data, at + _TIME_BYTES)
+        if packet is None or not _is_confirmed(data, at, packet):
             at, lost = at + 1, lost + 1
             continue
         if lost:
             yield lost
             lost = 0
-        yield int.from_bytes(data[at : at + 8], "big"), packet
-        at += 8 + packet.length
+        yield int.from_bytes(data[at : at + _TIME_BYTES], "big"), packet
+        at += _TIME_BYTES + packet.length
     if lost + len(data) - at:
         yield lost + len(data) - at
+
+
+def _is_confirmed(data: bytes | mmap.mmap, at: int, packet: Packet) -> bool:
+    """Return whether the checksum of a packet fits, or the log ends or goes on with a packet behind it."""
+    following = at + _TIME_BYTES + packet.length + _TIME_BYTES
+    return packet.number in DECLARATIONS or following >= len(data) or data[following] in _HEADER

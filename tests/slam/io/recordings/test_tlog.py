@@ -212,6 +212,16 @@ def test_damaged_bytes_are_passed_over_and_counted(tmp_path):
     assert any(f"{len(rows[0]) + 5} bytes of the log hold no packet" in line for line in flight.warnings)
 
 
+def test_a_damaged_packet_of_an_unknown_message_hides_no_whole_one(tmp_path):
+    """With number 200 there is no checksum to check, and a length of 60 bytes leads into the next packet."""
+    rows = [at(k / 10, attitude(k / 10)) for k in range(20)]
+    damaged = bytearray(rows[3])
+    damaged[9], damaged[13] = 60, 200
+    flight = read(log(tmp_path / "a.tlog", *rows[:3], bytes(damaged), *rows[4:]))
+    assert len(flight.attitude.stamps_s) == 19
+    assert any(f"{len(damaged)} bytes of the log hold no packet" in line for line in flight.warnings)
+
+
 def test_a_log_without_an_autopilot_is_refused(tmp_path):
     path = tmp_path / "a.tlog"
     path.write_bytes(at(0, heartbeat(autopilot=8, kind=6, system=255)) + at(1, attitude(1)))
