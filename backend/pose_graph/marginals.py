@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass
 
 import gtsam
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.gauge import graph_components
-from backend.pose_graph.bayes_tree import bayes_tree, clique_covariances
+from backend.pose_graph.bayes_tree import CliqueCovariance, bayes_tree, clique_covariances
 from backend.se3 import PLANAR
 
 Array = NDArray[np.float64]
@@ -52,20 +52,47 @@ def posterior(
     Components that are determined get their covariances if others are not. ``by_qr`` needs half the digits of
     a normal matrix: for edges whose information differs by more than ten orders.
     """
-    found = _Blocks(keys, factors, values)
+    row = {key: k for k, key in enumerate(keys)}
+    ends = [tuple(factor.keys()) for factor in factors]
+    factors_of: dict[int, list[int]] = defaultdict(list)
+    for k, key in ((k, key) for k, pair in enumerate(ends) for key in pair):
+        factors_of[key].append(k)
+    found: dict[int, Array] = {}
+    jacobians = [np.asarray(factor.linearize(values).jacobian()[0]) for factor in factors]
+    d = len(jacobians[0]) if jacobians else 0
+    predictions = np.full((len(ends), d, d), np.nan)
+    # Vanishing information overflows to infinite variances, which are unknown.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for clique in _cliques(graph, values, row.keys(), by_qr):
+            for key in clique.frontals:
+                if key in row:
+                    found[row[key]] = clique.of(key)
+                for k in factors_of.get(key, ()):
+                    # The end that is eliminated first shares a clique with the other one.
+                    if clique.rows.keys() >= set(ends[k]):
+                        predictions[k] = _predicted(jacobians[k], clique.of(*ends[k]))
+    poses = np.full((len(row), 6, 6), np.nan)
+    if found:
+        poses[list(found)] = _embedded(np.array(list(found.values())))
+    return SolutionCovariances(poses, predictions)
+
+
+def _cliques(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Set[int], by_qr: bool
+) -> Iterator[CliqueCovariance]:
+    """Yield the cliques of the whole graph, or of its determined components that contain some of the keys."""
     components = graph_components(graph)
     tree = None if components.floating else bayes_tree(graph, values, by_qr=by_qr)
     if tree is not None:
-        found.add(tree, values)
-        return found.posterior()
+        yield from clique_covariances(tree, values)
+        return
     for part in components.parts:
-        if part in components.floating or found.row.keys().isdisjoint(part):
+        if part in components.floating or keys.isdisjoint(part):
             continue
         of_part, inside = _part(graph, values, set(part))
         tree = bayes_tree(of_part, inside, by_qr=by_qr)
         if tree is not None:
-            found.add(tree, inside)
-    return found.posterior()
+            yield from clique_covariances(tree, inside)
 
 
 def _part(
@@ -80,47 +107,6 @@ def _part(
         if key not in keys:
             rest.erase(key)
     return factors, rest
-
-
-class _Blocks:
-    """The requested blocks of the covariance matrix, filled clique by clique."""
-
-    def __init__(
-        self, keys: Sequence[int], factors: Sequence[gtsam.NonlinearFactor], values: gtsam.Values
-    ) -> None:
-        self.row = {key: k for k, key in enumerate(keys)}
-        self._poses: dict[int, Array] = {}
-        self._ends = [tuple(factor.keys()) for factor in factors]
-        self._jacobians = [np.asarray(factor.linearize(values).jacobian()[0]) for factor in factors]
-        self._predictions: dict[int, Array] = {}
-        self._factors_of: dict[int, list[int]] = defaultdict(list)
-        for k, ends in enumerate(self._ends):
-            for key in ends:
-                self._factors_of[key].append(k)
-
-    def add(self, tree: gtsam.GaussianBayesTree, values: gtsam.Values) -> None:
-        """Add the blocks that a tree has."""
-        # Vanishing information overflows to infinite variances, which are unknown.
-        with np.errstate(over="ignore", invalid="ignore"):
-            for clique in clique_covariances(tree, values):
-                for key in clique.frontals:
-                    if key in self.row:
-                        self._poses[self.row[key]] = clique.of(key)
-                    for k in self._factors_of.get(key, ()):
-                        # The end that is eliminated first shares a clique with the other one.
-                        if clique.rows.keys() >= set(self._ends[k]):
-                            self._predictions[k] = _predicted(self._jacobians[k], clique.of(*self._ends[k]))
-
-    def posterior(self) -> SolutionCovariances:
-        """Return the blocks, except those that are dominated by rounding."""
-        d = len(self._jacobians[0]) if self._jacobians else 0
-        predictions = np.full((len(self._ends), d, d), np.nan)
-        for k, covariance in self._predictions.items():
-            predictions[k] = covariance
-        poses = np.full((len(self.row), 6, 6), np.nan)
-        if self._poses:
-            poses[list(self._poses)] = _embedded(np.array(list(self._poses.values())))
-        return SolutionCovariances(poses, predictions)
 
 
 def _predicted(J: Array, covariance: Array) -> Array:
