@@ -48,3 +48,11 @@ def test_nearest_rotations_are_proper(reflect: bool):
     R = se3.nearest_rotations(M)
     np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
     np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.tile(np.eye(3), (40, 1, 1)), atol=1e-12)
+
+
+def test_cross_matrices_of_one_vector_and_of_many():
+    v, u = np.random.default_rng(5).normal(size=(2, 4, 3))
+    many = se3.cross_matrix(v)
+    np.testing.assert_allclose(np.einsum("nab,nb->na", many, u), np.cross(v, u), atol=1e-14)
+    for one, matrix in zip(v, many, strict=True):
+        np.testing.assert_array_equal(se3.cross_matrix(one), matrix)
