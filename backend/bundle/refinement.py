@@ -42,7 +42,7 @@ from backend.bundle.graph import (
     start_calibration,
     start_variables,
 )
-from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
+from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
@@ -85,6 +85,8 @@ class Bundle:
     dropped_observations: int
     error: float
     iterations: int
+    not_converged: str
+    """Reason why the last solve ended before it converged, in words; empty if it converged."""
     optimum: BundleOptimum
     """The solved graph, for further tests of the solution."""
 
@@ -143,7 +145,7 @@ def refine(
         before = noise
         noise, used = estimate_noise(problem, at, noise, used)
         settled = number > 0 and same_noise(before, noise)
-    return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum.error, iterations)
+    return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
 
 
 def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:
@@ -175,7 +177,7 @@ def _propagate(J: Array, covariances: Array) -> Array:
     return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))
 
 
-def _result(optimum: BundleOptimum, error: float, iterations: int) -> Bundle:
+def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bundle:
     problem, values = optimum.problem, optimum.values
     heights = np.array([values.atPose3(POSE(k)).z() for k in range(problem.measurements.count)])
     if not (np.isfinite(heights).all() and (heights > 0).all()):
@@ -203,8 +205,9 @@ def _result(optimum: BundleOptimum, error: float, iterations: int) -> Bundle:
         conditional_scale_std=_conditional_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,
         noise=optimum.noise,
         dropped_observations=int((~optimum.used).sum()),
-        error=error,
+        error=last.error,
         iterations=iterations,
+        not_converged="" if last.converged else last.reason,
         optimum=optimum,
     )
 

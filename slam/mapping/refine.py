@@ -206,7 +206,8 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        return replace(part, warnings=(*part.warnings, *_scale_warnings(by_inertia, bundle))), agreement
+        warnings = [*_scale_warnings(by_inertia, bundle), *_convergence_warnings(bundle)]
+        return replace(part, warnings=(*part.warnings, *warnings)), agreement
 
     def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None]:
         """Refine the part, with the accelerometer's scale where other sensors determine it less well."""
@@ -236,6 +237,16 @@ def _scale_warnings(by_inertia: AccelerometerScale | NoScale | None, bundle: Bun
         wanted = bundle.scale_std is None
         return [f"imu0 could not determine the metric scale: {by_inertia.reason}"] if wanted else []
     return [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
+
+
+def _convergence_warnings(bundle: Bundle) -> list[str]:
+    """Report a refinement that ended before it converged."""
+    if not bundle.not_converged:
+        return []
+    return [
+        f"the refinement of {len(bundle.w_T_b)} keyframes did not converge ({bundle.not_converged}): errors "
+        "may be larger than their standard deviations; check the attitude and the height sensor"
+    ]
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

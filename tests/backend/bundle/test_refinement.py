@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from backend.bundle.graph import Variables
+from backend.bundle.minimise import BundleCost, BundleMinimum, minimise_bundle
 from backend.bundle.refinement import Bundle, refine
 from tests.backend.bundle.made_scenes import SCENES, SEEDS, SONAR, SURVEY, errors_squared, position_rms
 from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make, mark_nees
@@ -149,3 +151,14 @@ def test_the_slope_of_the_floor_is_no_error_over_the_floor():
         bundle = refine(made.measurements, made.start, made.floor_z_m)
         tilt, over_floor = bundle.covariances[:, :2, :2], bundle.over_floor_covariances[:, :2, :2]
         assert np.allclose(tilt, over_floor, rtol=1e-3, atol=1e-12) == same
+
+
+def test_a_refinement_that_is_stopped_early_says_so(monkeypatch: pytest.MonkeyPatch):
+    made = make(SONAR, 0)
+    assert refine(made.measurements, made.start).not_converged == ""
+
+    def one_step(cost: BundleCost, at: Variables, limit: int, *rest: object) -> BundleMinimum:
+        return minimise_bundle(cost, at, 1, 0.0)
+
+    monkeypatch.setattr("backend.bundle.refinement.minimise_bundle", one_step)
+    assert refine(made.measurements, made.start).not_converged == "1 iterations done"

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from backend.bundle.refinement import Bundle
 from frontend.camera import Camera
 from frontend.features import Features
 from frontend.points import Points
@@ -19,6 +20,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map
 from slam.mapping.refine import _calibrated, refine_map
+from slam.mapping.refine_part import refine_part
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph
 from tests.slam.mapping.made_map import made_map
@@ -65,6 +67,20 @@ def test_the_largest_part_comes_first_and_each_is_right_by_itself():
         ]
         assert distances[0] == pytest.approx(distances[1], abs=0.01)
         assert found.w_T_b[own, 2, 3] == pytest.approx(w_T_b[own, 2, 3], abs=0.01)
+
+
+def test_a_refinement_that_did_not_converge_is_a_warning_of_its_part(monkeypatch: pytest.MonkeyPatch):
+    w_T_b = truth()
+    assert not refined(setup_of(w_T_b), w_T_b).warnings
+
+    def stopped(*given: object) -> Bundle:
+        return replace(refine_part(*given), not_converged="30 iterations done")
+
+    monkeypatch.setattr("slam.mapping.refine.refine_part", stopped)
+    warnings = refined(setup_of(w_T_b), w_T_b).warnings
+    assert [line.split(":")[0] for line in warnings] == [
+        f"the refinement of {count} keyframes did not converge (30 iterations done)" for count in (5, 4, 3)
+    ]
 
 
 def test_a_part_whose_edges_were_all_rejected_leaves_no_empty_number():
