@@ -39,6 +39,10 @@ _TELEMETRY = re.compile(rb"\0[\x03-\x07].{6}[\xfd\xfe]", re.DOTALL)
 """Microseconds of a year from 2001 to 2037, the highest byte first, and the start of a packet."""
 _MCAP_WITHOUT_ROS = re.compile(rb"\x89MCAP0\r\n\x01.{8}(?!\x04\0\0\0ros[12])", re.DOTALL)
 """The first record, with the length and the text of the profile."""
+_TRANSPORT_STREAM = re.compile(rb"\x47[\x40-\x5f].{186}\x47", re.DOTALL)
+"""MPEG-2 transport stream: packets of 188 bytes (ISO/IEC 13818-1, section 2.4.3)."""
+_BARE_STREAM = re.compile(rb"\0?\0\0\x01([\x09\x27\x47\x67]|[\x40\x46]\x01)", re.DOTALL)
+"""H.264 or H.265 without a container: the first unit is a delimiter or a parameter set."""
 _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOTALL)
 
 
@@ -52,11 +56,15 @@ FORMATS: tuple[Format, ...] = (
         (".navdata",),
         (b"\x88\x77\x66\x55", b"\x89\x77\x66\x55"),
     ),
+    Format("a video of an AR.Drone", "slam.io.recordings.pave", (".pave",), (b"PaVE",)),
     Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
     Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
     Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), mp4.START),
     Format("a video", "slam.io.recordings.video", (".mkv", ".webm"), (b"\x1a\x45\xdf\xa3",)),
     Format("a video", "slam.io.recordings.video", (".avi",), (), re.compile(rb"RIFF.{4}AVI ", re.DOTALL)),
+    Format("a video", "slam.io.recordings.video", (".ts", ".mts"), (), _TRANSPORT_STREAM),
+    Format("a video", "slam.io.recordings.video", (".h264", ".264", ".h265", ".hevc"), (), _BARE_STREAM),
+    Format("a video", "slam.io.recordings.video", (".flv",), (b"FLV\x01",)),
     Format("a file of subtitles", "slam.io.recordings.video", (".srt",), (), _SUBTITLES),
     Format("an MCAP recording", "slam.io.recordings.foxglove", (".mcap",), (), _MCAP_WITHOUT_ROS),
     Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),

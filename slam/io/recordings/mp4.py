@@ -35,7 +35,9 @@ class Mp4Track:
     code: str
     """Four letters of the format of its samples, for example ``avc1``, ``tx3g``, ``gpmd``."""
     stamps_s: Array
-    """(n,) times at which the samples are shown, in the order of showing, from the file's first."""
+    """(m,) times at which the samples are shown, increasing, from the first one that is shown.
+
+    Samples that an edit list cuts off, and those with the time of another one, are not shown."""
     durations_s: Array
     """(n,) in the order of the file."""
     offsets: Integers
@@ -56,8 +58,9 @@ def read_tracks(path: Path) -> tuple[Mp4Track, ...]:
     with path.open("rb") as file:
         index = _index(path, file)
     try:
+        movie_scale = _timescale(_find(index, b"mvhd"))
         return tuple(
-            _track(body, path.stat().st_size)
+            _track(body, path.stat().st_size, movie_scale)
             for kind, body in _boxes(index)
             if kind == b"trak" and _find(body, b"mdia", b"minf", b"stbl")
         )
@@ -115,12 +118,18 @@ def _find(data: bytes, *names: bytes) -> bytes:
     return data
 
 
-def _track(body: bytes, limit: int) -> Mp4Track:
+def _timescale(header: bytes) -> int:
+    """Return the units per second that the header of the file or of a track states; 0 without a header."""
+    if not header:
+        return 0
+    return int(struct.unpack(">I", header[20:24] if header[0] == 1 else header[12:16])[0])
+
+
+def _track(body: bytes, limit: int, movie_scale: int) -> Mp4Track:
     """Return a track; more samples than ``limit``, the bytes of the file, are damage."""
     media = _find(body, b"mdia")
     table = _find(media, b"minf", b"stbl")
-    header = _find(media, b"mdhd")
-    timescale = struct.unpack(">I", header[20:24] if header[0] == 1 else header[12:16])[0]
+    timescale = _timescale(_find(media, b"mdhd"))
     counts = _integers(_find(table, b"stts"), 2)
     sizes = _sizes(_find(table, b"stsz"), limit)
     durations = _repeated(counts[:, 1], counts[:, 0], limit)
@@ -132,7 +141,7 @@ def _track(body: bytes, limit: int) -> Mp4Track:
         shifts = _integers(composition, 2)
         signed = shifts[:, 1].astype(np.uint32).view(np.int32).astype(np.int64)
         shown = decoded + _repeated(signed, shifts[:, 0], limit)[: len(decoded)]
-    stamps = np.sort(shown)
+    stamps = _edited(np.unique(shown), _edits(_find(body, b"edts", b"elst")), timescale, movie_scale)
     return Mp4Track(
         handler=_find(media, b"hdlr")[8:12].decode("latin-1"),
         code=_find(table, b"stsd")[12:16].decode("latin-1"),
@@ -141,6 +150,32 @@ def _track(body: bytes, limit: int) -> Mp4Track:
         offsets=_offsets(table, sizes),
         sizes=sizes,
     )
+
+
+def _edits(box: bytes) -> list[tuple[int, int]]:
+    """Return duration, in units of the file, and start in the track, in its units, of each edit."""
+    if not box:
+        return []
+    layout, size = (">Qq", 20) if box[0] == 1 else (">Ii", 12)
+    count = struct.unpack(">I", box[4:8])[0]
+    return [struct.unpack_from(layout, box, at) for at in range(8, 8 + size * count, size)]
+
+
+def _edited(shown: Integers, edits: list[tuple[int, int]], timescale: int, movie_scale: int) -> Integers:
+    """Return the times at which samples are shown after the edit list (section 8.6.6).
+
+    A start of -1 is a pause. A duration of 0 lasts to the end of the track.
+    """
+    if not edits or not movie_scale:
+        return shown
+    pieces, begin = [], 0
+    for duration, start in edits:
+        length = round(duration * timescale / movie_scale)
+        if start >= 0:
+            until = start + length if length else np.iinfo(np.int64).max
+            pieces.append(shown[(shown >= start) & (shown < until)] + (begin - start))
+        begin += length
+    return np.concatenate([np.empty(0, np.int64), *pieces])
 
 
 def _integers(box: bytes, columns: int) -> Integers:

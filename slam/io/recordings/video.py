@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +17,12 @@ from slam.io.recordings.mp4 import START, Mp4Track, read_tracks
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
 from slam.io.recordings.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
 from slam.io.recordings.subtitles import Subtitles, parse_subtitles
-from slam.io.recordings.video_pictures import VideoPictures, opened, size_of
+from slam.io.recordings.video_pictures import VideoPictures, first_size_of, packet_times
 
 Array = NDArray[np.float64]
 
+ASSUMED_RATE_HZ = 25.0
+"""Picture rate of a file without times; that of FFmpeg's demuxers of bare streams."""
 MAX_SUBTITLE_BYTES = 1 << 28
 _SUBTITLE_CODES = ("tx3g", "text")
 
@@ -30,6 +31,8 @@ _SUBTITLE_CODES = ("tx3g", "text")
 class _Video:
     stamps_s: Array
     size_px: tuple[int, int]
+    is_timed: bool
+    """Whether the file holds the times of its pictures."""
     subtitles: Subtitles | None
     subtitle_name: str
     gopro: GoproTrack | None = None
@@ -39,7 +42,7 @@ class _Video:
 def open_recording(path: Path) -> Recording:
     """Open a video, or the subtitles alone. Raises ``InputError`` where nothing can be read."""
     if path.suffix.lower() == ".srt":
-        video = _Video(np.empty(0), (0, 0), _from_file(path), path.name)
+        video = _Video(np.empty(0), (0, 0), True, _from_file(path), path.name)
     else:
         video = _opened(path)
     offers = []
@@ -86,22 +89,19 @@ def _opened(path: Path) -> _Video:
     with path.open("rb") as file:
         is_mp4 = START.match(file.read(HEAD_BYTES)) is not None
     tracks = read_tracks(path) if is_mp4 else ()
-    video = opened(path)
-    size, rate_hz = size_of(video), video.get(cv2.CAP_PROP_FPS)
-    count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-    video.release()
+    size_px = first_size_of(path)
     of_pictures = next((track for track in tracks if track.handler == "vide"), None)
-    if of_pictures is not None and len(of_pictures.stamps_s):
-        stamps_s = of_pictures.stamps_s
-    elif count > 0 and rate_hz > 0:
-        stamps_s = np.arange(count) / rate_hz
-    else:
-        raise refusal(path, "is a video without a picture", "copy it again from the recorder")
+    has_index = of_pictures is not None and len(of_pictures.stamps_s) > 0
+    shown = of_pictures.stamps_s if of_pictures is not None and has_index else packet_times(path)
+    stamps_s = np.unique(shown) - shown.min()
+    is_timed = len(stamps_s) > 1 or len(shown) == 1
+    if not is_timed:
+        stamps_s = np.arange(len(shown)) / ASSUMED_RATE_HZ
     subtitles, name, damage = _subtitles_of(path, tracks)
     metadata = next((track for track in tracks if track.code == TRACK_CODE), None)
     gopro = None if metadata is None else read_gopro(path, metadata)
     damage += () if gopro is None else gopro.damage
-    return _Video(stamps_s, size, subtitles, name, gopro, damage)
+    return _Video(stamps_s, size_px, is_timed, subtitles, name, gopro, damage)
 
 
 def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[str, ...]]:
@@ -159,11 +159,13 @@ def _coverage(video: _Video) -> tuple[str, ...]:
 
 def _pictures(path: Path, video: _Video) -> PictureChannel:
     camera, notes = video_camera(video.size_px, video.subtitles)
+    if not video.is_timed:
+        notes.append(f"the file has no times: {ASSUMED_RATE_HZ:g} pictures a second assumed")
     stamps_ns = np.round(video.stamps_s * 1e9).astype(np.int64)
     return PictureChannel(
         stamps_ns=stamps_ns,
         names=tuple(f"{k:06d}.jpg" for k in range(len(stamps_ns))),
-        fetch=VideoPictures(path, video.stamps_s),
+        fetch=VideoPictures(path, video.stamps_s, video.is_timed),
         camera=camera,
         picture_format="jpg",
         notes=tuple(notes),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Image
-from slam.io.files import refusal
+from slam.io.files import brief, refusal
 from slam.io.images import UnreadableImageError
 
 Array = NDArray[np.float64]
@@ -24,22 +24,23 @@ _READ_ON = 64
 class VideoPictures:
     """Pictures of a video, found by their times, so that a lost picture does not shift the later ones."""
 
-    def __init__(self, path: Path, stamps_s: Array) -> None:
-        """``stamps_s`` (n,) are the times of the pictures from the first one, increasing."""
-        self._path, self._stamps_s = path, stamps_s
+    def __init__(self, path: Path, stamps_s: Array, is_timed: bool = True) -> None:
+        """``stamps_s`` (n,) are the times of the pictures from the first one, increasing.
+
+        Pictures of a file without times (``is_timed`` False) are counted instead.
+        """
+        self._path, self._stamps_s, self._is_timed = path, stamps_s, is_timed
+        self._grabbed = 0
+        """Number of pictures since the start of a file without times."""
         steps = np.diff(stamps_s)
         self._tolerance_s = 0.5 * float(np.min(steps)) if len(steps) else 0.5
         self._video = opened(path)
         self._at_s: float | None = None
         """Time of the picture that was grabbed last; None before the first and behind the last."""
-        self._is_silent = False
-        """Whether decoding from the start gave no picture at all."""
         weakref.finalize(self, self._video.release)
 
     def __call__(self, k: int) -> Image:
         """Return picture k. Raises ``UnreadableImageError`` where the video does not hold it."""
-        if self._is_silent:
-            raise UnreadableImageError("missing in the video (damaged?)")
         wanted_s = float(self._stamps_s[k])
         ahead = self._stamps_s[max(k - _READ_ON, 0)]
         if self._at_s is None or self._at_s > wanted_s + self._tolerance_s or self._at_s < ahead:
@@ -54,7 +55,7 @@ class VideoPictures:
         return np.asarray(image, dtype=np.uint8)
 
     def _jump(self, k: int) -> None:
-        margin = _FIRST_MARGIN
+        margin = _FIRST_MARGIN if self._is_timed else len(self._stamps_s)
         while True:
             start = max(k - margin, 0)
             self._at_s = None
@@ -62,10 +63,10 @@ class VideoPictures:
                 self._video.release()
                 self._video.open(str(self._path), cv2.CAP_FFMPEG)
                 self._video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+                self._grabbed = 0
             else:
                 self._video.set(cv2.CAP_PROP_POS_FRAMES, start)
             self._grab()
-            self._is_silent = start == 0 and self._at_s is None
             if start == 0 or (self._at_s is not None and self._at_s <= self._stamps_s[k] + self._tolerance_s):
                 return
             margin *= 2
@@ -75,13 +76,18 @@ class VideoPictures:
         passed = 0 if self._at_s is None else int(np.searchsorted(self._stamps_s, self._at_s))
         for _ in range(len(self._stamps_s) - passed):  # a damaged picture fails, and the next may not
             if self._video.grab():
-                self._at_s = self._video.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+                self._grabbed += 1
+                if self._is_timed:
+                    self._at_s = self._video.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+                else:
+                    beyond = self._grabbed > len(self._stamps_s)
+                    self._at_s = None if beyond else float(self._stamps_s[self._grabbed - 1])
                 return
         self._at_s = None
 
 
 def opened(path: Path) -> cv2.VideoCapture:
-    """Return the opened video, its pictures not turned. Raises ``InputError`` where it cannot be decoded."""
+    """Return the opened video, its pictures not turned. Raises ``InputError`` where it cannot be opened."""
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
     if not video.isOpened():
         raise refusal(path, "is a video that cannot be decoded", "convert it to H.264 in MP4")
@@ -89,6 +95,32 @@ def opened(path: Path) -> cv2.VideoCapture:
     return video
 
 
-def size_of(video: cv2.VideoCapture) -> tuple[int, int]:
-    """Return (width, height) of the pictures of an opened video."""
-    return int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT))
+def first_size_of(path: Path) -> tuple[int, int]:
+    """Return (width, height) of the first picture that can be decoded.
+
+    Raises ``InputError`` where none can: the codec is unknown, or all pictures are damaged.
+    """
+    video = opened(path)
+    decoded, image = video.read()
+    codec = int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").decode("latin-1").strip("\0")
+    video.release()
+    if not decoded or image is None:
+        raise refusal(
+            path,
+            f"is a video of which no picture can be decoded (codec {brief(codec)!r})",
+            "copy it again from the recorder, or convert it to H.264 in MP4",
+        )
+    return image.shape[1], image.shape[0]
+
+
+def packet_times(path: Path) -> Array:
+    """Return the times in seconds at which the packets of a video are shown, in the order of the file.
+
+    Nothing is decoded. All are zero where the file has no times, as a bare H.264 stream.
+    """
+    packets = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+    times_ms = []
+    while packets.grab():
+        times_ms.append(packets.get(cv2.CAP_PROP_POS_MSEC))
+    packets.release()
+    return np.array(times_ms, dtype=float) * 1e-3

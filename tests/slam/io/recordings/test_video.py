@@ -17,12 +17,14 @@ from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from slam.io.recordings.mp4 import read_tracks
+from slam.io.recordings.video_pictures import packet_times
 from tests.slam.io.recordings.made_video import (
     SIZE_PX,
     file_of_samples,
     grey_of,
     video,
     with_durations,
+    with_edits,
     zero_pictures,
 )
 
@@ -103,12 +105,43 @@ def test_an_index_that_contradicts_itself_is_one_line(tmp_path):
         read(path)
 
 
-def test_a_video_without_a_picture_that_can_be_decoded_is_told_at_once(tmp_path):
+def test_a_video_without_a_picture_that_can_be_decoded_is_refused(tmp_path):
     path = video(tmp_path / "a.mp4")
     zero_pictures(path, range(40))
-    frames = read(path).frames
-    assert [frame.read() for frame in frames] == [None] * 40
-    assert set(frames.failures.values()) == {"missing in the video (damaged?)"}
+    with pytest.raises(InputError, match=r"no picture can be decoded \(codec 'FMP4'\); copy it again"):
+        read(path)
+
+
+def test_pictures_that_an_edit_list_cuts_off_are_not_counted(tmp_path):
+    path = video(tmp_path / "a.mp4")
+    with_edits(path, [(500, -1), (1500, 12_000)])  # milliseconds; a pause, then from 1.2 s of 10 240 units on
+    flight = read(path)
+    kept = range(12, 27)
+    assert flight.frames.stamps_s == pytest.approx(0.1 * np.arange(len(kept)))
+    assert [number_in(frame.read()) for frame in flight.frames] == list(kept)
+
+
+def test_a_picture_with_the_time_of_another_one_is_left_out(tmp_path):
+    path = video(tmp_path / "a.mp4", count=6)
+    with_durations(path, [1024, 1024, 0, 1024, 1024, 1024])
+    flight = read(path)
+    assert flight.frames.stamps_s == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
+    assert [number_in(frame.read()) for frame in flight.frames] == [0, 1, 2, 4, 5]
+
+
+@pytest.mark.parametrize("durations", [[1024] * 40, list(range(500, 540))])
+def test_times_of_packets_are_those_of_the_index(tmp_path, durations):
+    path = video(tmp_path / "a.mp4")
+    with_durations(path, durations)
+    (track,) = read_tracks(path)
+    assert packet_times(path) == pytest.approx(track.stamps_s, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["a.mkv", "a.avi"])
+def test_other_containers(tmp_path, name):
+    flight = read(video(tmp_path / name))
+    assert flight.frames.stamps_s == pytest.approx(0.1 * np.arange(40), abs=1e-3)
+    assert [number_in(flight.frames[k].read()) for k in (39, 3, 4, 20)] == [39, 3, 4, 20]
 
 
 @pytest.mark.parametrize("content", [b"", b"hello"])
