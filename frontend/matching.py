@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from frontend.features import Features
 
+RATIO = 0.85
+"""Largest distance of a match over that of the next best one."""
 
-def match(a: Features, b: Features, ratio: float = 0.85) -> NDArray[np.int64]:
+
+def match(a: Features, b: Features, ratio: float = RATIO) -> NDArray[np.int64]:
     """Return mutual nearest neighbours that pass the ratio test: (m, 2) rows (index in a, index in b).
 
     A detector that describes a spot once for each of its orientations finds the same pair of spots several
@@ -30,11 +33,41 @@ def match(a: Features, b: Features, ratio: float = 0.85) -> NDArray[np.int64]:
         mutual = backward.reshape(-1)[nearest] == np.arange(len(a))
     else:
         first, second, nearest, mutual = _euclidean(a.descriptor, b.descriptor)
-    kept = np.flatnonzero(mutual & (first < ratio * second))
+    return _spots(a, b, np.flatnonzero(mutual & (first < ratio * second)), nearest)
+
+
+def match_near(a: Features, b: Features, near: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the same as `match` of only those pairs of features that ``near`` (n_a, n_b) marks.
+
+    On a repetitive floor a feature has several matches that are equally good: the ratio test keeps none of
+    them or a wrong one. Here a marked pair is lost only if better matches elsewhere in both pictures win the
+    ratio test against it.
+    """
+    distance = _distances(a, b)
+    best = np.maximum(distance.min(axis=1)[:, None], distance.min(axis=0))
+    distance[~near | (RATIO * distance > best)] = np.inf
+    nearest = distance.argmin(axis=1)
+    row = np.arange(len(a))
+    first = distance[row, nearest]
+    mutual = first == distance.min(axis=0)[nearest]
+    distance[row, nearest] = np.inf
+    return _spots(a, b, np.flatnonzero(mutual & (first < RATIO * distance.min(axis=1))), nearest)
+
+
+def _spots(a: Features, b: Features, kept: NDArray[np.intp], nearest: NDArray[np.intp]) -> NDArray[np.int64]:
+    """Return the matches (m, 2) of the features ``kept`` of a, one for each pair of spots."""
     spot_a, spot_b = a.points.spot[kept], b.points.spot[nearest[kept]]
     both = np.sort(spot_a * len(b) + spot_b)
     once = both[np.diff(both, prepend=-1) != 0]  # as np.unique, which takes thrice as long for so few
     return np.column_stack(np.divmod(once, len(b)))
+
+
+def _distances(a: Features, b: Features) -> NDArray[np.float32]:
+    """Return the distances (n_a, n_b) of all pairs of descriptors."""
+    if a.descriptor.dtype == np.uint8:
+        bits_a, bits_b = (np.unpackbits(f.descriptor, axis=1).astype(np.float32) for f in (a, b))
+        return np.asarray(bits_a.sum(axis=1)[:, None] + bits_b.sum(axis=1) - 2.0 * bits_a @ bits_b.T)
+    return _distance(a.descriptor @ b.descriptor.T)
 
 
 def _euclidean(

@@ -56,12 +56,11 @@ class Expectation:
         """Return the mean distance of the corners from their prediction."""
         return float(np.linalg.norm(transfer(i_H_j, corners_px) - self.corners_px, axis=1).mean())
 
-    def nearer(self, pixel_i: Array, pixel_j: Array, corners_px: Array, reach_px: float) -> Mask:
-        """Return (m,) whether each match lies within ``reach_px`` of its prediction."""
+    def predicted(self, pixel_j: Array, corners_px: Array) -> Array:
+        """Return the predicted places (m, 2) in picture i of points of picture j."""
         here, there = corners_px.astype(np.float32), self.corners_px.astype(np.float32)
-        i_H_j = cv2.getPerspectiveTransform(here, there)
         with np.errstate(divide="ignore", invalid="ignore"):  # expected corners may lie in one place
-            return np.asarray(np.linalg.norm(transfer(i_H_j, pixel_j) - pixel_i, axis=1) < reach_px)
+            return transfer(np.asarray(cv2.getPerspectiveTransform(here, there)), pixel_j)
 
 
 @dataclass(frozen=True)
@@ -97,7 +96,8 @@ def floor_motion(
     chosen = ~most.inlier
     off_px = expected.off_px(most.i_H_j, corners_px) if expected else 0.0
     if expected and off_px > away_px:
-        chosen &= expected.nearer(points_i.pixel, points_j.pixel, corners_px, off_px)
+        apart = points_i.pixel - expected.predicted(points_j.pixel, corners_px)
+        chosen &= np.linalg.norm(apart, axis=1) < off_px
     else:
         filled = occupied(cell[most.inlier])
         if (occupied(cell[chosen]) & ~filled).sum() <= ELSEWHERE * filled.sum():

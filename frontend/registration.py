@@ -7,13 +7,14 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from frontend.camera import Camera
 from frontend.features import Features
 from frontend.gates import GateConfig, local_scale, reject_reason
 from frontend.homography import HomographyConfig, transfer
-from frontend.matching import match
-from frontend.motions import Expectation, floor_motion
+from frontend.matching import match, match_near
+from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation, FloorMotion, floor_motion
 
 Array = NDArray[np.float64]
 
@@ -63,17 +64,30 @@ def register(
     expected: Expectation | None = None,
 ) -> Registration:
     """Register picture j to picture i from their features and the predicted motion of the floor."""
-    pairs = match(a, b).astype(np.min_scalar_type(max(len(a), len(b))))
+    pairs = match(a, b)
     if len(pairs) < gates.min_inliers:
         return refused(i, j, "too few matches")
-    points_i, points_j = a.points[pairs[:, 0]], b.points[pairs[:, 1]]
     corners = camera.undistort(camera.corners_px)
-    found = floor_motion(points_i, points_j, b.pixel, corners, camera.size_px, homography, expected)
+
+    def floor(pairs: NDArray[np.int64]) -> FloorMotion | None:
+        points_i, points_j = a.points[pairs[:, 0]], b.points[pairs[:, 1]]
+        return floor_motion(points_i, points_j, b.pixel, corners, camera.size_px, homography, expected)
+
+    found = floor(pairs)
+    off_px = expected.off_px(found.fit.i_H_j, corners) if expected and found else 0.0
+    if expected and off_px > DISTINCT_MOTION_WIDTHS * camera.size_px[0]:
+        # On a repetitive floor the features may match where they are expected too.
+        near = cdist(a.pixel, expected.predicted(b.pixel, corners)) < 0.5 * off_px
+        pairs = np.unique(np.concatenate([pairs, match_near(a, b, near)]), axis=0)
+        found = floor(pairs)
     if found is None:
         return refused(i, j, "no plane fits the matches")
     fit = found.fit
     covered = overlap(fit.i_H_j, camera)
-    reason = reject_reason(fit, points_j.pixel, camera, _shared(fit.i_H_j, covered, camera, gates), gates)
+    reason = reject_reason(
+        fit, b.pixel[pairs[:, 1]], camera, _shared(fit.i_H_j, covered, camera, gates), gates
+    )
+    pairs = pairs.astype(np.min_scalar_type(max(len(a), len(b))))
     other = covered if found.other_i_H_j is None else overlap(found.other_i_H_j, camera)
     return Registration(
         i=i, j=j, reason=reason, matches=pairs[fit.inlier], i_H_j=fit.i_H_j,

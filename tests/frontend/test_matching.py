@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.features import Features
-from frontend.matching import match
+from frontend.matching import match, match_near
 from frontend.points import Points
 
 
@@ -110,3 +110,20 @@ def test_a_spot_that_is_described_twice_is_matched_once() -> None:
     crossed = np.array(pixel)
     crossed[1] += 5.0  # the two no longer show one spot in both pictures: two measurements
     assert len(match(Features(Points.alike(crossed), b.descriptor), there)) == 18
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_the_place_decides_between_equal_matches_only(binary: bool) -> None:
+    """Every feature of the second picture exists twice, and a part of the pairs may match."""
+    for seed in range(4):
+        a, b = two_views(np.random.default_rng(seed), binary)
+        everywhere = np.ones((len(a), len(b)), dtype=bool)
+        alone = match(a, b)
+        np.testing.assert_array_equal(match_near(a, b, everywhere), alone)
+        assert len(match_near(a, b, ~everywhere)) == 0
+
+        points = Points.alike(np.tile(b.pixel, (2, 1)) + np.repeat([0.0, 400.0], len(b))[:, None])
+        twice = Features(points, np.tile(b.descriptor, (2, 1)))
+        assert len(match(a, twice)) == 0
+        second = np.repeat([[False, True]], len(b), axis=1).repeat(len(a), axis=0)
+        np.testing.assert_array_equal(match_near(a, twice, second), alone + [0, len(b)])

@@ -12,6 +12,7 @@ from frontend.camera import Camera
 from frontend.features import Extractor, FeatureConfig, FeatureKind, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
+from frontend.motions import MOST_LEAD, Expectation
 from frontend.points import Points
 from frontend.registration import Registration, overlap, register
 from tests.frontend.floor_pairs import CAMERA, pair, texture, true_homography
@@ -179,3 +180,39 @@ def test_least_overlap_is_that_of_the_motion_that_overlaps_less() -> None:
     assert link.ok, link.reason
     assert link.overlap == pytest.approx(1 - 20 / 319, abs=0.01)
     assert link.least_overlap == pytest.approx(1 - 60 / 239, abs=0.03)
+
+
+def shown(floor: np.ndarray, x_px: float, rng: np.random.Generator) -> Features:
+    """Features of a picture of a floor, with noise, from ``x_px`` to the right."""
+    seen = cv2.warpAffine(
+        floor, np.array([[1.0, 0, -x_px], [0, 1, 0]]), CAMERA.size_px, flags=cv2.INTER_CUBIC
+    )
+    seen = np.clip(seen + rng.normal(0, 2, seen.shape), 0, 255).astype(np.uint8)
+    return Extractor(FeatureConfig())(seen, CAMERA)
+
+
+def shift(x_px: float) -> np.ndarray:
+    return np.array([[1.0, 0, x_px], [0, 1, 0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("period_px", [100, 150])
+def test_on_a_repetitive_floor_the_expected_copy_is_found(period_px: int) -> None:
+    rng = np.random.default_rng(5)
+    floor = np.tile(texture(rng, period_px, 240), (1, 8))
+    corners = CAMERA.undistort(CAMERA.corners_px)
+    a, b = shown(floor, 0.0, rng), shown(floor, 130.3, rng)
+    for copy_px in (130.3, 130.3 - period_px):
+        expected = Expectation(transfer(shift(copy_px + 5), corners), MOST_LEAD)
+        link = register(0, 1, a, b, CAMERA, HomographyConfig(), GateConfig(), expected)
+        assert link.ok, link.reason
+        assert np.abs(transfer(link.i_H_j, corners) - transfer(shift(copy_px), corners)).max() < 1.0
+
+
+@pytest.mark.parametrize("off_px", [20, -60, 130])
+def test_a_wrong_expectation_changes_nothing_on_other_floors(off_px: float) -> None:
+    rng = np.random.default_rng(6)
+    floor, corners = texture(rng, 600, 240), CAMERA.undistort(CAMERA.corners_px)
+    a, b = shown(floor, 0.0, rng), shown(floor, 130.3, rng)
+    expected = Expectation(transfer(shift(130.3 + off_px), corners), MOST_LEAD)
+    link = register(3, 8, a, b, CAMERA, HomographyConfig(), GateConfig(), expected)
+    np.testing.assert_allclose(link.i_H_j, compare(a, b).i_H_j, atol=0.05)
