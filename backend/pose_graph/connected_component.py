@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.gauge import format_directions, format_keys, gauge_prior, unobserved_directions
+from backend.pose_graph.elimination import elimination_exceeds
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
     GraphFit,
@@ -17,20 +18,19 @@ from backend.pose_graph.gauge_fixed_problem import (
     initial_poses,
     least_squares_fit,
 )
-from backend.pose_graph.initialize import elimination_cost
 from backend.pose_graph.marginals import SolutionCovariances, posterior
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.doubts import has_dominant_loop, suspected_loops
-from backend.pose_graph.selection.rejection import has_loops_on_odometry, reason, reject_outliers
+from backend.pose_graph.selection.rejection import has_loops_on_odometry, reasons, reject_outliers
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-_EXPENSIVE = 1.5e10
-"""Floating-point operations of an elimination that takes some seconds."""
+_EXPENSIVE = 5e9
+"""Floating-point operations of an elimination that takes about a second."""
 _MAX_LISTED = 5
 _MAX_RATIO = 1e10
 """Ratio of two edges' information above which covariances are computed by QR."""
@@ -51,6 +51,8 @@ class SolvedComponent:
     held: str
     open: tuple[str, ...]
     """Directions that neither a measurement nor the gauge fixes, as sentences."""
+    unfinished: str
+    """Sentence if the search for consistent loops was cut off, else empty."""
     warnings: tuple[str, ...]
 
 
@@ -62,15 +64,20 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     kept = np.ones(len(problem.i), dtype=bool)
     sigma = np.full(len(kept), np.nan)
     # Random false loops cause large fill-in: then they are rejected before any solve with all edges.
-    expensive = elimination_cost(problem) > _EXPENSIVE and has_loops_on_odometry(problem)
-    fit = None if expensive and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
+    size = (problem.count, problem.i, problem.j, problem.dof)
+    expensive = options.loops_robust and elimination_exceeds(_EXPENSIVE, *size)
+    expensive = expensive and has_loops_on_odometry(problem)
+    fit = None if expensive else least_squares_fit(gauge_fixed, kept, start)
     found: SolutionCovariances | None = None
-    doubtful = fit is None
+    doubtful, unfinished = fit is None, ""
     if fit is not None and options.loops_robust:
         doubtful, found = _is_doubtful(gauge_fixed, fit)
     if fit is None or doubtful:
         selected = reject_outliers(gauge_fixed, fit)
         kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
+        if not selected.is_complete:
+            who = format_keys(range(problem.count), problem.name)
+            unfinished = f"{who}: the search for consistent loops was cut off, true loops may be missing"
     minimum, w_T = fit.minimum, fit.w_T
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
@@ -83,13 +90,14 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         w_T=w_T,
         covariances=covariances,
         kept=kept,
-        reasons=_reasons(problem, kept, w_T, sigma),
+        reasons=reasons(problem, kept, w_T, sigma),
         residual=np.linalg.norm(problem.residuals(w_T), axis=1),
         error=minimum.error,
         iterations=minimum.iterations,
         converged=minimum.converged,
         held=held,
         open=still_open,
+        unfinished=unfinished,
         warnings=tuple(_warnings(problem, fit)),
     )
 
@@ -126,13 +134,6 @@ def _is_ill_scaled(problem: Problem) -> bool:
     information = (problem.sqrt_information**2).sum(axis=1)
     positive = information[information > 0]
     return bool(len(positive) and positive.max() > _MAX_RATIO * positive.min())
-
-
-def _reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:
-    messages = [""] * len(kept)
-    for e in np.flatnonzero(~kept).tolist():
-        messages[e] = reason(problem, e, w_T, sigma[e])
-    return tuple(messages)
 
 
 def _warnings(problem: Problem, fit: GraphFit) -> list[str]:

@@ -5,11 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 DEEP_GRAPH = 10_000
 """Number of keys above which nested dissection is used: COLAMD's tree of a long chain is as deep as the
 chain, and gtsam recurses down it (a stack of 512 KB overflows at 10 000 poses, one of 8 MB at 100 000)."""
 
+Index = NDArray[np.int64]
 Graph = gtsam.NonlinearFactorGraph | gtsam.GaussianFactorGraph
 
 
@@ -50,3 +55,33 @@ def nested_dissection(graph: Graph) -> gtsam.Ordering:
     for key in order:
         ordering.push_back(key)
     return ordering
+
+
+def elimination_exceeds(operations: float, n: int, i: Index, j: Index, d: int) -> bool:
+    """Return whether the elimination of n poses of ``d`` dimensions needs more floating-point operations.
+
+    ``i`` and ``j`` (m,) are the ends of the edges. A cheap upper bound decides first; only above it the exact
+    count is taken.
+    """
+    return _cuthill_mckee_bound(n, i, j, d) > operations and _colamd_operations(i, j, d) > operations
+
+
+def _cuthill_mckee_bound(n: int, i: Index, j: Index, d: int) -> float:
+    """Return the operations of an elimination within the envelope of the Cuthill-McKee order."""
+    links = csr_array((np.ones(2 * len(i)), (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
+    place = np.empty(n, dtype=np.int64)
+    place[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
+    first = np.arange(n)
+    np.minimum.at(first, np.maximum(place[i], place[j]), np.minimum(place[i], place[j]))
+    width = (1 + np.arange(n) - first) * float(d)
+    return float((width**2).sum() * d)
+
+
+def _colamd_operations(i: Index, j: Index, d: int) -> float:
+    """Return the operations of an elimination in COLAMD's order, counted on its symbolic factor."""
+    graph = gtsam.SymbolicFactorGraph()
+    for a, b in zip(i.tolist(), j.tolist(), strict=True):
+        graph.push_factor(a, b)
+    factor = graph.eliminateSequential(gtsam.Ordering.ColamdSymbolicFactorGraph(graph))
+    width = d * np.array([1 + factor.at(k).nrParents() for k in range(factor.size())])
+    return float((width.astype(np.float64) ** 2).sum() * d)

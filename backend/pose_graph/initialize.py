@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
-from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree, reverse_cuthill_mckee
+from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 
 from backend import se3
 from backend.pose_graph.linear import cholesky
-from backend.pose_graph.problem import Problem
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -42,18 +41,6 @@ def tree_edges(n: int, i: Index, j: Index, cost: Array) -> Index:
     tree = minimum_spanning_tree(links).tocoo()
     used = np.minimum(tree.row, tree.col).astype(np.int64) * n + np.maximum(tree.row, tree.col)
     return order[np.searchsorted(code, used)]
-
-
-def elimination_cost(problem: Problem) -> float:
-    """Estimate the operations of an elimination in Cuthill-McKee order: a cheap upper bound."""
-    n, i, j = problem.count, problem.i, problem.j
-    links = csr_array((np.ones(2 * len(i)), (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
-    place = np.empty(n, dtype=np.int64)
-    place[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
-    first = np.arange(n)
-    np.minimum.at(first, np.maximum(place[i], place[j]), np.minimum(place[i], place[j]))
-    width = (np.arange(n) - first) * float(problem.dof)
-    return float((width**2).sum() * problem.dof)
 
 
 def _links(n: int, i: Index, j: Index, cost: Array) -> tuple[csr_array, Index, Index]:

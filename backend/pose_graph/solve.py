@@ -171,6 +171,7 @@ def _status(parts: list[SolvedComponent], unplaced: list[int], converged: bool, 
     if unplaced:
         messages.append(f"{len(unplaced)} poses could not be placed")
     messages += [direction for part in parts for direction in part.open]
+    messages += [part.unfinished for part in parts if part.unfinished]
     if not converged:
         messages.append(
             next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")

@@ -42,6 +42,7 @@ Sampler = Callable[[Mask, Array], Array | None]
 """Function from kept edges and poses to posterior samples; None if singular or out of time."""
 
 _ROUNDS = 400
+"""Maximum number of rounds: at most 60 000 loops. The status says if it cuts the growth off."""
 MAX_HYPOTHESES = 300
 _PRIOR_ODDS_FACTOR = 0.05
 """Factor on the prior odds of a loop: see `log_odds`."""
@@ -52,6 +53,18 @@ _MAX_REJECTIONS = 2
 _MAX_FOLDS = 4
 
 
+@dataclass(frozen=True)
+class GrownSet:
+    """Consistent edges that were grown from odometry."""
+
+    kept: Mask
+    """(m,)."""
+    w_T: Array
+    """(n, 4, 4)."""
+    is_complete: bool
+    """False if the rounds or the time ended while further loops could have been accepted."""
+
+
 def grow_consistent_set(
     problem: Problem,
     base: Mask,
@@ -59,8 +72,8 @@ def grow_consistent_set(
     solve: Solve,
     draw: Sampler,
     on_round: Callable[[int, int], None],
-) -> tuple[Mask, Array]:
-    """Return the consistent edges (m,) and their poses, growing from ``base`` with the poses ``w_T``."""
+) -> GrownSet:
+    """Return the consistent edges and their poses, growing from ``base`` (m,) with the poses ``w_T``."""
     growth = _Growth(problem, base, place_pairs(problem.i, problem.j, ROW_LENGTH), solve, draw)
     loops = np.flatnonzero(~base)
     null_loops = NullLoops.of(problem, loops, growth.place[loops])
@@ -77,7 +90,7 @@ def grow_consistent_set(
         chance = null_loops.chance(w_T, samples, scale).of(pending.log_pass_probability())
         candidates = _select_loops(pending, chance, growth.place[left], log_odds(kept, ~base))
         if len(candidates) == 0:
-            break
+            return GrownSet(kept, w_T, True)
         new = growth.cross_validated(kept, candidates, w_T, scale)
         new, w_T = growth.fitting(kept, new, w_T, scale if number else np.inf)
         rejections[np.setdiff1d(candidates, new)] += 1
@@ -90,7 +103,7 @@ def grow_consistent_set(
             kept, rejections = kept & ~out, rejections + out
             w_T = solve(kept, w_T)
         on_round(number, int(kept.sum()))
-    return kept, w_T
+    return GrownSet(kept, w_T, False)
 
 
 def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -> tuple[Mask, Array]:

@@ -14,7 +14,7 @@ from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, initial_po
 from backend.pose_graph.initialize import spanning_tree
 from backend.pose_graph.minimise import OptimizationResult, gauss_newton, levenberg_marquardt
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import Solve, grow_consistent_set
+from backend.pose_graph.selection.agreement import GrownSet, Solve, grow_consistent_set
 from backend.pose_graph.selection.chains import Chain, chain_members, join_chains
 from backend.pose_graph.selection.prediction import sample_posterior, white_noise
 from backend.pose_graph.unary_factors import aligned, fixed
@@ -27,8 +27,8 @@ _FEW, _COARSE = 8, 1e-3
 """Steps and tolerance of the intermediate solves."""
 
 
-def grow_from_odometry(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, Array]:
-    """Return the loops (m,) that are consistent with the trusted edges, and all poses.
+def grow_from_odometry(gauge_fixed: GaugeFixedProblem) -> GrownSet:
+    """Return the edges that are consistent with the trusted ones, and all poses.
 
     The loops within each chain of odometry come first; then the chains are joined.
     """
@@ -68,14 +68,14 @@ def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) ->
     start = initial_poses(problem)
     problem = replace(problem, unary_factors=(fixed(0, start[0], problem.dimension),))
     own = GaugeFixedProblem(problem, problem.unary_factor_graph(), gauge_fixed.options)
-    kept, w_T = (problem.trusted, start) if problem.trusted.all() else grow_from_odometry(own)
+    grown = GrownSet(problem.trusted, start, True) if problem.trusted.all() else grow_from_odometry(own)
     noise = white_noise(own.rows, problem.dof, number)
-    samples = sample_posterior(own.graph(kept), problem.values(w_T), problem.dof, noise)
+    samples = sample_posterior(own.graph(grown.kept), problem.values(grown.w_T), problem.dof, noise)
     if samples is None:
         raise BackendError(
             f"{format_keys(members.tolist(), whole.name)}: its odometry does not fix its poses"
         )
-    return Chain(members, w_T, samples)
+    return Chain(members, grown.w_T, samples)
 
 
 def coarse_solver(gauge_fixed: GaugeFixedProblem) -> Solve:

@@ -32,6 +32,8 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _ROUNDS = 4
+_MANY_LOOPS = 5000
+"""Loops beyond which the growth from odometry takes many minutes: a round accepts at most 150 of them."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class Selection:
     fit: GraphFit
     innovation_sigma: Array
     """(m,) innovations of the rejected edges, and residuals of the kept ones, in standard deviations."""
+    is_complete: bool = True
+    """False if the growth of the consistent set was cut off."""
 
 
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
@@ -51,6 +55,11 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Sel
     ``fit`` is that of all edges; without it odometry must connect all poses.
     """
     problem, trusted = gauge_fixed.problem, gauge_fixed.problem.trusted
+    if fit is not None and not fit.test.passed and np.count_nonzero(~trusted) > _MANY_LOOPS:
+        # A few false loops among many stand out of the fit of all edges.
+        few = _refit(gauge_fixed, np.ones_like(trusted), fit.w_T, ~trusted)
+        if few.fit.test.passed:
+            return few
     found = None
     if fit is None or has_loops_on_odometry(problem):
         found = _without_wrong_steps(gauge_fixed, _select(gauge_fixed))
@@ -74,8 +83,9 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Sel
 
 def _select(gauge_fixed: GaugeFixedProblem) -> Selection:
     """Select the loops that agree with the trusted edges."""
-    found = _refit(gauge_fixed, *grow_from_odometry(gauge_fixed), ~gauge_fixed.problem.trusted)
-    return _swap(gauge_fixed, found)
+    grown = grow_from_odometry(gauge_fixed)
+    found = _swap(gauge_fixed, _refit(gauge_fixed, grown.kept, grown.w_T, ~gauge_fixed.problem.trusted))
+    return replace(found, is_complete=grown.is_complete)
 
 
 def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
@@ -175,15 +185,24 @@ def _refit(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array, candidate: Ma
     return Selection(kept, fit, sigma)
 
 
-def reason(problem: Problem, edge: int, w_T: Array, sigma: float) -> str:
-    """Return why an edge was rejected: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``."""
-    i, j = problem.i[edge], problem.j[edge]
-    off = se3.log((se3.inverse(problem.ij_T[edge]) @ se3.inverse(w_T[i]) @ w_T[j])[None])[0]
-    length, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))
-    limit = edge_limit(problem)
-    if sigma <= limit:
-        return f"agrees, but too little is known of where it lies to trust it: {sigma:.1f} sigma"
-    return (
-        f"disagrees by {sigma:.1f} sigma (limit {limit:.1f}): {length:.2g} {problem.length_unit}, "
-        f"{degrees:.2g} deg"
-    )
+def reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:
+    """Return why each rejected edge was: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``.
+
+    The result is (m,), empty strings for the ``kept`` edges; ``sigma`` (m,) holds the innovations.
+    """
+    rejected, limit = np.flatnonzero(~kept), edge_limit(problem)
+    i, j = problem.i[rejected], problem.j[rejected]
+    off = se3.log(se3.inverse(problem.ij_T[rejected]) @ se3.inverse(w_T[i]) @ w_T[j])
+    lengths, degrees = np.linalg.norm(off[:, 3:], axis=1), np.degrees(np.linalg.norm(off[:, :3], axis=1))
+    messages = [""] * len(kept)
+    for e, length, angle in zip(rejected.tolist(), lengths.tolist(), degrees.tolist(), strict=True):
+        if sigma[e] <= limit:
+            messages[e] = (
+                f"agrees, but too little is known of where it lies to trust it: {sigma[e]:.1f} sigma"
+            )
+        else:
+            messages[e] = (
+                f"disagrees by {sigma[e]:.1f} sigma (limit {limit:.1f}): {length:.2g}"
+                f" {problem.length_unit}, {angle:.2g} deg"
+            )
+    return tuple(messages)

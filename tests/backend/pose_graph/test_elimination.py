@@ -9,7 +9,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from backend.pose_graph.elimination import nested_dissection
+from backend.pose_graph.elimination import elimination_exceeds, nested_dissection
 
 UNIT = gtsam.noiseModel.Unit.Create(3)
 
@@ -63,3 +63,19 @@ def test_a_large_graph_with_variables_that_only_a_prior_holds():
     done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-500:]
     assert float(done.stdout) == pytest.approx(0, abs=1e-9)
+
+
+def test_the_operations_of_a_complete_graph_are_those_of_a_dense_matrix():
+    i, j = np.triu_indices(30, 1)
+    dense = 3.0**3 * sum(width**2 for width in range(1, 31))
+    assert elimination_exceeds(dense - 1, 30, i, j, 3)
+    assert not elimination_exceeds(dense, 30, i, j, 3)
+
+
+def test_the_operations_are_those_of_the_factor_not_of_its_envelope():
+    """A star: each leaf is eliminated alone in COLAMD's order, but the envelope of any order is wide."""
+    leaves = np.arange(1, 200)
+    i = np.zeros_like(leaves)
+    star = 6.0**3 * (199 * 2**2 + 1)
+    assert not elimination_exceeds(star, 200, i, leaves, 6)
+    assert elimination_exceeds(star - 1, 200, i, leaves, 6)

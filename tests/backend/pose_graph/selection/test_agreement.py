@@ -7,6 +7,7 @@ import pytest
 from backend import se3
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.selection import agreement, rejection
 from backend.pose_graph.selection.prediction import sample_posterior
 from backend.pose_graph.solve import solve, solve_pose_graph
 from tests.backend.synthetic import LOOP_STD, Made, falsified, flight, graph
@@ -97,6 +98,22 @@ def test_time_limit_ends_the_search():
     made, _ = falsified(flight(6, n=80, loops=20), 12, seed=1)
     s = solve(made.measurements, covariances=False, time_limit_s=0.0)
     assert np.isfinite(s.w_T_b).all()
+
+
+def test_a_growth_that_is_cut_off_is_in_the_status(monkeypatch):
+    made, _ = falsified(flight(6, n=80, loops=20), 12, seed=1)
+    assert solve(made.measurements, covariances=False).status == "ok"
+    monkeypatch.setattr(agreement, "_ROUNDS", 1)
+    assert "search for consistent loops was cut off" in solve(made.measurements, covariances=False).status
+
+
+def test_a_few_false_loops_among_many_are_found_from_the_fit_of_all_edges(monkeypatch):
+    made, false = falsified(flight(6, n=200, loops=120), 2, seed=1)
+    monkeypatch.setattr(rejection, "_MANY_LOOPS", 100)
+    monkeypatch.delattr(rejection, "grow_from_odometry")
+    s = solve(made.measurements, covariances=False)
+    assert not (s.edge_kept & false).any()
+    assert (~s.edge_kept & ~false).sum() <= 2
 
 
 @pytest.mark.slow
