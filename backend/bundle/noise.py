@@ -8,13 +8,13 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
 from backend.measurements import FloorTracks, Measurements
+from backend.quantiles import chi_square_quantile, chi_square_tail
 
 Array = NDArray[np.float64]
 
@@ -248,8 +248,8 @@ def huber_std(x: Array, k: float) -> float:
     """
     d = x.shape[1]
     distance = np.linalg.norm(x, axis=1)
-    sigma = float(np.median(distance)) / float(np.sqrt(chi2.median(d)))
-    expected = d * chi2.cdf(k**2, d + 2) + k**2 * chi2.sf(k**2, d)
+    sigma = float(np.median(distance)) / float(np.sqrt(chi_square_quantile(0.5, d)))
+    expected = d * (1.0 - chi_square_tail(k**2, d + 2)) + k**2 * chi_square_tail(k**2, d)
     for _ in range(30):
         if sigma <= 0:
             break

@@ -19,13 +19,13 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
-from scipy.stats import f as fisher
 
 from backend.bundle.graph import WORLD
 from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle, metric_jacobians
 from backend.bundle.systematic_terms import Kind, added_columns
 from backend.errors import BackendError
+from backend.quantiles import f_tail
 from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ class _Scores:
         design_effect = variance * autocorrelation
         freedom = len(total) * (count - 1) / autocorrelation
         statistic = float(total @ total) / (len(total) * design_effect)
-        p_value = float(fisher.sf(statistic, len(total), max(freedom, 1.0)))
+        p_value = f_tail(statistic, len(total), max(freedom, 1.0))
         return _Test(p_value, whiten @ total, whiten @ whiten.T * design_effect)
 
     def search(self) -> tuple[tuple[Kind, ...], tuple[Kind, ...]]:

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from backend import se3
 from backend.ekf import motion as at
 from backend.ekf import readings as kinds
 from backend.ekf.inputs import FilterModel
 from backend.ekf.records import USED, FilterEvents, InnovationLog, StateRecords
+from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]
 
@@ -161,7 +161,7 @@ def build_channels(
     events: FilterEvents, log: InnovationLog, model: FilterModel
 ) -> dict[str, InstrumentInnovations]:
     """Split the log by instrument, without instruments that have no reading."""
-    channels, gate = {}, chi2.isf(model.gate_probability, 1)
+    channels, gate = {}, chi_square_limit(model.gate_probability, 1)
     for name, number in kinds.CHANNELS.items():
         mine = np.flatnonzero(events.kind == number)
         if len(mine):

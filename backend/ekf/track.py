@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from backend.ekf import backward as ekf_backward
 from backend.ekf import forward as ekf_forward
@@ -38,6 +37,7 @@ from backend.ekf.records import (
 )
 from backend.ekf.results import Track, build_channels, build_states
 from backend.errors import BackendError
+from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ class _SmootherRound:
         log: InnovationLog,
         size: int,
     ) -> None:
-        component, step = (float(chi2.isf(model.gate_probability, dof)) for dof in (1, 6))
+        component, step = (chi_square_limit(model.gate_probability, dof) for dof in (1, 6))
         gates = Gates(component, step, float(model.patience_s))
         self.inputs = FilterInputs(events, linearization, _model_vector(model), gates)
         self.start = _initial_state(start, model, size)

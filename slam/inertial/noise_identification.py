@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from backend.ekf.inputs import Readings, VisualStep, renumber_steps
+from backend.quantiles import chi_square_quantile
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import FIELDS, Adjustments, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
@@ -225,4 +225,5 @@ def _sums(channel: InstrumentInnovations, window_s: float) -> Array:
 def _excess_of(white: Array) -> float:
     if len(white) < _LEAST_SUMS:
         return 1.0
-    return float(np.sqrt(np.max(np.quantile(white**2, _QUANTILES) / chi2.ppf(_QUANTILES, 1))))
+    expected = [chi_square_quantile(probability, 1) for probability in _QUANTILES]
+    return float(np.sqrt(np.max(np.quantile(white**2, _QUANTILES) / expected)))

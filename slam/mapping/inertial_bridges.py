@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
@@ -157,6 +156,8 @@ class _PartPose:
 def joined(map_: Map, edges: Sequence[RelativePose]) -> Map:
     """Join the parts of a map by a minimum spanning forest of the edges; parts without an edge stay as they
     are."""
+    import networkx as nx  # its import takes longer than most joins, and few maps have parts
+
     parts = nx.Graph()
     parts.add_nodes_from(range(int(map_.component.max(initial=-1)) + 1))
     for edge in edges:

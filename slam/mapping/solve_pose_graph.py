@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from backend.measurements import Attitude, Measurements, SlantRange
 from backend.pose_graph.solution import Solution
 from backend.pose_graph.solve import solve
+from backend.quantiles import chi_square_quantile
 from slam.core.heap import trim_heap
 from slam.core.units import unit
 from slam.mapping.floor_visibility import LEAST_FALL
@@ -46,7 +46,7 @@ def solve_pose_graph(
     if not edges.relative_poses:
         return plain
     # A common tilt error makes all edges disagree slightly. That is no reason to reject an edge.
-    typical = float(np.median(plain.edge_residual**2)) / float(chi2.median(6))
+    typical = float(np.median(plain.edge_residual**2)) / chi_square_quantile(0.5, 6)
     if typical > 1.0:
         widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)
         measurements = replace(measurements, relative_poses=tuple(widened))

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from backend import se3
 from backend.measurements import RelativePose
+from backend.quantiles import chi_square_quantile
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial_bridges import InertialBridges
 from slam.mapping.lift_edges import lift_edges
@@ -69,7 +69,7 @@ def contradicted(
             continue
         edge, pose = inertial_of[broken.pair], pose_of[broken.pair]
         off = se3.log(se3.inverse(edge.i_T_j[None]) @ pose.i_T_j)[0]
-        if off @ np.linalg.solve(edge.covariance + pose.covariance, off) > chi2.ppf(_SURE, 6):
+        if off @ np.linalg.solve(edge.covariance + pose.covariance, off) > chi_square_quantile(_SURE, 6):
             off_m = float(np.linalg.norm(off[3:]))
             reasons[broken] = (
                 f"implausible: {off_m:.2f} m from where the instruments put it, across a gap in the pictures"

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
+
+from backend.quantiles import f_limit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -128,7 +129,7 @@ def _within(distance: Array, dimensions: int, least: float) -> Mask:
     for _ in range(20):
         left = max(dimensions * int(good.sum()) - 2 * dimensions, 1)
         # Fixes are compared with a deviation that they themselves give: F instead of chi-square.
-        limit = std * np.sqrt(dimensions * f_distribution.isf(FALSE_ALARM / n, dimensions, left))
+        limit = std * np.sqrt(dimensions * f_limit(FALSE_ALARM / n, dimensions, left))
         now = distance <= max(limit, least)
         if np.array_equal(now, good) or now.sum() < LEAST_FIXES:
             break

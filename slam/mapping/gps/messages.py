@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from backend.quantiles import chi_square_limit
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.names import listed
 from slam.core.units import length
@@ -104,7 +104,7 @@ def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> 
     if not 2 < n < LEAST_FIXES:
         return []
     sums = float(np.sum((off / np.array(fixes.std_m[:2])) ** 2))
-    if sums < chi2.isf(FALSE_ALARM, 2 * n - 4):
+    if sums < chi_square_limit(FALSE_ALARM, 2 * n - 4):
         return []
     names = ", ".join(name for name, here in zip(fixes.names, covered, strict=True) if here)
     rms = float(np.sqrt(np.sum(off**2) / max(2 * n - 4, 1)))

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from backend.quantiles import chi_square_limit
 from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, STATED_SIGMAS
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ def stated_accuracy_contradiction(
         return None
     squares, dof = float(np.sum(fixes.off_m**2)), 2 * n - 4
     std = float(np.sqrt(squares / dof))
-    if std < STATED_SIGMAS * stated or squares / stated**2 < chi2.isf(FALSE_ALARM, dof):
+    if std < STATED_SIGMAS * stated or squares / stated**2 < chi_square_limit(FALSE_ALARM, dof):
         return None
     return Contradiction(
         f"gps0: states {stated:.2g} m, but its fixes differ from the map by {std:.2g} m a horizontal axis "
