@@ -251,6 +251,9 @@ def _imu_anomalies(imu: Imu) -> list[str]:
     up = float((np.median(imu.accel_m_s2[rows], axis=0) @ imu.b_T_s[:3, :3].T)[2])
     if up < -0.5 * GRAVITY_M_S2:
         lines.append("imu0: the accelerometer measures gravity upside down; check its signs and T_BS")
+    elif up < 0.5 * min(accel, GRAVITY_M_S2):
+        lean = math.degrees(math.acos(max(up / accel, -1.0)))
+        lines.append(f"imu0: gravity lies {lean:.0f} deg from the body's z; check the IMU's axes and T_BS")
     if at_rest and gyro > GYRO_OFF_RAD_S:
         lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
     return lines

@@ -88,11 +88,16 @@ def decode_image(data: bytes, size_px: tuple[int, int] | None = None) -> Image:
     return _eight_bit(*_decoded(data, header.is_deep), None)
 
 
+def encoded_size(data: bytes) -> tuple[int, int]:
+    """Return (width, height) of a PNG or JPEG by its header. Raises ``UnreadableImageError``."""
+    return _png_or_jpeg_header(data[:HEADER_BYTES]).size_px
+
+
 def check_encoded(data: bytes, size_px: tuple[int, int]) -> None:
     """Raise ``UnreadableImageError`` where data are no PNG or JPEG of that size (width, height), by their
     header.
     """
-    check_size(_png_or_jpeg_header(data[:HEADER_BYTES]).size_px, size_px)
+    check_size(encoded_size(data), size_px)
 
 
 def check_size(size: tuple[int, int], size_px: tuple[int, int] | None) -> None:

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 
 from slam.io.photos.tag_values import numbers
 from slam.io.photos.xmp import Xmp
+from slam.io.radial_fit import fitted_radial, viewing_angles
 
 Array = NDArray[np.float64]
 
 _MAX_DISTORTION = 100.0
-_MAX_ANGLE = 0.8
-"""Largest angle from the axis, as a share of a right angle, for a pinhole with radial distortion."""
-_SAMPLES = 4000
 
 
 @dataclass(frozen=True)
@@ -80,17 +78,9 @@ def radial_of_fisheye(lens: LensTags, radius_px: float) -> tuple[float, tuple[fl
     error in pixels. Lengths refer to the original size. The result is None if the view is too wide.
     """
     focal_px = float(np.mean(lens.focal_px))
-    angle = np.linspace(0, _MAX_ANGLE * np.pi / 2, _SAMPLES)[1:]
-    recorded = polyval(angle, lens.polynomial)
-    within = recorded * focal_px < radius_px
-    if within.all() or (np.diff(recorded) <= 0)[within[1:]].any():
-        return None
-    inside = slice(int(np.argmin(within)) + 1)
-    powers = np.tan(angle[inside])[:, None] ** np.array([1, 3, 5, 7])
-    (ratio, *k), *_ = np.linalg.lstsq(powers, recorded[inside], rcond=None)
-    error_px = float(np.abs(powers @ [ratio, *k] - recorded[inside]).max()) * focal_px
-    k1, k2, k3 = (float(value / ratio) for value in k)
-    return float(ratio), (k1, k2, 0.0, 0.0, k3), error_px
+    angle = viewing_angles()
+    found = fitted_radial(angle, np.asarray(polyval(angle, lens.polynomial)), radius_px / focal_px)
+    return None if found is None else (found.ratio, found.distortion, found.error * focal_px)
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...] | None:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from slam.io.files import brief, refusal
 from slam.io.recordings.foxglove_messages import TRANSFORMS, decoder, meaning_of
 from slam.io.recordings.mcap_file import McapChannel, McapFile
@@ -18,7 +16,6 @@ from slam.io.recordings.recording import Recording
 from slam.io.recordings.ros_camera import info_topics
 from slam.io.recordings.ros_messages import CAMERA_INFO
 from slam.io.recordings.rosbag import recording_of
-from slam.io.recordings.transforms import transform_of
 
 DESCRIPTION = "an MCAP recording"
 Message = Any
@@ -52,8 +49,9 @@ class FoxgloveBag(OpenBag):
         self._file = McapFile(path)
         self._connections = [_connection(each) for each in self._file.channels.values() if each.times_ns]
         self.warnings = _damage(self._file)
-        self._add_mounts()
+        self.add_constant_transforms(self.of_kinds(TRANSFORMS))  # Foxglove does not mark fixed ones
         self.find_first()
+        self.find_body()
 
     @property
     def connections(self) -> Sequence[_Connection]:
@@ -81,20 +79,6 @@ class FoxgloveBag(OpenBag):
 
     def _first_of(self, connection: _Connection) -> tuple[Any, int, Message]:
         return next(self.messages([connection]), (connection, 0, None))
-
-    def _add_mounts(self) -> None:
-        """Add the transforms that never change; Foxglove does not mark fixed ones."""
-        found: dict[tuple[str, str], Any] = {}
-        for _, _, message in self.messages(self.of_kinds(TRANSFORMS)):
-            for each in message.transforms:
-                pair, transform = (each.header.frame_id, each.child_frame_id), transform_of(each.transform)
-                if pair not in found:
-                    found[pair] = transform
-                elif found[pair] is not None and not np.array_equal(found[pair], transform):
-                    found[pair] = None
-        for (parent, child), transform in found.items():
-            if transform is not None:
-                self.mounts.add(parent, child, transform)
 
 
 def _damage(file: McapFile) -> tuple[str, ...]:

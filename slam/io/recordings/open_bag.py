@@ -11,14 +11,18 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.camera import NADIR_B_T_C
 from slam.core.flight import Image
+from slam.io.files import brief
 from slam.io.images import UnreadableImageError
 from slam.io.recordings.ros_camera import picture_of
 from slam.io.recordings.ros_messages import IMAGE_KINDS, RULES
-from slam.io.recordings.transforms import MountTree
+from slam.io.recordings.transforms import BODY_FRAMES, MountTree, is_optical, transform_of
 
 Array = NDArray[np.float64]
 Message = Any
+
+_IMU = "sensor_msgs/msg/Imu"
 
 
 class Channel(Protocol):
@@ -65,10 +69,45 @@ class OpenBag(ABC):
         """Return the first ``CameraInfo`` of a topic of pictures; None without."""
 
     def find_first(self) -> None:
-        """Read the first messages, and find the frame of the body; the mounts must be known."""
+        """Read the first messages of the topics that have a mount or pictures."""
         kinds = {rule.kind for rule in RULES if rule.is_mounted} | set(IMAGE_KINDS)
         self.first = {topic: self._first(topic) for topic, _, count in self.topics(*kinds) if count}
-        self.body = self.mounts.body(self.frame_of(c.topic) for c in self.of_kinds("sensor_msgs/msg/Imu"))
+
+    def find_body(self) -> None:
+        """Find the frame of the body; the mounts and the first messages must be known.
+
+        Without a usual name it is that of an IMU, unless that has optical axes (REP 103), which are no
+        body's. Then a camera that has transforms is assumed to look straight down.
+        """
+        imus = [self.frame_of(c.topic) for c in self.of_kinds(_IMU)]
+        self.body = self.mounts.body(frame for frame in imus if not is_optical(frame))
+        cameras = [self.frame_of(c.topic) for c in self.of_kinds(*IMAGE_KINDS)]
+        known = next((frame for frame in cameras if self.mounts.knows(frame)), None)
+        if self.body is None and known is not None:
+            self.body = BODY_FRAMES[0]
+            self.mounts.add(self.body, known, NADIR_B_T_C)
+            self.warnings += (
+                f"no frame of the body is known: the camera of {brief(known, 40)!r} is assumed to look "
+                "straight down with the nose at the top, and other sensors are placed relative to it",
+            )
+
+    def add_constant_transforms(self, connections: Sequence[Any]) -> bool:
+        """Add the transforms that never change in some topics; return whether there is one.
+
+        Publishers of fixed transforms that do not use ``/tf_static`` repeat them.
+        """
+        found: dict[tuple[str, str], Array | None] = {}
+        for _, _, message in self.messages(connections):
+            for each in message.transforms:
+                pair, transform = (each.header.frame_id, each.child_frame_id), transform_of(each.transform)
+                if pair not in found:
+                    found[pair] = transform
+                elif (before := found[pair]) is not None and not np.array_equal(before, transform):
+                    found[pair] = None
+        constant = [(pair, transform) for pair, transform in found.items() if transform is not None]
+        for (parent, child), transform in constant:
+            self.mounts.add(parent, child, transform)
+        return bool(constant)
 
     def of_kinds(self, *kinds: str) -> list[Any]:
         """Return the connections with messages of some types."""

@@ -37,11 +37,22 @@ class Bag(OpenBag):
             self._open()
         weakref.finalize(self, self.reader.close)
         with damage_reported(path, DESCRIPTION):
-            static = [c for c in self.of_kinds(*TRANSFORM_KINDS) if c.topic.endswith("tf_static")]
-            for message in self.messages(static):
-                for each in message[2].transforms:
-                    self.mounts.add(each.header.frame_id, each.child_frame_id, transform_of(each.transform))
-            self.find_first()
+            self._add_mounts()
+            self.find_body()
+
+    def _add_mounts(self) -> None:
+        """Add the transforms of ``/tf_static``; where they miss a sensor, constant ones of ``/tf`` too."""
+        transforms = self.of_kinds(*TRANSFORM_KINDS)
+        static = [c for c in transforms if c.topic.endswith("tf_static")]
+        for _, _, message in self.messages(static):
+            for each in message.transforms:
+                self.mounts.add(each.header.frame_id, each.child_frame_id, transform_of(each.transform))
+        self.find_first()
+        changing = [c for c in transforms if c not in static]
+        if all(self.mounts.knows(self.frame_of(topic)) for topic in self.first):
+            return
+        if self.add_constant_transforms(changing):
+            self.warnings += ("mounts are also taken from transforms of /tf that never change",)
 
     def _open(self) -> None:
         """Open the bag; of a ROS 1 bag without an index, read what is complete."""

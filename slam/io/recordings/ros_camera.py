@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Image
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
-from slam.io.images import UnreadableImageError
+from slam.io.images import UnreadableImageError, encoded_size
 from slam.io.recordings import ros_pixels
+from slam.io.recordings.ros_lens import UnknownLensError, lens_of
 
 Array = NDArray[np.float64]
 Message = Any
-
-_RADTAN = ("plumb_bob", "rational_polynomial", "")
 
 
 def info_topics(image_topic: str) -> tuple[str, ...]:
@@ -25,34 +24,40 @@ def info_topics(image_topic: str) -> tuple[str, ...]:
     return tuple("/".join([*parts[:k], "camera_info"]) for k in range(len(parts) - 1, 0, -1))
 
 
-def camera_of(info: Message | None, b_T_c: Array | None) -> tuple[Camera | None, list[str]]:
-    """Return the camera of a ``CameraInfo``, and the assumptions; None with the reason where unusable."""
+def camera_of(info: Message | None, first: Message, b_T_c: Array | None) -> tuple[Camera | None, list[str]]:
+    """Return the camera of a ``CameraInfo``, and the assumptions; None with the reason where unusable.
+
+    ``first`` is the first message with a picture, whose size holds for all.
+    """
     if info is None:
         return None, ["no CameraInfo beside the pictures, so the lens is unknown; treated as not recorded"]
-    matrix = np.asarray(getattr(info, "k", getattr(info, "K", np.zeros(9))), float).reshape(3, 3)
-    coefficients = np.asarray(getattr(info, "d", getattr(info, "D", ())), float)
-    model = info.distortion_model
-    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0:
-        return None, ["CameraInfo is not calibrated (its focal length is 0); treated as not recorded"]
-    if model not in _RADTAN or np.any(coefficients[5:]):
-        return None, [
-            f"the lens model {model[:40]!r} with {len(coefficients)} coefficients is not known; "
-            "undistort the pictures first (image_proc); treated as not recorded"
-        ]
-    notes = []
+    size_px = _size_of(first) or (int(info.width), int(info.height))
+    try:
+        lens, notes = lens_of(info, size_px)
+    except UnknownLensError as reason:
+        return None, [f"{reason}; treated as not recorded"]
     if b_T_c is None:
         notes.append("no fixed transform to the body: looking straight down with the nose at the top assumed")
     elif (tilt := axis_tilt_deg(b_T_c[:3, 2])) > MAX_TILT_DEG:
         notes.append(tilt_remark(tilt))
-    kept = [*coefficients[:5], 0.0, 0.0, 0.0, 0.0][: 5 if len(coefficients) >= 5 else 4]
     camera = Camera(
-        focal_px=(float(matrix[0, 0]), float(matrix[1, 1])),
-        center_px=(float(matrix[0, 2]), float(matrix[1, 2])),
-        size_px=(int(info.width), int(info.height)),
-        distortion=tuple(float(v) for v in kept),
+        focal_px=lens.focal_px,
+        center_px=lens.center_px,
+        size_px=size_px,
+        distortion=lens.distortion,
         b_T_c=NADIR_B_T_C.copy() if b_T_c is None else b_T_c,
     )
     return camera, notes
+
+
+def _size_of(message: Message) -> tuple[int, int] | None:
+    """Return (width, height) of the picture in a message; None where it is damaged."""
+    if hasattr(message, "encoding"):
+        return int(message.width), int(message.height)
+    try:
+        return encoded_size(bytes(message.data))
+    except UnreadableImageError:
+        return None
 
 
 def picture_of(message: Message) -> Image | bytes:

@@ -22,7 +22,14 @@ from slam.io.recordings import ros_camera
 from slam.io.recordings.open_bag import BagPictures, OpenBag
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 from slam.io.recordings.ros_bag_file import DESCRIPTION, Bag
-from slam.io.recordings.ros_messages import CAMERA_INFO, IMAGE_KINDS, RANGE_T_SONAR, RULES, RosRule
+from slam.io.recordings.ros_messages import (
+    CAMERA_INFO,
+    IMAGE_KINDS,
+    RANGE_T_SONAR,
+    RULES,
+    TRANSFORM_KINDS,
+    RosRule,
+)
 from slam.io.recordings.transforms import mount_entry
 from slam.io.sensor_yaml import Value
 
@@ -30,6 +37,8 @@ Array = NDArray[np.float64]
 Message = Any
 
 _PROGRESS_STEP = 500
+_LONGEST_TRANSPORT_S = 10.0
+"""A message is recorded within seconds; a longer delay is another clock."""
 _RANGE = "sensor_msgs/msg/Range"
 _TF = "/tf_static"
 
@@ -75,7 +84,7 @@ def recording_of(bag: OpenBag, description: str) -> Recording:
     """Return the recording of an open bag."""
     offers = [*_camera_offers(bag), *_series_offers(bag)]
     used = {offer.channel for offer in offers}
-    used |= {topic for topic, _, _ in bag.topics(CAMERA_INFO)}
+    used |= {topic for topic, _, _ in bag.topics(CAMERA_INFO, *(TRANSFORM_KINDS if bag.body else ()))}
     others = [each for each in bag.topics() if each[0] not in used]
 
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
@@ -146,7 +155,7 @@ def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
     for offer in chosen:
         by_topic.setdefault(offer.channel, []).append(series[offer.stream])
     camera = next((offer.channel for offer in chosen if offer.stream == "cam0"), None)
-    warnings = [*bag.warnings, *_pass(bag, by_topic, progress)]
+    warnings = [*bag.warnings, *_pass(bag, by_topic, progress), *_one_clock(series)]
     readings = {
         offer.stream: _readings(bag, offer, series[offer.stream])
         for offer in chosen
@@ -187,6 +196,35 @@ def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) 
     return [f"{total - count} of {total} messages are missing in the bag"] if count < total else []
 
 
+def _one_clock(series: dict[str, _Series]) -> list[str]:
+    """Move streams whose headers have another clock than the other ones onto that of the recorder.
+
+    A driver may state the time since the start of its device. Streams of one clock keep their times relative
+    to each other.
+    """
+    late_s = {
+        name: float(np.median(np.array(each.recorded_ns) - np.array(each.stamps_ns))) * 1e-9
+        for name, each in series.items()
+        if len(each.stamps_ns)
+    }
+    shift_s, warnings = 0.0, []
+    if not late_s or max(late_s.values()) - min(late_s.values()) <= _LONGEST_TRANSPORT_S:
+        return []
+    previous_s = -np.inf
+    for name in sorted(late_s, key=late_s.__getitem__):
+        if late_s[name] - previous_s > _LONGEST_TRANSPORT_S:
+            shift_s = late_s[name] if abs(late_s[name]) > _LONGEST_TRANSPORT_S else 0.0
+        previous_s = late_s[name]
+        if shift_s:
+            each = series[name]
+            each.stamps_ns = array("q", (np.array(each.stamps_ns) + round(shift_s * 1e9)).tolist())
+            warnings.append(
+                f"{name}: the clock of its headers is {shift_s:.1f} s behind that of the recorder, and is "
+                "moved onto it; the delay of the transport remains"
+            )
+    return warnings
+
+
 def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
     rule = series.rule
     assert rule is not None
@@ -208,7 +246,7 @@ def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
 
 
 def _pictures(bag: OpenBag, topic: str, series: _Series) -> tuple[PictureChannel | None, list[str]]:
-    camera, notes = ros_camera.camera_of(bag.camera_info(topic), bag.mount_of(topic))
+    camera, notes = ros_camera.camera_of(bag.camera_info(topic), series.first, bag.mount_of(topic))
     if camera is None:
         return None, [f"cam0: {topic}: {line}" for line in notes]
     suffix = ros_camera.suffix_of_message(series.first)

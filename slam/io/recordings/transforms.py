@@ -37,6 +37,10 @@ class MountTree:
         names = [name.lstrip("/") for name in sensors]
         return next((name for name in (*BODY_FRAMES, *names) if name in self._graph), None)
 
+    def knows(self, frame: str) -> bool:
+        """Return whether a transform leads to a frame."""
+        return frame.lstrip("/") in self._graph
+
     def mount(self, body: str | None, sensor: str) -> Array | None:
         """Return ``b_T_s`` (4, 4), or None where the two frames are not connected."""
         sensor = sensor.lstrip("/")
@@ -49,6 +53,11 @@ class MountTree:
         for a, b in pairwise(path):
             b_T_s = b_T_s @ self._graph.edges[a, b]["T"]
         return b_T_s
+
+
+def is_optical(frame: str) -> bool:
+    """Return whether a frame has optical axes by its name (REP 103): x right, y down, z ahead."""
+    return "optical" in frame.lower()
 
 
 def mount_entry(b_T_s: Array) -> Mapping[str, Value]:

@@ -39,7 +39,11 @@ def _imu(fields: Fields) -> Converted:
 
 
 def _attitude(fields: Fields) -> Converted:
-    return angles_from_ned_quaternion(columns(fields, *_names("q", 4))), ()
+    resets = 0
+    if "quat_reset_counter" in fields:
+        resets = int((np.diff(column(fields, "quat_reset_counter")) != 0).sum())
+    notes = (f"the autopilot's filter reset its attitude {resets} times, at which the yaw may step",)
+    return angles_from_ned_quaternion(columns(fields, *_names("q", 4))), notes * bool(resets)
 
 
 def _gps(fields: Fields, names: tuple[str, str, str], units: tuple[float, float]) -> Converted:
@@ -134,13 +138,19 @@ def open_recording(path: Path) -> Recording:
         from pyulog import ULog
     log = _parsed(path, ULog)
     series = {
-        f"{data.name}[{data.multi_id}]" if data.multi_id else data.name: FieldSeries(
-            data.name, np.asarray(data.data["timestamp"], np.int64) * field_values.NS_PER_US, data.data
-        )
+        f"{data.name}[{data.multi_id}]" if data.multi_id else data.name: _stamped(data)
         for data in log.data_list
         if "timestamp" in data.data
     }
     return field_recording(path, DESCRIPTION, series, RULES, _damage(log), _metadata(log))
+
+
+def _stamped(data: ULog.Data) -> FieldSeries:
+    """Return the messages of a topic. A stamp of zero is a message that was never published."""
+    stamps_us = np.asarray(data.data["timestamp"], np.int64)
+    published = stamps_us > 0
+    fields = {name: np.asarray(values)[published] for name, values in data.data.items()}
+    return FieldSeries(data.name, stamps_us[published] * field_values.NS_PER_US, fields)
 
 
 def _parsed(path: Path, reader: type[ULog]) -> ULog:

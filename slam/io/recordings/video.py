@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
-from slam.io.files import read_bytes, refusal
+from slam.io.files import read_bytes
 from slam.io.recordings.gpmf import TRACK_CODE, GoproTrack, read_gopro
 from slam.io.recordings.mp4 import START, Mp4Track, read_tracks
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording

@@ -146,6 +146,83 @@ def test_the_camera_that_looks_down_is_taken(tmp_path):
     assert any("looks 90 degrees away" in line for line in read(path, cam0="/front/image_raw").warnings)
 
 
+def test_transforms_that_never_change_are_mounts_too(tmp_path):
+    """A publisher of fixed transforms may repeat them on /tf, among those of the moving vehicle."""
+    belly = ("base_link", "belly", (0.1, 0.0, 0.0), (0.0, HALF, -HALF, 0.0))
+    messages = [
+        ("/tf", at(k), M.transforms(belly, ("odom", "base_link", (float(k), 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))))
+        for k in range(3)
+    ]
+    header = M.header(at(0), "belly")
+    messages += [
+        ("/cam/image_raw", at(0), M.image(header, picture(1), "bgr8")),
+        ("/cam/camera_info", at(0), M.info(header, 5.0)),
+    ]
+    flight = read(ros1(tmp_path / "a.bag", messages))
+    assert flight.camera.b_T_c[:3, 3].tolist() == [0.1, 0.0, 0.0]
+    assert "mounts are also taken from transforms of /tf that never change" in flight.warnings
+
+
+def test_without_a_body_the_camera_is_assumed_to_look_down_and_carries_the_imu(tmp_path):
+    """A camera with an IMU in optical axes, as stereo and depth cameras have: z ahead, x right."""
+    ahead = (0.5, -0.5, 0.5, -0.5)
+    frames = M.transforms(
+        ("camera_link", "color_optical", (0.0, 0.02, 0.0), ahead),
+        ("camera_link", "imu_optical", (0.0, 0.0, 0.0), ahead),
+    )
+    colour, imu = M.header(at(0), "color_optical"), M.header(at(0), "imu_optical")
+    messages = [
+        ("/tf_static", START_NS, frames),
+        ("/color/image_raw", at(0), M.image(colour, picture(1), "bgr8")),
+        ("/color/camera_info", at(0), M.info(colour, 5.0)),
+        ("/imu", at(0), M.imu(imu, (0.0,) * 3, (0.0, 0.0, -9.8))),  # looking down, z of the optics is down
+    ]
+    flight = read(ros1(tmp_path / "a.bag", messages))
+    assert flight.camera.b_T_c == pytest.approx(NADIR_B_T_C, abs=1e-9)
+    assert flight.imu.b_T_s[:3, :3] @ flight.imu.accel_m_s2[0] == pytest.approx([0.0, 0.0, 9.8])
+    assert any("no frame of the body is known" in line for line in flight.warnings)
+
+
+def test_headers_on_another_clock_are_moved_onto_that_of_the_recorder(tmp_path):
+    since_start_ns = 50 * 10**9
+    messages = []
+    for k in range(9):
+        camera, imu = M.header(since_start_ns + 10_000_000 * k, "cam"), M.header(at(k), "imu")
+        messages += [
+            ("/imu", at(k), M.imu(imu, (0.0,) * 3, (0.0, 0.0, 9.8))),
+            ("/cam/image_raw", at(k) + 2_000_000 + 100_000 * (k % 3), M.image(camera, picture(k), "bgr8")),
+            ("/cam/camera_info", at(k), M.info(camera, 5.0)),
+        ]
+    flight = read(ros1(tmp_path / "a.bag", messages))
+    assert flight.frames.stamps_s - flight.imu.stamps_s == pytest.approx(0.0021, abs=1e-6)
+    assert any("cam0: the clock of its headers" in line for line in flight.warnings)
+
+
+@pytest.mark.parametrize(
+    ("size_px", "more", "focal_px", "center_px", "why"),
+    [
+        ((3, 2), {}, 2.5, (1.0, 0.5), "is for 6 x 4 px and is scaled to 3 x 2"),
+        ((3, 2), {"binning_x": 2, "binning_y": 2}, 2.5, (1.0, 0.5), "region of interest or binning"),
+        ((4, 2), {"roi": (1, 2, 4, 2)}, 5.0, (1.5, -0.5), "region of interest or binning"),
+    ],
+)
+def test_the_lens_is_that_of_the_pictures_resolution(tmp_path, size_px, more, focal_px, center_px, why):
+    header = M.header(at(0), "cam")
+    info = M.info(header, 5.0)  # of 6 x 4 px, its principal point in the middle
+    if "roi" in more:
+        region = info.roi
+        region.x_offset, region.y_offset, region.width, region.height = more["roi"]
+    else:
+        info.binning_x, info.binning_y = more.get("binning_x", 0), more.get("binning_y", 0)
+    pixels = np.zeros((size_px[1], size_px[0], 3), np.uint8)
+    messages = [("/cam/image_raw", at(0), M.image(header, pixels, "bgr8")), ("/cam/camera_info", at(0), info)]
+    flight = read(ros1(tmp_path / "a.bag", messages))
+    assert (flight.camera.size_px, flight.camera.focal_px[0]) == (size_px, focal_px)
+    assert flight.camera.center_px == pytest.approx(center_px)
+    assert flight.frames[0].read() is not None
+    assert any(why in line for line in flight.warnings)
+
+
 def test_a_range_sensor_that_looks_ahead_is_no_height(tmp_path):
     frames = M.transforms(
         ("base_link", "ahead", (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)),
@@ -235,7 +312,7 @@ def test_a_stick_is_taken_on_request(tmp_path):
     [
         (None, "no CameraInfo beside the pictures"),
         ({"focal": 0.0}, "not calibrated"),
-        ({"focal": 5.0, "model": "equidistant", "d": (0.1,) * 4}, "lens model 'equidistant'"),
+        ({"focal": 5.0, "model": "thin_prism", "d": (0.1,) * 4}, "lens model 'thin_prism'"),
     ],
 )
 def test_a_camera_without_a_known_lens_is_left_with_the_reason(tmp_path, info, why):

@@ -192,6 +192,19 @@ def test_a_value_that_no_sensor_gives_is_missing(tmp_path):
     assert any("treated as missing (first: message 8)" in line for line in flight.warnings)
 
 
+def test_a_message_that_was_never_published_is_left_out(tmp_path):
+    rows = [(0, *imu_rows()[0][1:]), *imu_rows()]
+    flight = read(log(tmp_path / "a.ulg", {"sensor_combined": (IMU, "6f", rows)}))
+    assert flight.imu.stamps_s == pytest.approx(0.004 * np.arange(5))
+
+
+def test_resets_of_the_autopilots_filter_are_told(tmp_path):
+    rows = [(1_000_000 + 4000 * k, 1.0, 0.0, 0.0, 0.0, (0, 0, 1, 1, 2)[k]) for k in range(5)]
+    fields = "float[4] q;uint8_t quat_reset_counter;"
+    flight = read(log(tmp_path / "a.ulg", {"vehicle_attitude": (fields, "4fB", rows)}))
+    assert any("reset its attitude 2 times" in line for line in flight.warnings)
+
+
 def test_losses_of_the_logger_are_reported(tmp_path):
     dropout = message(b"O", (120).to_bytes(2, "little"))
     flight = read(log(tmp_path / "a.ulg", {"sensor_combined": (IMU, "6f", imu_rows())}, tail=dropout))
