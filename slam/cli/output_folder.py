@@ -40,7 +40,7 @@ OPTIMIZE_NAMES = (
     "report.html",
     "summary.json",
 )
-"""Files that ``slam optimize`` writes."""
+"""Files that ``slam optimize`` writes; a new one is added at the end."""
 
 MODEL_NAME = "model.toml"
 """Model of the instruments from ``--model``; the commands that read the map need it too."""
@@ -93,11 +93,13 @@ _VIEWER_FILES = (
 """Files that viewers create beside pictures; they may be deleted with them."""
 
 _MAP_KEYS = ("status", "frames", "keyframes", "edges", "timing_s", "peak_rss_mb", "warnings")
+_FIRST_MAP_NAMES = OPTIMIZE_NAMES[: OPTIMIZE_NAMES.index("summary.json") + 1]
+"""Files that ``slam optimize`` wrote in version 0.1.0; a name that was added later stands behind them."""
 _FIRST_VERSION = (
     (
         ("graph.g2o", "trajectory.tum", "estimate.npz", "loops.csv", "report.html"),
         (*_MAP_KEYS, "landmarks"),
-        (*OPTIMIZE_NAMES, MODEL_NAME),
+        (*_FIRST_MAP_NAMES, MODEL_NAME),
     ),
     (("estimate.png", "trajectory.tum", "estimate.npz"), (*_MAP_KEYS, "channels"), ESTIMATE_NAMES),
     (("locations.csv",), ("status", "pictures", "found", "rejected"), LOCATE_NAMES),
