@@ -21,6 +21,8 @@ STARTS = (b"PK\x03\x04", b"PK\x05\x06")
 """First bytes of a ZIP archive; the second of an empty one."""
 _BLOCK_BYTES = 1 << 20
 _MAX_NAMED = 6
+_COMPANIONS = (".srt", ".csv")
+"""Files that belong to a video of their name, or list photographs."""
 _unpacked: list[tempfile.TemporaryDirectory[str]] = []
 """Folders that pictures are read from until the program ends."""
 
@@ -107,8 +109,13 @@ def _source_in(folder: Path, archive: Path) -> Unpacked:
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     faults = {path: fault for path in files if (fault := _fault(path)) is not None}
     found = [path for path in files if path not in faults and format_of(path) is not None]
-    stems = {path.with_suffix("") for path in found if path.suffix.lower() != ".srt"}
-    found = [path for path in found if path.suffix.lower() != ".srt" or path.with_suffix("") not in stems]
+    stems = {path.with_suffix("") for path in found if path.suffix.lower() not in _COMPANIONS}
+    found = [
+        path
+        for path in found
+        if path.suffix.lower() not in _COMPANIONS
+        or (path.with_suffix("") not in stems and not holds_photos(folder))
+    ]
     if len(found) > 1:
         names = ", ".join(os.path.relpath(path, folder) for path in found[:_MAX_NAMED])
         raise refusal(archive, f"holds {len(found)} recordings ({names})", "unpack it and name one of them")

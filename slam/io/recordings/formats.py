@@ -11,7 +11,7 @@ from pathlib import Path
 from slam.core.errors import explain
 from slam.io.content import HEAD_BYTES, content_name
 from slam.io.files import refusal
-from slam.io.recordings import mp4
+from slam.io.recordings import mp4, table
 from slam.io.recordings.recording import Recording
 
 
@@ -66,6 +66,7 @@ FORMATS: tuple[Format, ...] = (
     Format("a video", "slam.io.recordings.video", (".h264", ".264", ".h265", ".hevc"), (), _BARE_STREAM),
     Format("a video", "slam.io.recordings.video", (".flv",), (b"FLV\x01",)),
     Format("a file of subtitles", "slam.io.recordings.video", (".srt",), (), _SUBTITLES),
+    Format(table.DESCRIPTION, "slam.io.recordings.table", (".csv", ".tsv"), (), table.START),
     Format("an MCAP recording", "slam.io.recordings.foxglove", (".mcap",), (), _MCAP_WITHOUT_ROS),
     Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )

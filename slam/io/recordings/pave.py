@@ -119,7 +119,7 @@ def _pictures(path: Path, stream: _Stream) -> PictureChannel:
             copy.write(file.read(end - begin))
     fetch = VideoPictures(bare, np.arange(len(stream.numbers), dtype=float), is_timed=False)
     weakref.finalize(fetch, folder.cleanup)
-    camera, notes = video_camera(first_size_of(bare), None)
+    camera, notes = video_camera(first_size_of(bare), None, has_angles=False)
     stamps_ns = np.array(stream.times_ms, dtype=np.int64) * _NS_PER_MS
     return PictureChannel(
         stamps_ns=stamps_ns,

@@ -98,8 +98,13 @@ SUBTITLE_READERS: Mapping[str, Callable[[Subtitles], StreamReadings]] = {
 """Folder of a stream -> its readings."""
 
 
-def video_camera(size_px: tuple[int, int], subtitles: Subtitles | None) -> tuple[Camera, list[str]]:
-    """Return the camera of a video, and the assumptions, one line each."""
+def video_camera(
+    size_px: tuple[int, int], subtitles: Subtitles | None, has_angles: bool
+) -> tuple[Camera, list[str]]:
+    """Return the camera of a video, and the assumptions, one line each.
+
+    ``has_angles`` states that the recording has an attitude.
+    """
     width, height = size_px
     focal_mm = np.empty(0) if subtitles is None else subtitles.column("focal_mm")
     zoom = np.ones(len(focal_mm)) if subtitles is None else np.nan_to_num(subtitles.column("zoom"), nan=1.0)
@@ -119,7 +124,7 @@ def video_camera(size_px: tuple[int, int], subtitles: Subtitles | None) -> tuple
         notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}")
     if subtitles is not None and subtitles.stabilised:
         notes.append("pictures are stabilised electronically, so the lens differs from picture to picture")
-    if subtitles is None or not np.isfinite(subtitles.column("gimbal_pitch")).any():
+    if not has_angles:
         notes.append("no angles of the gimbal: looking straight down assumed")
     camera = Camera(
         focal_px=(focal_px, focal_px),

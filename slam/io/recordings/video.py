@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.errors import InputError
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
 from slam.io.files import read_bytes
@@ -17,6 +18,7 @@ from slam.io.recordings.mp4 import START, Mp4Track, read_tracks
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
 from slam.io.recordings.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
 from slam.io.recordings.subtitles import Subtitles, parse_subtitles
+from slam.io.recordings.table import KIND, RULES, read_table, recording_of
 from slam.io.recordings.video_pictures import VideoPictures, first_size_of, packet_times
 
 Array = NDArray[np.float64]
@@ -24,6 +26,9 @@ Array = NDArray[np.float64]
 ASSUMED_RATE_HZ = 25.0
 """Picture rate of a file without times; that of FFmpeg's demuxers of bare streams."""
 MAX_SUBTITLE_BYTES = 1 << 28
+_GOPRO = "GoPro metadata"
+_RANK_OF_SUBTITLES = len(RULES)
+"""A table beside a video is preferred, since a person put it there."""
 _SUBTITLE_CODES = ("tx3g", "text")
 
 
@@ -45,21 +50,8 @@ def open_recording(path: Path) -> Recording:
         video = _Video(np.empty(0), (0, 0), True, _from_file(path), path.name)
     else:
         video = _opened(path)
-    offers = []
-    if len(video.stamps_s):
-        reading = f"{video.size_px[0]} x {video.size_px[1]} px"
-        rows = len(video.stamps_s)
-        offers.append(Offer(stream="cam0", channel=path.name, kind="video", rows=rows, reading=reading))
-    if video.subtitles is not None:
-        offers += subtitle_offers(video.subtitles, video.subtitle_name)
-    others: list[tuple[str, str, int]] = []
-    if (gopro := video.gopro) is not None:
-        others = [(key, "GoPro metadata", count) for key, count in gopro.others]
-        rows, reading = len(gopro.positions.stamps_ns), "deg, m"
-        kind, rank = "GoPro metadata", 1
-        offers.append(
-            Offer(stream="gps0", channel=gopro.key, kind=kind, rows=rows, reading=reading, rank=rank)
-        )
+    beside, remarks = _table_beside(path, video.stamps_s)
+    gopro = video.gopro
 
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
         readings = {
@@ -67,22 +59,45 @@ def open_recording(path: Path) -> Recording:
             for offer in chosen
             if offer.stream != "cam0" and video.subtitles is not None and offer.kind == "subtitles"
         }
-        if gopro is not None and any(offer.channel == gopro.key for offer in chosen):
+        if gopro is not None and any(offer.kind == _GOPRO for offer in chosen):
             readings["gps0"] = gopro.positions
-        taken = any(offer.stream == "cam0" for offer in chosen)
+        warnings = (*_coverage(video), *video.damage, *remarks)
+        if beside is not None:
+            content = beside.read([offer for offer in chosen if offer.kind == KIND], progress)
+            readings |= content.readings
+            warnings += content.warnings
+        taken = {offer.stream for offer in chosen}
         date = "" if video.subtitles is None else video.subtitles.date
-        pictures = _pictures(path, video) if taken else None
-        warnings = (*_coverage(video), *video.damage)
+        pictures = _pictures(path, video, "attitude0" in taken) if "cam0" in taken else None
         return Content(readings, pictures, warnings, {"date": date} if date else {})
 
     return Recording(
         path=path,
         name=path.stem,
         description="a video" if len(video.stamps_s) else "a file of subtitles",
-        offers=tuple(offers),
-        others=tuple(others),
+        offers=tuple(_offers(path, video, beside)),
+        others=(
+            *(() if beside is None else beside.others),
+            *(() if gopro is None else ((key, _GOPRO, count) for key, count in gopro.others)),
+        ),
         read=read,
     )
+
+
+def _offers(path: Path, video: _Video, beside: Recording | None) -> Iterator[Offer]:
+    """Yield the pictures, and the streams of the table, the subtitles and GoPro's metadata."""
+    if rows := len(video.stamps_s):
+        reading = f"{video.size_px[0]} x {video.size_px[1]} px"
+        yield Offer(stream="cam0", channel=path.name, kind="video", rows=rows, reading=reading)
+    if beside is not None:
+        yield from beside.offers
+    if video.subtitles is not None:
+        for offer in subtitle_offers(video.subtitles, video.subtitle_name):
+            yield replace(offer, rank=_RANK_OF_SUBTITLES)
+    if video.gopro is not None:
+        rows, rank = len(video.gopro.positions.stamps_ns), _RANK_OF_SUBTITLES + 1
+        channel = video.gopro.key
+        yield Offer(stream="gps0", channel=channel, kind=_GOPRO, rows=rows, reading="deg, m", rank=rank)
 
 
 def _opened(path: Path) -> _Video:
@@ -115,6 +130,26 @@ def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | N
     subtitles, lost = subtitles_of_track(path, track)
     line = f"{lost} of {len(track.sizes)} subtitles lead out of the file and are lost"
     return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
+
+
+def _table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[str, ...]]:
+    """Return the table with the name of a video, and a line about one that cannot be used.
+
+    A table counts from the start of the video; one with other times has a clock of its own.
+    """
+    found = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".csv"]
+    if not found or not len(stamps_s):
+        return None, ()
+    name = found[0].name
+    try:
+        table = read_table(found[0])
+    except InputError as fault:
+        return None, (f"{name} beside the video is not used: {fault}",)
+    times_s = table.series.stamps_ns * 1e-9
+    if not len(times_s) or times_s.min() > stamps_s[-1] or times_s.max() < 0:
+        do = f"give it as a source of its own: slam import {path.name} {name} --out FLIGHT"
+        return None, (f"{name} is not used: its times are not those of the video; {do}",)
+    return recording_of(found[0], table), ()
 
 
 def _from_file(path: Path) -> Subtitles:
@@ -157,8 +192,8 @@ def _coverage(video: _Video) -> tuple[str, ...]:
     return (f"{video.subtitle_name} covers {covered}; beyond, there is no position",)
 
 
-def _pictures(path: Path, video: _Video) -> PictureChannel:
-    camera, notes = video_camera(video.size_px, video.subtitles)
+def _pictures(path: Path, video: _Video, has_angles: bool) -> PictureChannel:
+    camera, notes = video_camera(video.size_px, video.subtitles, has_angles)
     if not video.is_timed:
         notes.append(f"the file has no times: {ASSUMED_RATE_HZ:g} pictures a second assumed")
     stamps_ns = np.round(video.stamps_s * 1e9).astype(np.int64)

@@ -239,7 +239,7 @@ def test_a_missing_reader_is_one_line_with_the_command(tmp_path, monkeypatch):
     [
         ("sample", "PX4 AUAV_X21", set()),
         ("sample_log_small", "PX4 CUBEPILOT_CUBEORANGE", {"gps", "command", "battery"}),
-        ("sample_px4_events", "PX4 PX4_SITL", {"gps", "command", "battery", "motor"}),
+        ("sample_px4_events", "PX4 PX4_SITL", {"gps", "battery", "motor"}),
     ],
 )  # fmt: skip
 def test_recorded_logs(name, vehicle, streams):
