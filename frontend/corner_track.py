@@ -44,6 +44,10 @@ class CornerTrack:
             lead = min(MOST_LEAD, lead + ALONE)
         return CornerTrack((self.frames[-1], frame), (before, corners_px), lead)
 
+    def corrected(self, corners_px: Array) -> CornerTrack:
+        """Return the track with another registration of its last picture."""
+        return CornerTrack(self.frames, (*self.corners_px[:-1], corners_px), self.lead)
+
     def seen_from(self, i_H_j: Array) -> CornerTrack:
         """Return the track in the picture of another keyframe j."""
         j_H_i: Array = np.asarray(np.linalg.inv(i_H_j), dtype=float)

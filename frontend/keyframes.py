@@ -1,10 +1,13 @@
-"""Tracking: register each frame to the last keyframe; create a keyframe when their overlap becomes small."""
+"""Tracking: register each frame to the last keyframe; create a keyframe when their overlap becomes small.
+
+Between keyframes the pictures are followed by optical flow. Where the flow alone does not settle the floor's
+motion, and for every keyframe, features are extracted and matched.
+"""
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,18 +17,19 @@ from frontend.camera import Camera
 from frontend.cells import cells
 from frontend.corner_track import CornerTrack
 from frontend.features import Extractor, Features
+from frontend.flow import FlowTemplate
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
-from frontend.picture_check import unusable_reason
+from frontend.masking import hides_any
+from frontend.motions import MOST_LEAD, Expectation
 from frontend.registration import Registration, register
+from frontend.views import SAME_PICTURE, Masks, View, Views
 
 Image = NDArray[np.uint8]
 
-SAME_PICTURE = "same picture as the one before"
-"""Reason to drop a picture that equals the one before, pixel by pixel."""
-SEARCHED_AT_ONCE, MOST_PX = 2, 500_000
-"""Features of pictures of up to ``MOST_PX`` are extracted two pictures at a time, because OpenCV splits small
-pictures badly among cores. It splits larger ones well, and each needs much memory."""
+TOO_FEW = "too few features"
+ONCE = 1
+"""After more pictures in a row that needed features, those of the next ones are extracted ahead."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,8 @@ class KeyframeConfig:
     """A new keyframe is created where the overlap with the last one is less than this."""
     patience: int = 5
     """Consecutive frames that may fail before tracking restarts without a link."""
+    flow: bool = True
+    """Whether optical flow follows the pictures between keyframes; else each is matched by its features."""
 
 
 @dataclass(frozen=True)
@@ -65,23 +71,41 @@ class IntermediateFrame:
 
 @dataclass(frozen=True)
 class _Tracked:
-    """A tracked frame with all its features, including those on moving objects: the next frame needs them to
-    separate the objects from the floor."""
+    """A picture that is registered to the last keyframe."""
 
-    frame: int
-    features: Features
+    view: View
     link: Registration | None
-    on_floor: NDArray[np.bool_]
-    """(n,) whether each feature belongs to the floor and enters the map."""
     corner_track: CornerTrack
     """Corners of this frame and of the previous one in the picture of the last keyframe."""
 
-    def as_last(self) -> _Tracked:
+    @property
+    def frame(self) -> int:
+        return self.view.frame
+
+    def passed(self) -> IntermediateFrame:
+        """Return the frame as an intermediate frame."""
+        assert self.link is not None
+        return IntermediateFrame(self.frame, self.link.i, self.link.i_H_j, self.link.corner_covariance)
+
+
+@dataclass(frozen=True)
+class _Matched(_Tracked):
+    """A picture that is registered by its features, those on moving objects included: the next frame needs
+    them to separate the objects from the floor."""
+
+    on_floor: NDArray[np.bool_]
+    """(n,) whether each feature belongs to the floor and enters the map."""
+
+    @property
+    def features(self) -> Features:
+        return self.view.features
+
+    def as_last(self) -> _Matched:
         """Return the frame as the keyframe that later frames are registered to."""
         assert self.link is not None
         return replace(self, corner_track=self.corner_track.seen_from(self.link.i_H_j))
 
-    def keyframe(self, last: _Tracked | None) -> Keyframe:
+    def keyframe(self, last: _Matched | None) -> Keyframe:
         """Return the frame as a keyframe with the features on the floor only."""
         features, link = self.features, self.link
         if self.on_floor.all() and (last is None or last.on_floor.all()):
@@ -95,11 +119,6 @@ class _Tracked:
         on_floor = features[self.on_floor]
         return Keyframe(self.frame, on_floor, link)
 
-    def passed(self) -> IntermediateFrame:
-        """Return the frame as an intermediate frame."""
-        assert self.link is not None
-        return IntermediateFrame(self.frame, self.link.i, self.link.i_H_j, self.link.corner_covariance)
-
 
 class Tracker:
     """Select keyframes in one pass over the frames; ``rejected`` counts dropped frames by reason."""
@@ -111,12 +130,18 @@ class Tracker:
         homography: HomographyConfig,
         gates: GateConfig,
         config: KeyframeConfig,
-        masks: Callable[[int], Image | None] = lambda frame: None,
+        masks: Masks = lambda frame: None,
+        known: Callable[[int], Features | None] = lambda frame: None,
     ) -> None:
-        """``masks`` returns the mask of a frame number; 0 marks pixels to ignore."""
+        """``masks`` returns the mask of a frame number; 0 marks pixels to ignore. ``known`` returns the
+        features of its whole picture, if they were extracted before."""
         self.camera, self.extractor = camera, extractor
-        self.homography, self.gates, self.config, self.masks = homography, gates, config, masks
+        self.homography, self.gates, self.config = homography, gates, config
+        self._known = known
         self._corners = camera.undistort(camera.corners_px)
+        self._views = Views(self._extract, masks, camera.size_px)
+        self._unsettled = 0
+        self._template: tuple[int, FlowTemplate] | None = None
         self.rejected: Counter[str] = Counter()
         self.dropped: dict[int, str] = {}
         """Number of each dropped frame -> reason."""
@@ -128,46 +153,74 @@ class Tracker:
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Yield keyframes in order of time."""
         number = -1
-        last: _Tracked | None = None
+        last: _Matched | None = None
         best: _Tracked | None = None
         failures = 0
-        for frame, features in self._with_last_of_equal(self._seen(images)):
+        for view in self._with_last_of_equal(self._usable(images)):
             if last is None:
-                last, number = self._first(frame, features), number + 1
-                yield last.keyframe(None)
+                if self._has_features(view):
+                    last, number = self._first(view), number + 1
+                    yield last.keyframe(None)
                 continue
-            tracked, reason = self._track(number, frame, last, features, (best or last).corner_track)
+            tracked, reason = self._track(number, view, last, (best or last).corner_track)
+            if reason == TOO_FEW:
+                self._drop(view.frame, reason)
+                continue
             if best is not None and (tracked is None or self._overlap_is_small(tracked)):
                 # The previous frame still overlapped enough: it becomes the keyframe.
-                yield best.keyframe(last)
-                last, number, best = best.as_last(), number + 1, None
-                tracked, reason = self._track(number, frame, last, features, last.corner_track)
+                settled = self._settled(number, best, last)
+                if settled is not None:
+                    yield settled.keyframe(last)
+                    last, number = settled.as_last(), number + 1
+                    tracked, reason = self._track(number, view, last, last.corner_track)
+                best = None
             elif best is not None:
                 self.passed.append(best.passed())
             if tracked is None:
-                self._drop(frame, reason)
+                self._drop(view.frame, reason)
                 failures += 1
                 if failures > self.config.patience:
                     self.rejected["tracking started anew"] += 1
-                    last, number, failures = self._first(frame, features), number + 1, 0
+                    last, number, failures = self._first(view), number + 1, 0
                     yield last.keyframe(None)
                 continue
             failures, best = 0, tracked
         if best is not None and last is not None:
-            yield best.keyframe(last)
+            settled = self._settled(number, best, last)
+            if settled is not None:
+                yield settled.keyframe(last)
 
-    def _with_last_of_equal(self, seen: Iterable[tuple[int, Features]]) -> Iterator[tuple[int, Features]]:
+    def every(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
+        """Yield each readable picture as a keyframe, linked to the previous one where the two overlap."""
+        number = -1
+        before: Features | None = None
+        self._views.ahead = True
+        for view in self._usable(images):
+            if not self._has_features(view):
+                continue
+            link, features = None, view.features
+            if before is not None:
+                link = register(
+                    number, number + 1, before, features, self.camera, self.homography, self.gates
+                )
+            number, before = number + 1, features
+            if link is None or link.ok:
+                yield Keyframe(view.frame, features, link)
+            else:
+                yield Keyframe(view.frame, features, None, refused=link)
+
+    def _with_last_of_equal(self, usable: Iterable[View]) -> Iterator[View]:
         """Yield the last picture too where all are equal: together with the first it shows the one place."""
-        features: list[Features] = []
-        for frame, extracted in seen:
-            if len(features) < 2:
-                features.append(extracted)
-            yield frame, extracted
+        views: list[View] = []
+        for view in usable:
+            if len(views) < 2:
+                views.append(view)
+            yield view
         equal = [frame for frame, reason in self.dropped.items() if reason == SAME_PICTURE]
-        if len(features) == 1 and equal:
+        if len(views) == 1 and equal:
             del self.dropped[equal[-1]]
             self.rejected[SAME_PICTURE] -= 1
-            yield equal[-1], features[0]
+            yield views[0].repeated(equal[-1])
 
     def _drop(self, frame: int, reason: str) -> None:
         self.rejected[reason] += 1
@@ -178,83 +231,111 @@ class Tracker:
         # The floor's motion is identified surely only while most of the floor is in view: both motions count.
         return tracked.link.least_overlap < self.config.min_overlap
 
-    def every(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
-        """Yield each readable picture as a keyframe, linked to the previous one where the two overlap."""
-        number = -1
-        before: Features | None = None
-        for frame, features in self._seen(images):
-            link = None
-            if before is not None:
-                link = register(
-                    number, number + 1, before, features, self.camera, self.homography, self.gates
-                )
-            number, before = number + 1, features
-            if link is None or link.ok:
-                yield Keyframe(frame, features, link)
-            else:
-                yield Keyframe(frame, features, None, refused=link)
-
-    def _seen(self, images: Iterable[Image | None]) -> Iterator[tuple[int, Features]]:
-        """Yield numbers and features of frames with enough features; count the others."""
-        for frame, features in enumerate(self._extracted(images)):
+    def _usable(self, images: Iterable[Image | None]) -> Iterator[View]:
+        """Yield the pictures that can be searched for features; count the others."""
+        readable = -1
+        for frame, view in self._views.each(images):
             self.frames += 1
-            if isinstance(features, str):
-                self._drop(frame, features)
-            elif len(features) < self.gates.min_inliers:
-                self._drop(frame, "too few features")
+            if isinstance(view, View):
+                readable = frame
+                yield view
             else:
-                yield frame, features
+                # A picture without features says so each time it is repeated.
+                repeated_blank = view == SAME_PICTURE and self.dropped.get(readable) == TOO_FEW
+                self._drop(frame, TOO_FEW if repeated_blank else view)
 
-    def _extracted(self, images: Iterable[Image | None]) -> Iterator[Features | str]:
-        """Yield features of each frame, or the reason for having none; extraction runs ahead of matching."""
-        coming: deque[Future[Features | str]] = deque()
-        before: Image | None = None
-        width, height = self.camera.size_px
-        ahead = SEARCHED_AT_ONCE if width * height <= MOST_PX else 1
-        with ThreadPoolExecutor(ahead) as pool:
-            for frame, image in enumerate(images):
-                coming.append(pool.submit(self._features, frame, image, before))
-                before = image if image is not None else before
-                if len(coming) > ahead:
-                    yield coming.popleft().result()
-            while coming:
-                yield coming.popleft().result()
+    def _extract(self, view: View) -> Features:
+        known = self._known(view.frame)
+        # Masks that hide no feature change none: the others are still the strongest.
+        if known is not None and not hides_any(view.mask, known.pixel, self.camera):
+            return known
+        return self.extractor(view.image, self.camera, view.mask)
 
-    def _features(self, frame: int, image: Image | None, before: Image | None) -> Features | str:
-        if image is None:
-            return "unreadable"
-        if reason := unusable_reason(image, self.camera.size_px):
-            return reason
-        features = self.extractor(image, self.camera, self.masks(frame))
-        if len(features) >= self.gates.min_inliers and before is not None and np.array_equal(image, before):
-            # A frozen camera: time and position advance, the picture does not.
-            return SAME_PICTURE
-        return features
+    def _has_features(self, view: View) -> bool:
+        """Return whether a picture has enough features; count it as dropped if it has not."""
+        if len(view.features) >= self.gates.min_inliers:
+            return True
+        self._drop(view.frame, TOO_FEW)
+        return False
 
     def _track(
-        self, number: int, frame: int, last: _Tracked, features: Features, corner_track: CornerTrack
+        self, number: int, view: View, last: _Matched, corner_track: CornerTrack
     ) -> tuple[_Tracked | None, str]:
-        """Register the frame to the last keyframe; return the reason where that fails."""
-        link = register(
-            number, number + 1, last.features, features, self.camera, self.homography, self.gates,
-            corner_track.expected(frame),
+        """Register the picture to the last keyframe by flow, else by features; return the reason where that
+        fails."""
+        expected = corner_track.expected(view.frame)
+        if self.config.flow and expected is not None:
+            link = self._template_of(last).register(
+                number, number + 1, view.image, view.mask, expected, self.homography, self.gates
+            )
+            if link is not None and not self._changes_too_much(link):
+                self._unsettled, self._views.ahead = 0, False
+                return _Tracked(view, link, self._continued(corner_track, view, link)), ""
+        self._unsettled += 1
+        self._views.ahead = self._unsettled > ONCE
+        if len(view.features) < self.gates.min_inliers:
+            return None, TOO_FEW
+        link, reason = self._matched(number, view, last, expected)
+        if link is None:
+            return None, reason
+        on_floor = _on_floor(view.features, link, self.camera)
+        return _Matched(view, link, self._continued(corner_track, view, link), on_floor), ""
+
+    def _settled(self, number: int, tracked: _Tracked, last: _Matched) -> _Matched | None:
+        """Return the picture as registered by its features; None where that fails: it is dropped."""
+        if isinstance(tracked, _Matched):
+            return tracked
+        view, corner_track = tracked.view, tracked.corner_track
+        if not self._has_features(view):
+            return None
+        # The flow has followed the floor from the keyframe to here: no copy of it and no other motion counts.
+        expected = Expectation(corner_track.corners_px[-1], MOST_LEAD)
+        link, reason = self._matched(number, view, last, expected)
+        if link is None:
+            self._drop(view.frame, reason)
+            return None
+        return _Matched(
+            view, link, corner_track.corrected(transfer(link.i_H_j, self._corners)),
+            _on_floor(view.features, link, self.camera),
         )  # fmt: skip
+
+    def _matched(
+        self, number: int, view: View, last: _Matched, expected: Expectation | None
+    ) -> tuple[Registration | None, str]:
+        """Register the picture to the last keyframe by features; return the reason where that fails."""
+        link = register(
+            number,
+            number + 1,
+            last.features,
+            view.features,
+            self.camera,
+            self.homography,
+            self.gates,
+            expected,
+        )
         if not link.ok:
             return None, link.reason
-        if relative_change(link.i_H_j, self.camera) > self.gates.max_relative_change:
+        if self._changes_too_much(link):
             return None, "change above gamma_2"
-        on_floor = _on_floor(features, link, self.camera)
-        if not on_floor.all():
-            self.moving.add(frame)
-        alone, width_px = len(link.elsewhere) == 0, self.camera.size_px[0]
-        corner_track = corner_track.then(
-            frame, transfer(link.i_H_j, self._corners), link.lead, alone, width_px
-        )
-        return _Tracked(frame, features, link, on_floor, corner_track), ""
+        if len(link.elsewhere):
+            self.moving.add(view.frame)
+        return link, ""
 
-    def _first(self, frame: int, features: Features) -> _Tracked:
-        every = np.ones(len(features), dtype=bool)
-        return _Tracked(frame, features, None, every, CornerTrack.begin(frame, self._corners))
+    def _changes_too_much(self, link: Registration) -> bool:
+        return relative_change(link.i_H_j, self.camera) > self.gates.max_relative_change
+
+    def _continued(self, corner_track: CornerTrack, view: View, link: Registration) -> CornerTrack:
+        corners_px, alone = transfer(link.i_H_j, self._corners), len(link.elsewhere) == 0
+        return corner_track.then(view.frame, corners_px, link.lead, alone, self.camera.size_px[0])
+
+    def _template_of(self, last: _Matched) -> FlowTemplate:
+        if self._template is None or self._template[0] != last.frame:
+            self._template = last.frame, FlowTemplate.of(last.view.image, last.features, self.camera)
+        return self._template[1]
+
+    def _first(self, view: View) -> _Matched:
+        every = np.ones(len(view.features), dtype=bool)
+        return _Matched(view, None, CornerTrack.begin(view.frame, self._corners), every)
 
 
 def _on_floor(features: Features, link: Registration, camera: Camera) -> NDArray[np.bool_]:

@@ -50,3 +50,13 @@ class ObstacleMask:
         # One step wider: edges are known to a cell, and features have a support region.
         wide = cv2.dilate(high.reshape(self._shape).astype(np.uint8), np.ones((3, 3), np.uint8))
         return np.asarray(cv2.resize(255 * (1 - wide), self.camera.size_px, interpolation=cv2.INTER_NEAREST))
+
+
+def hides_any(mask: Image | None, pixel: Array, camera: Camera) -> bool:
+    """Return whether a mask of a recorded picture hides any of some undistorted pixels (n, 2)."""
+    if mask is None:
+        return False
+    recorded = camera.project(camera.rays(pixel)) if camera.is_distorted else pixel
+    w, h = camera.size_px
+    column, row = np.clip(np.rint(recorded), 0, [w - 1, h - 1]).astype(int).T
+    return bool((mask[row, column] == 0).any())

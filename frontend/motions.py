@@ -56,11 +56,15 @@ class Expectation:
         """Return the mean distance of the corners from their prediction."""
         return float(np.linalg.norm(transfer(i_H_j, corners_px) - self.corners_px, axis=1).mean())
 
+    def homography(self, corners_px: Array) -> Array:
+        """Return the predicted homography (3, 3), pixels of picture j to pixels of picture i."""
+        here, there = corners_px.astype(np.float32), self.corners_px.astype(np.float32)
+        return np.asarray(cv2.getPerspectiveTransform(here, there))
+
     def predicted(self, pixel_j: Array, corners_px: Array) -> Array:
         """Return the predicted places (m, 2) in picture i of points of picture j."""
-        here, there = corners_px.astype(np.float32), self.corners_px.astype(np.float32)
         with np.errstate(divide="ignore", invalid="ignore"):  # expected corners may lie in one place
-            return transfer(np.asarray(cv2.getPerspectiveTransform(here, there)), pixel_j)
+            return transfer(self.homography(corners_px), pixel_j)
 
 
 @dataclass(frozen=True)

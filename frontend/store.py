@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import tempfile
 import weakref
@@ -30,6 +31,7 @@ class FeatureStore:
             self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  it lives as long as the store
         self._offset: list[int] = []
         self._shape: list[tuple[int, int]] = []
+        self._digest: list[bytes] = []
         self._dtype: np.dtype[Any] = np.dtype(np.float32)
         self._end = 0
         weakref.finalize(self, self._file.close)
@@ -49,6 +51,7 @@ class FeatureStore:
             while written < len(raw):  # the system may write only a part
                 written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
         self._shape.append((descriptor.shape[0], descriptor.shape[1]))
+        self._digest.append(hashlib.blake2b(raw, digest_size=16).digest())
         self._end += len(raw)
 
     def __len__(self) -> int:
@@ -57,6 +60,10 @@ class FeatureStore:
     def count(self, k: int) -> int:
         """Return the number of features of a keyframe."""
         return self._shape[k][0]
+
+    def digest(self, k: int) -> bytes:
+        """Return a digest of the features of a keyframe: equal features have equal ones, in any store."""
+        return self._digest[k]
 
     def __getitem__(self, k: int) -> Features:
         rows, width = self._shape[k]

@@ -1,7 +1,8 @@
 """Speed of the front end on the demo's frames, and its ratio to the time of its OpenCV calls alone.
 
-Frames are rendered beforehand. For each segment of the flight one untimed run records every OpenCV call. Then
-the front end and the list of recorded calls run in alternation; the best of several rounds counts.
+Frames are rendered beforehand. For each segment of the flight one untimed run records every OpenCV call.
+Then the front end and the list of recorded calls run in alternation; the best of several rounds counts. CPU
+seconds of tracking by optical flow and by the features of every picture are compared in alternation too.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from threadpoolctl import threadpool_limits
 import frontend
 from frontend import registration
 from frontend.features import Features
+from frontend.keyframes import KeyframeConfig
 from slam.core.flight import Flight, Frames
 from slam.core.progress import silent
 from slam.mapping.config import PipelineConfig
@@ -32,7 +34,7 @@ from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
 CORES = 2
-PIECES, TURNS = 8, 5
+PIECES, TURNS, TURNS_BY_FEATURES = 8, 5, 2
 ASKED = {(176, 144): 100.0, (320, 240): 60.0}
 """Target in frames a second, by the size of the pictures."""
 
@@ -55,6 +57,7 @@ def of_size(size: str, pieces: list[Flight], asked: float) -> list[Metric]:
     """Return the figures of one size of pictures."""
     count = sum(len(piece.frames) for piece in pieces if piece.frames)
     ours, bare, matching = map(sum, zip(*(best_of(piece) for piece in pieces), strict=True))
+    by_flow, by_features = map(sum, zip(*(cpu_of(piece) for piece in pieces), strict=True))
     per_frame = f"{1e3 * ours / count:.1f} ms over {{:.1f}} ms a frame, best of {TURNS} turns"
     return [
         at_least(f"front end on the demo's frames, {size}, two cores", count / ours, "frames/s", asked),
@@ -65,6 +68,11 @@ def of_size(size: str, pieces: list[Flight], asked: float) -> list[Metric]:
         reported(
             f"front end over the same with OpenCV's matcher (batchDistance) for its matrix product, {size}",
             ours / (bare + matching), "x", per_frame.format(1e3 * (bare + matching) / count),
+        ),
+        at_most(
+            f"CPU time of tracking by optical flow over that by the features of every frame, {size}",
+            by_flow / by_features, "x", 0.5,
+            f"{1e3 * by_flow / count:.1f} over {1e3 * by_features / count:.1f} ms a frame",
         ),
     ]  # fmt: skip
 
@@ -94,18 +102,29 @@ def best_of(piece: Flight) -> tuple[float, float, float]:
     return ours, bare, matching
 
 
-def track(flight: Flight) -> None:
+def cpu_of(piece: Flight) -> tuple[float, float]:
+    """Return the least CPU seconds of tracking by optical flow and by features, in alternation."""
+    turns = [
+        [timed(lambda flow=flow: track(piece, flow), time.process_time) for flow in (True, False)]
+        for _ in range(TURNS_BY_FEATURES)
+    ]
+    by_flow, by_features = (min(column) for column in zip(*turns, strict=True))
+    return by_flow, by_features
+
+
+def track(flight: Flight, flow: bool = True) -> None:
     """Run the front end over all frames: tracking, gates, keyframes."""
     assert flight.camera is not None
+    config = PipelineConfig(keyframes=KeyframeConfig(flow=flow))
     with threadpool_limits(1, "blas"):  # as the pipeline has it
-        FrontEnd(flight, flight.camera, PipelineConfig(), silent).track()
+        FrontEnd(flight, flight.camera, config, silent).track()
 
 
-def timed(work: Callable[[], object]) -> float:
+def timed(work: Callable[[], object], clock: Callable[[], float] = time.perf_counter) -> float:
     """Return the seconds of a call."""
-    began = time.perf_counter()
+    began = clock()
     work()
-    return time.perf_counter() - began
+    return clock() - began
 
 
 Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]

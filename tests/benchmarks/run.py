@@ -43,6 +43,7 @@ TITLES = {
     "false_loops": "Standard pose graphs with false loops",
     "selection_matrix": "Generated pose graphs with false loops",
     "incremental": "Incremental back end",
+    "flow": "Optical flow on rendered pairs",
     "front_end": "Front end",
     "side_by_side": "Side by side on the demo's keyframes",
     "refinement": "Refinement of made surveys",

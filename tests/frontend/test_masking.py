@@ -9,7 +9,7 @@ import pytest
 
 from frontend.camera import Camera
 from frontend.elevation import Elevation
-from frontend.masking import ObstacleMask
+from frontend.masking import ObstacleMask, hides_any
 from tests.frontend.floor_pairs import body
 
 CAMERA = Camera((250.0, 250.0), (159.5, 119.5), (320, 240))
@@ -78,3 +78,14 @@ def test_the_mask_reaches_beyond_the_edge_of_the_obstacle():
     column, row = np.rint(pixel + [0, 2 * outwards]).astype(int).T
     assert ((row >= 0) & (row < 240)).all()
     assert (mask[row, column] == 0).all()
+
+
+@pytest.mark.parametrize("camera", [CAMERA, BARREL])
+def test_a_mask_hides_what_was_recorded_under_it(camera):
+    mask = np.full((240, 320), 255, np.uint8)
+    mask[100:110, 20:30] = 0
+    hidden, beside = camera.undistort(np.array([[25.0, 105.0], [35.0, 105.0]]))
+    assert hides_any(mask, np.array([beside, hidden]), camera)
+    assert not hides_any(mask, np.array([beside]), camera)
+    assert not hides_any(None, np.array([hidden]), camera)
+    assert not hides_any(mask, np.empty((0, 2)), camera)

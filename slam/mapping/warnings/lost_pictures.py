@@ -6,7 +6,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from frontend.keyframes import SAME_PICTURE
+from frontend.views import SAME_PICTURE
 from slam.core.flight import Flight
 from slam.mapping.front_end import Observations
 

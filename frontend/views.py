@@ -1,0 +1,88 @@
+"""The pictures of a flight in order, each with its features on demand."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.features import Features
+from frontend.picture_check import unusable_reason
+
+Image = NDArray[np.uint8]
+
+SEARCHED_AT_ONCE, MOST_PX = 2, 500_000
+"""Features of pictures of up to ``MOST_PX`` are extracted two pictures at a time, because OpenCV splits small
+pictures badly among cores. It splits larger ones well, and each needs much memory."""
+SAME_PICTURE = "same picture as the one before"
+"""Reason to drop a picture that equals the one before, pixel by pixel."""
+
+Masks = Callable[[int], Image | None]
+"""Function of a frame's number: its mask (h, w), 0 on pixels to ignore; None for none."""
+
+
+class View:
+    """A usable picture of a flight. Its features are extracted on first use, or ahead of it."""
+
+    def __init__(self, frame: int, image: Image, masks: Masks, extract: Extract) -> None:
+        self.frame, self.image, self._masks, self._extract = frame, image, masks, extract
+        self._coming: Future[Features] | None = None
+
+    def extract_ahead(self, pool: ThreadPoolExecutor) -> None:
+        """Begin to extract the features in another thread."""
+        self._coming = pool.submit(self._extract, self)
+
+    def repeated(self, frame: int) -> View:
+        """Return the same picture as another frame."""
+        return View(frame, self.image, self._masks, self._extract)
+
+    @cached_property
+    def mask(self) -> Image | None:
+        """Mask of the picture."""
+        return self._masks(self.frame)
+
+    @cached_property
+    def features(self) -> Features:
+        """Features of the picture."""
+        return self._coming.result() if self._coming else self._extract(self)
+
+
+Extract = Callable[[View], Features]
+
+
+class Views:
+    """Source of views. While ``ahead`` is set, features are extracted before they are asked for."""
+
+    def __init__(self, extract: Extract, masks: Masks, size_px: tuple[int, int]) -> None:
+        self._extract, self._masks, self._size_px, self.ahead = extract, masks, size_px, False
+
+    def each(self, images: Iterable[Image | None]) -> Iterator[tuple[int, View | str]]:
+        """Yield the number and the view of each picture, or the reason for having none."""
+        coming: deque[tuple[int, View | str]] = deque()
+        before: Image | None = None
+        width, height = self._size_px
+        at_once = SEARCHED_AT_ONCE if width * height <= MOST_PX else 1
+        with ThreadPoolExecutor(at_once) as pool:
+            for frame, image in enumerate(images):
+                view = self._view(frame, image, before)
+                if self.ahead and isinstance(view, View):
+                    view.extract_ahead(pool)
+                before = image if image is not None else before
+                coming.append((frame, view))
+                if len(coming) > at_once:
+                    yield coming.popleft()
+            yield from coming
+
+    def _view(self, frame: int, image: Image | None, before: Image | None) -> View | str:
+        if image is None:
+            return "unreadable"
+        if reason := unusable_reason(image, self._size_px):
+            return reason
+        if before is not None and np.array_equal(image, before):
+            # A frozen camera: time and position advance, the picture does not.
+            return SAME_PICTURE
+        return View(frame, image, self._masks, self._extract)
