@@ -21,6 +21,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, Image
 from slam.core.progress import Progress
 from slam.mapping.config import PipelineConfig
+from slam.mapping.earlier_pass import EarlierPass, comparison_key
 from slam.mapping.obstacles import Masks, no_masks
 from slam.mapping.search_radius import SearchRadius
 
@@ -92,9 +93,18 @@ class Observations:
 class FrontEnd:
     """The front end with its settings for one flight."""
 
-    def __init__(self, flight: Flight, camera: Camera, config: PipelineConfig, progress: Progress) -> None:
+    def __init__(
+        self,
+        flight: Flight,
+        camera: Camera,
+        config: PipelineConfig,
+        progress: Progress,
+        earlier: EarlierPass | None = None,
+    ) -> None:
+        """``earlier``: work on the same pictures without masks."""
         width = camera.size_px[0]
         self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
+        self.earlier, self.work = earlier or EarlierPass(), EarlierPass()
         self.homography = config.homography.for_width(width)
         try:
             self.extractor = Extractor(config.features.for_width(width))
@@ -106,8 +116,9 @@ class FrontEnd:
         flight = self.flight
         assert flight.frames is not None
         tracker = Tracker(
-            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks
-        )
+            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks,
+            self.earlier.features,
+        )  # fmt: skip
         store, frame_index, links, refused = FeatureStore(), [], [], []
         images = read_ahead(flight, self.progress)
         found = tracker.every(images) if flight.all_keyframes else tracker.keyframes(images)
@@ -117,6 +128,10 @@ class FrontEnd:
             links.append(keyframe.link)
             refused += [keyframe.refused] if keyframe.refused is not None else []
         index = np.array(frame_index, dtype=np.int64)
+        if masks is no_masks:
+            # Features on moving objects were removed.
+            whole = {frame: k for k, frame in enumerate(frame_index) if frame not in tracker.moving}
+            self.work = EarlierPass(store, whole)
         kept = tuple(link for link in links if link is not None)
         # A picture is that of its middle row.
         frame_stamps_s = flight.frames.stamps_s + 0.5 * self.camera.readout_s
@@ -226,16 +241,22 @@ class FrontEnd:
         known = {(r.i, r.j) for r in (*observations.registrations, *observations.refused)}
         pairs = [pair for pair in dict.fromkeys(pairs) if pair not in known]
         held, refused = list(observations.registrations), list(observations.refused)
+        keys = [comparison_key(observations.store, i, j, expected(i, j)) for i, j in pairs]
+        again = self.earlier.registrations
+        new = [pair for pair, key in zip(pairs, keys, strict=True) if key not in again]
         verdicts = verify(
-            pairs,
+            new,
             observations.store,
             self.camera,
             self.homography,
             self.config.gates,
-            on_done=lambda done: self.progress(stage, done, len(pairs)),
+            on_done=lambda done: self.progress(stage, done, len(new)),
             expected=expected,
         )
-        for registration in verdicts:
+        found = {(r.i, r.j): r for r in verdicts}
+        for (i, j), key in zip(pairs, keys, strict=True):
+            registration = found[i, j] if (i, j) in found else replace(again[key], i=i, j=j)
+            self.work.registrations[key] = registration
             (held if registration.ok else refused).append(registration)
         return replace(observations, registrations=tuple(held), refused=tuple(refused))
 

@@ -17,6 +17,7 @@ from slam.core.stage_timer import Stopwatch
 from slam.mapping.build_estimate import build_estimate
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
+from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
@@ -69,8 +70,10 @@ def optimize_with_observations(
         return replace(estimate, elevation=elevation, metric=refined.metric), refined.observations
 
 
-def _first_map(job: Job, flight: Flight, masks: Masks) -> tuple[Context, Map]:
-    context, observations = track(job, flight, masks)
+def _first_map(
+    job: Job, flight: Flight, masks: Masks, earlier: EarlierPass | None = None
+) -> tuple[Context, Map]:
+    context, observations = track(job, flight, masks, earlier)
     return context, refine(context, close_loops(context, odometry(context, observations)))
 
 
@@ -78,13 +81,14 @@ def _map_without_obstacles(job: Job, flight: Flight) -> tuple[Context, Map]:
     """Map the flight, mask the obstacles that the sonar finds on this map, and map it again."""
     masked: Obstacles | None = None
     context, refined = _first_map(job, flight, no_masks)
+    unmasked = context.front_end.work
     for _ in range(MOST_PASSES):
         poses, stamps_s = refined.of_main(refined.over_floor_T_b), refined.observations.stamps_s
         found = find_obstacles(flight, job.camera, stamps_s, poses, refined.floor_z_m, job.config.masking)
         if found is None or (masked is not None and not found.moved_from(masked)):
             break
         try:
-            again, remapped = _first_map(job, found.cleared(flight), found.masks)
+            again, remapped = _first_map(job, found.cleared(flight), found.masks, unmasked)
         except InputError:  # no pictures join with these masks
             return context.with_warning(found.unusable_masks_warning), refined
         if remapped.main_share < LEAST_LEFT * refined.main_share:

@@ -20,6 +20,7 @@ from slam.mapping.calibration.clock_offset import clock_correction, finer_correc
 from slam.mapping.calibration.picture_turns import tracked_clock
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
+from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
@@ -32,12 +33,15 @@ from slam.mapping.solve_pose_graph import solve_pose_graph
 from slam.mapping.tracking_gaps import without_false_links
 
 
-def track(job: Job, flight: Flight, masks: Masks) -> tuple[Context, Observations]:
+def track(
+    job: Job, flight: Flight, masks: Masks, earlier: EarlierPass | None = None
+) -> tuple[Context, Observations]:
     """Track the pictures, select keyframes, and register each to its neighbours.
 
-    Raises ``InputError`` where fewer than two pictures are usable.
+    ``earlier``: work on the same pictures without masks. Raises ``InputError`` where fewer than two pictures
+    are usable.
     """
-    front_end = FrontEnd(flight, job.camera, job.config, job.progress)
+    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier)
     with job.timer("track"):
         observations = front_end.track(masks)
         clock = clock_correction(_tracked_clock(flight, job, observations))
