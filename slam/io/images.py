@@ -259,7 +259,8 @@ def _pixels(picture: Pillow.Image) -> Image:
     mode = picture.mode
     if mode in ("1", "L", "LA", "La") or mode.startswith("I;16"):
         return np.array(picture.convert("L"))
-    return np.ascontiguousarray(np.asarray(picture.convert("RGB"))[..., ::-1])
+    # numpy takes ten times as long to reverse the channels.
+    return np.asarray(cv2.cvtColor(np.asarray(picture.convert("RGB")), cv2.COLOR_RGB2BGR), dtype=np.uint8)
 
 
 def _bytes(path: Path, limit: int, whole: bool = True) -> bytes:
