@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import stat
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TextIO
 
@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from backend import se3
 from backend.errors import BackendError, format_ranges
-from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.graph import PoseGraph, repeated_edges
 
 Array = NDArray[np.float64]
 
@@ -85,10 +85,10 @@ def read_g2o(path: str | Path) -> PoseGraph:
             raise BackendError(f"{name}:{line}: FIX names vertex {number}, which the file does not hold")
         fixed[np.searchsorted(ids, number)] = True
     information = _information(edge, dimension, name)
-    warnings += [*_unlike_information(edge, information), *_repeated_edges(edge)]
+    warnings += _unlike_information(edge, information)
     if not text.endswith("\n") and not dropped["line without an end"]:
         warnings.append("the last line has no line break: the file may be cut, digits may be missing there")
-    return PoseGraph(
+    graph = PoseGraph(
         dimension=dimension,
         ids=ids,
         poses=poses,
@@ -97,9 +97,9 @@ def read_g2o(path: str | Path) -> PoseGraph:
         ij_T=_transforms(edge, dimension, name, warnings),
         information=information,
         fixed=fixed,
-        warnings=tuple(warnings),
         dropped=dict(dropped),
     )
+    return replace(graph, warnings=(*warnings, *repeated_edges(graph)))
 
 
 def _unlike_information(edge: _Block, information: Array) -> list[str]:
@@ -121,22 +121,6 @@ def _unlike_information(edge: _Block, information: Array) -> list[str]:
     return [
         f"the information of {len(unlike)} edges is unlike that of the others by a factor of a thousand or"
         f" more (the first is in line {line}, {times:.2g} times the median); check it"
-    ]
-
-
-def _repeated_edges(edge: _Block) -> list[str]:
-    """Return a warning about equal edges: two measurements hardly agree in all digits.
-
-    They stay, because published graphs hold some, and their optima count each.
-    """
-    rows = np.hstack([edge.ids.astype(np.float64), edge.figures])
-    repeated = np.setdiff1d(np.arange(len(rows)), np.unique(rows, axis=0, return_index=True)[1])
-    if len(repeated) == 0:
-        return []
-    return [
-        f"{len(repeated)} edges repeat another one in all digits (the first is in line "
-        f"{edge.lines[repeated[0]]}): remove copies, as each counts as a measurement and makes the standard "
-        "deviations too small"
     ]
 
 

@@ -51,8 +51,8 @@ class SolvedComponent:
     held: str
     open: tuple[str, ...]
     """Directions that neither a measurement nor the gauge fixes, as sentences."""
-    unfinished: str
-    """Sentence if the search for consistent loops was cut off, else empty."""
+    doubts: tuple[str, ...]
+    """Reasons why the result may be wrong, as sentences."""
     warnings: tuple[str, ...]
 
 
@@ -69,16 +69,14 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     expensive = expensive and has_loops_on_odometry(problem)
     fit = None if expensive else least_squares_fit(gauge_fixed, kept, start)
     found: SolutionCovariances | None = None
-    doubtful, unfinished = fit is None, ""
+    doubtful, complete = fit is None, True
     if fit is not None and options.loops_robust:
         doubtful, found = _is_doubtful(gauge_fixed, fit)
     if fit is None or doubtful:
         selected = reject_outliers(gauge_fixed, fit)
         kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
-        if not selected.is_complete:
-            who = format_keys(range(problem.count), problem.name)
-            unfinished = f"{who}: the search for consistent loops was cut off, true loops may be missing"
-    minimum, w_T = fit.minimum, fit.w_T
+        complete = selected.is_complete
+    minimum, w_T, contradictions = fit.minimum, fit.w_T, _contradictions(problem, fit)
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
     if options.covariances:
@@ -97,8 +95,8 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         converged=minimum.converged,
         held=held,
         open=still_open,
-        unfinished=unfinished,
-        warnings=tuple(_warnings(problem, fit)),
+        doubts=(*contradictions, *([] if complete else [_cut_off(problem)])),
+        warnings=(*_warnings(problem, fit), *contradictions),
     )
 
 
@@ -136,18 +134,28 @@ def _is_ill_scaled(problem: Problem) -> bool:
     return bool(len(positive) and positive.max() > _MAX_RATIO * positive.min())
 
 
+def _contradictions(problem: Problem, fit: GraphFit) -> list[str]:
+    """Return a sentence if the edges that were kept fail the chi-square test."""
+    test = fit.test
+    if test.passed:
+        return []
+    who, ratio = format_keys(range(problem.count), problem.name), math.sqrt(test.statistic / test.dof)
+    return [
+        f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g} for"
+        f" {test.dof} degrees of freedom): deviations are {ratio:.2g} times what is stated"
+    ]
+
+
+def _cut_off(problem: Problem) -> str:
+    who = format_keys(range(problem.count), problem.name)
+    return f"{who}: the search for consistent loops was cut off, true loops may be missing"
+
+
 def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
-    minimum, test, messages = fit.minimum, fit.test, []
-    if not (minimum.converged and test.passed):
-        who = format_keys(range(problem.count), problem.name)
+    minimum, messages = fit.minimum, []
     if not minimum.converged:
+        who = format_keys(range(problem.count), problem.name)
         messages.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
-    if not test.passed:
-        ratio = math.sqrt(test.statistic / test.dof)
-        messages.append(
-            f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g}"
-            f" for {test.dof} degrees of freedom): deviations are {ratio:.2g} times what is stated"
-        )
     # A pose graph's ranges may be heights from other instruments, or from the pictures.
     for kind, words in (("position", "positions"), ("range", "heights over the floor")):
         of_kind = [a for a in problem.unary_factors if a.kind == kind]

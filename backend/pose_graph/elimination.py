@@ -77,11 +77,22 @@ def _cuthill_mckee_bound(n: int, i: Index, j: Index, d: int) -> float:
     return float((width**2).sum() * d)
 
 
+def colamd_order(i: Index, j: Index) -> Index:
+    """Return the poses that some edges (m,) join in COLAMD's order of elimination."""
+    order = gtsam.Ordering.ColamdSymbolicFactorGraph(_symbolic(i, j))
+    return np.array([order.at(k) for k in range(order.size())], dtype=np.int64)
+
+
 def _colamd_operations(i: Index, j: Index, d: int) -> float:
     """Return the operations of an elimination in COLAMD's order, counted on its symbolic factor."""
-    graph = gtsam.SymbolicFactorGraph()
-    for a, b in zip(i.tolist(), j.tolist(), strict=True):
-        graph.push_factor(a, b)
+    graph = _symbolic(i, j)
     factor = graph.eliminateSequential(gtsam.Ordering.ColamdSymbolicFactorGraph(graph))
     width = d * np.array([1 + factor.at(k).nrParents() for k in range(factor.size())])
     return float((width.astype(np.float64) ** 2).sum() * d)
+
+
+def _symbolic(i: Index, j: Index) -> gtsam.SymbolicFactorGraph:
+    graph = gtsam.SymbolicFactorGraph()
+    for a, b in zip(i.tolist(), j.tolist(), strict=True):
+        graph.push_factor(a, b)
+    return graph

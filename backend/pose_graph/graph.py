@@ -61,6 +61,20 @@ class PoseGraph:
         return np.asarray((np.abs(self.i - self.j) == 1) & (robot[self.i] == robot[self.j]))
 
     @property
+    def is_repeated(self) -> NDArray[np.bool_]:
+        """(m,) True if an edge before it is the same in all digits: two measurements hardly are."""
+        order = np.lexsort((self.j, self.i))
+        same = np.concatenate([[False], (np.diff(self.i[order]) == 0) & (np.diff(self.j[order]) == 0)])
+        # Only edges between the same vertices are compared in full.
+        some = order[same | np.append(same[1:], False)]
+        matrices = [a.reshape(len(a), a.shape[1] ** 2)[some] for a in (self.ij_T, self.information)]
+        figures = np.column_stack([self.i[some], self.j[some], *matrices])
+        first = np.unique(figures, axis=0, return_index=True)[1]
+        repeated = np.zeros(len(self.i), dtype=bool)
+        repeated[np.delete(some, first)] = True
+        return repeated
+
+    @property
     def is_rank_deficient(self) -> NDArray[np.bool_]:
         """(m,) True if the information of an edge is only positive semi-definite."""
         size = np.sqrt(np.maximum(np.diagonal(self.information, axis1=1, axis2=2), 0))
@@ -82,6 +96,21 @@ def rank_deficient_warning(graph: PoseGraph) -> list[str]:
     return [
         f"{len(blind)} of {len(graph.i)} edges tell nothing about some direction (an eigenvalue of their "
         f"information matrix is zero; the first is {i}-{j}): there other edges decide"
+    ]
+
+
+def repeated_edges(graph: PoseGraph) -> list[str]:
+    """Return a sentence about edges that repeat another one; an empty list if there is none.
+
+    They stay, because published graphs hold some, and their optima count each.
+    """
+    repeated = np.flatnonzero(graph.is_repeated)
+    if len(repeated) == 0:
+        return []
+    i, j = graph.ids[graph.i[repeated[0]]], graph.ids[graph.j[repeated[0]]]
+    return [
+        f"{len(repeated)} edges repeat another one in all digits (the first is {i}-{j}): remove copies, as"
+        " each counts as a measurement and makes the standard deviations too small"
     ]
 
 

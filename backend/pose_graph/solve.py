@@ -21,13 +21,14 @@ from backend.pose_graph.connected_component import SolvedComponent, is_placed_al
 from backend.pose_graph.descent import OnStep
 from backend.pose_graph.from_measurements import components, from_measurements
 from backend.pose_graph.gauge_fixed_problem import Options
-from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
+from backend.pose_graph.graph import PoseGraph, rank_deficient_warning, repeated_edges
 from backend.pose_graph.problem import Problem, from_pose_graph, informative
 from backend.pose_graph.redundancy import (
     rejected_odometry_warning,
     small_residuals_warning,
     unchecked_components,
 )
+from backend.pose_graph.shifted_loops import shifted_loops
 from backend.pose_graph.solution import NO_INFORMATION, Solution
 
 Array = NDArray[np.float64]
@@ -66,14 +67,19 @@ def solve_pose_graph(
 ) -> Solution:
     """Solve a g2o graph, planar or spatial. Without fixed vertices the first of each component is fixed.
 
-    Edges without information are rejected. The status names components whose accepted edges form a tree.
+    Edges without information are rejected. The status names components whose accepted edges form a tree, or
+    contradict each other, loops whose vertex numbers seem shifted, and repeated edges.
     """
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline)
     problem = from_pose_graph(graph)
     solution = _solve(problem, options, rank_deficient_warning(graph))
-    unchecked = unchecked_components(problem, solution)
-    said = [*([] if solution.status == "ok" else [solution.status]), *unchecked]
+    said = [
+        *([] if solution.status == "ok" else [solution.status]),
+        *unchecked_components(problem, solution),
+        *shifted_loops(problem, solution),
+        *repeated_edges(graph),
+    ]
     return replace(
         solution,
         status="; ".join(said) or "ok",
@@ -171,7 +177,7 @@ def _status(parts: list[SolvedComponent], unplaced: list[int], converged: bool, 
     if unplaced:
         messages.append(f"{len(unplaced)} poses could not be placed")
     messages += [direction for part in parts for direction in part.open]
-    messages += [part.unfinished for part in parts if part.unfinished]
+    messages += [doubt for part in parts for doubt in part.doubts]
     if not converged:
         messages.append(
             next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")

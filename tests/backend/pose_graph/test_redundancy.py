@@ -135,3 +135,24 @@ def test_one_direction_without_information_counts_as_none():
     assert "not observed" in solved.status
     assert solved.covariances is not None
     assert np.isnan(solved.covariances[5]).all()
+
+
+def test_repeated_edges_are_in_the_status():
+    """Each copy counts, and makes the standard deviations too small; an edge beside it is no copy."""
+    made = walk([(0, 5), (2, 9)])
+    assert not made.is_repeated.any()
+    assert solve_pose_graph(made).status == "ok"
+    again = np.append(np.arange(len(made.i)), [12, 3])
+    twice = replace(
+        made, i=made.i[again], j=made.j[again], ij_T=made.ij_T[again], information=made.information[again]
+    )
+    assert np.flatnonzero(twice.is_repeated).tolist() == [13, 14]
+    assert "2 edges repeat another one in all digits (the first is 2-9)" in solve_pose_graph(twice).status
+
+
+def test_edges_that_contradict_each_other_after_the_rejection_are_in_the_status():
+    """Odometry with a tenth of its real deviation, on a walk whose loops are all kept."""
+    made = walk([(0, 5), (2, 9), (1, 11)])
+    sharp = replace(made, information=100 * made.information)
+    status = solve_pose_graph(sharp, loops_robust=False).status
+    assert "the edges disagree more than their covariances allow" in status
