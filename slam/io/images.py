@@ -12,7 +12,7 @@ import io
 import re
 import struct
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -126,15 +126,24 @@ def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
     The result is None if no picture of the sample has more than 8 bits. Unreadable pictures are ignored, as
     they are counted when they are loaded.
     """
+    return levels_of_sample(_deep_pictures(paths), notes)
+
+
+def sample_of(count: int) -> list[int]:
+    """Return the numbers of the pictures from which the levels of ``count`` pictures are taken."""
+    return [int(k) for k in np.unique(np.linspace(0, count - 1, _PICTURES_FOR_LEVELS).astype(int))]
+
+
+def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[str]) -> Levels | None:
+    """Return the levels for pictures like these, and add a note; None where none has more than 8 bits.
+
+    Each comes with whether its values are integers.
+    """
     ranges, integer = [], True
-    for k in np.unique(np.linspace(0, len(paths) - 1, _PICTURES_FOR_LEVELS).astype(int)):
-        with contextlib.suppress(UnreadableImageError):
-            if not _header(paths[k]).is_deep:
-                continue
-            pixels, is_integer = _decoded(_bytes(paths[k], MAX_BYTES), is_deep=True)
-            if pixels.dtype != np.uint8 and (limits := range_of(pixels)) is not None:
-                ranges.append(limits)
-                integer &= is_integer
+    for pixels, is_integer in pictures:
+        if pixels.dtype != np.uint8 and (limits := range_of(pixels)) is not None:
+            ranges.append(limits)
+            integer &= is_integer
     if not ranges:
         return None
     levels = levels_of(ranges, integer)
@@ -143,6 +152,13 @@ def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
         f"in {len(ranges)} of them"
     )
     return levels
+
+
+def _deep_pictures(paths: Sequence[Path]) -> Iterator[tuple[Raw, bool]]:
+    for k in sample_of(len(paths)):
+        with contextlib.suppress(UnreadableImageError):
+            if _header(paths[k]).is_deep:
+                yield _decoded(_bytes(paths[k], MAX_BYTES), is_deep=True)
 
 
 def image_size(path: Path) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from frontend.camera import NADIR_B_T_C
 from slam.core.flight import Image
 from slam.io.files import brief
-from slam.io.images import UnreadableImageError
+from slam.io.images import UnreadableImageError, levels_of_sample, sample_of
+from slam.io.levels import Raw
 from slam.io.recordings.ros_camera import picture_of
 from slam.io.recordings.ros_messages import IMAGE_KINDS, RULES
 from slam.io.recordings.transforms import BODY_FRAMES, MountTree, is_optical, transform_of
@@ -136,7 +138,10 @@ class OpenBag(ABC):
 
 
 class BagPictures:
-    """Pictures of one topic by number: the next one is read on, any other one is looked up by time."""
+    """Pictures of one topic by number: the next one is read on, any other one is looked up by time.
+
+    Pixels of more than 8 bits are converted with one range for all of them, which is that of a sample.
+    """
 
     def __init__(self, bag: OpenBag, connections: Sequence[Any], recorded_ns: NDArray[np.int64]) -> None:
         self._bag, self._connections = bag, connections
@@ -144,9 +149,26 @@ class BagPictures:
         """(n,) time of recording of picture k, in the order of recording."""
         self._next = -1
         self._stream: Iterator[tuple[Any, int, Message]] = iter(())
+        self.notes: list[str] = []
+        """A line about the range of deep pixels."""
+        self._levels = levels_of_sample(self._sample(), self.notes)
 
     def __call__(self, k: int) -> Image | bytes:
         """Return picture k. Raises ``UnreadableImageError``."""
+        stored = self._stored(k)
+        if isinstance(stored, bytes) or self._levels is None:
+            return stored
+        return self._levels.eight_bit(stored)
+
+    def _sample(self) -> Iterator[tuple[Raw, bool]]:
+        for k in sample_of(len(self._recorded_ns)):
+            with contextlib.suppress(UnreadableImageError):
+                stored = self._stored(k)
+                if isinstance(stored, bytes) or stored.dtype == np.uint8:
+                    return
+                yield stored, True
+
+    def _stored(self, k: int) -> Raw | bytes:
         try:
             if k != self._next:
                 self._seek(k)

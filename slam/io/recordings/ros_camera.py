@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.flight import Image
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.images import UnreadableImageError, encoded_size
+from slam.io.levels import Raw
 from slam.io.recordings import ros_pixels
 from slam.io.recordings.ros_lens import UnknownLensError, lens_of
 
@@ -60,7 +60,7 @@ def _size_of(message: Message) -> tuple[int, int] | None:
         return None
 
 
-def picture_of(message: Message) -> Image | bytes:
+def picture_of(message: Message) -> Raw | bytes:
     """Return the pixels of an ``Image``, or the PNG or JPEG of a ``CompressedImage``.
 
     Raises ``UnreadableImageError``.

@@ -7,10 +7,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from slam.core.flight import Image
 from slam.io.images import UnreadableImageError
+from slam.io.levels import Raw
 
 
 @dataclass(frozen=True)
@@ -21,6 +20,13 @@ class _Encoding:
     bytes_per_sample: int = 1
 
 
+# OpenCV names a Bayer pattern by its second row and second column.
+_BAYER = {
+    "bayer_rggb": cv2.COLOR_BayerBG2BGR,
+    "bayer_bggr": cv2.COLOR_BayerRG2BGR,
+    "bayer_gbrg": cv2.COLOR_BayerGR2BGR,
+    "bayer_grbg": cv2.COLOR_BayerGB2BGR,
+}
 _ENCODINGS = {
     "mono8": _Encoding(1),
     "8UC1": _Encoding(1),
@@ -30,11 +36,9 @@ _ENCODINGS = {
     "bgra8": _Encoding(4, cv2.COLOR_BGRA2BGR),
     "rgba8": _Encoding(4, cv2.COLOR_RGBA2BGR),
     "mono16": _Encoding(1, None, 2),
-    # OpenCV names a Bayer pattern by its second row and second column.
-    "bayer_rggb8": _Encoding(1, cv2.COLOR_BayerBG2BGR),
-    "bayer_bggr8": _Encoding(1, cv2.COLOR_BayerRG2BGR),
-    "bayer_gbrg8": _Encoding(1, cv2.COLOR_BayerGR2BGR),
-    "bayer_grbg8": _Encoding(1, cv2.COLOR_BayerGB2BGR),
+    "bgr16": _Encoding(3, None, 2),
+    "rgb16": _Encoding(3, cv2.COLOR_RGB2BGR, 2),
+    **{f"{name}{8 * size}": _Encoding(1, code, size) for name, code in _BAYER.items() for size in (1, 2)},
     "yuv422": _Encoding(2, cv2.COLOR_YUV2BGR_UYVY),
     "uyvy": _Encoding(2, cv2.COLOR_YUV2BGR_UYVY),
     "yuv422_yuy2": _Encoding(2, cv2.COLOR_YUV2BGR_YUY2),
@@ -47,11 +51,10 @@ def is_known(encoding: str) -> bool:
     return encoding in _ENCODINGS
 
 
-def pixels(message: Any) -> Image:
-    """Return the pixels of a message as (h, w, 3) BGR or (h, w) grey, 8 bit.
+def pixels(message: Any) -> Raw:
+    """Return the pixels of a message as (h, w, 3) BGR or (h, w) grey, of 8 or 16 bits.
 
-    Of 16 bits the upper 8 are returned. Raises ``UnreadableImageError`` for an unknown encoding or too few
-    bytes.
+    Raises ``UnreadableImageError`` for an unknown encoding or too few bytes.
     """
     known = _ENCODINGS.get(message.encoding)
     if known is None:
@@ -61,14 +64,8 @@ def pixels(message: Any) -> Image:
     data = np.asarray(message.data, np.uint8)
     if not width or not height or step < row_bytes or len(data) < step * height:
         raise UnreadableImageError("damaged")
-    rows = data[: step * height].reshape(height, step)[:, :row_bytes]
+    rows = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :row_bytes])
     if known.bytes_per_sample == 2:
-        return np.ascontiguousarray(rows[:, (0 if message.is_bigendian else 1) :: 2])
-    grid = np.ascontiguousarray(
-        rows.reshape((height, width, known.channels) if known.channels > 1 else (height, width))
-    )
-    return grid if known.conversion is None else _converted(grid, known.conversion)
-
-
-def _converted(grid: NDArray[np.uint8], conversion: int) -> Image:
-    return np.asarray(cv2.cvtColor(grid, conversion), dtype=np.uint8)
+        rows = rows.view(">u2" if message.is_bigendian else "<u2").astype(np.uint16)
+    grid = rows.reshape((height, width, known.channels) if known.channels > 1 else (height, width))
+    return grid if known.conversion is None else np.asarray(cv2.cvtColor(grid, known.conversion))

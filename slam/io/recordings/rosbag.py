@@ -251,11 +251,12 @@ def _pictures(bag: OpenBag, topic: str, series: _Series) -> tuple[PictureChannel
         return None, [f"cam0: {topic}: {line}" for line in notes]
     suffix = ros_camera.suffix_of_message(series.first)
     connections = [c for c in bag.connections if c.topic == topic]
+    fetch = BagPictures(bag, connections, np.array(series.recorded_ns, dtype=np.int64))
     pictures = PictureChannel(
         stamps_ns=np.array(series.stamps_ns, dtype=np.int64),
         names=tuple(f"{stamp}{suffix}" for stamp in series.stamps_ns),
-        fetch=BagPictures(bag, connections, np.array(series.recorded_ns, dtype=np.int64)),
+        fetch=fetch,
         camera=camera,
-        notes=(*series.notes(), *notes),
+        notes=(*series.notes(), *notes, *fetch.notes),
     )
     return pictures, []

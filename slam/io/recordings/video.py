@@ -94,7 +94,7 @@ def _offers(path: Path, video: _Video, beside: Recording | None) -> Iterator[Off
     if video.subtitles is not None:
         for offer in subtitle_offers(video.subtitles, video.subtitle_name):
             yield replace(offer, rank=_RANK_OF_SUBTITLES)
-    if video.gopro is not None:
+    if video.gopro is not None and video.gopro.key:
         rows, rank = len(video.gopro.positions.stamps_ns), _RANK_OF_SUBTITLES + 1
         channel = video.gopro.key
         yield Offer(stream="gps0", channel=channel, kind=_GOPRO, rows=rows, reading="deg, m", rank=rank)

@@ -28,7 +28,7 @@ def recorded(name: str) -> Flight:
 
 
 def error_m(estimate: Estimate, truth: Flight, begins_s: float) -> float:
-    """Return the rms error of the positions after a similarity; the first picture is taken at ``begins_s``."""
+    """Return the rms error after a similarity; the first picture is taken at ``begins_s``."""
     at_s = np.asarray(estimate.stamps_s) + begins_s
     true_m = np.stack(
         [np.interp(at_s, truth.truth.stamps_s, truth.truth.w_T_b[:, k, 3]) for k in range(3)], axis=1

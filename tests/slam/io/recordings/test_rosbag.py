@@ -115,14 +115,19 @@ def test_grey_bayer_and_sixteen_bit_pictures(tmp_path):
     header = M.header(at(0), "cam")
     red = np.zeros((4, 6), np.uint8)
     red[0::2, 0::2] = 200  # the red cells of RGGB
+    deep = np.tile(np.array([0, 0, 77, 77, 77, 77], np.uint16), (4, 1))
     for encoding, pixels, middle in (
         ("mono8", np.full((4, 6), 77, np.uint8), 77),
-        ("mono16", np.full((4, 6), 77 * 256 + 3, np.uint16), 77),
+        ("mono16", deep * 256 + 3, 77),
+        ("mono16", deep * 16 + 3, 77),  # 12 bits in the lower ones of 16
         ("bayer_rggb8", red, [0, 0, 200]),
+        ("bayer_rggb16", red.astype(np.uint16) * 4, [0, 0, 200]),  # 10 bits
     ):
         image = M.image(header, pixels, encoding)
-        path = with_camera(tmp_path / f"{encoding}.bag", image)
-        assert read(path).frames[0].read()[2, 2].tolist() == middle, encoding
+        path = with_camera(tmp_path / f"{encoding}{pixels.max()}.bag", image)
+        flight = read(path)
+        assert flight.frames[0].read()[2, 2].tolist() == middle, encoding
+        assert any("more than 8 bits" in line for line in flight.warnings) == (pixels.itemsize == 2)
 
 
 def test_the_camera_that_looks_down_is_taken(tmp_path):
