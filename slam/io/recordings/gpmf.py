@@ -8,6 +8,7 @@ gpmf-parser, "GPMF introduction" (README.md).
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from slam.io.recordings.field_values import FIX_3D, known_fixes
 from slam.io.recordings.mp4 import Mp4Track
@@ -26,6 +28,8 @@ TRACK_CODE = "gpmd"
 _TYPES = {"b": "i1", "B": "u1", "s": ">i2", "S": ">u2", "l": ">i4", "L": ">u4", "f": ">f4", "d": ">f8"}
 _KEYS = ("GPS9", "GPS5")
 """Keys of positions; the first one that a video has is taken."""
+_TURNED = "IORI"
+"""Key of the rotations by which electronic stabilisation turned the pictures against the camera's body."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,8 @@ class GoproTrack:
     """Key and number of samples of each other series."""
     damage: tuple[str, ...] = ()
     """A line that counts the damaged payloads, if there are any."""
+    stabilised_deg: float = 0.0
+    """Largest angle by which the camera's electronic stabilisation turned a picture."""
 
 
 def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
@@ -50,13 +56,17 @@ def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
     stamps: dict[str, list[Array]] = {key: [np.empty(0)] for key in _KEYS}
     values: dict[str, list[Array]] = {key: [np.empty((0, 3))] for key in _KEYS}
     counts: dict[str, int] = {}
-    damaged = 0
+    damaged, stabilised_rad = 0, 0.0
     with path.open("rb") as file:
         for k, payload in enumerate(track.samples(file)):
             try:
                 for key, count, found in _streams(payload):
                     counts[key] = counts.get(key, 0) + count
-                    if found is not None:
+                    if key == _TURNED and found is not None:
+                        stabilised_rad = max(
+                            stabilised_rad, float(Rotation.from_quat(found).magnitude().max())
+                        )
+                    elif found is not None:
                         stamps[key].append(starts_s[k] + np.arange(count) / count * track.durations_s[k])
                         values[key].append(found)
             except ValueError:
@@ -67,12 +77,18 @@ def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
     others = tuple((name, count) for name, count in sorted(counts.items()) if name != key)
     line = f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata are damaged or of an unknown layout"
     return GoproTrack(
-        key, StreamReadings(stamps_ns, np.vstack(values[taken])), others, (line,) * bool(damaged)
+        key=key,
+        positions=StreamReadings(stamps_ns, np.vstack(values[taken])),
+        others=others,
+        damage=(line,) * bool(damaged),
+        stabilised_deg=math.degrees(stabilised_rad),
     )
 
 
 def _streams(payload: bytes | None) -> Iterator[tuple[str, int, Array | None]]:
-    """Yield key, number of samples and, of positions, latitude, longitude, altitude of each series.
+    """Yield key, number of samples, and the samples of positions and of the stabilisation, of each series.
+
+    Positions are latitude, longitude and altitude; the stabilisation is a quaternion, w first.
 
     Raises ``ValueError`` where the payload is damaged.
     """
@@ -92,6 +108,11 @@ def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
     key, code, size, data = blocks[-1]  # the samples stand behind what describes them
     attributes = {name: (kind, width, content) for name, kind, width, content in blocks[:-1]}
     count = len(data) // size
+    if key == _TURNED and code == "s" and size == 8 and count:
+        turned = np.frombuffer(data[: count * size], ">i2").reshape(-1, 4).astype(float)
+        known = turned[np.abs(turned).max(axis=1) > 0]
+        yield key, count, known[:, [1, 2, 3, 0]] if len(known) else None
+        return
     if key not in _KEYS or "SCAL" not in attributes or not count:
         yield key, count, None
         return

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
-from slam.io.images import UnreadableImageError, encoded_size
+from slam.io.images import UnreadableImageError, encoded_size, suffix_of
 from slam.io.levels import Raw
 from slam.io.recordings import ros_pixels
 from slam.io.recordings.ros_lens import UnknownLensError, lens_of
@@ -75,12 +75,16 @@ def picture_of(message: Message) -> Raw | bytes:
 
 def suffix_of_message(message: Message) -> str:
     """Return the suffix of the file that a picture becomes."""
-    return ".jpg" if not hasattr(message, "encoding") and "png" not in message.format else ".png"
+    return ".png" if hasattr(message, "encoding") else suffix_of(bytes(message.data))
 
 
 def is_picture(message: Message) -> bool:
-    """Return whether a message holds a picture for the eye, not depths or another code."""
+    """Return whether a message holds a picture for the eye, not depths or another code.
+
+    A compressed one is known by its format or, as some drivers leave that empty, by its first bytes.
+    """
     if hasattr(message, "encoding"):
         return ros_pixels.is_known(message.encoding)
     code = message.format.lower()
-    return "depth" not in code and any(word in code for word in ("jpeg", "jpg", "png"))
+    is_named = any(word in code for word in ("jpeg", "jpg", "png"))
+    return "depth" not in code and (is_named or _size_of(message) is not None)

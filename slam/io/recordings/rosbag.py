@@ -30,7 +30,7 @@ from slam.io.recordings.ros_messages import (
     TRANSFORM_KINDS,
     RosRule,
 )
-from slam.io.recordings.transforms import mount_entry
+from slam.io.recordings.transforms import Look, mount_entry
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
@@ -101,14 +101,20 @@ def recording_of(bag: OpenBag, description: str) -> Recording:
 
 
 def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
-    """Yield the topics with pictures; cameras that look down and uncompressed pictures are preferred."""
+    """Yield the topics with pictures; cameras that look down and uncompressed pictures are preferred.
+
+    Without a transform, the name of a camera says where it looks.
+    """
     for topic, kind, rows in bag.topics(*IMAGE_KINDS):
         first = bag.first.get(topic)
         if first is None or not ros_camera.is_picture(first):
             continue
         b_T_c = bag.mount_of(topic)
-        tilt = 0.0 if b_T_c is None else axis_tilt_deg(b_T_c[:3, 2])
-        mount = "" if b_T_c is None else f", {tilt:.0f} degrees from straight down by {_TF}"
+        look, mount = Look.of(topic, bag.frame_of(topic)), ""
+        if b_T_c is not None:
+            tilt = axis_tilt_deg(b_T_c[:3, 2])
+            look = Look.ASIDE if tilt > MAX_TILT_DEG else Look.DOWN
+            mount = f", {tilt:.0f} degrees from straight down by {_TF}"
         encoding = getattr(first, "encoding", None) or first.format
         yield Offer(
             stream="cam0",
@@ -116,7 +122,7 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
             kind=kind,
             rows=rows,
             reading=f"{brief(encoding, 40)}{mount}",
-            rank=2 * (tilt > MAX_TILT_DEG) + IMAGE_KINDS.index(kind),
+            rank=len(IMAGE_KINDS) * look + IMAGE_KINDS.index(kind),
         )
 
 
@@ -143,8 +149,13 @@ def _series_offers(bag: OpenBag) -> Iterator[Offer]:
 def _doubt(bag: OpenBag, rule: RosRule, topic: str) -> str:
     if not rule.is_certain(topic):
         return "commands in m/s?" if rule.stream == "command0" else "a pose may be an estimate, not a truth"
-    mount = bag.mount_of(topic) if rule.kind == _RANGE else None
-    tilt = 0.0 if mount is None else axis_tilt_deg(mount[:3, 0])
+    if rule.kind != _RANGE:
+        return ""
+    mount = bag.mount_of(topic)
+    if mount is None:
+        is_aside = Look.of(topic, bag.frame_of(topic)) == Look.ASIDE
+        return "by its name it does not look down" if is_aside else ""
+    tilt = axis_tilt_deg(mount[:3, 0])
     return f"looks {tilt:.0f} degrees away from straight down" if tilt > MAX_TILT_DEG else ""
 
 

@@ -27,6 +27,8 @@ ASSUMED_RATE_HZ = 25.0
 """Picture rate of a file without times; that of FFmpeg's demuxers of bare streams."""
 MAX_SUBTITLE_BYTES = 1 << 28
 _GOPRO = "GoPro metadata"
+_STABILISED_DEG = 1.0
+"""A smaller turn of the pictures moves their centre by less than the uncertainty of an assumed lens."""
 _RANK_OF_SUBTITLES = len(RULES)
 """A table beside a video is preferred, since a person put it there."""
 _SUBTITLE_CODES = ("tx3g", "text")
@@ -61,7 +63,7 @@ def open_recording(path: Path) -> Recording:
         }
         if gopro is not None and any(offer.kind == _GOPRO for offer in chosen):
             readings["gps0"] = gopro.positions
-        warnings = (*_coverage(video), *video.damage, *remarks)
+        warnings = (*_coverage(video), *video.damage, *remarks, *_stabilised(gopro))
         if beside is not None:
             content = beside.read([offer for offer in chosen if offer.kind == KIND], progress)
             readings |= content.readings
@@ -81,6 +83,17 @@ def open_recording(path: Path) -> Recording:
             *(() if gopro is None else ((key, _GOPRO, count) for key, count in gopro.others)),
         ),
         read=read,
+    )
+
+
+def _stabilised(gopro: GoproTrack | None) -> tuple[str, ...]:
+    """Return a warning where the camera says that it turned its pictures."""
+    if gopro is None or gopro.stabilised_deg < _STABILISED_DEG:
+        return ()
+    return (
+        f"cam0: pictures are stabilised electronically, by up to {gopro.stabilised_deg:.0f} degrees by the "
+        "camera's own record (IORI), so the lens differs from picture to picture; record with the "
+        "stabilisation (HyperSmooth) off",
     )
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from slam.cli.source import open_flight
 from slam.core.errors import InputError
+from slam.core.flight import Flight
 from slam.core.flight_info import describe
 from slam.core.progress import silent
 
@@ -21,13 +22,20 @@ LONGEST_S = 1000.0
 pytestmark = pytest.mark.slow
 
 
+def read(path: Path) -> tuple[Flight | None, str]:
+    """Return the flight of a sample, or the line that refuses it."""
+    try:
+        return open_flight(path, silent)[0], ""
+    except InputError as refusal:
+        return None, str(refusal)
+
+
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.name)
 def test_a_sample_is_read_or_refused_in_one_line(path):
-    try:
-        flight, _ = open_flight(path, silent)
-    except InputError as refusal:
-        assert "\n" not in str(refusal)
-        assert "its reader cannot read" not in str(refusal), "a foreign exception"
+    flight, refusal = read(path)
+    assert "\n" not in refusal
+    assert "its reader cannot read" not in refusal, "a foreign exception"
+    if flight is None:
         return
     assert path.suffix.lower() in KINDS
     info = describe(flight)

@@ -107,9 +107,19 @@ def test_payloads_beyond_the_end_of_the_file_are_counted(tmp_path):
     assert len(found.damage) == 1
 
 
+def test_the_largest_turn_of_the_stabilisation_is_found(tmp_path):
+    turned = [(32767, 0, 0, 0), (28377, 16384, 0, 0), (0, 0, 0, 0)]  # none, 60 degrees, not recorded
+    data = b"".join(struct.pack(">4h", *row) for row in turned)
+    payload = nested(b"DEVC", nested(b"STRM", block(b"IORI", b"s", 8, len(turned), data)))
+    assert positions(tmp_path / "a.mp4", [payload, payload]).stabilised_deg == pytest.approx(60, abs=0.01)
+    still = nested(b"DEVC", nested(b"STRM", block(b"IORI", b"s", 8, 1, data[:8])))
+    assert positions(tmp_path / "b.mp4", [still]).stabilised_deg == pytest.approx(0)
+
+
 @measured
 def test_a_recorded_video_has_positions_at_18_hz():
     flight = flight_of(open_recording(SAMPLES / "max-heromode.mp4"))
+    assert any("stabilised electronically, by up to 19 degrees" in line for line in flight.warnings)
     assert len(flight.frames) == 315
     assert 17 < 1 / np.median(np.diff(flight.gps.stamps_s)) < 19.5
     assert flight.gps.latitude_deg[0] == pytest.approx(33.126, abs=0.01)

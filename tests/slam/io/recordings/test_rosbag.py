@@ -151,6 +151,33 @@ def test_the_camera_that_looks_down_is_taken(tmp_path):
     assert any("looks 90 degrees away" in line for line in read(path, cam0="/front/image_raw").warnings)
 
 
+def test_without_transforms_names_say_where_cameras_and_ranges_look(tmp_path):
+    messages = []
+    for name in ("front", "bottom"):
+        header = M.header(at(0), name)
+        messages += [
+            (f"/drone/{name}/image_raw", at(0), M.image(header, picture(1), "bgr8")),
+            (f"/drone/{name}/camera_info", at(0), M.info(header, 5.0)),
+        ]
+    messages += [("/range_front", at(0), M.range(M.header(at(0), ""), 3.0))]
+    flight = read(ros1(tmp_path / "a.bag", messages))
+    assert flight.sources[0].channel == "/drone/bottom/image_raw"
+    assert flight.sonar is None
+    reading = next(s.reading for s in flight.sources if s.channel == "/range_front")
+    assert reading.startswith("by its name it does not look down")
+
+
+def test_a_compressed_picture_without_a_format_is_known_by_its_bytes(tmp_path):
+    header = M.header(at(0), "cam")
+    messages = [
+        ("/cam/image_raw/compressed", at(0), M.compressed(header, png(7), "")),
+        ("/cam/camera_info", at(0), M.info(header, 5.0)),
+    ]
+    flight = read(ros1(tmp_path / "a.bag", messages))
+    assert flight.frames.names[0].endswith(".png")
+    assert flight.frames[0].read()[0, 0].tolist() == [7, 107, 200]
+
+
 def test_transforms_that_never_change_are_mounts_too(tmp_path):
     """A publisher of fixed transforms may repeat them on /tf, among those of the moving vehicle."""
     belly = ("base_link", "belly", (0.1, 0.0, 0.0), (0.0, HALF, -HALF, 0.0))
