@@ -47,6 +47,7 @@ def demo(
         "mosaic_chain.png",
         "evaluation_trajectory.png",
         "evaluation_error.png",
+        "map.html",
         "report.html",
     )
     screen.files([out / name for name in pictures if (out / name).exists()])

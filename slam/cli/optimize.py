@@ -67,7 +67,7 @@ def optimize(
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:
         screen.table(table)
-    first = [out / "report.html", out / "mosaic.png"]
+    first = [out / name for name in ("report.html", "map.html", "mosaic.png")]
     screen.files([path for path in first if path.exists()])
 
 

@@ -39,6 +39,8 @@ OPTIMIZE_NAMES = (
     "elevation.png",
     "report.html",
     "summary.json",
+    "mosaic_chain.pgw",
+    "map.html",
 )
 """Files that ``slam optimize`` writes; a new one is added at the end."""
 

@@ -73,12 +73,16 @@ def write_summary_and_report(
     mosaics: Mosaics = Mosaics(),
     accuracy: tuple[FigureTable, ...] = (),
 ) -> Results:
-    """Write summary.json and report.html; ``flight`` is None where the input was a graph."""
+    """Write summary.json, report.html and map.html; ``flight`` is None where the input was a graph."""
+    from slam.report.map_page.write import write_map_page
+
     landmarks = len(flight.landmarks) if flight is not None else 0
     summary = summarise(estimate, landmarks, graph_alone=flight is None)
+    facts = gather(estimate, flight)
     write_report(folder / "report.html", estimate, summary, flight, mosaics, accuracy)
+    write_map_page(folder, estimate, flight, facts, summary.status)
     (folder / "summary.json").write_text(json_text(summary.to_json()), encoding="utf-8")
-    return Results(gather(estimate, flight), summary, accuracy)
+    return Results(facts, summary, accuracy)
 
 
 def _write_mosaics(

@@ -189,7 +189,7 @@ def write_bands(path: Path, grid: Grid, bands: Mapping[str, NDArray[np.float32]]
                 raise RasterioError("pixels are missing from what was written")
 
 
-def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = True) -> float:
+def write_png(geotiff: Path, path: Path, max_pixels: int) -> float:
     """Write a PNG of a GeoTIFF of ours from its first overview with at most ``max_pixels``; return its
     m/pixel.
 
@@ -209,10 +209,9 @@ def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = Tru
         _verify(plain, total)
         # Level 6 takes three times as long and saves 5 %.
         rasterio.shutil.copy(plain, partial, driver="PNG", zlevel=4)
-    if world_file:
-        lines = (affine.a, 0.0, 0.0, affine.e, affine.c + affine.a / 2, affine.f + affine.e / 2)
-        with atomic_file(path.with_suffix(".pgw")) as partial:
-            partial.write_text("".join(f"{value:.12g}\n" for value in lines))
+    lines = (affine.a, 0.0, 0.0, affine.e, affine.c + affine.a / 2, affine.f + affine.e / 2)
+    with atomic_file(path.with_suffix(".pgw")) as partial:
+        partial.write_text("".join(f"{value:.12g}\n" for value in lines))
     return float(affine.a)
 
 

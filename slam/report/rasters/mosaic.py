@@ -140,7 +140,7 @@ def write_chain_picture(
     gsd_m: float | None = None,
     progress: Progress = silent,
 ) -> Path:
-    """Render the keyframes at other poses (n, 4, 4), those of the plain chain, into mosaic_chain.png alone.
+    """Render the keyframes at other poses (n, 4, 4), of the plain chain, into mosaic_chain.png and .pgw.
 
     Raises ``InputError`` as `write_mosaic` does.
     """
@@ -149,7 +149,7 @@ def write_chain_picture(
     with _put_into(out_dir) as work:
         tif, png = work / "mosaic_chain.tif", work / "mosaic_chain.png"
         write_geotiff(tif, made.grid, _Tiles(made, lambda mark, shape: None).blocks())
-        write_png(tif, png, MAX_PNG_PIXELS, world_file=False)
+        write_png(tif, png, MAX_PNG_PIXELS)
         tif.unlink()
     return out_dir / png.name
 

@@ -24,6 +24,7 @@ from slam.io.estimate import read_estimate
 
 GRAPH_FILES = {
     MARKER_NAME, "trajectory.tum", "graph.g2o", "estimate.npz", "loops.csv", "summary.json", "report.html",
+    "map.html",
 }  # fmt: skip
 SQUARE = """VERTEX_SE2 0 0 0 0
 VERTEX_SE2 1 1.1 0 1.5708

@@ -1,0 +1,91 @@
+"""Path, keyframes and links of an estimate as the page's script reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Image
+from slam.report.map_page.rasters import webp
+
+Array = NDArray[np.float64]
+
+MOST_LINKS = 4000
+"""Links of a kind on the page: more hide the map. loops.csv and graph.g2o have all of them."""
+_MOST_PICTURES = 120
+_MOST_DECODED_PIXELS = 300_000_000
+"""Pixels of the pictures that are decoded for the page: about three seconds on two cores."""
+_PICTURE_PX = 200
+_PICTURE_QUALITY = 60
+_DIGITS = 6
+"""Significant digits of coordinates: a millimetre in a kilometre."""
+
+
+def keyframes(estimate: Estimate, flight: Flight | None) -> dict[str, Any]:
+    """Return the placed keyframes: columns of equal length, with None where a value is not known."""
+    placed = np.flatnonzero(estimate.placed)
+    x, y, z = estimate.over_floor_T_b[placed, :3, 3].T
+    variance = np.trace(estimate.covariances[placed, 3:, 3:], axis1=1, axis2=2)
+    sigma = np.sqrt(np.where(variance >= 0, variance, np.nan))
+    time = estimate.stamps_s[placed] - estimate.stamps_s[0]
+    return {
+        "number": placed.tolist(),
+        "name": [estimate.frame_names[k] if k < len(estimate.frame_names) else "" for k in placed.tolist()],
+        "x": _rounded(x),
+        "y": _rounded(y),
+        "height": _rounded(z - estimate.floor_z_m),
+        "time": _rounded(time) if flight is not None else [None] * len(placed),
+        "sigma": _rounded(sigma),
+        "part": estimate.component[placed].tolist(),
+        "picture": dict(_pictures(estimate, flight, placed)) if flight is not None else {},
+    }
+
+
+def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
+    """Return the links by kind: pairs of keyframe numbers, why they were rejected, and how many there are."""
+    placed = estimate.placed
+    edges = {"odometry": list[Any](), "loop": list[Any]()}
+    for edge in estimate.relative_poses:
+        edges[edge.kind].append((edge.i, edge.j, ""))
+    rejected = [(loop.i, loop.j, loop.reason) for loop in estimate.loops if loop.verdict == "rejected"]
+    found = {}
+    for kind, pairs in {**edges, "rejected": rejected}.items():
+        shown = [pair for pair in pairs if placed[pair[0]] and placed[pair[1]]]
+        some = shown[:: max(1, -(-len(shown) // MOST_LINKS))]
+        found[kind] = {"count": len(pairs), "pairs": some}
+    return found
+
+
+def _pictures(estimate: Estimate, flight: Flight, placed: NDArray[np.int64]) -> Iterator[tuple[str, str]]:
+    """Yield number and small picture of keyframes spread evenly over the flight."""
+    frames, camera = flight.frames, flight.camera
+    if frames is None or camera is None or len(placed) == 0:
+        return
+    affordable = _MOST_DECODED_PIXELS // (camera.size_px[0] * camera.size_px[1])
+    count = max(1, min(_MOST_PICTURES, affordable, len(placed)))
+    chosen = placed[np.unique(np.linspace(0, len(placed) - 1, count).round().astype(int))].tolist()
+
+    def small(k: int) -> str | None:
+        picture = frames[int(estimate.frame_index[k])].read()
+        return None if picture is None else _small(picture)
+
+    with ThreadPoolExecutor(2) as pool:
+        for k, code in zip(chosen, pool.map(small, chosen), strict=True):
+            if code is not None:
+                yield str(k), code
+
+
+def _small(picture: Image) -> str:
+    factor = min(1.0, _PICTURE_PX / max(picture.shape[:2]))
+    size = max(1, round(picture.shape[1] * factor)), max(1, round(picture.shape[0] * factor))
+    return webp(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), _PICTURE_QUALITY)
+
+
+def _rounded(values: Array) -> list[float | None]:
+    return [float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values.tolist()]

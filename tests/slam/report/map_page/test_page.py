@@ -1,0 +1,219 @@
+"""The page ``map.html``: what a browser makes of it, and that no name from outside can change it."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from slam.io.geotiff import Grid, write_bands
+from slam.report.facts import gather
+from slam.report.map_page.write import write_map_page
+from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
+
+HOSTILE = "</script><script>alert(1)</script><!-- \u2028 \x1b[31m {{ 7 * 7 }}"
+BROWSER = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
+SIGMA_M = 0.01
+
+
+def written(folder: Path, estimate=None, flight=None) -> Path:
+    estimate = estimate or made_estimate()
+    path = write_map_page(folder, estimate, flight, gather(estimate, flight), estimate.status)
+    assert path is not None
+    return path
+
+
+def data_of(path: Path) -> dict:
+    text = path.read_text(encoding="utf-8")
+    (found,) = re.findall(r'<script id="data" type="application/json">(.*?)</script>', text, re.DOTALL)
+    return json.loads(found)
+
+
+def with_rasters(folder: Path) -> None:
+    """Write mosaics, an elevation and a quality over the made eight: 5 x 5 m at 10 mm."""
+    rgba = np.full((500, 500, 4), 255, np.uint8)
+    rgba[..., 0] = np.arange(500) // 2
+    for name in ("mosaic", "mosaic_chain"):
+        cv2.imwrite(str(folder / f"{name}.png"), rgba)
+        (folder / f"{name}.pgw").write_text("0.01\n0\n0\n-0.01\n-0.245\n4.745\n")
+    heights = np.tile(np.linspace(0, 0.2, 50, dtype=np.float32), (50, 1))
+    write_bands(folder / "elevation.tif", Grid(-0.25, 4.75, 0.1, 50, 50), {"height": heights})
+    sigma = np.full((50, 50), SIGMA_M, np.float32)
+    bands = {"pictures": 0 * sigma, "position": sigma, "seam": 0 * sigma}
+    write_bands(folder / "mosaic_quality.tif", Grid(-0.25, 4.75, 0.1, 50, 50), bands)
+
+
+def in_browser(path: Path, script: str) -> dict:
+    """Run ``script``, the body of a function that returns an object, in the page; return that object.
+
+    The page's own errors fail the test.
+    """
+    tried = path.with_name("tried.html")
+    listener = "<script>window.errors=[];addEventListener('error',e=>errors.push(e.message))</script>"
+    runner = (
+        "<script>addEventListener('load',()=>setTimeout(()=>{let found;"
+        f"try{{found=(()=>{{{script}}})()}}catch(e){{errors.push(String(e))}}"
+        "const out=document.createElement('pre');out.id='found';"
+        "out.textContent=JSON.stringify({found,errors});document.body.append(out)},50))</script>"
+    )
+    text = path.read_text(encoding="utf-8").replace("<head>", f"<head>{listener}", 1)
+    tried.write_text(text.replace("</body>", f"{runner}</body>"), encoding="utf-8")
+    assert BROWSER is not None
+    command = [
+        BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1200,800",
+        f"--user-data-dir={path.parent / 'profile'}", "--virtual-time-budget=3000", "--dump-dom",
+        tried.as_uri(),
+    ]  # fmt: skip
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    (answer,) = re.findall(r'<pre id="found">(.*?)</pre>', done.stdout, re.DOTALL)
+    answer = json.loads(html.unescape(answer))
+    assert answer["errors"] == []
+    return answer["found"]
+
+
+def test_names_from_outside_stay_text(tmp_path):
+    estimate = replace(made_estimate(name=HOSTILE), frame_names=(HOSTILE,) * 60, status=HOSTILE)
+    loops = tuple(replace(loop, reason=HOSTILE) for loop in estimate.loops)
+    path = written(tmp_path, replace(estimate, loops=loops), made_flight())
+    text = path.read_text(encoding="utf-8")
+    assert "alert(1)</script>" not in text
+    assert text.count("<script") == 3
+    assert data_of(path)["keyframes"]["name"] == [HOSTILE] * 60
+
+
+def test_the_page_may_load_nothing(tmp_path):
+    text = written(tmp_path).read_text(encoding="utf-8")
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', text)
+    assert "default-src 'none'" in policy
+    assert "http" not in policy
+    assert not re.findall(r'<(?:script|img|link|iframe)[^>]*\s(?:src|href)="(?!data:)', text)
+
+
+def test_the_page_holds_what_the_estimate_has(tmp_path):
+    estimate = made_estimate()
+    data = data_of(written(tmp_path, estimate, made_flight()))
+    frames = data["keyframes"]
+    np.testing.assert_allclose(frames["x"], estimate.w_T_b[:, 0, 3], atol=1e-5)
+    np.testing.assert_allclose(frames["height"], estimate.w_T_b[:, 2, 3], rtol=1e-5)
+    np.testing.assert_allclose(
+        frames["sigma"], np.sqrt(np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2)), rtol=1e-5
+    )
+    assert data["links"]["rejected"] == {"count": 1, "pairs": [[5, 51, REJECTION]]}
+    assert data["links"]["loop"]["count"] == 2
+    assert data["links"]["odometry"]["count"] == 59
+
+
+def test_keyframes_that_are_not_placed_are_left_out(tmp_path):
+    estimate = made_estimate()
+    poses = estimate.w_T_b.copy()
+    poses[7] = np.nan
+    data = data_of(written(tmp_path, replace(estimate, w_T_b=poses), made_flight()))
+    assert 7 not in data["keyframes"]["number"]
+    assert len(data["keyframes"]["x"]) == 59
+    assert all(7 not in pair[:2] for pair in data["links"]["odometry"]["pairs"])
+
+
+def test_nothing_placed_gives_no_page(tmp_path):
+    estimate = made_estimate()
+    nowhere = replace(estimate, w_T_b=np.full_like(estimate.w_T_b, np.nan))
+    assert write_map_page(tmp_path, nowhere, None, gather(nowhere, None), nowhere.status) is None
+    assert not list(tmp_path.iterdir())
+
+
+@needs_browser
+def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
+    with_rasters(tmp_path)
+    found = in_browser(
+        written(tmp_path, flight=made_flight()),
+        """
+        const boxes = [...document.querySelectorAll("#layers input")];
+        const before = boxes.map((box) => box.checked);
+        boxes.forEach((box) => { if (!box.checked) box.click(); });
+        const tiles = document.querySelectorAll("img.leaflet-tile").length;
+        const overlays = document.querySelectorAll("img.leaflet-image-layer").length;
+        const legends = [...document.querySelectorAll("#legend .ends")].length;
+        const words = [];
+        lemniscate.map.eachLayer((layer) => {
+          if (layer.getPopup && layer.getPopup() && words.length < 500) {
+            layer.openPopup();
+            words.push(layer.getPopup().getElement().textContent);
+            layer.closePopup();
+          }
+        });
+        document.getElementById("colour-sigma").click();
+        const swipe = document.getElementById("swipe");
+        swipe.value = 50;
+        swipe.dispatchEvent(new Event("input"));
+        const clips = ["chain", "mosaic"].map((pane) => lemniscate.map.getPane(pane).style.clipPath);
+        boxes.forEach((box) => box.click());
+        const left = document.querySelectorAll("img.leaflet-image-layer").length;
+        return { names: boxes.map((box) => box.id), before, tiles, overlays, legends, words, clips, left };
+        """,
+    )
+    assert found["names"] == [
+        f"show-{n}"
+        for n in ("map", "elevation", "sigma", "path", "loop", "rejected", "odometry", "keyframes")
+    ]
+    assert found["tiles"] > 0
+    assert (found["overlays"], found["legends"], found["left"]) == (2, 3, 0)
+    assert any(REJECTION in words for words in found["words"])
+    assert sum(words.startswith("Keyframe ") for words in found["words"]) == 60
+    assert found["clips"][0] != found["clips"][1]
+
+
+@needs_browser
+def test_clicks_measure_distance_and_area_with_their_uncertainty(tmp_path):
+    """A rectangle of 4 x 3 m: sides, area, and the laws of error propagation by hand."""
+    with_rasters(tmp_path)
+    found = in_browser(
+        written(tmp_path, flight=made_flight()),
+        """
+        const { map, data, distanceOf, areaOf } = lemniscate;
+        document.getElementById("measure-start").click();
+        const click = ([x, y]) => {
+          const at = map.latLngToContainerPoint([y, x]);
+          const box = document.getElementById("map").getBoundingClientRect();
+          const place = { bubbles: true, clientX: box.left + at.x, clientY: box.top + at.y, detail: 1 };
+          const under = document.querySelector("#map canvas") || document.getElementById("map");
+          const kinds = ["mousedown", "mouseup", "click"];
+          kinds.forEach((kind) => under.dispatchEvent(new MouseEvent(kind, place)));
+        };
+        const corners = [[0, 0.5], [4, 0.5], [4, 3.5], [0, 3.5]];
+        corners.slice(0, 2).forEach(click);
+        const words = document.getElementById("measured").textContent;
+        corners.slice(2).forEach(click);
+        const all = document.getElementById("measured").textContent;
+        const one = distanceOf(corners.slice(0, 2)), area = areaOf(corners);
+        return { words, all, one, area, scale: data.scaleStd };
+        """,
+    )
+    assert found["scale"] == 0.05
+    assert found["one"]["value"] == pytest.approx(4.0)
+    assert found["one"]["std"] == pytest.approx(np.hypot(0.05 * 4, SIGMA_M * np.sqrt(2)))
+    assert found["area"]["value"] == pytest.approx(12.0)
+    # Each corner moves the area by half the diagonal.
+    assert found["area"]["std"] == pytest.approx(np.hypot(2 * 0.05 * 12, 2 * SIGMA_M * 2.5))
+    clicked = float(re.search(r"Distance ([\d.]+) m", found["words"])[1])
+    assert clicked == pytest.approx(4.0, abs=0.02)
+    assert float(re.search(r"Area ([\d.]+) m²", found["all"])[1]) == pytest.approx(12.0, rel=0.02)
+
+
+@needs_browser
+def test_a_graph_without_pictures_is_a_map_too(tmp_path):
+    estimate = replace(made_estimate(), metric=False)
+    found = in_browser(
+        written(tmp_path, estimate),
+        "return [...document.querySelectorAll('#layers input')].map((box) => box.id);",
+    )
+    assert found == [f"show-{name}" for name in ("path", "loop", "rejected", "odometry", "keyframes")]
