@@ -107,6 +107,23 @@ class FloorTracks:
 
 
 @dataclass(frozen=True)
+class TrackedFrame:
+    """A picture between keyframes, registered to keyframe ``k`` by a homography over the floor.
+
+    The homography is given by four points of the picture and their places in the keyframe.
+    """
+
+    k: int
+    stamp_s: float
+    pixel: Array
+    """(4, 2) undistorted pixel coordinates in the picture."""
+    k_pixel: Array
+    """(4, 2) the same points in the keyframe."""
+    covariance: Array
+    """(8, 8) of ``k_pixel``, px²."""
+
+
+@dataclass(frozen=True)
 class InertialReadings:
     """Gyro and accelerometer in body axes; finite, in order of time."""
 
@@ -142,7 +159,7 @@ class InertialNoise:
 
 @dataclass(frozen=True)
 class Inertial:
-    """Readings of an IMU, to be integrated between the keyframes."""
+    """Readings of an IMU, to be integrated between the pictures."""
 
     readings: InertialReadings
     noise: InertialNoise = InertialNoise()
@@ -164,6 +181,9 @@ class Measurements:
     positions: tuple[Position, ...] = ()
     tracks: FloorTracks | None = None
     camera: PinholeModel | None = None
+    inertial: Inertial | None = None
+    frames: tuple[TrackedFrame, ...] = ()
+    """Pictures between keyframes at which the inertial readings are compared, in order of time."""
     range_gain_std: float = 0.05
     """Relative standard deviation of the scale error that all ranges share (temperature, calibration)."""
     range_datum_std_m: float = 0.02

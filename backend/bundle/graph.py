@@ -25,6 +25,12 @@ from backend.bundle.factors import (
     scaled_range_factor,
 )
 from backend.bundle.floor_points import intersect_floor
+from backend.bundle.inertial_graph import (
+    NOMINAL_INERTIAL_NOISE,
+    InertialNoiseFactors,
+    InertialPart,
+    add_inertial,
+)
 from backend.bundle.world import WorldTransform
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 
@@ -60,6 +66,7 @@ class NoiseLevels:
     position_m: Array
     """(3,)."""
     range_m: float
+    inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
 
 
 @dataclass(frozen=True)
@@ -81,12 +88,14 @@ class BundleProblem:
     config: BundleConfig
     self_calibrates: bool
     scale_prior: ScalePrior | None = None
+    inertial: InertialPart | None = None
 
     @property
     def has_scale(self) -> bool:
         """Whether a measurement or prior observes the scale."""
         measured = self.measurements
-        return bool(measured.ranges or measured.positions) or self.scale_prior is not None
+        metric = bool(measured.ranges or measured.positions) or self.inertial is not None
+        return metric or self.scale_prior is not None
 
     @property
     def c_T_b(self) -> Array:
@@ -133,6 +142,8 @@ def pose_side_graph(
     if problem.self_calibrates:
         _add_calibration(graph, problem.camera)
     _add_gauge(graph, problem, start, noise.relief)
+    if problem.inertial is not None:
+        add_inertial(graph, problem.inertial, start, WORLD, problem.camera.b_T_c, noise.inertial)
     return graph
 
 

@@ -13,6 +13,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.errors import BackendError
 from backend.inertial_scale.preintegration import integrate
 from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise
 
@@ -47,9 +48,15 @@ class InertialInterval:
     """(2, 3) body rates at both ends."""
 
     def whitening(self, gyro_factor: float, accel_factor: float) -> Array:
-        """Return the matrix (15, 15) that whitens the error, for noise larger by these factors."""
+        """Return the matrix (15, 15) that whitens the error, for noise larger by these factors.
+
+        Raises ``BackendError`` if the rates are too large for a covariance.
+        """
         covariance = gyro_factor**2 * self.gyro_covariance + accel_factor**2 * self.accel_covariance
-        return np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)).T)
+        try:
+            return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+        except np.linalg.LinAlgError as error:
+            raise BackendError("the gyro turns too fast to be integrated: check its unit") from error
 
 
 @dataclass(frozen=True)

@@ -38,10 +38,13 @@ from backend.bundle.graph import (
     BundleProblem,
     NoiseLevels,
     ScalePrior,
+    Variables,
     metric_poses,
     start_calibration,
     start_variables,
 )
+from backend.bundle.inertial_graph import InertialPart, without_unused
+from backend.bundle.inertial_noise import estimate_inertial_noise, start_factors
 from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
 from backend.bundle.world import WorldTransform
@@ -126,7 +129,8 @@ def refine(
         measurements, tracks, camera, config, self_calibrates=False, scale_prior=scale_prior
     )
     noise = noise or start_noise(measurements, config)
-    at = start_variables(problem, w_T_b, floor_z_m)
+    problem, at = _with_inertia(problem, start_variables(problem, w_T_b, floor_z_m))
+    noise = replace(noise, inertial=start_factors(problem, at.values))
     start = at.values
     used = np.ones(len(tracks.track), bool)
     iterations = 0
@@ -143,9 +147,30 @@ def refine(
         if last:
             break
         before = noise
-        noise, used = estimate_noise(problem, at, noise, used)
-        settled = number > 0 and same_noise(before, noise)
+        factors, kept = estimate_inertial_noise(BundleOptimum(cost, at, minimum.structure, noise, used))
+        noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used)
+        settled = number > 0 and same_noise(before, noise) and bool(kept.all())
+        problem, at = _integrated_again(problem, at, kept)
     return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+
+
+def _with_inertia(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables]:
+    """Integrate the inertial readings, if there are any, and insert their variables."""
+    transform = WorldTransform(at.values.atVector(WORLD), problem.camera.b_T_c)
+    part = InertialPart.of(problem.measurements, problem.camera, at.values, transform)
+    if part is None:
+        return problem, at
+    return replace(problem, inertial=part), replace(at, values=part.start(at.values, transform))
+
+
+def _integrated_again(
+    problem: BundleProblem, at: Variables, kept: NDArray[np.bool_]
+) -> tuple[BundleProblem, Variables]:
+    """Integrate the ``kept`` intervals (k,) about the estimated biases."""
+    if problem.inertial is None:
+        return problem, at
+    part = problem.inertial.again(at.values, kept)
+    return replace(problem, inertial=part), replace(at, values=without_unused(at.values, part))
 
 
 def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:

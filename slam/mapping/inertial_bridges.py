@@ -198,7 +198,7 @@ def joined(map_: Map, edges: Sequence[RelativePose]) -> Map:
         over_floor_covariances=over_floor_covariances,
         component=largest_first(component),
         bridges=tuple(used),
-        warnings=(*map_.warnings, *(_bridge_warning(edge) for edge in used)),
+        warnings=(*map_.warnings, *(bridge_warning(edge) for edge in used)),
     )
 
 
@@ -228,7 +228,8 @@ def _composed(parent: _PartPose, child: _PartPose) -> _PartPose:
     return _PartPose(parent.root_T_part @ child.root_T_part, covariance)
 
 
-def _bridge_warning(edge: RelativePose) -> str:
+def bridge_warning(edge: RelativePose) -> str:
+    """Return the warning that instruments, not pictures, connect two keyframes."""
     std_m = float(np.sqrt(np.trace(edge.covariance[3:, 3:])))
     return (
         f"no overlapping pictures connect keyframes {edge.i} and {edge.j}: the instruments bridge the gap, "

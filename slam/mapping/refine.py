@@ -57,10 +57,8 @@ def refine_map(
     """
     observations, edges, solution = solved.observations, solved.edges, solved.graph
     n = len(setup.readings.stamps_s)
-    kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
-    tracks = join_tracks(observations.store.points, kept, setup.camera, setup.config.tracks)
-    trim_heap()
-    component = largest_first(np.where(_tied(n, kept), solution.component, -1))
+    tracks = floor_tracks(solved, setup)
+    component = largest_first(np.where(_tied(n, _kept(solved)), solution.component, -1))
     evidence = _Evidence(setup, observations, edges.heights.metric, tracks, inertial, progress)
     seen = np.bincount(tracks.keyframe, minlength=n)
     parts = []
@@ -85,7 +83,7 @@ def refine_map(
         over_floor_covariances=over_floor_covariances,
         component=component,
         floor_z_m=main.floor_z_m if main else 0.0,
-        camera=_calibrated(setup.camera, main.bundle) if main and main.bundle else setup.camera,
+        camera=calibrated(setup.camera, main.bundle) if main and main.bundle else setup.camera,
         bundle=main.bundle if main else None,
         georeferenced=main.georeferenced if main else False,
         warnings=tuple(line for part in parts for line in part.warnings),
@@ -96,6 +94,18 @@ def refine_map(
         clock=main.clock if main else None,
         metric=main.metric if main else True,
     )
+
+
+def _kept(solved: Map) -> list[Registration]:
+    return [r for r, ok in zip(solved.edges.registrations, solved.graph.edge_kept, strict=True) if ok]
+
+
+def floor_tracks(solved: Map, setup: Setup) -> FloorTracks:
+    """Return the floor points that the registrations of a solved graph follow through the keyframes."""
+    points = solved.observations.store.points
+    tracks = join_tracks(points, _kept(solved), setup.camera, setup.config.tracks)
+    trim_heap()
+    return tracks
 
 
 @dataclass(frozen=True)
@@ -221,7 +231,7 @@ class _Evidence:
         bundle = refine_part(setup, members, start, part.floor_z_m, tracks, step)
         if self.inertial is None:
             return bundle, None
-        camera, gain_std = _calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
+        camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
         compared = compare_with_inertia(self.inertial, self.observations, members, bundle, camera, gain_std)
         by_inertia = compared.scale
         if isinstance(by_inertia, NoScale) or not by_inertia.helps:
@@ -294,7 +304,8 @@ def _headed(w_T_b: Array, readings: KeyframeReadings, members: NDArray[np.int64]
     return turn @ shift @ w_T_b
 
 
-def _calibrated(camera: Camera, bundle: Bundle) -> Camera:
+def calibrated(camera: Camera, bundle: Bundle) -> Camera:
+    """Return the camera with the mount and the lens that a refinement has estimated."""
     camera = replace(camera, b_T_c=bundle.b_T_c)
     if camera.focal_std_ratio == 0:
         return camera

@@ -22,6 +22,7 @@ from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations
+from slam.mapping.inertial_fusion import fuse_parts
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first
@@ -88,11 +89,16 @@ def close_loops(context: Context, chain: Map) -> Map:
 def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
     """Refine all parts on their floor points, and join them by inertial bridges.
 
+    With inertia, the readings of the IMU then refine joined parts together.
+
     Raises ``InputError`` where no pose of a camera above a floor explains the matches.
     """
     inertial = inertial_readings(context.flight.imu) if with_inertia else None
     with context.timer("refine"), show_compilation(context.job.progress):
-        refined = context.bridges.join(refine_map(solved, context.setup, context.job.progress, inertial))
+        parts = refine_map(solved, context.setup, context.job.progress, inertial)
+        refined = context.bridges.join(parts)
+        if with_inertia:
+            refined = fuse_parts(parts, refined, context.setup, context.flight.imu)
     if (refined.component < 0).all() and not with_inertia:
         raise InputError(
             f"{context.flight.name}: the pictures match, but no pose of a camera above a floor explains how; "

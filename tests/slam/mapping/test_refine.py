@@ -19,7 +19,7 @@ from slam.core.progress import silent
 from slam.mapping.front_end import Observations
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map
-from slam.mapping.refine import _calibrated, refine_map
+from slam.mapping.refine import calibrated, refine_map
 from slam.mapping.refine_part import refine_part
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph
@@ -120,7 +120,7 @@ def test_a_declared_distortion_stays_where_the_focal_length_is_estimated() -> No
         (200.0, 200.0), (87.5, 71.5), (176, 144), (-0.3, 0.1, 0.004, -0.003), focal_std_ratio=0.03
     )
     bundle = SimpleNamespace(b_T_c=declared.b_T_c, focal_px=(210.0, 210.0), radial=(0.0, 0.0))
-    found = _calibrated(declared, bundle)  # type: ignore[arg-type]
+    found = calibrated(declared, bundle)  # type: ignore[arg-type]
     corners_px = declared.corners_px
     np.testing.assert_allclose(found.undistort(corners_px), declared.undistort(corners_px), atol=1e-2)
     assert found.focal_px == (210.0, 210.0)
