@@ -11,7 +11,7 @@ from pathlib import Path
 from slam.core.errors import explain
 from slam.io.content import HEAD_BYTES, content_name
 from slam.io.files import refusal
-from slam.io.recordings import mp4, table
+from slam.io.recordings import mp4
 from slam.io.recordings.recording import Recording
 
 
@@ -43,6 +43,16 @@ _TRANSPORT_STREAM = re.compile(rb"\x47[\x40-\x5f].{186}\x47", re.DOTALL)
 """MPEG-2 transport stream: packets of 188 bytes (ISO/IEC 13818-1, section 2.4.3)."""
 _BARE_STREAM = re.compile(rb"\0?\0\0\x01([\x09\x27\x47\x67]|[\x40\x46]\x01)", re.DOTALL)
 """H.264 or H.265 without a container: the first unit is a delimiter or a parameter set."""
+_NUMBER = rb"[-+]?\d[-+\d.eE]*"
+_GROUND_LIST = re.compile(
+    rb"[^\n\0]+\.(png|jpe?g|tiff?|bmp)[ \r]*\n[ *]*" + _NUMBER + rb"([ \t]+" + _NUMBER + rb"){2}",
+    re.IGNORECASE,
+)
+"""A picture, and the first row of its pose."""
+_TABLE = re.compile(
+    rb"(\xef\xbb\xbf)?[^\n\0]*?(?<![a-z])(time|timestamp|stamp|t)(?![a-z])[^\n\0]*?[,;\t]", re.IGNORECASE
+)
+"""A header with a time and another column."""
 _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOTALL)
 
 
@@ -66,7 +76,8 @@ FORMATS: tuple[Format, ...] = (
     Format("a video", "slam.io.recordings.video", (".h264", ".264", ".h265", ".hevc"), (), _BARE_STREAM),
     Format("a video", "slam.io.recordings.video", (".flv",), (b"FLV\x01",)),
     Format("a file of subtitles", "slam.io.recordings.video", (".srt",), (), _SUBTITLES),
-    Format(table.DESCRIPTION, "slam.io.recordings.table", (".csv", ".tsv"), (), table.START),
+    Format("a list of ground pictures", "slam.io.recordings.ground_list", (), (), _GROUND_LIST),
+    Format("a table of readings", "slam.io.recordings.table", (".csv", ".tsv"), (), _TABLE),
     Format("an MCAP recording", "slam.io.recordings.foxglove", (".mcap",), (), _MCAP_WITHOUT_ROS),
     Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )

@@ -30,10 +30,6 @@ Array = NDArray[np.float64]
 
 DESCRIPTION = "a table of readings"
 KIND = "table"
-START = re.compile(
-    rb"(\xef\xbb\xbf)?[^\n\0]*?(?<![a-z])(time|timestamp|stamp|t)(?![a-z])[^\n\0]*?[,;\t]", re.IGNORECASE
-)
-"""First bytes of a file: a header with a time and another column."""
 _MAX_BYTES = 1 << 28
 _FOOT, _KMH, _MPH, _KNOT = 0.3048, 1 / 3.6, 0.44704, 1852 / 3600
 _DEG = np.pi / 180

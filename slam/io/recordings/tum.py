@@ -8,6 +8,7 @@ evaluation of RGB-D SLAM systems", IROS 2012; its pages "File formats" and "Intr
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.core.flight import Image
 from slam.core.progress import Progress
 from slam.io.files import brief, check_inside, read_bytes, refusal
-from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
-from slam.io.photos.camera import ASSUMED_FOCAL_STD_RATIO, ASSUMED_VIEW, assumed_focal_px
-from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
+from slam.io.recordings.picture_list import assumed_camera, listed_pictures
+from slam.io.recordings.recording import Content, Offer, Recording, StreamReadings
 
 Array = NDArray[np.float64]
 
@@ -55,7 +54,9 @@ def open_recording(path: Path) -> Recording:
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
         taken = {offer.stream for offer in chosen}
         readings = {_TRUTH: truth} if truth is not None and _TRUTH in taken else {}
-        pictures = _channel(path, stamps_ns, names) if "cam0" in taken else None
+        camera_of = partial(_camera, path)
+        is_taken = "cam0" in taken
+        pictures = listed_pictures(path / LIST_NAME, stamps_ns, names, camera_of) if is_taken else None
         return Content(readings, pictures)
 
     return Recording(
@@ -119,46 +120,9 @@ def _truth(folder: Path) -> StreamReadings:
     return StreamReadings(np.array(stamps, dtype=np.int64), values)
 
 
-def _channel(folder: Path, stamps_ns: NDArray[np.int64], names: tuple[str, ...]) -> PictureChannel:
-    size_px = _size(folder, names)
-    camera, note = _camera(folder, size_px)
-
-    def fetch(k: int) -> Image | bytes:
-        path = folder / names[k]
-        if not path.is_file():
-            raise UnreadableImageError("missing")
-        return read_bytes(path, folder, MAX_BYTES)
-
-    mount = "looking straight down with the nose at the top assumed"
-    return PictureChannel(
-        stamps_ns=stamps_ns,
-        names=tuple(Path(name).name for name in names),
-        fetch=fetch,
-        camera=camera,
-        notes=(note, mount),
-    )
-
-
-def _size(folder: Path, names: tuple[str, ...]) -> tuple[int, int]:
-    for name in names:
-        try:
-            return image_size(folder / name)
-        except UnreadableImageError:
-            continue
-    raise refusal(folder / LIST_NAME, "lists no picture that can be read", "copy the pictures beside it")
-
-
 def _camera(folder: Path, size_px: tuple[int, int]) -> tuple[Camera, str]:
     name = next((word for word in _CALIBRATIONS if word in folder.resolve().name.lower()), None)
     if name is not None and size_px == (640, 480):
         fx, fy, cx, cy, distortion = _CALIBRATIONS[name]
         return Camera((fx, fy), (cx, cy), size_px, distortion), f"lens of {name}, as its benchmark states it"
-    width, height = size_px
-    focal_px = assumed_focal_px(size_px)
-    camera = Camera(
-        focal_px=(focal_px, focal_px),
-        center_px=((width - 1) / 2, (height - 1) / 2),
-        size_px=size_px,
-        focal_std_ratio=ASSUMED_FOCAL_STD_RATIO,
-    )
-    return camera, f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}"
+    return assumed_camera(size_px)
