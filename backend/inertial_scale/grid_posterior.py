@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 Array = NDArray[np.float64]
 
@@ -17,6 +16,8 @@ def grid_posterior(tried_s: Array, cost: Array) -> tuple[Array, Array]:
 
     ``cost`` (g,) is the log-likelihood, times -2, at the evenly spaced delays ``tried_s`` (g,).
     """
+    from scipy.interpolate import CubicSpline  # a long import, for this alone
+
     delays_s = np.linspace(tried_s[0], tried_s[-1], (len(tried_s) - 1) * _FINE + 1)
     fine = CubicSpline(tried_s, cost)(delays_s)
     weight = np.exp(-0.5 * (fine - fine.min()))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
@@ -35,5 +34,7 @@ def integrate(stamps_s: Array, values: Array) -> Array:
 
 def integrate_twice(stamps_s: Array, values: Array, at_s: Array) -> Array:
     """Integrate readings (k, ...) twice; return (m, ...) at other times (m,) within theirs."""
+    from scipy.interpolate import CubicHermiteSpline  # a long import, for this alone
+
     once = integrate(stamps_s, values)
     return np.asarray(CubicHermiteSpline(stamps_s, integrate(stamps_s, once), once)(at_s))

@@ -21,7 +21,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares, minimize
 
 from backend.inertial_scale.regression_rows import (
     MIN_POSES,
@@ -129,11 +128,15 @@ def _initial_parameters(rows: RegressionRows, noise: Array) -> Array:
 
 def _total_least_squares(rows: RegressionRows, noise: Array, start: Array) -> Array:
     """Estimate scale, offset and arm by total least squares."""
+    from scipy.optimize import least_squares  # a long import, for this alone
+
     residuals, jacobian = partial(rows.whitened, noise=noise), partial(rows.jacobian, noise=noise)
     return np.asarray(least_squares(residuals, start, jacobian, x_scale="jac").x)
 
 
 def _maximum_likelihood_noise(rows: RegressionRows, parameters: Array, start: Array) -> Array:
+    from scipy.optimize import minimize  # a long import, for this alone
+
     def cost(noise: Array) -> float:
         return float(np.sum(rows.whitened(parameters, noise) ** 2)) + rows.log_determinant(parameters, noise)
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation, Slerp
 
 from frontend.camera import Camera
@@ -70,7 +69,7 @@ class Echoes:
         """(m,) which readings hear an obstacle; single spikes are none."""
         measured = np.flatnonzero(np.isfinite(self.height_m) & ~self.too_near)
         out = np.zeros(len(self.height_m), dtype=bool)
-        out[measured] = median_filter(self.height_m[measured], SPIKE_READINGS) > self.gamma_m(config)
+        out[measured] = _without_spikes(self.height_m[measured]) > self.gamma_m(config)
         return out
 
     @property
@@ -102,7 +101,7 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
             to_floor * scale < sonar.max_range_m
         )
         low = height * scale < LOW_RANGES * sonar.min_range_m
-    silent = median_filter((~in_limits).astype(np.uint8), SPIKE_READINGS) > 0
+    silent = _without_spikes((~in_limits).astype(float)) > 0
     too_near = silent & ~in_limits & floor_in_range & low
     measured = np.where(too_near, height - sonar.min_range_m / scale, measured)
     on_floor = np.abs(ratio / scale - 1) < 3 * BANDWIDTH
@@ -115,6 +114,13 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
         floor_std,
         float(np.nanmedian(height)),
     )
+
+
+def _without_spikes(values: Array) -> Array:
+    """Return the running median (m,) of values."""
+    from scipy.ndimage import median_filter  # a long import, for this alone
+
+    return np.asarray(median_filter(values, SPIKE_READINGS))
 
 
 def _height_unknown(stamps_s: Array, height_m: Array, at_s: Array) -> NDArray[np.bool_]:
