@@ -90,7 +90,7 @@ def _breaks(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         shared_from = max(stamps_ns[start], stamps_ns[row])
         shared_to = min(stamps_ns[row - 1], stamps_ns[end - 1])
         twice = _rows_per_expected(ordered, shared_from, shared_to, interval) > 1.5
-        far = stamps_ns[row - 1] - stamps_ns[row] > JUMP_NS
+        far = int(stamps_ns[row - 1]) - int(stamps_ns[row]) > JUMP_NS
         if twice or (far and _rows_per_expected(ordered, stamps_ns[row], stamps_ns[row - 1], interval) < 0.5):
             rows.append(row)
     return np.unique(np.array(rows, dtype=np.int64))
@@ -99,7 +99,7 @@ def _breaks(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 def _rows_per_expected(ordered_ns: NDArray[np.int64], first: int, last: int, interval_ns: float) -> float:
     """Return the row count between two stamps over the expected count; 0 with too few rows to decide."""
     inside = int(np.searchsorted(ordered_ns, last, "right") - np.searchsorted(ordered_ns, first))
-    return max(inside - MIN_ROWS, 0) / max((last - first) / interval_ns, 1.0)
+    return max(inside - MIN_ROWS, 0) / max((int(last) - int(first)) / interval_ns, 1.0)
 
 
 def _find_jumps(name: str, table: CsvTable, remarks: list[str]) -> tuple[CsvTable, list[_Jump]]:

@@ -123,7 +123,7 @@ def _certified(data: Path, name: str) -> list[Metric]:
     solution = solve_pose_graph(graph, covariances=False)
     objective, bound = se_sync_optimum(graph, solution)
     optimum = se_sync_optima(data)[name]
-    seconds, certificate = _timed(lambda: certify(graph, solution))
+    seconds, certificate = timed(lambda: certify(graph, solution))
     return [
         at_most(
             f"{name}: relative difference to SE-Sync's published optimum", abs(objective - optimum) / optimum,
@@ -235,15 +235,15 @@ def compare(path: Path, optimum: float) -> GraphResult:
     for turn in range(MOST):
         if turn >= FEWEST and time.perf_counter() - began > BUDGET_S:
             break
-        seconds, pair = _timed(lambda: raw_read(path))
+        seconds, pair = timed(lambda: raw_read(path))
         raw.append(seconds)
-        seconds, (_, raw_error) = _timed(lambda: raw_solve(*pair, from_chordal))  # noqa: B023
+        seconds, (_, raw_error) = timed(lambda: raw_solve(*pair, from_chordal))  # noqa: B023
         gaussian.append(seconds)
-        seconds, graph = _timed(lambda: read_g2o(path))
+        seconds, graph = timed(lambda: read_g2o(path))
         read.append(seconds)
-        seconds, _ = _timed(lambda: raw_build(graph))  # noqa: B023
+        seconds, _ = timed(lambda: raw_build(graph))  # noqa: B023
         built.append(seconds)
-        seconds, solution = _timed(lambda: solve_pose_graph(graph, covariances=False))  # noqa: B023
+        seconds, solution = timed(lambda: solve_pose_graph(graph, covariances=False))  # noqa: B023
         solved.append(seconds)
     return GraphResult(
         name=path.stem,
@@ -258,7 +258,7 @@ def compare(path: Path, optimum: float) -> GraphResult:
     )
 
 
-def _timed(call: Callable[[], T]) -> tuple[float, T]:
+def timed(call: Callable[[], T]) -> tuple[float, T]:
     begin = time.perf_counter()
     result = call()
     return time.perf_counter() - begin, result
@@ -268,7 +268,7 @@ def false_loops(data: Path) -> FalseLoopResult:
     """Measure Bicocca 25b with real false loops: a loop is false if its error exceeds 1 m."""
     graph = read_g2o(data / "bicocca25b_0.300.g2o")
     truth, known = _truth(data)
-    seconds, solution = _timed(lambda: solve_pose_graph(graph, covariances=False))
+    seconds, solution = timed(lambda: solve_pose_graph(graph, covariances=False))
     loop = np.abs(graph.i - graph.j) != 1
     judged = loop & known[graph.i] & known[graph.j]
     off = np.full(len(graph.i), np.nan)

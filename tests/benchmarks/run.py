@@ -40,6 +40,7 @@ TITLES = {
     "caliterra": "75 aerial photographs (`caliterra`)",
     "gps_outliers": "Gross outliers among GPS fixes",
     "graphs": "Standard pose graphs",
+    "graph_command": "Standard pose graphs, from the file to covariances and report",
     "false_loops": "Standard pose graphs with false loops",
     "selection_matrix": "Generated pose graphs with false loops",
     "incremental": "Incremental back end",

@@ -23,6 +23,7 @@ from slam.mapping.config import PipelineConfig
 from slam.simulation.model import Model, load_model, save_model
 from slam.simulation.recipe import Recipe, load_recipe
 from tests.fuzz.photographs import photograph
+from tests.fuzz.recordings import RECORDINGS, SECONDS, Recorded, gopro, gopro_positions
 from tests.slam.cli.test_cli import SQUARE
 from tests.slam.io.made_flight import made_flight
 from tests.slam.io.photos.photo_files import fill
@@ -170,6 +171,13 @@ def _photographs(suffix: str, container: str) -> Format:
     )
 
 
+def _recording(one: Recorded) -> Format:
+    whole = {"landmarks": 0} | one.rows if one.rows else _rows(made_flight(seconds=SECONDS))
+    return Format(
+        lambda folder: [one.write(folder)], lambda _, path: _checked(one.read(path)), _rows, (whole,)
+    )
+
+
 def _model(name: str) -> str:
     return files("datasets").joinpath(f"models/{name}.toml").read_text()
 
@@ -201,8 +209,12 @@ FORMATS: dict[str, Format] = {
         _rows,
         ({"gps": 2, "barometer": 2, "landmarks": 0},),
     ),
+    "GoPro positions": Format(
+        lambda folder: [gopro(folder)], lambda _, path: gopro_positions(path), lambda count: count, (3,)
+    ),
+    **{name: _recording(one) for name, one in RECORDINGS.items()},
     "jpeg": _photographs(".jpg", "JPEG"),
     "png": _photographs(".png", "PNG"),
     "tiff": _photographs(".tif", "TIFF"),
 }
-PICTURES = ("picture of a flight", "jpeg", "png", "tiff")
+PICTURES = ("picture of a flight", "video", "jpeg", "png", "tiff")

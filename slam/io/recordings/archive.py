@@ -16,6 +16,7 @@ from slam.core.progress import Progress
 from slam.io.files import brief, refusal
 from slam.io.photos.search import holds_photos
 from slam.io.recordings.formats import format_of
+from slam.io.recordings.readers import is_seek_error
 
 STARTS = (b"PK\x03\x04", b"PK\x05\x06")
 """First bytes of a ZIP archive; the second of an empty one."""
@@ -63,7 +64,9 @@ def unpacked(path: Path, progress: Progress) -> Unpacked:
     try:
         with zipfile.ZipFile(path) as archive:
             _unpack(path, archive, root, progress)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        if isinstance(error, OSError) and not is_seek_error(error):
+            raise
         raise refusal(
             path, f"is a ZIP archive that cannot be unpacked ({brief(error, 120)})", "unpack it yourself"
         ) from None

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.io.body_axes import angles_from_aviation
+from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
 from slam.io.recordings import field_values
 from slam.io.recordings.field_rules import FieldRule, FieldSeries, field_recording
@@ -56,6 +57,8 @@ def _declared(body: bytes) -> tuple[int, _Message] | None:
     names = labels.split(",") if labels else []
     if len(names) != len(codes) or len(set(names)) != len(names) or any(code not in _CODES for code in codes):
         return None
+    if "" in names:  # numpy would give that field another name
+        return None
     dtype = np.dtype([("marks", "V3"), *((n, _CODES[c][0]) for n, c in zip(names, codes, strict=True))])
     if dtype.itemsize != length:
         return None
@@ -93,8 +96,13 @@ def _fields(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str,
 
 
 def _series(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str, FieldSeries]:
-    """Return the channels of one type; several sensors of one kind are ``IMU[0]``, ``IMU[1]`` and so on."""
+    """Return the channels of one type; several sensors of one kind are ``IMU[0]``, ``IMU[1]`` and so on.
+
+    Messages whose stamp is beyond any clock are damaged; `open_recording` counts them.
+    """
     fields = _fields(data, message, places)
+    damaged = fields["TimeUS"].astype(float) > MAX_STAMP_NS / field_values.NS_PER_US
+    fields = {name: values[~damaged] for name, values in fields.items()}
     stamps_ns = fields["TimeUS"].astype(np.int64) * field_values.NS_PER_US
     instance = next((fields[name] for name in _INSTANCES if name in fields), None)
     if instance is None:
@@ -107,8 +115,11 @@ def _series(data: mmap.mmap, message: _Message, places: array[int]) -> dict[str,
     return series
 
 
+_IMU_FIELDS = ("GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ")
+
+
 def _imu(fields: Fields) -> Converted:
-    return field_values.frd_vectors(fields, "GyrX", "GyrY", "GyrZ", "AccX", "AccY", "AccZ"), ()
+    return field_values.frd_vectors(fields, *_IMU_FIELDS), ()
 
 
 def _attitude(fields: Fields) -> Converted:
@@ -135,7 +146,7 @@ _GOOD = 4
 _FRD = "forward-right-down to forward-left-up"
 _ANGLES = "deg; yaw from north to east, pitch up to pitch down"
 RULES: tuple[FieldRule, ...] = (
-    FieldRule("imu0", "IMU", ("GyrX", "AccX"), _imu, f"rad/s, m/s²; {_FRD}"),
+    FieldRule("imu0", "IMU", _IMU_FIELDS, _imu, f"rad/s, m/s²; {_FRD}"),
     FieldRule("sonar0", "RFND", ("Dist", "Stat", "Orient"), _range, "m, facing down"),
     FieldRule("sonar0", "RFND", ("Dist1", "Orient1"), _older_range, "m, facing down"),
     FieldRule("attitude0", "ATT", ("Roll", "Pitch", "Yaw"), _attitude, _ANGLES),
@@ -155,19 +166,26 @@ def open_recording(path: Path) -> Recording:
     """Open a dataflash log. Raises ``InputError`` where it declares no message."""
     series: dict[str, FieldSeries] = {}
     counts: dict[str, int] = {}
+    late = 0
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         messages, places, lost = _scanned(data)
         for number, message in messages.items():
             counts[message.name] = 0 if number == _FMT else len(places.get(number, ()))
             if message.name in _OF_USE and "TimeUS" in message.factors and counts[message.name]:
-                series |= _series(data, message, places[number])
+                found = _series(data, message, places[number])
+                late += counts[message.name] - sum(len(each.stamps_ns) for each in found.values())
+                series |= found
     if not any(counts.values()):
         raise refusal(path, f"is {DESCRIPTION} without a message", "copy it again from the autopilot")
     rules = (*RULES, _stick_rule(_parameters(series)), *_flow_rules(series))
     used = {each.kind for each in series.values()}
     unread = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
-    damage = (f"{lost} bytes of the log hold no message (damaged or cut short) and were passed over",)
-    return field_recording(path, DESCRIPTION, series, rules, damage * bool(lost), _metadata(series), unread)
+    damage = (
+        *[f"{lost} bytes of the log hold no message (damaged or cut short) and were passed over"]
+        * bool(lost),
+        *[f"{late} messages have a stamp that no clock has (damaged) and were passed over"] * bool(late),
+    )
+    return field_recording(path, DESCRIPTION, series, rules, damage, _metadata(series), unread)
 
 
 def _parameters(series: dict[str, FieldSeries]) -> dict[str, float]:

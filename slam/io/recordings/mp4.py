@@ -130,6 +130,8 @@ def _track(body: bytes, limit: int, movie_scale: int) -> Mp4Track:
     media = _find(body, b"mdia")
     table = _find(media, b"minf", b"stbl")
     timescale = _timescale(_find(media, b"mdhd"))
+    if timescale == 0:
+        raise ValueError("a track without units of time")
     counts = _integers(_find(table, b"stts"), 2)
     sizes = _sizes(_find(table, b"stsz"), limit)
     durations = _repeated(counts[:, 1], counts[:, 0], limit)
@@ -214,5 +216,7 @@ def _offsets(table: bytes, sizes: Integers) -> Integers:
     first = np.concatenate([[0], np.cumsum(per_chunk)])[:-1]
     before = np.concatenate([[0], np.cumsum(sizes)])
     chunk_of = np.repeat(np.arange(len(per_chunk)), per_chunk)[: len(sizes)]
-    within = before[: len(chunk_of)] - before[first[chunk_of]]
+    if len(chunk_of) < len(sizes):
+        raise ValueError(f"{len(chunk_of)} places of {len(sizes)} samples")
+    within = before[:-1] - before[first[chunk_of]]
     return np.asarray(chunks[chunk_of] + within)

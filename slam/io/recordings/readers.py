@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -24,6 +25,11 @@ def optional_reader(path: Path, description: str, extra: str) -> Iterator[None]:
         ) from None
 
 
+def is_seek_error(error: OSError) -> bool:
+    """Return whether a place in the file is impossible: a damaged length, not a fault of the disk."""
+    return error.errno == errno.EINVAL
+
+
 @contextmanager
 def damage_reported(path: Path, description: str) -> Iterator[None]:
     """Turn whatever a reader raises for a damaged file into one line.
@@ -32,8 +38,6 @@ def damage_reported(path: Path, description: str) -> Iterator[None]:
     """
     try:
         yield
-    except (InputError, OSError):
-        raise
     except MemoryError:  # a reader checks no length
         raise refusal(
             path,
@@ -41,7 +45,9 @@ def damage_reported(path: Path, description: str) -> Iterator[None]:
             "is short",
             "copy it again from the recorder, or close other programs",
         ) from None
-    except Exception as error:  # noqa: BLE001  a reader's errors have no common class
+    except Exception as error:  # a reader's errors have no common class
+        if isinstance(error, InputError) or (isinstance(error, OSError) and not is_seek_error(error)):
+            raise
         cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise refusal(
             path,

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.progress import Progress
+from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import brief, check_inside, read_bytes, refusal
 from slam.io.recordings.picture_list import assumed_camera, listed_pictures
 from slam.io.recordings.recording import Content, Offer, Recording, StreamReadings
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 LIST_NAME, TRUTH_NAME = "rgb.txt", "groundtruth.txt"
 _MAX_TEXT_BYTES = 1 << 28
+_MOST_DIGITS = 10
+"""Digits of the seconds in the largest stamp."""
 _TRUTH = "state_groundtruth_estimate0"
 _CALIBRATIONS = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
@@ -79,9 +82,11 @@ def _lines(path: Path, root: Path) -> list[tuple[int, list[str]]]:
 def _nanoseconds(path: Path, line: int, text: str) -> int:
     """Return a stamp in seconds as nanoseconds, without the rounding of a float."""
     whole, _, part = text.partition(".")
-    if not whole.isdecimal() or (part and not part.isdecimal()):
+    is_number = whole.isdecimal() and len(whole) <= _MOST_DIGITS and (not part or part.isdecimal())
+    stamp_ns = int(whole) * 10**9 + int(part.ljust(9, "0")[:9] or 0) if is_number else -1
+    if not 0 <= stamp_ns <= MAX_STAMP_NS:
         raise refusal(path, f"has the stamp {brief(text, 40)!r}", "write seconds", line)
-    return int(whole) * 10**9 + int(part.ljust(9, "0")[:9] or 0)
+    return stamp_ns
 
 
 def _pictures(folder: Path) -> tuple[NDArray[np.int64], tuple[str, ...]]:
@@ -110,8 +115,9 @@ def _truth(folder: Path) -> StreamReadings:
             raise refusal(path, "has a line without a pose", "write: stamp tx ty tz qx qy qz qw", line)
         stamps.append(_nanoseconds(path, line, words[0]))
     poses = np.array(rows, dtype=float).reshape(-1, 7)
-    length = np.linalg.norm(poses[:, 3:], axis=1)
-    known = np.isfinite(poses).all(axis=1) & (length > 0.5)
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(poses[:, 3:], axis=1)
+    known = np.isfinite(poses).all(axis=1) & (length > 0.5) & (length < np.inf)
     c_R_b = NADIR_B_T_C[:3, :3].T
     values = np.full((len(poses), 16), np.nan)
     values[known, :3] = poses[known, :3]

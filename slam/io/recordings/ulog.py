@@ -8,6 +8,7 @@ PX4-Autopilot/msg (``SensorCombined.msg``, ``VehicleOpticalFlow.msg``, ``Distanc
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 from collections.abc import Sequence
 from functools import partial
@@ -155,8 +156,26 @@ def _stamped(data: ULog.Data) -> FieldSeries:
 
 def _parsed(path: Path, reader: type[ULog]) -> ULog:
     silence = contextlib.redirect_stdout(io.StringIO())
-    with damage_reported(path, DESCRIPTION), path.open("rb") as file, silence:
+    with damage_reported(path, DESCRIPTION), _EndingFile(path) as file, silence:
         return reader(file)
+
+
+class _EndingFile(io.BufferedReader):
+    """File that stops ``pyulog`` where it steps back from a message beyond the end again and again."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(io.FileIO(path))
+        self._beyond: set[tuple[int, int]] = set()
+
+    def read(self, size: int | None = -1) -> bytes:
+        """Read bytes as any file does. Raises ``OSError`` for the second read of a message beyond the end."""
+        data = super().read(size)
+        if data and size is not None and len(data) < size:
+            message = (self.tell() - len(data), size)
+            if message in self._beyond:
+                raise OSError(errno.EINVAL, "a message beyond the end of the file")
+            self._beyond.add(message)
+        return data
 
 
 def _damage(log: ULog) -> tuple[str, ...]:
