@@ -66,6 +66,14 @@ def with_edits(path: Path, edits: list[tuple[int, int]]) -> None:
     path.write_bytes(_replaced(path.read_bytes(), b"edts", box(b"edts", full(b"elst", body))))
 
 
+def with_quarter_turn(path: Path) -> None:
+    """Flag that a player must turn the pictures by 90 degrees (matrix of the track's header)."""
+    content = bytearray(path.read_bytes())
+    at = content.index(b"tkhd") + 44  # version 0
+    content[at : at + 36] = struct.pack(">9i", 0, 1 << 16, 0, -1 << 16, 0, 0, 0, 0, 1 << 30)
+    path.write_bytes(bytes(content))
+
+
 def _replaced(data: bytes, wanted: bytes, new: bytes) -> bytes:
     parts = []
     at = 0

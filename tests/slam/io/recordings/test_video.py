@@ -6,6 +6,7 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -25,6 +26,7 @@ from tests.slam.io.recordings.made_video import (
     video,
     with_durations,
     with_edits,
+    with_quarter_turn,
     zero_pictures,
 )
 
@@ -135,6 +137,15 @@ def test_times_of_packets_are_those_of_the_index(tmp_path, durations):
     with_durations(path, durations)
     (track,) = read_tracks(path)
     assert packet_times(path) == pytest.approx(track.stamps_s, abs=1e-4)
+
+
+def test_a_flag_to_turn_the_pictures_is_not_applied(tmp_path):
+    path = video(tmp_path / "a.mp4")
+    with_quarter_turn(path)
+    assert cv2.VideoCapture(str(path)).read()[1].shape[:2] == SIZE_PX, "a player turns them"
+    flight = read(path)
+    assert flight.camera.size_px == SIZE_PX
+    assert flight.frames[5].read().shape[:2] == SIZE_PX[::-1]
 
 
 @pytest.mark.parametrize("name", ["a.mkv", "a.avi"])
