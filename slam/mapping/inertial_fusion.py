@@ -19,7 +19,7 @@ from backend.bundle.refinement import Bundle, metric_jacobians, refine
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose
 from backend.quantiles import chi_square_limit
-from slam.core.flight import Imu
+from slam.core.flight import Flight
 from slam.mapping.inertial_bridges import bridge_warning
 from slam.mapping.inertial_measurements import inertial_measurements, tracked_frames
 from slam.mapping.map import Map
@@ -33,14 +33,14 @@ _FALSE_ALARM = 1e-3
 """Probability that a good IMU is left out."""
 
 
-def fuse_parts(parts: Map, joined: Map, setup: Setup, imu: Imu | None) -> Map:
+def fuse_parts(parts: Map, joined: Map, setup: Setup, flight: Flight) -> Map:
     """Return the ``joined`` map of ``parts``, with its joined parts refined together.
 
-    Parts that the readings do not connect stay as they are joined. So do parts that the readings contradict:
-    the reason is a warning.
+    Parts that the readings contradict stay as they are joined, and the reason is a warning. So do all parts
+    of a flight with a measured velocity: the bridges rest on it too, and the refinement does not know it.
     """
-    inertial = inertial_measurements(imu, setup.config)
-    if inertial is None or not joined.bridges:
+    inertial = inertial_measurements(flight.imu, setup.config)
+    if inertial is None or flight.velocity is not None or not joined.bridges:
         return joined
     for number in range(int(joined.component.max()) + 1):
         members = np.flatnonzero(joined.component == number)

@@ -98,7 +98,7 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
         parts = refine_map(solved, context.setup, context.job.progress, inertial)
         refined = context.bridges.join(parts)
         if with_inertia:
-            refined = fuse_parts(parts, refined, context.setup, context.flight.imu)
+            refined = fuse_parts(parts, refined, context.setup, context.flight)
     if (refined.component < 0).all() and not with_inertia:
         raise InputError(
             f"{context.flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
