@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
@@ -189,6 +190,9 @@ class Estimate:
     accuracy_basis: str = ""
     """The one instrument or the assumed values on which the stated accuracy rests, in one sentence; empty
     where two instruments check each other."""
+    information_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Direction -> instrument -> its share in the variance, as `backend.bundle.information_shares` defines
+    them; empty without a refinement."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
     elevation: Elevation | None = None

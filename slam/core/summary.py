@@ -6,6 +6,7 @@ import json
 import math
 import resource
 import sys
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -52,6 +53,8 @@ class Summary:
     """Errors of attitude, accelerometer and mount, as the map determines them."""
     accuracy_basis: str = ""
     """The one instrument or the assumed values on which the stated accuracy rests; empty where several do."""
+    information_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Direction -> instrument -> its share in the variance; empty without a refinement."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
 
@@ -85,6 +88,11 @@ class Summary:
                 record[name] = errors
         if self.accuracy_basis:
             record["accuracy_basis"] = self.accuracy_basis
+        if self.information_shares:
+            record["information_shares"] = {
+                direction: {name: round(share, 4) for name, share in shares.items()}
+                for direction, shares in self.information_shares.items()
+            }
         if self.certificate is not None:
             record["certificate"] = asdict(self.certificate)
         return record
@@ -112,6 +120,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         range_errors=estimate.range_errors,
         instruments=estimate.instruments,
         accuracy_basis=estimate.accuracy_basis,
+        information_shares=estimate.information_shares,
         certificate=estimate.certificate,
     )
 

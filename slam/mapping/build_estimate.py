@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.information_shares import information_shares
 from backend.bundle.systematic_errors import SystematicErrors, systematic_errors
 from backend.errors import BackendError
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
+from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
@@ -177,6 +180,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             clock,
         ),
         accuracy_basis=accuracy_basis(flight, map_),
+        information_shares=_information_shares(flight, map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
         graph_error=map_.bundle.error if map_.bundle else solution.error,
@@ -190,6 +194,24 @@ def _systematic_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
         return (None if map_.bundle is None else systematic_errors(map_.bundle)), []
     except BackendError as error:
         return None, [f"errors that all pictures or all positions share cannot be tested for: {error}"]
+
+
+def _information_shares(flight: Flight, map_: Map) -> Mapping[str, Mapping[str, float]]:
+    """Return the shares of the instruments; a level vehicle is assumed where no attitude was measured."""
+    if map_.bundle is None:
+        return {}
+    try:
+        found = information_shares(map_.bundle.optimum)
+    except SingularMatrixError:
+        return {}
+    if flight.attitude is not None:
+        return found
+    return {direction: _attitude_assumed(shares) for direction, shares in found.items()}
+
+
+def _attitude_assumed(shares: Mapping[str, float]) -> Mapping[str, float]:
+    measured = {name: share for name, share in shares.items() if name not in ("attitude", "assumed")}
+    return {"assumed": 1.0 - sum(measured.values()), **measured}
 
 
 def _covariances(context: Context, map_: Map) -> Array:

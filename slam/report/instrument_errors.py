@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import degrees
 
 from slam.core.estimate import AccelerometerErrors, AttitudeErrors, MountTilt
@@ -58,3 +59,12 @@ def lengths_text(found: AccelerometerErrors | None) -> str:
     off, std = 100 * (found.scale - 1), 100 * found.scale_std
     use = "used for the map" if found.used else "not needed"
     return f"{off:+.1f} ±{SPACE}{std:.1f}{SPACE}% off the map's, {use}"
+
+
+def shares_text(shares: Mapping[str, Mapping[str, float]]) -> str:
+    """Return the instrument with the largest share in the variance of each direction, in words."""
+    largest = {direction: max(row, key=row.__getitem__) for direction, row in shares.items()}
+    return ", ".join(
+        f"{direction}: {name.replace('_', ' ')} {100 * shares[direction][name]:.0f} %"
+        for direction, name in largest.items()
+    )

@@ -20,6 +20,7 @@ from slam.report.instrument_errors import (
     heading_text,
     lengths_text,
     mount_text,
+    shares_text,
 )
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
@@ -116,6 +117,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
         Item("Lengths come from", facts.scale_source),
         Item("Accuracy", estimate.accuracy_basis),
+        Item("Largest share in the errors", shares_text(estimate.information_shares)),
         Item("Gain of the height sensor", facts.sensor_gain),
         Item("Zero of the height sensor", facts.sensor_zero),
         Item("Attitude sensor against the map", attitude_text(estimate.instruments.attitude)),

@@ -1,0 +1,93 @@
+"""Shares of the instruments in the errors of a refined map, direction by direction.
+
+With the whitened Jacobian A and the covariance S of all variables, the variance of a quantity g'x is
+g'Sg = |A S g|^2. The squares of the rows that belong to one instrument are the variance that its noise
+contributes. An estimate follows its instruments in inverse proportion to their variances, so that a large
+share means a large weight.
+
+Source: Förstner and Wrobel 2016, section 4.2.3 (propagation of the observations' covariance).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X as POSE
+from numpy.typing import NDArray
+
+from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
+from backend.bundle.graph import WORLD, BundleProblem, metric_poses
+from backend.bundle.minimise import BundleOptimum
+from backend.bundle.preintegrate import STATE_SIZE
+from backend.bundle.refinement import metric_jacobians
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = ("roll", "pitch", "yaw", "x", "y", "z", "scale")
+_MEASURED = {1: "range", 2: "attitude", 3: "position", STATE_SIZE: "imu"}
+"""Rows of a measured factor that holds the world variable -> instrument."""
+_OWN_ERRORS = {ord("a"): "imu", ord("b"): "imu", ord("k"): "pictures"}
+"""Letter of a variable that holds errors of one instrument -> that instrument."""
+
+
+def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, float]]:
+    """Return for each direction the share of each instrument in the variance; shares add up to 1.
+
+    Directions are the pose of the keyframe farthest from the first one, translated along the world's axes and
+    rotated about the body's, and the scale. Priors on an instrument's errors belong to the instrument. What
+    remains is ``assumed``, and the assumption that the floor is flat is ``flat_floor``.
+
+    Raises ``SingularMatrixError`` if a direction is open.
+    """
+    linear = optimum.linearise()
+    reduced = linear.eliminate()
+    columns = reduced.structure.columns
+    k, by_pose = _farthest(optimum)
+    gradient = np.zeros((reduced.size, len(DIRECTIONS)))
+    gradient[columns(POSE(k)), :6], gradient[columns(WORLD), :6] = by_pose[:, :6].T, by_pose[:, 6:].T
+    gradient[columns(WORLD).start + LOG_SCALE, 6] = 1.0
+    of_points = np.zeros((linear.seen.prior_right.size, len(DIRECTIONS)))
+    rows = np.asarray(linear.jacobian()[0] @ np.vstack(reduced.solve(gradient, of_points)))
+    pictures, floor = ["pictures"] * linear.seen.right.size, ["flat_floor"] * len(of_points)
+    instrument = np.array([*pictures, *floor, *_of_pose_side(optimum)])
+    names = sorted(set(instrument.tolist()))
+    variance = np.array([np.sum(rows[instrument == name] ** 2, axis=0) for name in names])
+    shares = (variance / variance.sum(axis=0)).T
+    return {d: dict(zip(names, row, strict=True)) for d, row in zip(DIRECTIONS, shares.tolist(), strict=True)}
+
+
+def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:
+    """Return the keyframe farthest from the first one, and the Jacobian (6, 6 + w) of its metric pose."""
+    problem, values = optimum.problem, optimum.values
+    w_T_b = metric_poses(problem, values)
+    k = int(np.argmax(np.linalg.norm(w_T_b[:, :3, 3] - w_T_b[0, :3, 3], axis=1)))
+    # Without positions the first keyframe is the origin by definition.
+    first = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
+    J = metric_jacobians(problem, values, first)[k]
+    J[3:] = w_T_b[k, :3, :3] @ J[3:]
+    return k, J
+
+
+def _of_pose_side(optimum: BundleOptimum) -> Iterator[str]:
+    """Yield the instrument of each row of the pose side's factors."""
+    graph = optimum.cost.pose_side
+    for factor in (graph.at(number) for number in range(graph.size())):
+        keys, size = list(factor.keys()), int(factor.dim())
+        if not isinstance(factor, gtsam.CustomFactor):
+            own = _OWN_ERRORS.get(gtsam.Symbol(keys[0]).chr(), "assumed")
+            yield from _of_world(optimum.problem) if keys == [WORLD] else [own] * size
+        elif WORLD in keys:
+            yield from [_MEASURED[size]] * size
+        else:
+            yield from ["pictures"] * size
+
+
+def _of_world(problem: BundleProblem) -> list[str]:
+    """Return the instrument of each row of the prior on the world variable."""
+    found = np.full(WORLD_SIZE, "assumed", dtype=object)
+    found[[LOG_GAIN, DATUM]], found[MOUNT] = "range", "pictures"
+    if problem.scale_prior is not None:
+        found[LOG_SCALE] = "imu"
+    return [str(name) for name in found]

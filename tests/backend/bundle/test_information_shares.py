@@ -1,0 +1,63 @@
+"""Shares of the instruments: the dense system, and scenes in which one instrument measures alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.bundle.factors import LOG_SCALE
+from backend.bundle.graph import WORLD
+from backend.bundle.information_shares import DIRECTIONS, information_shares
+from backend.bundle.refinement import refine
+from tests.backend.bundle.made_inertial import InertialScene
+from tests.backend.bundle.made_inertial import make as make_inertial
+from tests.backend.made_floor import Scene, make
+
+SCENE = Scene(keyframes=8, points_in_view=20, range_gain_std=0.05)
+
+
+def shares_of(scene: Scene):
+    made = make(scene, 0)
+    return information_shares(refine(made.measurements, made.start).optimum)
+
+
+def test_shares_add_up_to_one():
+    found = shares_of(SCENE)
+    assert list(found) == list(DIRECTIONS)
+    for direction, shares in found.items():
+        assert sum(shares.values()) == pytest.approx(1.0), direction
+        assert min(shares.values()) >= 0.0
+
+
+def test_the_scale_is_that_of_the_one_instrument_that_measures_it():
+    assert shares_of(SCENE)["scale"]["range"] > 0.99
+    assert shares_of(replace(SCENE, range_std_m=None))["scale"]["assumed"] > 0.99
+
+
+def test_positions_determine_where_the_map_is():
+    found = shares_of(replace(SCENE, position_std_m=(0.5, 0.5)))
+    assert found["x"]["position"] > 0.9
+    assert found["roll"].get("position", 0.0) < found["x"]["position"]
+
+
+def test_readings_weigh_more_where_a_gap_has_no_pictures():
+    whole, torn = (make_inertial(InertialScene(seconds=6.0, gap_s=gap_s), 0) for gap_s in (None, (2.5, 4.0)))
+    seen, unseen = (
+        information_shares(refine(made.measurements, made.start).optimum) for made in (whole, torn)
+    )
+    for direction in ("x", "y", "yaw"):
+        assert unseen[direction]["imu"] > 1.2 * seen[direction]["imu"] > 0.0
+
+
+def test_the_share_of_the_pictures_is_that_of_the_dense_system():
+    made = make(SCENE, 0)
+    optimum = refine(made.measurements, made.start).optimum
+    linear = optimum.linearise()
+    A = linear.jacobian()[0].toarray()
+    gradient = np.zeros(A.shape[1])
+    gradient[linear.structure.columns(WORLD).start + LOG_SCALE] = 1.0
+    row = A @ np.linalg.solve(A.T @ A, gradient)
+    pictures = np.sum(row[: linear.seen.right.size] ** 2) / np.sum(row**2)
+    assert information_shares(optimum)["scale"]["pictures"] == pytest.approx(pictures, rel=1e-4)
