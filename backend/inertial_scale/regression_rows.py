@@ -112,6 +112,8 @@ class PathAndReadings:
     segments: Sequence[slice]
     regressor_noise: Array
     """As `RegressionRows` has it."""
+    lag_s: float = 0.0
+    """Delay of the accelerometer's readings behind the gyro's of the same moment."""
 
     @cached_property
     def contrasts(self) -> list[tuple[Array, Array, Array]]:
@@ -175,7 +177,15 @@ class PathAndReadings:
         imu_s = readings.stamps_s[first:last]
         turned = self.w_T_b[segment, :3, :3]
         w_R_b = interpolate_attitudes(at_s, turned, imu_s, readings.gyro_rad_s[first:last])
-        return at_s, imu_s, w_R_b, readings.accel_m_s2[first:last]
+        return at_s, imu_s, w_R_b, self._force[first:last]
+
+    @cached_property
+    def _force(self) -> Array:
+        """(k, 3) specific force at the times of the gyro's readings."""
+        readings, when_s = self.readings, self.readings.stamps_s + self.lag_s
+        if self.lag_s == 0:
+            return readings.accel_m_s2
+        return np.column_stack([np.interp(when_s, readings.stamps_s, axis) for axis in readings.accel_m_s2.T])
 
 
 def find_segments(stamps_s: Array, imu_s: Array) -> list[slice]:

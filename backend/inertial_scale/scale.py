@@ -16,12 +16,13 @@ Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.inertial_scale.accelerometer_lag import AccelerometerLag, accelerometer_lag
 from backend.inertial_scale.regression_rows import (
     MIN_POSES,
     MIN_SEGMENTS,
@@ -68,6 +69,8 @@ class InertialScale:
     """d log(scale) / d log(gain) for the accelerometer's gain along each body axis. The rotors' thrust is
     almost constant along one axis, where a gain error acts like an offset; the scale then comes from the
     rotation of that force. They add up to 1 for a vehicle that accelerates without tilting."""
+    lag: AccelerometerLag | None = None
+    """Delay of the accelerometer behind the gyro, taken out if it is believed; None if not determined."""
 
     def log_std(self, gain_std: float) -> float:
         """Return the relative standard deviation of the scale; gain errors ``gain_std`` may be correlated."""
@@ -109,12 +112,22 @@ def inertial_scale(
             f"pictures each are needed and {len(segments)} found: fly longer, or with more pictures a second"
         )
     path = PathAndReadings(stamps_s, w_T_b, readings, segments, regressor_covariance(covariance))
-    noise, rows = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE]), path.rows()
+    start = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE])
+    parameters, noise = _fit(path.rows(), start)
+    lag = accelerometer_lag(path, partial(_total_least_squares, noise=noise, start=parameters), noise)
+    if lag is not None and lag.believed:
+        path = replace(path, lag_s=lag.lag_s)
+        parameters, noise = _fit(path.rows(), noise)
+    return _result(path, parameters, noise, lag)
+
+
+def _fit(rows: RegressionRows, noise: Array) -> tuple[Array, Array]:
+    """Return parameters (7,) and noise (3,) from initial noise."""
     parameters = _initial_parameters(rows, noise)
     for _ in range(_ROUNDS):
         parameters = _total_least_squares(rows, noise, parameters)
         noise = _maximum_likelihood_noise(rows, parameters, noise)
-    return _result(rows, path.gain_sensitivity(), _total_least_squares(rows, noise, parameters), noise)
+    return _total_least_squares(rows, noise, parameters), noise
 
 
 def _initial_parameters(rows: RegressionRows, noise: Array) -> Array:
@@ -148,8 +161,9 @@ def _maximum_likelihood_noise(rows: RegressionRows, parameters: Array, start: Ar
 
 
 def _result(
-    rows: RegressionRows, gain_sensitivity: Array, parameters: Array, noise: Array
+    path: PathAndReadings, parameters: Array, noise: Array, lag: AccelerometerLag | None
 ) -> InertialScale | NoScale:
+    rows, gain_sensitivity = path.rows(), path.gain_sensitivity()
     scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:]
     residuals, w = rows.residuals(parameters), rows.weight(parameters, noise)
     spread = rows.pose_variance(noise)[:, None, None, None] * rows.regressor_noise
@@ -183,6 +197,7 @@ def _result(
         arm_m=_triple(arm),
         arm_std_m=_triple(std[4:7]),
         gain_slopes=_triple(gain_effect / scale),
+        lag=lag,
     )
 
 

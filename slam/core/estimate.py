@@ -80,6 +80,12 @@ class AccelerometerErrors:
     """Standard deviation of the delay; infinite where the flight does not determine it."""
     delay_taken_out_s: float = 0.0
     """Part of the delay that was removed from the pictures' stamps; 0 where none was removed."""
+    lag_s: float = 0.0
+    """Delay of the accelerometer's readings behind the gyro's of the same moment."""
+    lag_std_s: float = float("inf")
+    """Standard deviation of the lag; infinite where the flight does not determine it."""
+    lag_taken_out: bool = False
+    """Whether the lag was removed before lengths were compared."""
 
 
 @dataclass(frozen=True)

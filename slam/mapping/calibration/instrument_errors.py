@@ -71,4 +71,7 @@ def accelerometer_errors(
         delay_s=delay_s,
         delay_std_s=delay_std_s,
         delay_taken_out_s=delay_s if first and first.taken_out else 0.0,
+        lag_s=found.lag.lag_s if found.lag else 0.0,
+        lag_std_s=found.lag.std_s if found.lag else float("inf"),
+        lag_taken_out=found.lag is not None and found.lag.believed,
     )

@@ -239,3 +239,40 @@ def test_gain_errors_add_to_the_deviation_of_the_scale():
     found = replace(made(0).found, scale=2.0, scale_std=0.06, gain_slopes=(0.5, -1.0, 0.5))
     assert found.log_std(0.0) == pytest.approx(0.03)
     assert found.log_std(0.02) == pytest.approx(np.hypot(0.03, 0.04))
+
+
+def lagging(flight: Made, lag_s: float) -> Made:
+    """The flight with an accelerometer whose readings are late."""
+    readings = flight.readings
+    then_s = readings.stamps_s - lag_s
+    force = np.column_stack([np.interp(then_s, readings.stamps_s, axis) for axis in readings.accel_m_s2.T])
+    return replace(flight, readings=replace(readings, accel_m_s2=force))
+
+
+@pytest.mark.parametrize("lag_s", [-0.008, 0.012])
+def test_a_lag_of_the_accelerometer_is_found_and_moves_no_length(lag_s: float):
+    flight = made(0, 25.0, 0.3)
+    found = lagging(flight, lag_s).found
+    assert found.lag is not None
+    assert found.lag.believed
+    assert found.lag.lag_s == pytest.approx(lag_s, abs=3 * found.lag.std_s)
+    assert found.lag.std_s < 0.002
+    assert found.scale == pytest.approx(flight.found.scale, abs=flight.found.scale_std)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "motion",
+    [
+        {"sway": 0.03},
+        {"sway": 0.1, "tilt_std": 2e-3, "height_m": 0.8, "shared": 6, "lasts_s": 25.0},
+        {"sway": 0.05, "lasts_s": 20.0, "tilt_std": 2e-3, "height_m": 0.8},
+        {"leans": True},
+    ],
+    ids=["slow", "shared errors", "weak", "leans"],
+)
+def test_no_lag_is_believed_where_there_is_none(motion: dict[str, float]):
+    found = [made(seed, **motion).found for seed in range(8)]
+    lags = [f.lag for f in found if isinstance(f, InertialScale) and f.lag is not None]
+    assert not any(lag.believed for lag in lags)
+    assert sum((lag.lag_s / lag.std_s) ** 2 for lag in lags) < chi2.ppf(1 - 1e-4, len(lags))
