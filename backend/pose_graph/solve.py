@@ -21,7 +21,7 @@ from backend.pose_graph.connected_component import SolvedComponent, is_placed_al
 from backend.pose_graph.descent import OnStep
 from backend.pose_graph.from_measurements import components, from_measurements
 from backend.pose_graph.gauge_fixed_problem import Options
-from backend.pose_graph.graph import PoseGraph, rank_deficient_warning, repeated_edges
+from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
 from backend.pose_graph.problem import Problem, from_pose_graph, informative
 from backend.pose_graph.redundancy import (
     rejected_odometry_warning,
@@ -68,7 +68,7 @@ def solve_pose_graph(
     """Solve a g2o graph, planar or spatial. Without fixed vertices the first of each component is fixed.
 
     Edges without information are rejected. The status names components whose accepted edges form a tree, or
-    contradict each other, loops whose vertex numbers seem shifted, and repeated edges.
+    contradict each other, and loops whose vertex numbers seem shifted.
     """
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline)
@@ -78,7 +78,6 @@ def solve_pose_graph(
         *([] if solution.status == "ok" else [solution.status]),
         *unchecked_components(problem, solution),
         *shifted_loops(problem, solution),
-        *repeated_edges(graph),
     ]
     return replace(
         solution,
