@@ -115,7 +115,8 @@ TWO_SHORT = ("single", 23, "sonar_tilt", 20.0, 2, 12.0)
 WIND = ("single", 25, "steady_wind", 20.0)
 
 
-@pytest.mark.parametrize("case", [TWO_SHORT, pytest.param(WIND, marks=pytest.mark.slow)], ids=lambda c: c[2])
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [TWO_SHORT, WIND], ids=lambda c: c[2])
 def test_the_order_the_heading_and_the_hour_do_not_matter(case, made, judged, tmp_path):
     """Permuted flights in a turned world at another time: the same verdict, causes and sizes."""
     name, case = case[2], made(*case)

@@ -201,6 +201,7 @@ def seen(terms):
     return [replace(camera_flight(terms, seed), name=f"seen {seed}", command=None) for seed in (5, 6, 7)]
 
 
+@pytest.mark.slow
 def test_healthy_pictures_agree_with_the_other_instruments():
     found = criticise(seen({}))
     assert found.verdict == "nothing_wrong", found.sentence

@@ -150,7 +150,8 @@ def _long_walk(n: int):
 
 
 @pytest.mark.skipif(FOLDER is None, reason="SLAM_DATA does not name the folder of measured data")
-@pytest.mark.parametrize("name", ["intel", pytest.param("CSAIL", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["intel", "CSAIL"])
 def test_half_of_the_loops_false_on_a_measured_graph(name: str):
     assert FOLDER is not None
     cases = cases_of(FOLDER / f"{name}.g2o", (0.5,))

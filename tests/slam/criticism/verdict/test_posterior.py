@@ -42,6 +42,7 @@ def test_weak_gusts_are_distinguished_from_nothing_though_parameters_with_gusts_
     assert posterior.alternatives == (("gusts",),)
 
 
+@pytest.mark.slow
 def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows():
     """Evidence for gusts is computed with the latency in the parameters, not for a healthy vehicle."""
     model = at_lower_rates(load_model("nominal"))
@@ -54,7 +55,7 @@ def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows(
     assert posterior.probability["control_latency"] > 0.99
 
 
-@pytest.mark.parametrize("late_s", [0.03, -0.01])
+@pytest.mark.parametrize("late_s", [pytest.param(0.03, marks=pytest.mark.slow), -0.01])
 def test_a_speed_that_comes_late_or_early_is_reported_as_that(late_s):
     model = at_lower_rates(load_model("nominal"))
     flights = [simulate_flight(model, stick_for(PLAN), seed) for seed in (1, 2)]
