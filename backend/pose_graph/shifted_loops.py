@@ -72,10 +72,12 @@ class ShiftTest:
     """(2, 2) half its second derivative after the poses have followed."""
 
     def gains(self, shifts: Array) -> Array:
-        """Return (k,) by how much each of some shifts (k, 2) lowers the chi-square."""
-        return np.asarray(
-            -2 * shifts @ self.score - np.einsum("ka,ab,kb->k", shifts, self.information, shifts)
-        )
+        """Return (k,) by how much each of some shifts (k, 2) lowers the chi-square.
+
+        It cannot fall below zero: beside an edge of very high information, more is an error of rounding.
+        """
+        falls = -2 * shifts @ self.score - np.einsum("ka,ab,kb->k", shifts, self.information, shifts)
+        return np.asarray(np.minimum(falls, self.statistic))
 
 
 def shift_test(problem: Problem, w_T: Array) -> ShiftTest | None:

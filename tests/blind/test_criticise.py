@@ -82,6 +82,7 @@ def test_a_single_cause_is_named(fault, seed, made, judged):
     assert error < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "seed", "flights", "seconds"),
     # The load and the saturation look like a flow that reads too little, the level like a gyro that does.

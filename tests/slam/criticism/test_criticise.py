@@ -134,6 +134,7 @@ def test_a_cause_beside_correlated_noise_is_named(name, parameter, size):
     assert found.noise_correlation["gyro"] == pytest.approx(0.5, abs=0.1)
 
 
+@pytest.mark.slow
 def test_quadratic_drag_is_named_with_its_size():
     _, found, _ = dragging()
     assert found.verdict == "named", found.sentence

@@ -208,6 +208,7 @@ def test_healthy_pictures_agree_with_the_other_instruments():
     assert "focal_length" in found.detectable
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("term", "parameter", "size"),
     [

@@ -23,6 +23,7 @@ def found(terms, seed):
     return _moving_objects([replace(record_of(flight), matches=matches)]), len(matches.moving_s)
 
 
+@pytest.mark.slow
 def test_things_that_go_through_the_pictures_are_moving_objects():
     (oddity,), pictures = found({"moving_objects": {"count": 40.0}}, 5)
     assert oddity.name == "moving_objects"

@@ -74,6 +74,7 @@ def test_rotations_distinguish_rolling_shutter_from_late_pictures(filmed, monkey
     assert "another sensor" in telling_flight(model, *pair, np.array([0.01]), kinds)
 
 
+@pytest.mark.slow
 def test_without_commands_the_camera_is_on_board_too(monkeypatch):
     for name in set(MANOEUVRES) - {TURNS}:
         monkeypatch.delitem(MANOEUVRES, name)

@@ -32,6 +32,7 @@ def judged(flights):
     return found, posterior_of(found)
 
 
+@pytest.mark.slow
 def test_weak_gusts_are_distinguished_from_nothing_though_parameters_with_gusts_hide_them():
     model = at_lower_rates(load_model("nominal"))
     windy = model.with_term("gusts", sigma=0.07, tau=1.5)
@@ -72,6 +73,7 @@ def test_a_speed_that_comes_late_or_early_is_reported_as_that(late_s):
     assert float(reported[2]) == pytest.approx(abs(late_s) * 1e3, abs=3.0)
 
 
+@pytest.mark.slow
 def test_an_attitude_that_comes_late_is_no_command_that_does():
     model = at_lower_rates(load_model("nominal"))
     flights = [simulate_flight(model, stick_for(PLAN), seed) for seed in (1, 2)]
