@@ -13,7 +13,12 @@ from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
 from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu
 from slam.core.names import listed
-from slam.core.stream_anomalies import camera_anomalies, sonar_anomalies, velocity_anomalies
+from slam.core.stream_anomalies import (
+    camera_anomalies,
+    imu_axis_anomalies,
+    sonar_anomalies,
+    velocity_anomalies,
+)
 from slam.core.stream_source import StreamSource
 from slam.core.units import length
 
@@ -248,12 +253,7 @@ def _imu_anomalies(imu: Imu) -> list[str]:
     lines = []
     if abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
         lines.append(f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81")
-    up = float((np.median(imu.accel_m_s2[rows], axis=0) @ imu.b_T_s[:3, :3].T)[2])
-    if up < -0.5 * GRAVITY_M_S2:
-        lines.append("imu0: the accelerometer measures gravity upside down; check its signs and T_BS")
-    elif up < 0.5 * min(accel, GRAVITY_M_S2):
-        lean = math.degrees(math.acos(max(up / accel, -1.0)))
-        lines.append(f"imu0: gravity lies {lean:.0f} deg from the body's z; check the IMU's axes and T_BS")
+    lines += imu_axis_anomalies(imu, accel)
     if at_rest and gyro > GYRO_OFF_RAD_S:
         lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
     return lines

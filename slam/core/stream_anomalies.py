@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
-from slam.core.flight import Sonar, Velocity
+from slam.core.flight import Imu, Sonar, Velocity
 
 Array = NDArray[np.float64]
 
@@ -42,6 +43,23 @@ def camera_anomalies(camera: Camera) -> list[str]:
         lines.append(f"its focal lengths {fu:.4g} and {fv:.4g} px make pixels that are not square")
     question = f"are intrinsics those of another resolution or crop than {size[0]} x {size[1]}?"
     return [f"cam0: {line}: {question}" for line in lines]
+
+
+def imu_axis_anomalies(imu: Imu, rest_m_s2: float = GRAVITY_M_S2) -> list[str]:
+    """Return a line if gravity does not lie along the body's z: the IMU's axes or its mount are wrong.
+
+    ``rest_m_s2`` is what the accelerometer reads at rest.
+    """
+    force = imu.accel_m_s2[np.isfinite(imu.accel_m_s2).all(axis=1)]
+    if len(force) == 0:
+        return []
+    up = float((np.median(force, axis=0) @ imu.b_T_s[:3, :3].T)[2])
+    if up < -0.5 * GRAVITY_M_S2:
+        return ["imu0: the accelerometer measures gravity upside down; check its signs and T_BS"]
+    if up < 0.5 * min(rest_m_s2, GRAVITY_M_S2):
+        lean = np.degrees(np.arccos(max(up / rest_m_s2, -1.0)))
+        return [f"imu0: gravity lies {lean:.0f} deg from the body's z; check the IMU's axes and T_BS"]
+    return []
 
 
 def sonar_anomalies(sonar: Sonar) -> list[str]:

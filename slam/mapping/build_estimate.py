@@ -18,7 +18,7 @@ from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTil
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.names import listed
-from slam.core.stream_anomalies import camera_anomalies
+from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from slam.mapping.calibration.camera_mount import mount_tilt, mount_warning
 from slam.mapping.calibration.clock_offset import (
@@ -79,6 +79,7 @@ def _status(
         *map_.warnings,
         *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
+        *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         *contradictions(flight, stamps_s, main, by_metres),
         clock_contradiction(map_.clock, context.clock),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
