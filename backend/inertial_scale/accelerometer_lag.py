@@ -12,7 +12,7 @@ Source: Efron and Tibshirani 1993, An Introduction to the Bootstrap, equation 11
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,7 @@ def _cost_by_segment(
     path: PathAndReadings, lag_s: float, fit: Callable[[RegressionRows], Array], noise: Array
 ) -> Array:
     """Return the log-likelihood of a lag, times -2, by segment (s,)."""
-    rows = replace(path, lag_s=lag_s).rows()
+    rows = path.rows(lag_s)
     parameters = fit(rows)
     weight = rows.weight(parameters, noise)
     by_row = (weight * rows.residuals(parameters) ** 2 - np.log(weight)).sum(axis=1)

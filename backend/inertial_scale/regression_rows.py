@@ -112,8 +112,6 @@ class PathAndReadings:
     segments: Sequence[slice]
     regressor_noise: Array
     """As `RegressionRows` has it."""
-    lag_s: float = 0.0
-    """Delay of the accelerometer's readings behind the gyro's of the same moment."""
 
     @cached_property
     def contrasts(self) -> list[tuple[Array, Array, Array]]:
@@ -132,11 +130,11 @@ class PathAndReadings:
             contrasts.append((contrast, np.maximum(white_noise, 0.0), random_walk))
         return contrasts
 
-    def rows(self) -> RegressionRows:
-        """Return the rows of all segments."""
+    def rows(self, lag_s: float = 0.0) -> RegressionRows:
+        """Return the rows of all segments, with an accelerometer whose readings lag the gyro's by ``lag_s``."""
         displacement, regressors = [], []
         for segment, (contrast, *_) in zip(self.segments, self.contrasts, strict=True):
-            one_displacement, one_regressors = self._segment_rows(segment)
+            one_displacement, one_regressors = self._segment_rows(segment, lag_s)
             displacement.append(contrast @ one_displacement)
             regressors.append(np.tensordot(contrast, one_regressors, axes=1))
         count = [len(white_noise) for _, white_noise, _ in self.contrasts]
@@ -150,24 +148,24 @@ class PathAndReadings:
             self.regressor_noise,
         )
 
-    def gain_sensitivity(self) -> Array:
+    def gain_sensitivity(self, lag_s: float = 0.0) -> Array:
         """Return (r, 3, 3) derivatives of the displacement by the gain of each axis of the accelerometer."""
         added = []
         for segment, (contrast, *_) in zip(self.segments, self.contrasts, strict=True):
-            at_s, imu_s, w_R_b, force = self._readings_between(segment)
+            at_s, imu_s, w_R_b, force = self._readings_between(segment, lag_s)
             added.append(np.tensordot(contrast, integrate_twice(imu_s, w_R_b * force[:, None], at_s), axes=1))
         return np.concatenate(added)
 
-    def _segment_rows(self, segment: slice) -> tuple[Array, Array]:
+    def _segment_rows(self, segment: slice, lag_s: float) -> tuple[Array, Array]:
         """Return displacement (m, 3) and regressors (m, 3, 7) of a segment."""
-        at_s, imu_s, w_R_b, b_force = self._readings_between(segment)
+        at_s, imu_s, w_R_b, b_force = self._readings_between(segment, lag_s)
         force = np.einsum("kab,kb->ka", w_R_b, b_force) - [0, 0, GRAVITY_M_S2]
         twice = integrate_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
         w_T_b = self.w_T_b[segment]
         path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
         return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
 
-    def _readings_between(self, segment: slice) -> tuple[Array, Array, Array, Array]:
+    def _readings_between(self, segment: slice, lag_s: float) -> tuple[Array, Array, Array, Array]:
         """Return pose times (m,), and times (k,), attitudes (k, 3, 3) and specific force (k, 3) of the
         readings around them."""
         at_s, readings = self.stamps_s[segment], self.readings
@@ -177,15 +175,8 @@ class PathAndReadings:
         imu_s = readings.stamps_s[first:last]
         turned = self.w_T_b[segment, :3, :3]
         w_R_b = interpolate_attitudes(at_s, turned, imu_s, readings.gyro_rad_s[first:last])
-        return at_s, imu_s, w_R_b, self._force[first:last]
-
-    @cached_property
-    def _force(self) -> Array:
-        """(k, 3) specific force at the times of the gyro's readings."""
-        readings, when_s = self.readings, self.readings.stamps_s + self.lag_s
-        if self.lag_s == 0:
-            return readings.accel_m_s2
-        return np.column_stack([np.interp(when_s, readings.stamps_s, axis) for axis in readings.accel_m_s2.T])
+        force = [np.interp(imu_s + lag_s, readings.stamps_s, axis) for axis in readings.accel_m_s2.T]
+        return at_s, imu_s, w_R_b, np.column_stack(force)
 
 
 def find_segments(stamps_s: Array, imu_s: Array) -> list[slice]:

@@ -16,7 +16,7 @@ Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -115,10 +115,11 @@ def inertial_scale(
     start = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE])
     parameters, noise = _fit(path.rows(), start)
     lag = accelerometer_lag(path, partial(_total_least_squares, noise=noise, start=parameters), noise)
-    if lag is not None and lag.believed:
-        path = replace(path, lag_s=lag.lag_s)
-        parameters, noise = _fit(path.rows(), noise)
-    return _result(path, parameters, noise, lag)
+    taken_out_s = lag.lag_s if lag is not None and lag.believed else 0.0
+    rows = path.rows(taken_out_s)
+    if taken_out_s:
+        parameters, noise = _fit(rows, noise)
+    return _result(rows, path.gain_sensitivity(taken_out_s), parameters, noise, lag)
 
 
 def _fit(rows: RegressionRows, noise: Array) -> tuple[Array, Array]:
@@ -161,9 +162,12 @@ def _maximum_likelihood_noise(rows: RegressionRows, parameters: Array, start: Ar
 
 
 def _result(
-    path: PathAndReadings, parameters: Array, noise: Array, lag: AccelerometerLag | None
+    rows: RegressionRows,
+    gain_sensitivity: Array,
+    parameters: Array,
+    noise: Array,
+    lag: AccelerometerLag | None,
 ) -> InertialScale | NoScale:
-    rows, gain_sensitivity = path.rows(), path.gain_sensitivity()
     scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:]
     residuals, w = rows.residuals(parameters), rows.weight(parameters, noise)
     spread = rows.pose_variance(noise)[:, None, None, None] * rows.regressor_noise

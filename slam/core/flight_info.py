@@ -253,7 +253,7 @@ def _imu_anomalies(imu: Imu) -> list[str]:
     lines = []
     if abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
         lines.append(f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81")
-    lines += imu_axis_anomalies(imu, accel)
+    lines += imu_axis_anomalies(imu)
     if at_rest and gyro > GYRO_OFF_RAD_S:
         lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
     return lines

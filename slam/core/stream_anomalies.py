@@ -45,20 +45,18 @@ def camera_anomalies(camera: Camera) -> list[str]:
     return [f"cam0: {line}: {question}" for line in lines]
 
 
-def imu_axis_anomalies(imu: Imu, rest_m_s2: float = GRAVITY_M_S2) -> list[str]:
-    """Return a line if gravity does not lie along the body's z: the IMU's axes or its mount are wrong.
-
-    ``rest_m_s2`` is what the accelerometer reads at rest.
-    """
-    force = imu.accel_m_s2[np.isfinite(imu.accel_m_s2).all(axis=1)]
-    if len(force) == 0:
+def imu_axis_anomalies(imu: Imu) -> list[str]:
+    """Return a line if gravity does not lie along the body's z: the IMU's axes or its mount are wrong."""
+    known = imu.accel_m_s2[np.isfinite(imu.accel_m_s2).all(axis=1)]
+    if len(known) == 0:
         return []
-    up = float((np.median(force, axis=0) @ imu.b_T_s[:3, :3].T)[2])
+    b_force = imu.b_T_s[:3, :3] @ np.median(known, axis=0)
+    up, size = float(b_force[2]), float(np.linalg.norm(b_force))
     if up < -0.5 * GRAVITY_M_S2:
         return ["imu0: the accelerometer measures gravity upside down; check its signs and T_BS"]
-    if up < 0.5 * min(rest_m_s2, GRAVITY_M_S2):
-        lean = np.degrees(np.arccos(max(up / rest_m_s2, -1.0)))
-        return [f"imu0: gravity lies {lean:.0f} deg from the body's z; check the IMU's axes and T_BS"]
+    if up < 0.5 * min(size, GRAVITY_M_S2):
+        lean_deg = np.degrees(np.arccos(up / size))
+        return [f"imu0: gravity lies {lean_deg:.0f} deg from the body's z; check the IMU's axes and T_BS"]
     return []
 
 

@@ -52,6 +52,13 @@ def arm_text(found: AccelerometerErrors | None) -> str:
     return ", ".join(f"{name} {1e3 * at:+.0f} ±{SPACE}{1e3 * std:.0f}" for name, at, std in axes) + " mm"
 
 
+def lag_text(found: AccelerometerErrors | None) -> str:
+    """Delay of the accelerometer's readings behind the gyro's, in words; empty where none was taken out."""
+    if found is None or not found.lag_taken_out:
+        return ""
+    return f"{1e3 * found.lag_s:+.0f} ±{SPACE}{1e3 * found.lag_std_s:.0f}{SPACE}ms, taken out"
+
+
 def lengths_text(found: AccelerometerErrors | None) -> str:
     """Scale of the map's lengths according to the accelerometer, in words."""
     if found is None:

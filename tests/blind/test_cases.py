@@ -44,6 +44,7 @@ ALL = tuple(RATE_HZ)
 SHORT = Outing(3, 0, ("reversing_steps", "vertical_square"), 12.0)
 
 
+@pytest.mark.slow
 def test_the_whitening_makes_hold_noise_and_instruments_white():
     """What is left of a restless hover has unit variance and no memory."""
     outing = Outing(5, 0, ("hover",) * 2, 45.0)

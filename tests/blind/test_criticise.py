@@ -136,6 +136,7 @@ def test_the_order_the_heading_and_the_hour_do_not_matter(case, made, judged, tm
         assert sizes[0] == pytest.approx(sizes[1], abs=0.3 * half)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "seed", "flights", "seconds"),
     [

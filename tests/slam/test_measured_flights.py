@@ -48,6 +48,7 @@ def test_the_calm_third_of_a_drone_s_flight(hybrid: Flight):
     assert_consistent(found)
 
 
+@pytest.mark.slow
 def test_in_the_wind_the_attitude_is_degrees_off_and_the_map_is_not(hybrid: Flight):
     frames = len(hybrid.frames)
     windy = only(hybrid, range(frames // 2, 2 * frames // 3))

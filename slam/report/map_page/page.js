@@ -306,11 +306,11 @@
 
   const away = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
-  /* Standard deviation of a point of the ground. Neighbours share a part of their error, which a distance
-     between them does not have: what is made of it is an upper limit. */
+  /* Standard deviation of a point of the ground, NaN where no picture shows it. Neighbours share a part of
+     their error, which a distance between them does not have; the scale, which all lengths share, is counted
+     with the points and once more by itself. What is made of both is an upper limit. */
   function pointStd([x, y]) {
-    const value = data.grids.sigma ? valueAt(data.grids.sigma, x, y) : NaN;
-    return Number.isFinite(value) ? value : 0;
+    return data.grids.sigma ? valueAt(data.grids.sigma, x, y) : NaN;
   }
 
   function distanceOf(points) {
@@ -331,12 +331,16 @@
     return { value, std: Math.sqrt(variance) };
   }
 
+  function upTo(std, text) {
+    return Number.isFinite(std) ? `± ${text(std)} (1σ, at most)` : "(uncertainty not known: not on mapped ground)";
+  }
+
   function measured(points) {
     if (points.length < 2) return "Click points on the map, or press Space to take its centre. Enter ends, Escape clears.";
-    const along = distanceOf(points), texts = [`Distance ${exactText(along.value)} ± ${lengthText(along.std)} (1σ, at most)`];
+    const along = distanceOf(points), texts = [`Distance ${exactText(along.value)} ${upTo(along.std, lengthText)}`];
     if (points.length > 2) {
-      const area = areaOf(points), square = data.metric ? "m²" : `${data.unit}²`;
-      texts.push(`Area ${significant(area.value)} ${square} ± ${significant(area.std)} ${square} (1σ, at most)`);
+      const area = areaOf(points), areaText = (value) => `${significant(value)} ${data.unit}²`;
+      texts.push(`Area ${areaText(area.value)} ${upTo(area.std, areaText)}`);
     }
     return `${texts.join(". ")}.`;
   }

@@ -41,6 +41,7 @@ def verdict(home) -> dict:
     return json.loads((home / "criticism" / "verdict.json").read_text())
 
 
+@pytest.mark.slow
 def test_one_flight_is_held_out_by_segments(home, verdict):
     assert [cause["name"] for cause in verdict["causes"]] == ["quadratic_drag"], verdict["sentence"]
     gain = verdict["causes"][0]["gain"]

@@ -103,6 +103,7 @@ def test_only_parameters_that_a_graph_uses_are_accepted_with_one():
     assert parameters - {*GRAPH_PARAMETERS} >= {"gsd", "config", "features", "model", "topic"}
 
 
+@pytest.mark.slow
 def test_the_gain_of_an_instrument_s_correction_is_measured_in_the_map(home):
     flight = read_flight(home / "flight")
     interval = Interval(0.08, "1", 0.07, 0.09)

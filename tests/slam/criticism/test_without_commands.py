@@ -227,6 +227,7 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
     assert missed.after < missed.before
 
 
+@pytest.mark.slow
 def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about_it():
     found = compare_sensors(seen({}), load_model("nominal"))
     plain = regression_of(found.rows({}))

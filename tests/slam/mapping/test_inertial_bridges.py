@@ -99,6 +99,7 @@ def test_without_instruments_or_metres_nothing_is_bridged(missing):
     assert not [e for e in estimate.relative_poses if e.kind == "inertial"]
 
 
+@pytest.mark.slow
 def test_a_chain_that_holds_is_left_alone(monkeypatch):
     """With nothing broken the filter is not even run."""
 

@@ -36,6 +36,7 @@ def with_ranges(record, change):
     return replace(record, values=values)
 
 
+@pytest.mark.slow
 def test_second_echoes_of_that_share_are_found_in_nine_of_ten_cases(record):
     share, unit = smallest_in_readings([record])["sonar_spikes"]
     assert unit == "1"

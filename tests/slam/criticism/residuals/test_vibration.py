@@ -43,6 +43,7 @@ def test_white_noise_has_no_line(hover, student):
     )
 
 
+@pytest.mark.slow
 def test_spectral_lines_of_noise_have_the_stated_probability():
     rng, flights, samples, rare = np.random.default_rng(1), 4, 4000, -12.0
     least = []

@@ -77,6 +77,7 @@ def test_laps_over_one_floor_are_recognised_and_ours_is_above_the_baselines():
     assert all(a.true >= b.true and a.false >= b.false for a, b in pairwise(stages))
 
 
+@pytest.mark.slow
 def test_on_a_floor_that_repeats_false_loops_pass_verification_and_none_reaches_the_map():
     result = evaluated(aliased=True)
     registered, reached = by_name(result)[OURS].verified, result.stages[-1].counts

@@ -210,6 +210,16 @@ def test_clicks_measure_distance_and_area_with_their_uncertainty(tmp_path):
 
 
 @needs_browser
+def test_no_uncertainty_is_claimed_beside_the_mapped_ground(tmp_path):
+    with_rasters(tmp_path)
+    std = in_browser(
+        written(tmp_path, flight=made_flight()),
+        "return String(lemniscate.distanceOf([[1, 1], [90, 1]]).std);",
+    )
+    assert std == "NaN"
+
+
+@needs_browser
 def test_a_graph_without_pictures_is_a_map_too(tmp_path):
     estimate = replace(made_estimate(), metric=False)
     found = in_browser(
