@@ -131,7 +131,7 @@ class PathAndReadings:
         return contrasts
 
     def rows(self, lag_s: float = 0.0) -> RegressionRows:
-        """Return the rows of all segments, with an accelerometer whose readings lag the gyro's by ``lag_s``."""
+        """Return the rows of all segments, if the accelerometer lags the gyro by ``lag_s`` seconds."""
         displacement, regressors = [], []
         for segment, (contrast, *_) in zip(self.segments, self.contrasts, strict=True):
             one_displacement, one_regressors = self._segment_rows(segment, lag_s)
