@@ -50,7 +50,10 @@ def record(recipe: Recipe, seed: int) -> Flight:
         command=sensors.log_command(motion.stick, model),
         battery=read_battery(motion, model, seed),
         truth=_truth(motion),
-        landmarks={name: np.array([x, y, _rise(world, x, y)]) for name, (x, y) in recipe.landmarks.items()},
+        landmarks={
+            name: np.array([x, y, float(world.ground.height(x, y))])
+            for name, (x, y) in recipe.landmarks.items()
+        },
         landmark_pairs=recipe.landmark_pairs,
         gaps=recipe.gaps,
         notes={
@@ -106,10 +109,6 @@ def _refuse_at(motion: Motion, bad: NDArray[np.bool_], what: str, do: str) -> No
 def _place(recipe: Recipe) -> World:
     marks = tuple((name, x, y) for name, (x, y) in recipe.landmarks.items())
     return with_place_terms(recipe.world, marks, recipe.model.terms)
-
-
-def _rise(world: World, x: float, y: float) -> float:
-    return world.slope[0] * x + world.slope[1] * y
 
 
 def _film(recipe: Recipe, world: World, motion: Motion, seed: int) -> Film:

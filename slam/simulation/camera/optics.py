@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from frontend.camera import Camera
+from slam.simulation.place.ground import Ground
 from slam.simulation.place.obstacles import corners
 from slam.simulation.place.scene import Scene
 from slam.simulation.sensors import Rate
@@ -34,6 +35,8 @@ PIXEL_H_SAMPLE: Array = np.array(
 )
 """Homography from samples to pixels: pixel = (sample + 1/2) / n - 1/2, so sample 0 is in a pixel's corner."""
 COARSE = 8
+SKY = 1e4
+"""Length of a ray, in lengths of its direction, at which it counts as leaving to the sky."""
 NEAR_M = 0.02
 """Least distance at which a point is visible."""
 FOLD_PX = 0.05
@@ -90,10 +93,13 @@ def sample(scene: Scene, camera: Camera, w_R_c: Array, w_t_c: Array, prisms: Arr
     grid = _grid(camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
     middle = len(w_t_c) // 2
     spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
-    level = scene.floor.level_for(max(_height(w_t_c[middle], scene.slope), 1e-3) * spacing)
-    texel_H_ray = scene.floor.texel_H_world(level) @ _floor_H_ray(w_R_c, w_t_c, scene.slope)
-    texels = scene.floor.levels[level]
-    if len(w_t_c) == 1 and not camera.is_distorted:
+    level = scene.floor.level_for(max(_height(w_t_c[middle], scene.ground), 1e-3) * spacing)
+    texel_H_world, texels = scene.floor.texel_H_world(level), scene.floor.levels[level]
+    texel_H_ray = texel_H_world @ _floor_H_ray(w_R_c, w_t_c, scene.ground.slope)
+    if scene.ground.hills:
+        x, y = _texels_on_hills(scene.ground, texel_H_world, grid.rays, w_R_c, w_t_c)
+        samples = cv2.remap(texels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    elif len(w_t_c) == 1 and not camera.is_distorted:
         warp = texel_H_ray[0] @ np.linalg.inv(camera.matrix) @ PIXEL_H_SAMPLE
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         samples = cv2.warpPerspective(texels, warp, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
@@ -136,9 +142,26 @@ def _grid(
     return _Grid(np.ascontiguousarray(rays[:, :2].reshape(len(v), len(u), 2), dtype=np.float32), dark)
 
 
-def _height(w_t_c: Array, slope: tuple[float, float]) -> float:
-    """Return the vertical height of a point above the floor."""
-    return float(w_t_c[2] - slope[0] * w_t_c[0] - slope[1] * w_t_c[1])
+def _height(w_t_c: Array, ground: Ground) -> float:
+    """Return the vertical height of a point above the ground."""
+    return float(w_t_c[2] - ground.height(w_t_c[0], w_t_c[1]))
+
+
+def _texels_on_hills(
+    ground: Ground, texel_H_world: Array, rays: NDArray[np.float32], w_R_c: Array, w_t_c: Array
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the texels (h, w) where rays (h, w, 2) meet hilly ground; those to the sky lie off the floor."""
+    # Imported here because it compiles on import, which flat ground does not need.
+    from slam.simulation.place.casting import ground_ranges
+
+    rows, cols = rays.shape[:2]
+    ahead = np.concatenate([rays, np.ones((rows, cols, 1), np.float32)], axis=-1).astype(float)
+    direction = (ahead @ w_R_c.transpose(0, 2, 1)).reshape(-1, 3)
+    origin = w_t_c if len(w_t_c) == 1 else np.repeat(w_t_c, cols, axis=0)
+    s = ground_ranges(np.ascontiguousarray(origin), direction, np.array(ground.slope), ground.hill_rows)
+    world = origin[:, :2] + np.minimum(s, SKY)[:, None] * direction[:, :2]
+    texel = (world @ texel_H_world[:2, :2].T + texel_H_world[:2, 2]).astype(np.float32)
+    return texel[:, 0].reshape(rows, cols), texel[:, 1].reshape(rows, cols)
 
 
 def _floor_H_ray(w_R_c: Array, w_t_c: Array, slope: tuple[float, float]) -> Array:
@@ -183,7 +206,7 @@ def _draw_obstacles(
         scene.textures.levels[seen],
         textures.METRES_PER_TEXEL,
     )
-    casting.draw(samples, view, np.array(scene.slope), visible)
+    casting.draw(samples, view, np.array(scene.ground.slope), scene.ground.hill_rows, visible)
 
 
 def _bounds(prisms: Array, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array) -> NDArray[np.int64]:

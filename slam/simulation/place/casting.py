@@ -9,7 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.numba_cache import discard_stale, njit
-from slam.simulation.place.obstacles import BASE, COS, HALF_LENGTH, HALF_WIDTH, ROUND, SIN, TOP, X, Y
+from slam.simulation.place.obstacles import (
+    BASE,
+    COS,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    ROUND,
+    SIN,
+    TAPER_LENGTH,
+    TAPER_WIDTH,
+    TOP,
+    X,
+    Y,
+)
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -19,6 +31,9 @@ discard_stale([Path(__file__), Path(__file__).with_name("obstacles.py")])
 TOP_FACE, SIDE_FACE = 0, 1
 GRAZING = 0.15
 """Least cosine of incidence by which a pixel's footprint is stretched."""
+MOST_ROUNDS, SETTLED_M = 60, 1e-5
+"""Rounds from a ray to hilly ground, and the change of height at which they end. Each round reduces the error
+by slope times tangent off nadir, at most 0.6 x 1 at the border of a wide picture."""
 
 
 class SampleRays(NamedTuple):
@@ -38,7 +53,7 @@ class VisiblePrisms(NamedTuple):
     """Prisms that a picture may show, and their textures."""
 
     prisms: Array
-    """(n, 9) rows as in ``obstacles.prisms``."""
+    """(n, 11) rows as in ``obstacles.prisms``."""
     bounds: NDArray[np.int64]
     """(n, 4) first and last row, first and last column of the samples that each may cover."""
     texels: Image
@@ -60,6 +75,63 @@ def _slab(origin: float, direction: float, low: float, high: float) -> tuple[flo
 
 
 @njit(cache=True)
+def _leans(prism: Array) -> tuple[float, float]:
+    """Return by how much half length and half width shrink over a unit of height."""
+    rise = prism[TOP] - prism[BASE]
+    return (
+        prism[TAPER_LENGTH] * prism[HALF_LENGTH] / rise,
+        prism[TAPER_WIDTH] * prism[HALF_WIDTH] / rise,
+    )
+
+
+@njit(cache=True)
+def _between(
+    origin: float, direction: float, up: float, climb: float, half: float, lean: float
+) -> tuple[float, float]:
+    """Return where a ray is between two planes that lean towards each other: |x| <= half - lean z."""
+    near, far = -np.inf, np.inf
+    for side in (-1.0, 1.0):
+        apart, toward = half - lean * up - side * origin, side * direction + lean * climb
+        if toward > 0.0:
+            far = min(far, apart / toward)
+        elif toward < 0.0:
+            near = max(near, apart / toward)
+        elif apart <= 0.0:
+            return np.inf, -np.inf
+    return near, far
+
+
+@njit(cache=True)
+def _enter_cone(
+    ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, prism: Array
+) -> tuple[float, float, float]:
+    """Return where a ray enters and leaves a cylinder or cone without its ends, and the cosine of incidence.
+
+    It solves |p_xy| = r - lean z for a point p = o + s d. The roots belong to the upright cone, because the
+    ends bound z below its apex.
+    """
+    radius, lean = prism[HALF_LENGTH], _leans(prism)[0]
+    r = radius - lean * (oz - prism[BASE])
+    a = dx * dx + dy * dy - lean * lean * dz * dz
+    b = ox * dx + oy * dy + lean * r * dz
+    c = ox * ox + oy * oy - r * r
+    if a == 0.0:
+        if c < 0.0:
+            return -np.inf, np.inf, 0.0
+        return (-c / (2 * b), np.inf, abs(b) / radius) if b < 0.0 else (np.inf, -np.inf, 0.0)
+    if a > 0.0 and b * b < a * c:
+        return np.inf, -np.inf, 0.0
+    root = np.sqrt(max(b * b - a * c, 0.0))
+    cosine = root / (radius * np.sqrt(1.0 + lean * lean))
+    if a > 0.0:
+        return (-b - root) / a, (-b + root) / a, cosine
+    # A ray steeper than the side crosses it once below the apex, and once above.
+    if dz < 0.0:
+        return (-b - root) / a, np.inf, cosine
+    return -np.inf, (-b + root) / a, cosine
+
+
+@njit(cache=True)
 def _enter(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, prism: Array
 ) -> tuple[float, int, float, float, float]:
@@ -70,23 +142,19 @@ def _enter(
     in prism axes.
     """
     near_z, far_z = _slab(oz, dz, prism[BASE], prism[TOP])
-    cosine_side = 0.0
     if prism[ROUND] != 0.0:
-        near, far = np.inf, -np.inf
-        a, b = dx * dx + dy * dy, ox * dx + oy * dy
-        c = ox * ox + oy * oy - prism[HALF_LENGTH] ** 2
-        if a == 0.0:
-            if c < 0.0:
-                near, far = -np.inf, np.inf
-        elif b * b >= a * c:
-            root = np.sqrt(b * b - a * c)
-            near, far = (-b - root) / a, (-b + root) / a
-            cosine_side = root / prism[HALF_LENGTH]
+        near, far, cosine_side = _enter_cone(ox, oy, oz, dx, dy, dz, prism)
     else:
-        near_x, far_x = _slab(ox, dx, -prism[HALF_LENGTH], prism[HALF_LENGTH])
-        near_y, far_y = _slab(oy, dy, -prism[HALF_WIDTH], prism[HALF_WIDTH])
+        length, width = prism[HALF_LENGTH], prism[HALF_WIDTH]
+        lean_x, lean_y = _leans(prism)
+        up = oz - prism[BASE]
+        near_x, far_x = _between(ox, dx, up, dz, length, lean_x)
+        near_y, far_y = _between(oy, dy, up, dz, width, lean_y)
         near, far = max(near_x, near_y), min(far_x, far_y)
-        cosine_side = abs(dx) if near_x > near_y else abs(dy)
+        if near_x > near_y:
+            cosine_side = (abs(dx) - lean_x * dz) / np.sqrt(1.0 + lean_x * lean_x)
+        else:
+            cosine_side = (abs(dy) - lean_y * dz) / np.sqrt(1.0 + lean_y * lean_y)
     s = max(near, near_z)
     if s >= min(far, far_z) or s <= 0.0:
         return np.inf, SIDE_FACE, 1.0, 0.0, 0.0
@@ -96,12 +164,14 @@ def _enter(
 
 
 @njit(cache=True)
-def _around(prism: Array, along: float, across: float) -> float:
-    """Return the position on the side face as a share of the perimeter, 0 to 1.
+def _around(prism: Array, along: float, across: float, up: float) -> float:
+    """Return the position on the side face as a share of the perimeter at its height, 0 to 1.
 
-    It counts counter-clockwise from the right rear edge.
+    It counts counter-clockwise from the right rear edge. ``up`` is the height above the base.
     """
-    a, b = prism[HALF_LENGTH], prism[HALF_WIDTH]
+    lean_x, lean_y = _leans(prism)
+    a = max(prism[HALF_LENGTH] - lean_x * up, 1e-9)
+    b = max(prism[HALF_WIDTH] - lean_y * up, 1e-9)
     if prism[ROUND] != 0.0:
         return float((np.arctan2(across, along) / (2 * np.pi)) % 1.0)
     perimeter = 4 * (a + b)
@@ -114,7 +184,7 @@ def _around(prism: Array, along: float, across: float) -> float:
 def ranges(origin: Array, direction: Array, prisms: Array) -> Array:
     """Return the distance (n,) along each ray to the first prism; infinite without one.
 
-    The unit is the length of the ray's direction. Both inputs are (n, 3) in the world, prisms (k, 9).
+    The unit is the length of the ray's direction. Both inputs are (n, 3) in the world, prisms (k, 11).
     """
     nearest = np.full(len(origin), np.inf)
     for k in range(len(origin)):
@@ -159,9 +229,44 @@ def _in_prism_axes(prism: Array, w_R_c: Array, w_t_c: Array) -> tuple[Array, Arr
     return R, o
 
 
+@njit(cache=True)
+def _ground_height(x: float, y: float, slope: Array, hills: Array) -> float:
+    """Return the height of the ground, as ``ground.Ground.height`` does."""
+    z = slope[0] * x + slope[1] * y
+    for hill in hills:
+        d2 = (x - hill[0]) ** 2 + (y - hill[1]) ** 2
+        z += hill[3] * np.exp(-d2 / (2 * hill[2] * hill[2]))
+    return float(z)
+
+
 @njit(cache=True, nogil=True)
-def draw(samples: Image, view: SampleRays, slope: Array, visible: VisiblePrisms) -> None:
-    """Draw prisms over the floor z = slope . (x, y) in ``samples`` (h, w, 3), in place."""
+def ground_ranges(origin: Array, direction: Array, slope: Array, hills: Array) -> Array:
+    """Return the distance (n,) along each ray to the ground; infinite where it does not descend.
+
+    ``origin`` is (1 or n, 3), ``direction`` (n, 3); the unit is the length of the direction. Rays must be
+    steeper than the ground, so that the fixed-point iteration from the plane to the hills converges.
+    """
+    reached = np.full(len(direction), np.inf)
+    for k in range(len(direction)):
+        o, d = origin[k if len(origin) > 1 else 0], direction[k]
+        sinking = slope[0] * d[0] + slope[1] * d[1] - d[2]
+        if sinking <= 0.0:
+            continue
+        above = o[2] - slope[0] * o[0] - slope[1] * o[1]
+        s, last = above / sinking, np.inf
+        for _ in range(MOST_ROUNDS if len(hills) else 0):
+            x, y = o[0] + s * d[0], o[1] + s * d[1]
+            hill = _ground_height(x, y, slope, hills) - slope[0] * x - slope[1] * y
+            s, last = (above - hill) / sinking, s
+            if abs(s - last) * sinking < SETTLED_M:
+                break
+        reached[k] = s
+    return reached
+
+
+@njit(cache=True, nogil=True)
+def draw(samples: Image, view: SampleRays, slope: Array, hills: Array, visible: VisiblePrisms) -> None:
+    """Draw prisms over the ground of a slope (2,) and hills (k, 4) in ``samples`` (h, w, 3), in place."""
     rays, w_R_c, w_t_c, spacing = view
     prisms, bounds, texels, levels, metres_per_texel = visible
     width = samples.shape[1]
@@ -174,17 +279,18 @@ def draw(samples: Image, view: SampleRays, slope: Array, visible: VisiblePrisms)
                 continue
             prism = prisms[k]
             R, o = _in_prism_axes(prism, w_R_c[pose], w_t_c[pose])
-            rise_x = prism[COS] * slope[0] + prism[SIN] * slope[1]
-            rise_y = prism[COS] * slope[1] - prism[SIN] * slope[0]
-            above = w_t_c[pose, 2] - slope[0] * w_t_c[pose, 0] - slope[1] * w_t_c[pose, 1]
             for c in range(bounds[k, 2], bounds[k, 3] + 1):
                 u, v = rays[r, c, 0], rays[r, c, 1]
                 dx = R[0, 0] * u + R[0, 1] * v + R[0, 2]
                 dy = R[1, 0] * u + R[1, 1] * v + R[1, 2]
                 dz = R[2, 0] * u + R[2, 1] * v + R[2, 2]
                 s, face, cosine, along, across = _enter(o[0], o[1], o[2], dx, dy, dz, prism)
-                # Skip what is behind another prism, or hidden by a floor that slopes up before it.
-                if s >= depth[c] or s * (rise_x * dx + rise_y * dy - dz) > above:
+                # Skip what is behind another prism, or below the ground.
+                if s >= depth[c]:
+                    continue
+                x = prism[X] + prism[COS] * along - prism[SIN] * across
+                y = prism[Y] + prism[SIN] * along + prism[COS] * across
+                if o[2] + s * dz < _ground_height(x, y, slope, hills):
                     continue
                 depth[c] = s
                 footprint = s * spacing / max(cosine / np.sqrt(dx * dx + dy * dy + dz * dz), GRAZING)
@@ -194,6 +300,6 @@ def draw(samples: Image, view: SampleRays, slope: Array, visible: VisiblePrisms)
                     share_x = 0.5 + 0.5 * along / prism[HALF_LENGTH]
                     share_y = 0.5 - 0.5 * across / prism[HALF_WIDTH]
                 else:
-                    share_x = _around(prism, along, across)
+                    share_x = _around(prism, along, across, o[2] + s * dz - prism[BASE])
                     share_y = (prism[TOP] - o[2] - s * dz) / (prism[TOP] - prism[BASE])
                 _texel(texels, levels[k, face, level], share_x, share_y, samples[r, c])

@@ -25,14 +25,14 @@ class MovingObjects:
         drums = [Pylon((0.0, 0.0), rng.uniform(*RADIUS_M), rng.uniform(*HEIGHT_M)) for _ in range(count)]
         course, speed = rng.uniform(0, 2 * np.pi, count), rng.uniform(*SPEED_M_S, count)
         self.prisms = prisms(drums)
-        """(count, 9) prisms of the drums, all at the origin."""
+        """(count, 11) prisms of the drums, all at the origin."""
         self.prisms[:, COS], self.prisms[:, SIN] = np.cos(course), np.sin(course)
         self._low, self._side = low, high - low
         self._start = rng.uniform(0, self._side, (count, 2))
         self._velocity = (speed * [np.cos(course), np.sin(course)]).T
 
     def at(self, time_s: float) -> Array:
-        """Return the prisms (count, 9) of the drums at one time."""
+        """Return the prisms (count, 11) of the drums at one time."""
         distance = (self._start + time_s * self._velocity) % (2 * self._side)
         moved = self.prisms.copy()
         moved[:, [X, Y]] = self._low + np.where(distance < self._side, distance, 2 * self._side - distance)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.simulation.place.ground import Ground
 from slam.simulation.place.obstacles import (
     BASE,
     COS,
@@ -18,10 +19,12 @@ from slam.simulation.place.obstacles import (
     HALF_WIDTH,
     ROUND,
     SIN,
+    TAPER_LENGTH,
+    TAPER_WIDTH,
     TOP,
     X,
     Y,
-    covers,
+    top,
 )
 from slam.simulation.place.world import World
 
@@ -29,6 +32,8 @@ Array = NDArray[np.float64]
 
 RIM_RAYS = 96
 """Rays along the rim of the cone: at 1 m and 25 degrees a corner less than 1 cm inside may be missed."""
+RINGS = (0.33, 0.67, 1.0)
+"""Rings of rays over surfaces whose nearest point has no simple formula, as shares of the cone's angle."""
 
 
 def elevation(world: World, x: Array, y: Array) -> Array:
@@ -38,9 +43,9 @@ def elevation(world: World, x: Array, y: Array) -> Array:
     3.1.1).
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-    height = world.slope[0] * x + world.slope[1] * y
+    height = world.ground.height(x, y)
     for prism in world.prisms:
-        height = np.where(covers(prism, x, y), np.maximum(height, prism[TOP]), height)
+        height = np.maximum(height, top(prism, x, y))
     return height
 
 
@@ -54,7 +59,7 @@ def first_echo(world: World, w_p_sensor: Array, w_direction: Array, beam_width_r
     axis = np.atleast_2d(np.asarray(w_direction, dtype=float))
     axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
     half_rad = beam_width_rad / 2
-    nearest = _floor_echo(world.slope, origin, axis, half_rad)
+    nearest = _ground_echo(world.ground, origin, axis, half_rad)
     prisms = world.prisms
     if len(prisms) == 0:
         return nearest
@@ -63,9 +68,22 @@ def first_echo(world: World, w_p_sensor: Array, w_direction: Array, beam_width_r
 
     for prism in prisms:
         nearest = np.minimum(nearest, _nearest_point_echo(prism, origin, axis, half_rad))
-    for ray in _rim(axis, half_rad):
+    tapered = bool((prisms[:, [TAPER_LENGTH, TAPER_WIDTH]] > 0).any())
+    for ray in _rays(axis, half_rad) if tapered else _rim(axis, half_rad):
         nearest = np.minimum(nearest, ranges(origin, ray, prisms))
     return nearest
+
+
+def _ground_echo(ground: Ground, origin: Array, axis: Array, half_rad: float) -> Array:
+    """Return the range to the plane, or the nearest of rays over the whole cone to hilly ground."""
+    if not ground.hills:
+        return _floor_echo(ground.slope, origin, axis, half_rad)
+    # Imported here because it compiles on import, which flat ground does not need.
+    from slam.simulation.place.casting import ground_ranges
+
+    slope, hills = np.array(ground.slope), ground.hill_rows
+    rays = (np.ascontiguousarray(ray) for ray in _rays(axis, half_rad))
+    return np.asarray(np.min([ground_ranges(origin, ray, slope, hills) for ray in rays], axis=0))
 
 
 def _floor_echo(slope: tuple[float, float], origin: Array, axis: Array, half_rad: float) -> Array:
@@ -89,12 +107,21 @@ def _nearest_point_echo(prism: Array, origin: Array, axis: Array, half_rad: floa
     else:
         near_along = np.clip(along, -prism[HALF_LENGTH], prism[HALF_LENGTH])
         near_across = np.clip(across, -prism[HALF_WIDTH], prism[HALF_WIDTH])
+    # The nearest point of a tapered prism may lie on its side, which rays find; here only its ridge or apex.
+    near_along = np.where(prism[TAPER_LENGTH] > 0, np.clip(near_along, 0, 0), near_along)
+    near_across = np.where(prism[TAPER_WIDTH] > 0, np.clip(near_across, 0, 0), near_across)
     near_z = np.clip(origin[:, 2], prism[BASE], prism[TOP])
     x, y = near_along - along, near_across - across
     offset = np.column_stack([c * x - s * y, s * x + c * y, near_z - origin[:, 2]])
     distance = np.linalg.norm(offset, axis=1)
     inside = np.einsum("ni,ni->n", offset, axis) >= np.cos(half_rad) * distance - 1e-12
     return np.where(inside & (distance > 0), distance, np.inf)
+
+
+def _rays(axis: Array, half_rad: float) -> list[Array]:
+    """Return directions all over the cones: their axes, and rings to the rim."""
+    rings = [ray for share in RINGS for ray in _rim(axis, share * half_rad)]
+    return [axis, *rings] if half_rad > 0 else [axis]
 
 
 def _rim(axis: Array, half_rad: float) -> list[Array]:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.simulation.place.obstacles import BASE, HALF_LENGTH, HALF_WIDTH, ROUND, TOP
+from slam.simulation.place.obstacles import BASE, HALF_LENGTH, HALF_WIDTH, ROUND, TAPER_WIDTH, TOP
 from slam.simulation.place.weathering import apply_weathering, draw_weathering
 
 Array = NDArray[np.float64]
@@ -21,6 +21,7 @@ BANDS_M = 0.15
 """Width of the bands around a pylon."""
 PAINT_BGR = np.array([(52, 58, 168), (60, 128, 196), (150, 108, 62), (92, 132, 78), (96, 140, 178)], np.uint8)
 """Colours of gym boxes and mats: red, orange, blue, green and bare wood."""
+LEAF_BGR, LEAVES_PER_M2 = (48, 104, 62), 2000
 BAND_BGR = ((48, 52, 190), (214, 216, 220))
 SIDE_LIGHT = (0.62, 0.80, 0.72, 0.50)
 """Brightness of the side faces relative to the top, counter-clockwise from the front; light comes from
@@ -38,7 +39,7 @@ class ObstacleTextures:
 
 
 def draw_textures(prisms: Array, seed: int) -> ObstacleTextures:
-    """Return textures of prisms (n, 9), all different and reproducible from the seed."""
+    """Return textures of prisms (n, 11), all different and reproducible from the seed."""
     texels: list[Image] = []
     levels = np.empty((len(prisms), 2, LEVELS, 3), np.int64)
     first = 0
@@ -55,6 +56,11 @@ def draw_textures(prisms: Array, seed: int) -> ObstacleTextures:
 
 def _pictures(prism: Array, rng: np.random.Generator) -> tuple[Image, Image]:
     height_m = prism[TOP] - prism[BASE]
+    if prism[TAPER_WIDTH] > 0:  # the side leans: a roof, or a tree
+        height_m = float(np.hypot(height_m, prism[TAPER_WIDTH] * prism[HALF_WIDTH]))
+    if prism[ROUND] and prism[TAPER_WIDTH] > 0:
+        leaves = _leaves(2 * np.pi * prism[HALF_LENGTH], height_m, rng)
+        return leaves[:4, :4], leaves
     if prism[ROUND]:
         return _disc(prism[HALF_LENGTH], rng), _bands(2 * np.pi * prism[HALF_LENGTH], height_m, rng)
     length_m, width_m = 2 * prism[HALF_LENGTH], 2 * prism[HALF_WIDTH]
@@ -100,6 +106,17 @@ def _bands(around_m: float, height_m: float, rng: np.random.Generator) -> Image:
     picture *= np.array(BAND_BGR, np.float32)[band][:, None]
     light = 0.66 + 0.16 * np.cos(2 * np.pi * np.arange(cols) / cols - 1.2)
     return np.asarray(np.clip(picture * light[None, :, None], 0, 255).astype(np.uint8))
+
+
+def _leaves(around_m: float, height_m: float, rng: np.random.Generator) -> Image:
+    """Draw leaves in light and shadow: blobs of many greens."""
+    picture = _worn_surface(around_m, height_m, np.array(LEAF_BGR, np.uint8), rng)
+    rows, cols = picture.shape[:2]
+    for _ in range(int(LEAVES_PER_M2 * around_m * height_m)):
+        at = (int(rng.integers(cols)), int(rng.integers(rows)))
+        shade = np.clip(np.array(LEAF_BGR) * rng.uniform(0.4, 1.7), 0, 255).astype(int)
+        cv2.circle(picture, at, int(rng.integers(1, 5)), shade.tolist(), -1, cv2.LINE_AA)
+    return picture
 
 
 def _disc(radius_m: float, rng: np.random.Generator) -> Image:

@@ -21,9 +21,10 @@ from pydantic import Field
 
 from slam.core.errors import InputError
 from slam.simulation.place.court import lines_floor
+from slam.simulation.place.ground import Ground, Hill
 from slam.simulation.place.gym import gym_floor
 from slam.simulation.place.marks import draw_mark
-from slam.simulation.place.obstacles import Box, Pylon, corners, covers, prisms, steps
+from slam.simulation.place.obstacles import Box, Obstacle, Pylon, Tree, corners, covers, prisms, steps
 from slam.simulation.place.photograph import MAX_TEXELS, check_photograph, photographed_floor
 from slam.simulation.place.puzzle import puzzle_tile
 from slam.simulation.place.weathering import NEUTRAL, apply_weathering, draw_weathering
@@ -38,6 +39,8 @@ STEPS = 1
 """Random stream of the layout of steps."""
 SURROUND_BGR = (122, 131, 138)
 """The bare floor around the puzzle pieces."""
+STEEPEST = 0.6
+"""Steepest slope of a hill: 31 degrees, which a picture sees from above up to 59 degrees off nadir."""
 SHADOW, SHADOW_WIDTH_M = 0.5, 0.05
 """Loss of brightness at an obstacle's foot, and the width of that shadow."""
 
@@ -69,13 +72,20 @@ class World:
     """Seed of the floor. Each flight has its own seed, so several flights can share a floor."""
     boxes: Annotated[tuple[Box, ...], Field(max_length=200)] = ()
     pylons: Annotated[tuple[Pylon, ...], Field(max_length=200)] = ()
+    trees: Annotated[tuple[Tree, ...], Field(max_length=200)] = ()
+    hills: Annotated[tuple[Hill, ...], Field(max_length=20)] = ()
     slope: tuple[Slope, Slope] = (0.0, 0.0)
     """Slope of the floor along x and y; its height is 0 at the origin."""
 
     @property
+    def ground(self) -> Ground:
+        """The ground without obstacles."""
+        return Ground(self.slope, self.hills)
+
+    @property
     def prisms(self) -> Array:
-        """(n, 9) boxes, then pylons, as ``slam.simulation.place.obstacles`` defines them."""
-        return prisms((*self.boxes, *self.pylons), self.slope)
+        """(n, 11) obstacles, as ``slam.simulation.place.obstacles`` defines them."""
+        return prisms((*self.boxes, *self.pylons, *self.trees), self.ground)
 
 
 Marks = tuple[tuple[str, float, float], ...]
@@ -140,6 +150,10 @@ def check_world(world: World, seen: bool = True) -> None:
         _check_obstacle(box, f"world.boxes[{k}]", world)
     for k, pylon in enumerate(world.pylons):
         _check_obstacle(pylon, f"world.pylons[{k}]", world)
+    for k, tree in enumerate(world.trees):
+        _check_obstacle(tree, f"world.trees[{k}]", world)
+    for k, hill in enumerate(world.hills):
+        _check_hill(hill, f"world.hills[{k}]")
 
 
 def _check_texture(world: World) -> None:
@@ -153,7 +167,7 @@ def _check_texture(world: World) -> None:
         check_photograph(Path(world.texture))
 
 
-def _check_obstacle(obstacle: Box | Pylon, name: str, world: World) -> None:
+def _check_obstacle(obstacle: Obstacle, name: str, world: World) -> None:
     sizes = obstacle.size_m if isinstance(obstacle, Box) else (obstacle.radius_m, obstacle.height_m)
     if not (np.all(np.isfinite(sizes)) and min(sizes) > 0):
         raise InputError(f"{name}: sizes {list(sizes)} m: each must be above 0")
@@ -162,6 +176,15 @@ def _check_obstacle(obstacle: Box | Pylon, name: str, world: World) -> None:
     if not np.all((foot >= (x0, y0)) & (foot <= (x1, y1))):
         x, y = obstacle.center_m
         raise InputError(f"{name} at ({x:g}, {y:g}) reaches off the floor; move it or enlarge world.extent_m")
+
+
+def _check_hill(hill: Hill, name: str) -> None:
+    steepest = np.exp(-0.5) * abs(hill.height_m) / hill.radius_m
+    if not (np.all(np.isfinite(hill.center_m)) and steepest <= STEEPEST):
+        raise InputError(
+            f"{name}: a slope of {steepest:.2g}; at most {STEEPEST:g}, so that no hill hides a part of "
+            "itself: make it lower or wider"
+        )
 
 
 @lru_cache(maxsize=2)
