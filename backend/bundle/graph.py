@@ -25,7 +25,7 @@ from backend.bundle.factors import (
     scaled_range_factor,
 )
 from backend.bundle.floor_points import intersect_floor
-from backend.bundle.inertial_graph import (
+from backend.bundle.inertial.graph import (
     NOMINAL_INERTIAL_NOISE,
     InertialNoiseFactors,
     InertialPart,

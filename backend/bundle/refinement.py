@@ -43,8 +43,8 @@ from backend.bundle.graph import (
     start_calibration,
     start_variables,
 )
-from backend.bundle.inertial_graph import InertialPart, without_unused
-from backend.bundle.inertial_noise import estimate_inertial_noise, start_factors
+from backend.bundle.inertial.graph import InertialPart, without_unused
+from backend.bundle.inertial.noise import estimate_inertial_noise, start_factors
 from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
 from backend.bundle.world import WorldTransform

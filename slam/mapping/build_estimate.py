@@ -14,18 +14,12 @@ from backend.errors import BackendError
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
-from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
+from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict
 from slam.core.flight import Flight
-from slam.core.flight_info import describe, missing_for_map
-from slam.core.names import listed
-from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies
-from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
-from slam.mapping.calibration.camera_mount import mount_tilt, mount_warning
+from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,
-    clock_contradiction,
     clock_errors,
-    clock_warning,
     with_clock_error,
 )
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
@@ -37,11 +31,8 @@ from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
 from slam.mapping.refine import comparable
 from slam.mapping.warnings.accuracy_basis import accuracy_basis
-from slam.mapping.warnings.contradictions import contradictions
-from slam.mapping.warnings.lost_pictures import NOTABLE_SHARE, lost_picture_warnings
-from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings, pictures_not_placed
-from slam.mapping.warnings.one_place import one_place_warning
-from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
+from slam.mapping.warnings.messages import messages
+from slam.mapping.warnings.not_placed import pictures_not_placed
 
 Array = NDArray[np.float64]
 
@@ -62,71 +53,17 @@ def _loop_verdicts(
     return tuple(sorted(verdicts, key=lambda v: (v.i, v.j)))
 
 
-def _status(
-    context: Context,
-    map_: Map,
-    metric: bool,
-    not_placed: dict[str, str],
-    shared: SystematicErrors | None,
-) -> tuple[str, list[str]]:
-    flight, stamps_s = context.flight, map_.observations.stamps_s
-    by_metres = metric or map_.georeferenced
-    main = map_.of_main(map_.w_T_b)
-    systematic, is_in_status = _systematic_warning(flight, map_, shared)
-    lines = [
-        # First, because instruments contradict a map that a lens has bent.
-        systematic if is_in_status else "",
-        *map_.warnings,
-        *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
-        *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
-        *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
-        *contradictions(flight, stamps_s, main, by_metres),
-        clock_contradiction(map_.clock, context.clock),
-        one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
-    ]
-    warnings = [line for line in lines if line]
-    parts = int(map_.component.max(initial=-1)) + 1
-    lost = [name for name, reason in not_placed.items() if reason == ALONE]
-    if parts > 1:
-        sizes = ", ".join(str(int((map_.component == k).sum())) for k in range(parts))
-        warnings.append(
-            f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect"
-        )
-    if lost:
-        who = f"{len(lost)} keyframes overlap" if len(lost) > 1 else "1 keyframe overlaps"
-        warnings.append(f"{who} too little with any other: not on the map ({listed(lost)})")
-    vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
-    if vague:
-        warnings.append(
-            f"no uncertainty is known for {vague} keyframes: they could not be refined, or the measurements "
-            "do not determine them"
-        )
-    if not by_metres:
-        warnings.append(_scale_warning(flight, map_))
-    return "; ".join(warnings) or "ok", warnings
-
-
-def _scale_warning(flight: Flight, map_: Map) -> str:
-    measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
-    lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
-    if map_.bundle is None or map_.bundle.scale_std is None:
-        return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
-    std = 100 * map_.bundle.scale_std
-    return f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %"
-
-
 def build_estimate(context: Context, map_: Map) -> Estimate:
     """Collect poses, verdicts, counts and warnings of a finished map."""
     flight, setup = context.flight, context.setup
     observations, edges, solution = map_.observations, map_.edges, map_.graph
     odometry = map_.odometry or map_
     assert flight.frames is not None
-    metric = bool(edges.heights.metric[map_.component >= 0].all())
     shared, untested = _systematic_errors(map_)
     not_placed = pictures_not_placed(flight, map_)
-    status, warnings = _status(context, map_, metric, not_placed, shared)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
+    said = messages(context, map_, not_placed, shared, mount, untested)
     chained = chain(
         observations.links,
         setup.camera,
@@ -135,7 +72,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     )
     return Estimate(
         name=flight.name,
-        status=status,
+        status=said.status,
         epoch_ns=flight.epoch_ns,
         stamps_s=observations.stamps_s,
         frame_names=tuple(flight.frames.names[k] for k in observations.frame_index),
@@ -155,23 +92,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         rejected=_rejected_counts(map_, loops),
         not_placed=not_placed,
         timing_s=context.timer.seconds,
-        warnings=tuple(
-            dict.fromkeys(  # a line of the flight may be part of the status too
-                [
-                    *flight.warnings,
-                    *describe(flight).anomalies,
-                    *missing_for_map(flight),
-                    *not_placed_warnings(not_placed),
-                    *lost_picture_warnings(flight, observations),
-                    *_moving(observations, shared),
-                    *_instrument_warnings(context, map_, mount, shared),
-                    *untested,
-                    *map_.remarks,
-                    *warnings,
-                    *solution.warnings,
-                ]
-            )
-        ),
+        warnings=said.warnings,
         floor_slope_rad=map_.slope_rad,
         instruments=InstrumentErrors(
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
@@ -238,47 +159,6 @@ def _kept_edges(map_: Map) -> tuple[RelativePose, ...]:
     accepted = zip(map_.edges.at_heights(map_.height_m), map_.graph.edge_kept, strict=True)
     kept = [r for r, ok in accepted if ok and np.isfinite(map_.w_T_b[[r.i, r.j]]).all()]
     return (*kept, *map_.bridges)
-
-
-def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:
-    """Report objects that move by themselves, if there are more than by chance."""
-    if observations.moving <= NOTABLE_SHARE * observations.frames:
-        return []
-    pictures = f"in {observations.moving} of {observations.frames} pictures"
-    if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:
-        return [
-            f"{pictures} some features do not move as the others do, which a lens distortion explains as "
-            "well as moving things; they are left out of the map"
-        ]
-    return [
-        f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it are left "
-        "out of the map"
-    ]
-
-
-def _instrument_warnings(
-    context: Context, map_: Map, mount: MountTilt | None, shared: SystematicErrors | None
-) -> list[str]:
-    lines = [mount_warning(mount, context.flight.camera_file), clock_warning(map_.clock, context.clock)]
-    if not map_.georeferenced and not context.flight.parts:
-        # Positions would have determined the slope of the ground.
-        poses = map_.of_main(map_.w_T_b)
-        tilt = attitude_floor_tilt(context.flight, map_.observations.stamps_s, poses)
-        lines.insert(0, attitude_floor_tilt_warning(tilt))
-    systematic, is_in_status = _systematic_warning(context.flight, map_, shared)
-    return [line for line in (*lines, "" if is_in_status else systematic) if line]
-
-
-def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> tuple[str, bool]:
-    """Return the warning, with the accuracies that the same errors contradict, and whether the status is not
-    ok for it."""
-    assert flight.camera is not None
-    height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
-    line = systematic_warning(shared, flight.camera, height_m, map_.metric, flight.camera_file)
-    contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
-    if not line:
-        return "", False
-    return line + "".join(contradicted), bool(contradicted) or is_outside_covariances(shared)
 
 
 def reason_kind(reason: str) -> str:

@@ -12,7 +12,7 @@ from slam.core.stage_timer import Stopwatch
 from slam.mapping.calibration.clock_offset import NO_CORRECTION
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
-from slam.mapping.inertial_bridges import InertialBridges
+from slam.mapping.inertial.bridges import InertialBridges
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.setup import Setup
 

@@ -63,7 +63,7 @@ class Map:
     metric: bool = True
     """Whether lengths of the largest part are metres; otherwise the unit is the camera's mean height."""
     bridges: tuple[RelativePose, ...] = ()
-    """Edges of kind ``inertial`` that join parts (`slam.mapping.inertial_bridges`)."""
+    """Edges of kind ``inertial`` that join parts (`slam.mapping.inertial.bridges`)."""
 
     @property
     def slope_rad(self) -> tuple[float, float]:

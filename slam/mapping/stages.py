@@ -22,7 +22,7 @@ from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations
-from slam.mapping.inertial_fusion import fuse_parts
+from slam.mapping.inertial.fusion import fuse_parts
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first

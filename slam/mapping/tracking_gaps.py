@@ -15,7 +15,7 @@ from backend import se3
 from backend.measurements import RelativePose
 from backend.quantiles import chi_square_quantile
 from slam.mapping.front_end import Observations
-from slam.mapping.inertial_bridges import InertialBridges
+from slam.mapping.inertial.bridges import InertialBridges
 from slam.mapping.lift_edges import lift_edges
 
 _LEAST_S = 0.5

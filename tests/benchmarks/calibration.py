@@ -21,7 +21,7 @@ from backend.bundle.refinement import refine
 from backend.ekf.inputs import VisualStep
 from backend.measurements import FloorTracks
 from slam.evaluation.association import poses_at
-from slam.mapping.inertial_bridges import inertial_edges
+from slam.mapping.inertial.bridges import inertial_edges
 from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
 from tests.backend.made_floor import Made, Scene, aligned, make, mark_nees, nees

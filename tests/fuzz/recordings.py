@@ -12,16 +12,16 @@ from slam.core.progress import silent
 from slam.io.flight_folder import write_flight
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.formats import open_recording
-from slam.io.recordings.gpmf import read_gopro
-from slam.io.recordings.mp4 import read_tracks
+from slam.io.recordings.video.gpmf import read_gopro
+from slam.io.recordings.video.mp4 import read_tracks
 from tests.slam.io.made_flight import made_flight
-from tests.slam.io.recordings import made_ulog, test_ardrone, test_dataflash, test_tlog
-from tests.slam.io.recordings.made_mcap import chunk, json_records, mcap
-from tests.slam.io.recordings.made_video import file_of_samples, video
+from tests.slam.io.recordings.foxglove.made_mcap import chunk, json_records, mcap
+from tests.slam.io.recordings.foxglove.test_foxglove import a_flight
+from tests.slam.io.recordings.logs import made_ulog, test_ardrone, test_dataflash, test_tlog
 from tests.slam.io.recordings.test_archive import files_of, zipped
-from tests.slam.io.recordings.test_foxglove import a_flight
-from tests.slam.io.recordings.test_gpmf import gps5
 from tests.slam.io.recordings.test_tum import folder as tum_folder
+from tests.slam.io.recordings.video.made_video import file_of_samples, video
+from tests.slam.io.recordings.video.test_gpmf import gps5
 
 SECONDS = 2.0
 """Length of the flight in the archive."""

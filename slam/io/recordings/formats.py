@@ -11,8 +11,8 @@ from pathlib import Path
 from slam.core.errors import explain
 from slam.io.content import HEAD_BYTES, content_name
 from slam.io.files import refusal
-from slam.io.recordings import mp4
 from slam.io.recordings.recording import Recording
+from slam.io.recordings.video import mp4
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Format:
     description: str
     """With its article: "a PX4 log"."""
     module: str
-    """Module whose ``open_recording(path)`` returns a ``Recording``."""
+    """Module of this package whose ``open_recording(path)`` returns a ``Recording``."""
     suffixes: tuple[str, ...]
     """Usual suffixes, in small letters."""
     starts: tuple[bytes, ...]
@@ -57,29 +57,29 @@ _SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOT
 
 
 FORMATS: tuple[Format, ...] = (
-    Format("a PX4 log", "slam.io.recordings.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
-    Format("an ArduPilot log", "slam.io.recordings.dataflash", (".bin",), (b"\xa3\x95\x80",)),
-    Format("a MAVLink telemetry log", "slam.io.recordings.tlog", (".tlog",), (), _TELEMETRY),
+    Format("a PX4 log", "logs.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
+    Format("an ArduPilot log", "logs.dataflash", (".bin",), (b"\xa3\x95\x80",)),
+    Format("a MAVLink telemetry log", "logs.tlog", (".tlog",), (), _TELEMETRY),
     Format(
         "an AR.Drone's navdata",
-        "slam.io.recordings.ardrone",
+        "logs.ardrone",
         (".navdata",),
         (b"\x88\x77\x66\x55", b"\x89\x77\x66\x55"),
     ),
-    Format("a video of an AR.Drone", "slam.io.recordings.pave", (".pave",), (b"PaVE",)),
-    Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
-    Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
-    Format("a video", "slam.io.recordings.video", (".mp4", ".mov", ".m4v"), (), mp4.START),
-    Format("a video", "slam.io.recordings.video", (".mkv", ".webm"), (b"\x1a\x45\xdf\xa3",)),
-    Format("a video", "slam.io.recordings.video", (".avi",), (), re.compile(rb"RIFF.{4}AVI ", re.DOTALL)),
-    Format("a video", "slam.io.recordings.video", (".ts", ".mts"), (), _TRANSPORT_STREAM),
-    Format("a video", "slam.io.recordings.video", (".h264", ".264", ".h265", ".hevc"), (), _BARE_STREAM),
-    Format("a video", "slam.io.recordings.video", (".flv",), (b"FLV\x01",)),
-    Format("a file of subtitles", "slam.io.recordings.video", (".srt",), (), _SUBTITLES),
-    Format("a list of ground pictures", "slam.io.recordings.ground_list", (), (), _GROUND_LIST),
-    Format("a table of readings", "slam.io.recordings.table", (".csv", ".tsv"), (), _TABLE),
-    Format("an MCAP recording", "slam.io.recordings.foxglove", (".mcap",), (), _MCAP_WITHOUT_ROS),
-    Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
+    Format("a video of an AR.Drone", "video.pave", (".pave",), (b"PaVE",)),
+    Format("a ROS 1 bag", "ros.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
+    Format("a ROS 2 bag", "ros.rosbag", (".db3",), (b"SQLite format 3\0",)),
+    Format("a video", "video.video", (".mp4", ".mov", ".m4v"), (), mp4.START),
+    Format("a video", "video.video", (".mkv", ".webm"), (b"\x1a\x45\xdf\xa3",)),
+    Format("a video", "video.video", (".avi",), (), re.compile(rb"RIFF.{4}AVI ", re.DOTALL)),
+    Format("a video", "video.video", (".ts", ".mts"), (), _TRANSPORT_STREAM),
+    Format("a video", "video.video", (".h264", ".264", ".h265", ".hevc"), (), _BARE_STREAM),
+    Format("a video", "video.video", (".flv",), (b"FLV\x01",)),
+    Format("a file of subtitles", "video.video", (".srt",), (), _SUBTITLES),
+    Format("a list of ground pictures", "ground_list", (), (), _GROUND_LIST),
+    Format("a table of readings", "table", (".csv", ".tsv"), (), _TABLE),
+    Format("an MCAP recording", "foxglove.foxglove", (".mcap",), (), _MCAP_WITHOUT_ROS),
+    Format("an MCAP recording", "ros.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )
 
 
@@ -99,8 +99,8 @@ def _is_ros2(folder: Path) -> bool:
 
 
 FOLDERS: tuple[FolderFormat, ...] = (
-    FolderFormat("slam.io.recordings.rosbag", _is_ros2),
-    FolderFormat("slam.io.recordings.tum", lambda folder: (folder / "rgb.txt").is_file()),
+    FolderFormat("ros.rosbag", _is_ros2),
+    FolderFormat("tum", lambda folder: (folder / "rgb.txt").is_file()),
 )
 
 
@@ -131,5 +131,5 @@ def open_recording(path: Path) -> Recording:
     found = format_of(path)
     if found is None:
         raise refusal(path, "is no recording of a known format", "docs/recordings.md lists the formats")
-    opener: Callable[[Path], Recording] = import_module(found.module).open_recording
+    opener: Callable[[Path], Recording] = import_module(f"slam.io.recordings.{found.module}").open_recording
     return opener(path)

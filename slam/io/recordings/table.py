@@ -21,10 +21,10 @@ from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import brief, read_text, refusal
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal
-from slam.io.recordings.field_rules import FieldRule, FieldSeries, field_recording
-from slam.io.recordings.field_values import Converted, Fields, columns, single
+from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
+from slam.io.recordings.logs.field_values import Converted, Fields, columns, single
 from slam.io.recordings.recording import Recording
-from slam.io.recordings.subtitles import changed_rows
+from slam.io.recordings.video.subtitles import changed_rows
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from backend.bundle.factors import LOG_SCALE
 from backend.bundle.graph import WORLD
 from backend.bundle.information_shares import DIRECTIONS, information_shares
 from backend.bundle.refinement import refine
-from tests.backend.bundle.made_inertial import InertialScene
-from tests.backend.bundle.made_inertial import make as make_inertial
+from tests.backend.bundle.inertial.made_inertial import InertialScene
+from tests.backend.bundle.inertial.made_inertial import make as make_inertial
 from tests.backend.made_floor import Scene, make
 
 SCENE = Scene(keyframes=8, points_in_view=20, range_gain_std=0.05)

@@ -16,7 +16,7 @@ from slam.core.progress import silent
 from slam.io.flight_folder import write_flight
 from slam.io.recordings.choice import Request
 from tests.slam.io.made_flight import made_flight
-from tests.slam.io.recordings.made_mcap import json_records, mcap
+from tests.slam.io.recordings.foxglove.made_mcap import json_records, mcap
 
 START_NS = 1_700_000_000 * 10**9
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.slam.faults.fault import Fault
-from tests.slam.io.recordings.made_bag import ROS1, ROS2, Maker, a_flight, without_index, write
-from tests.slam.io.recordings.made_video import video, zero_pictures
+from tests.slam.io.recordings.ros.made_bag import ROS1, ROS2, Maker, a_flight, without_index, write
+from tests.slam.io.recordings.video.made_video import video, zero_pictures
 
 
 def bag_without_metadata(place: Path) -> Path:

@@ -13,7 +13,7 @@ from slam.core.errors import InputError
 from slam.core.progress import silent
 from slam.io.flight_folder import read_flight, write_flight
 from tests.slam.io.made_flight import made_flight
-from tests.slam.io.recordings.made_video import video
+from tests.slam.io.recordings.video.made_video import video
 
 
 def zipped(path: Path, files: dict[str, bytes]) -> Path:

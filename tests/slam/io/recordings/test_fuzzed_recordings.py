@@ -9,11 +9,11 @@ import pytest
 from slam.core.errors import InputError
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.formats import open_recording
-from slam.io.recordings.mp4 import read_tracks
-from tests.slam.io.recordings.made_ulog import HEADER, message
-from tests.slam.io.recordings.made_video import file_of_samples
-from tests.slam.io.recordings.test_dataflash import IMU, imu_rows, log
+from slam.io.recordings.video.mp4 import read_tracks
+from tests.slam.io.recordings.logs.made_ulog import HEADER, message
+from tests.slam.io.recordings.logs.test_dataflash import IMU, imu_rows, log
 from tests.slam.io.recordings.test_tum import folder
+from tests.slam.io.recordings.video.made_video import file_of_samples
 
 
 def test_an_imu_without_one_of_its_axes_is_no_imu(tmp_path):

@@ -15,7 +15,7 @@ from slam.core.progress import silent
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
-from tests.slam.io.recordings.made_video import video
+from tests.slam.io.recordings.video.made_video import video
 
 
 def read(path: Path, **topics: str):

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from slam.cli import app
 from slam.io.flight_folder import read_flight
-from tests.slam.io.recordings.made_ulog import log
+from tests.slam.io.recordings.logs.made_ulog import log
 from tests.slam.mapping.recording_clocks.made_sources import IMU, imu_rows, video_of
 
 pytestmark = [

@@ -1,0 +1,1 @@
+"""Readings of an IMU as factors of the refinement."""

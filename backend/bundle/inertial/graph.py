@@ -1,0 +1,269 @@
+"""Inertial part of the graph: velocities and biases at the pictures, and the constants of the IMU.
+
+The nodes are the keyframes and some pictures between them. The readings between two successive nodes make
+one factor, so that every reading counts once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B as BIAS
+from gtsam.symbol_shorthand import V as VELOCITY
+from gtsam.symbol_shorthand import X as POSE
+from numpy.typing import NDArray
+
+from backend.bundle.frame_poses import FramePoses
+from backend.bundle.homography_factor import ROWS
+from backend.bundle.inertial.factor import (
+    ARM,
+    DELAY,
+    GAINS,
+    IMU_SIZE,
+    IntervalKeys,
+    gain_effect,
+    inertial_factor,
+)
+from backend.bundle.inertial.preintegrate import (
+    NO_BIAS,
+    STATE_SIZE,
+    ImuBias,
+    InertialInterval,
+    chains,
+    preintegrate,
+)
+from backend.bundle.world import WorldTransform
+from backend.measurements import Inertial, Measurements, PinholeModel
+from backend.quantiles import chi_square_quantile
+
+Array = NDArray[np.float64]
+
+IMU = gtsam.symbol("a", 0)
+_LETTERS = {ord(letter) for letter in "abfv"}
+"""Letters of the keys of this part."""
+_NEAR_S = 0.3
+"""Half the time over which a path is smoothed: the thrust of a small vehicle turns more slowly."""
+_PARABOLA = 3
+"""Coefficients of a parabola."""
+_MOST_CUT, _MOST_SIGMAS = 0.25, 4.0
+"""Share of intervals that may be cut: where more do not fit, the others fit by chance; and the largest errors
+in standard deviations."""
+_WHOLE_WEIGHT = 0.99
+"""Share of errors whose weight Huber's loss keeps, if the noise is Gaussian."""
+
+
+class InertialNoiseFactors(NamedTuple):
+    """Factors on the nominal noise."""
+
+    gyro: float = 1.0
+    accel: float = 1.0
+    frames: float = 1.0
+    """That of the homographies of the pictures between keyframes."""
+
+
+NOMINAL_INERTIAL_NOISE = InertialNoiseFactors()
+
+
+@dataclass(frozen=True)
+class InertialPart:
+    """Integrated readings of a refinement, and the point at which they were linearised."""
+
+    inertial: Inertial
+    nodes: tuple[int, ...]
+    """Keys of the poses, in order of time."""
+    stamps_s: Array
+    """(m,) times of the nodes."""
+    frames: FramePoses
+    intervals: tuple[InertialInterval, ...]
+    """Between successive nodes, which they call by their place among all nodes."""
+    bias: ImuBias
+    by_gain: Mapping[int, Array]
+    """First node of each interval -> `gain_effect` (6, 3)."""
+    cut: frozenset[int] = frozenset()
+    """First nodes of the intervals that were cut, because they do not fit the pictures."""
+
+    @staticmethod
+    def of(
+        measurements: Measurements, camera: PinholeModel, poses: gtsam.Values, transform: WorldTransform
+    ) -> InertialPart | None:
+        """Integrate the readings of the measurements; None without any between two nodes.
+
+        ``poses`` holds initial poses of the keyframes, and ``transform`` makes them metric.
+        """
+        inertial, frames = measurements.inertial, FramePoses.of(measurements.frames, camera)
+        if inertial is None:
+            return None
+        stamps_s = np.array([*measurements.stamps_s, *(frame.stamp_s for frame in frames.frames)])
+        order = np.argsort(stamps_s, kind="stable")
+        keys = [*(POSE(k) for k in range(measurements.count)), *frames.keys]
+        part = InertialPart(
+            inertial=inertial,
+            nodes=tuple(keys[k] for k in order.tolist()),
+            stamps_s=stamps_s[order],
+            frames=frames,
+            intervals=preintegrate(inertial, stamps_s[order]),
+            bias=NO_BIAS,
+            by_gain={},
+        )
+        if not part.intervals:
+            return None
+        return replace(part, by_gain=_gain_effects(part, part._metric_poses(frames.placed(poses), transform)))
+
+    def again(self, values: gtsam.Values, kept: NDArray[np.bool_]) -> InertialPart | None:
+        """Integrate the ``kept`` (m,) intervals about the mean of the estimated biases; None without any."""
+        cut = self.cut | {one.i for one, ok in zip(self.intervals, kept.tolist(), strict=True) if not ok}
+        found = self.biases(values).mean(axis=0)
+        bias = ImuBias(found[:3], found[3:])
+        intervals = preintegrate(self.inertial, self.stamps_s, bias, cut)
+        frames = self.frames.calibrated(values)
+        return replace(self, intervals=intervals, bias=bias, cut=cut, frames=frames) if intervals else None
+
+    @property
+    def ends(self) -> list[int]:
+        """Nodes at the ends of intervals."""
+        return sorted({k for interval in self.intervals for k in (interval.i, interval.j)})
+
+    def biases(self, values: gtsam.Values) -> Array:
+        """Return the biases (k, 6) of accelerometer and gyro at the ends of the intervals."""
+        return np.array([values.atConstantBias(BIAS(k)).vector() for k in self.ends])
+
+    def start(self, poses: gtsam.Values, transform: WorldTransform) -> gtsam.Values:
+        """Return the variables with initial frames, velocities, biases and constants."""
+        values = self.frames.placed(poses)
+        velocity = _smoothed(self.stamps_s, self._metric_poses(values, transform)[:, :3, 3])[1]
+        for k in self.ends:
+            values.insert(VELOCITY(k), velocity[k])
+            values.insert(BIAS(k), gtsam.imuBias.ConstantBias(self.bias.accel_m_s2, self.bias.gyro_rad_s))
+        values.insert(IMU, _nominal_constants(self.inertial))
+        return values
+
+    def damage(self, values: gtsam.Values, factors: InertialNoiseFactors) -> str:
+        """Describe why the readings cannot be right, in words; empty if they can be.
+
+        They do not fit where their noise, averaged over a second, is larger than a bias could be.
+        """
+        cut, count = len(self.cut), len(self.cut) + len(self.intervals)
+        if cut > _MOST_CUT * count:
+            return f"its readings do not fit over {cut} of {count} intervals"
+        noise = self.inertial.noise
+        accel, gyro = np.abs(self.biases(values)).max(axis=0).reshape(2, 3).max(axis=1)
+        gain = np.abs(values.atVector(IMU)[GAINS]).max()
+        for name, found, std in (
+            (
+                "noise of the accelerometer [m/s²]",
+                factors.accel * noise.accel_density,
+                noise.accel_offset_m_s2,
+            ),
+            ("noise of the gyro [rad/s]", factors.gyro * noise.gyro_density, noise.gyro_offset_rad_s),
+            ("bias of the accelerometer [m/s²]", accel, noise.accel_offset_m_s2),
+            ("bias of the gyro [rad/s]", gyro, noise.gyro_offset_rad_s),
+            ("error of the accelerometer's gain", gain, noise.gain_ratio),
+        ):
+            if found > _MOST_SIGMAS * std:
+                return f"the {name} would be {found:.2g}, and {std:.2g} is expected"
+        return ""
+
+    def keys(self, interval: InertialInterval, world: int) -> IntervalKeys:
+        """Return the keys of the variables of an interval."""
+        i, j = interval.i, interval.j
+        return IntervalKeys(
+            pose_i=self.nodes[i],
+            velocity_i=VELOCITY(i),
+            pose_j=self.nodes[j],
+            velocity_j=VELOCITY(j),
+            bias_i=BIAS(i),
+            bias_j=BIAS(j),
+            world=world,
+            imu=IMU,
+        )
+
+    def _metric_poses(self, values: gtsam.Values, transform: WorldTransform) -> Array:
+        return np.array([transform.body_pose(values.atPose3(key)).matrix() for key in self.nodes])
+
+
+def _gain_effects(part: InertialPart, w_T_b: Array) -> dict[int, Array]:
+    place, velocity = _smoothed(part.stamps_s, w_T_b[:, :3, 3])
+    by_gain = {}
+    for one in part.intervals:
+        ends, lasts_s = [one.i, one.j], float(part.stamps_s[one.j] - part.stamps_s[one.i])
+        by_gain[one.i] = gain_effect(w_T_b[one.i, :3, :3], place[ends], velocity[ends], lasts_s)
+    return by_gain
+
+
+def _smoothed(stamps_s: Array, place: Array) -> tuple[Array, Array]:
+    """Return places and velocities (m, 3), each from the parabola through the places nearby.
+
+    Noise of the places in the derivatives by the gains would make the estimated gains too small.
+    """
+    out = np.empty((2, *place.shape))
+    for k, now_s in enumerate(stamps_s.tolist()):
+        near = slice(*np.searchsorted(stamps_s, [now_s - _NEAR_S, now_s + _NEAR_S]).tolist())
+        if near.stop - near.start < _PARABOLA:
+            near = slice(max(k - 1, 0), k + 2)
+        t = stamps_s[near] - now_s
+        powers = t[:, None] ** np.arange(min(_PARABOLA, len(t)))
+        out[:, k] = np.linalg.lstsq(powers, place[near], rcond=None)[0][:2]
+    return out[0], out[1]
+
+
+def without_unused(values: gtsam.Values, part: InertialPart | None) -> gtsam.Values:
+    """Return the variables without those that no factor of ``part`` touches."""
+    used = set[int]()
+    if part is not None:
+        used = {key(k) for k in part.ends for key in (VELOCITY, BIAS)} | {IMU, *part.nodes}
+    kept = gtsam.Values(values)
+    for key in list(values.keys()):
+        if gtsam.Symbol(key).chr() in _LETTERS and key not in used:
+            kept.erase(key)
+    return kept
+
+
+def add_inertial(
+    graph: gtsam.NonlinearFactorGraph,
+    part: InertialPart,
+    at: gtsam.Values,
+    world: int,
+    b_T_c: Array,
+    factors: InertialNoiseFactors,
+) -> None:
+    """Add priors on biases and constants of the IMU, then the homographies, and the intervals last."""
+    noise = part.inertial.noise
+    offsets = np.repeat([noise.accel_offset_m_s2, noise.gyro_offset_rad_s], 3)
+    first = gtsam.noiseModel.Diagonal.Sigmas(offsets)
+    for run in chains(part.intervals):
+        # A bias may jump where the readings fail.
+        graph.push_back(gtsam.PriorFactorConstantBias(BIAS(run[0].i), gtsam.imuBias.ConstantBias(), first))
+    constants = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(part.inertial))
+    graph.push_back(gtsam.PriorFactorVector(IMU, _nominal_constants(part.inertial), constants))
+    part.frames.add(graph, at, factors.frames, _robust_unit(ROWS))
+    unit = _robust_unit(STATE_SIZE)
+    for interval in part.intervals:
+        whitening = interval.whitening(factors.gyro, factors.accel)
+        keys, by_gain = part.keys(interval, world), part.by_gain[interval.i]
+        graph.push_back(inertial_factor(interval, whitening, by_gain, keys, b_T_c, unit))
+
+
+def _robust_unit(size: int) -> gtsam.noiseModel.Robust:
+    kernel = gtsam.noiseModel.mEstimator.Huber.Create(
+        float(np.sqrt(chi_square_quantile(_WHOLE_WEIGHT, size)))
+    )
+    return gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Unit.Create(size))
+
+
+def _nominal_constants(inertial: Inertial) -> Array:
+    constants = np.zeros(IMU_SIZE)
+    constants[ARM] = inertial.b_p_imu_m
+    return constants
+
+
+def _constants_covariance(inertial: Inertial) -> Array:
+    noise = inertial.noise
+    covariance = np.zeros((IMU_SIZE, IMU_SIZE))
+    covariance[GAINS, GAINS] = noise.gain_ratio**2 * (np.eye(3) + 1) / 2
+    covariance[ARM, ARM] = noise.arm_m**2 * np.eye(3)
+    covariance[DELAY, DELAY] = noise.delay_s**2
+    return covariance

@@ -1,0 +1,127 @@
+"""Noise of the IMU and of the pictures between keyframes from their residuals, and intervals that do not fit.
+
+Vibration, quantisation and integration add to the noise at rest. The residuals of the intervals show it, less
+the share that the estimated poses, velocities and biases absorb. That share is measured with draws of noise.
+Saturation, jumps of a bias and lost readings spoil single intervals; these are cut.
+
+Source: Förstner and Wrobel 2016, section 4.2.4 (variance components), with a stochastic estimate of the
+redundancy (Hutchinson 1990).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.graph import WORLD, BundleProblem
+from backend.bundle.homography_factor import ROWS
+from backend.bundle.inertial.graph import (
+    NOMINAL_INERTIAL_NOISE,
+    InertialNoiseFactors,
+    InertialPart,
+    add_inertial,
+)
+from backend.bundle.inertial.preintegrate import MOTION, ROTATION, STATE_SIZE
+from backend.bundle.minimise import BundleOptimum
+from backend.bundle.reduced_system import LinearSystem
+from backend.quantiles import chi_square_limit, chi_square_quantile
+
+Array = NDArray[np.float64]
+
+_DRAWS = 16
+"""Draws of noise; with 100 intervals they measure the redundancy to a few percent."""
+_NOMINAL_COUNT = 20
+"""Weight of the nominal noise, as a number of residuals."""
+_FALSE_CUTS = 1e-3
+"""Probability that any of the intervals is cut by chance."""
+_MOST_TRIMS = 20
+
+
+@dataclass(frozen=True)
+class _Squares:
+    """Sums of squares of whitened errors."""
+
+    gyro: Array
+    """(m,) of each interval."""
+    accel: Array
+    walk: Array
+    """(m,) of the random walks of the biases."""
+    frames: float
+
+    @staticmethod
+    def of(part: InertialPart, errors: Array) -> _Squares:
+        """Add up the last errors of the pose side (rows, ...), averaged over further axes."""
+        count = len(part.intervals)
+        squares = np.mean((errors**2).reshape(len(errors), -1), axis=1)
+        of_intervals = squares[-STATE_SIZE * count :].reshape(count, STATE_SIZE)
+        before = squares[: -STATE_SIZE * count]
+        return _Squares(
+            gyro=of_intervals[:, ROTATION].sum(axis=1),
+            accel=of_intervals[:, MOTION].sum(axis=1),
+            walk=of_intervals[:, MOTION.stop :].sum(axis=1),
+            frames=float(before[len(before) - ROWS * len(part.frames.frames) :].sum()),
+        )
+
+
+def _errors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, part: InertialPart) -> Array:
+    """Return the whitened errors of homographies and intervals, the last ones of a graph, without robust
+    weights."""
+    count = len(part.frames.frames) + len(part.intervals)
+    factors = [graph.at(k) for k in range(graph.size() - count, graph.size())]
+    return np.concatenate([f.unwhitenedError(values) for f in factors if isinstance(f, gtsam.CustomFactor)])
+
+
+def start_factors(problem: BundleProblem, values: gtsam.Values) -> InertialNoiseFactors:
+    """Return factors at which the initial values fit: readings that count too much would bend the map."""
+    part = problem.inertial
+    if part is None:
+        return NOMINAL_INERTIAL_NOISE
+    graph = gtsam.NonlinearFactorGraph()
+    add_inertial(graph, part, values, WORLD, problem.camera.b_T_c, NOMINAL_INERTIAL_NOISE)
+    squares = _Squares.of(part, _errors(graph, values, part))
+    gyro, accel = (
+        max(1.0, float(np.sqrt(np.median(found) / chi_square_quantile(0.5, rows.stop - rows.start))))
+        for found, rows in ((squares.gyro, ROTATION), (squares.accel, MOTION))
+    )
+    return InertialNoiseFactors(gyro, accel)
+
+
+def estimate_inertial_noise(optimum: BundleOptimum) -> tuple[InertialNoiseFactors, NDArray[np.bool_]]:
+    """Return the factors on the noise, and the intervals (m,) to keep.
+
+    Those of gyro and accelerometer are at least 1, because residuals may be small by chance.
+    """
+    part, noise = optimum.problem.inertial, optimum.noise.inertial
+    if part is None:
+        return noise, np.ones(0, dtype=bool)
+    found = _Squares.of(part, _errors(optimum.cost.pose_side, optimum.values, part))
+    expected = _Squares.of(part, _residuals_of_draws(optimum.linearise()))
+    limit = chi_square_limit(_FALSE_CUTS / len(part.intervals), STATE_SIZE)
+    kept, gyro, accel = np.ones(len(part.intervals), dtype=bool), 1.0, 1.0
+    for _ in range(_MOST_TRIMS):
+        gyro = max(1.0, _factor(noise.gyro, found.gyro[kept].sum(), expected.gyro[kept].sum()))
+        accel = max(1.0, _factor(noise.accel, found.accel[kept].sum(), expected.accel[kept].sum()))
+        scaled = (noise.gyro / gyro) ** 2 * found.gyro + (noise.accel / accel) ** 2 * found.accel
+        fits = scaled + found.walk < limit
+        if (fits == kept).all():
+            break
+        kept = fits
+    return InertialNoiseFactors(gyro, accel, _factor(noise.frames, found.frames, expected.frames)), kept
+
+
+def _factor(before: float, found: float, expected: float) -> float:
+    """Return the factor on the nominal noise, from squares at the factor ``before`` and expected ones."""
+    return float(np.sqrt((found * before**2 + _NOMINAL_COUNT) / (expected + _NOMINAL_COUNT)))
+
+
+def _residuals_of_draws(linear: LinearSystem) -> Array:
+    """Return the residuals (rows, draws) of the pose side that a fit leaves of drawn unit noise."""
+    reduced, (jacobian, left) = linear.eliminate(), linear.jacobian()
+    white = np.random.default_rng(0).standard_normal((len(left), _DRAWS))
+    gradient = np.asarray(jacobian.T @ white)
+    fitted = reduced.solve(gradient[: reduced.size], gradient[reduced.size :])[0]
+    rows = linear.pose_side.shape[0]
+    return np.asarray(white[-rows:] - linear.pose_side @ fitted)

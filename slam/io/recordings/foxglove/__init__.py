@@ -1,0 +1,1 @@
+"""MCAP recordings with Foxglove's schemas, in JSON or protobuf."""

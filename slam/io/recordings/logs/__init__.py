@@ -1,0 +1,1 @@
+"""Logs of autopilots: PX4, ArduPilot, MAVLink and the AR.Drone."""

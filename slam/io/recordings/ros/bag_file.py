@@ -1,0 +1,91 @@
+"""An open ROS bag, read by ``rosbags``."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from slam.io.recordings.readers import damage_reported, optional_reader
+from slam.io.recordings.ros.camera import info_topics
+from slam.io.recordings.ros.messages import CAMERA_INFO, TRANSFORM_KINDS
+from slam.io.recordings.ros.open_bag import OpenBag
+from slam.io.recordings.ros.transforms import transform_of
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+Message = Any
+
+DESCRIPTION = "a ROS bag"
+
+
+class Bag(OpenBag):
+    """An open bag and its first messages; it is closed when it is no longer referenced."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        with optional_reader(path, DESCRIPTION, "ros"):
+            from rosbags.highlevel import AnyReader
+            from rosbags.typesys import Stores, get_typestore
+        # Bags hold the definitions of their messages since ROS 2 Iron.
+        before_iron = get_typestore(Stores.ROS2_HUMBLE)
+        with damage_reported(path, DESCRIPTION):
+            self.reader: AnyReader = AnyReader([path], default_typestore=before_iron)
+            self._open()
+        weakref.finalize(self, self.reader.close)
+        with damage_reported(path, DESCRIPTION):
+            self._add_mounts()
+            self.find_body()
+
+    def _add_mounts(self) -> None:
+        """Add the transforms of ``/tf_static``; where they miss a sensor, constant ones of ``/tf`` too."""
+        transforms = self.of_kinds(*TRANSFORM_KINDS)
+        static = [c for c in transforms if c.topic.endswith("tf_static")]
+        for _, _, message in self.messages(static):
+            for each in message.transforms:
+                self.mounts.add(each.header.frame_id, each.child_frame_id, transform_of(each.transform))
+        self.find_first()
+        changing = [c for c in transforms if c not in static]
+        if all(self.mounts.knows(self.frame_of(topic)) for topic in self.first):
+            return
+        if self.add_constant_transforms(changing):
+            self.warnings += ("mounts are also taken from transforms of /tf that never change",)
+
+    def _open(self) -> None:
+        """Open the bag; of a ROS 1 bag without an index, read what is complete."""
+        from rosbags.highlevel import AnyReaderError
+
+        try:
+            self.reader.open()
+        except AnyReaderError:
+            if self.path.suffix != ".bag":
+                raise
+            from slam.io.recordings.ros.unindexed import UnindexedReader
+
+            unindexed = UnindexedReader(self.path)
+            self.reader.readers = [unindexed]
+            self.reader.open()
+            lost = f", and its last {unindexed.lost_bytes:,} bytes are lost" if unindexed.lost_bytes else ""
+            self.warnings = (f"the bag has no index (its recording was interrupted){lost}",)
+
+    @property
+    def connections(self) -> list[Connection]:
+        """All connections of the bag."""
+        return self.reader.connections
+
+    def messages(
+        self, connections: Sequence[Connection], start_ns: int | None = None
+    ) -> Iterator[tuple[Connection, int, Message]]:
+        """Yield connection, time of recording [ns] and message, in the order of recording."""
+        if connections:
+            for connection, time_ns, raw in self.reader.messages(connections, start=start_ns):
+                yield connection, time_ns, self.reader.deserialize(raw, connection.msgtype)
+
+    def camera_info(self, image_topic: str) -> Message | None:
+        """Return the first ``CameraInfo`` that is named after a topic of pictures."""
+        infos = {c.topic: c for c in self.of_kinds(CAMERA_INFO)}
+        found = next((infos[name] for name in info_topics(image_topic) if name in infos), None)
+        return None if found is None else next((m for _, _, m in self.messages([found])), None)

@@ -1,0 +1,90 @@
+"""The camera of a ROS recording: its lens from ``CameraInfo``, and its pictures on request."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import NADIR_B_T_C, Camera
+from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
+from slam.io.images import UnreadableImageError, encoded_size, suffix_of
+from slam.io.levels import Raw
+from slam.io.recordings.ros import pixels as ros_pixels
+from slam.io.recordings.ros.lens import UnknownLensError, lens_of
+
+Array = NDArray[np.float64]
+Message = Any
+
+
+def info_topics(image_topic: str) -> tuple[str, ...]:
+    """Return the topics that may hold the ``CameraInfo`` of a topic of pictures."""
+    parts = image_topic.split("/")
+    return tuple("/".join([*parts[:k], "camera_info"]) for k in range(len(parts) - 1, 0, -1))
+
+
+def camera_of(info: Message | None, first: Message, b_T_c: Array | None) -> tuple[Camera | None, list[str]]:
+    """Return the camera of a ``CameraInfo``, and the assumptions; None with the reason where unusable.
+
+    ``first`` is the first message with a picture, whose size holds for all.
+    """
+    if info is None:
+        return None, ["no CameraInfo beside the pictures, so the lens is unknown; treated as not recorded"]
+    size_px = _size_of(first) or (int(info.width), int(info.height))
+    try:
+        lens, notes = lens_of(info, size_px)
+    except UnknownLensError as reason:
+        return None, [f"{reason}; treated as not recorded"]
+    if b_T_c is None:
+        notes.append("no fixed transform to the body: looking straight down with the nose at the top assumed")
+    elif (tilt := axis_tilt_deg(b_T_c[:3, 2])) > MAX_TILT_DEG:
+        notes.append(tilt_remark(tilt))
+    camera = Camera(
+        focal_px=lens.focal_px,
+        center_px=lens.center_px,
+        size_px=size_px,
+        distortion=lens.distortion,
+        b_T_c=NADIR_B_T_C.copy() if b_T_c is None else b_T_c,
+    )
+    return camera, notes
+
+
+def _size_of(message: Message) -> tuple[int, int] | None:
+    """Return (width, height) of the picture in a message; None where it is damaged."""
+    if hasattr(message, "encoding"):
+        return int(message.width), int(message.height)
+    try:
+        return encoded_size(bytes(message.data))
+    except UnreadableImageError:
+        return None
+
+
+def picture_of(message: Message) -> Raw | bytes:
+    """Return the pixels of an ``Image``, or the PNG or JPEG of a ``CompressedImage``.
+
+    Raises ``UnreadableImageError``.
+    """
+    if hasattr(message, "encoding"):
+        return ros_pixels.pixels(message)
+    data = bytes(message.data)
+    if not data:
+        raise UnreadableImageError("empty")
+    return data
+
+
+def suffix_of_message(message: Message) -> str:
+    """Return the suffix of the file that a picture becomes."""
+    return ".png" if hasattr(message, "encoding") else suffix_of(bytes(message.data))
+
+
+def is_picture(message: Message) -> bool:
+    """Return whether a message holds a picture for the eye, not depths or another code.
+
+    A compressed one is known by its format or, as some drivers leave that empty, by its first bytes.
+    """
+    if hasattr(message, "encoding"):
+        return ros_pixels.is_known(message.encoding)
+    code = message.format.lower()
+    is_named = any(word in code for word in ("jpeg", "jpg", "png"))
+    return "depth" not in code and (is_named or _size_of(message) is not None)

@@ -1,0 +1,273 @@
+"""ROS 1 and ROS 2 bags (bag, sqlite3, MCAP), read by ``rosbags``; no ROS is needed.
+
+Stamps are those of the messages' headers. A message without a header, or with a stamp of zero, has the time
+at which it was recorded.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.progress import Progress
+from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg
+from slam.io.files import brief, refusal
+from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
+from slam.io.recordings.ros import camera as ros_camera
+from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
+from slam.io.recordings.ros.messages import (
+    CAMERA_INFO,
+    IMAGE_KINDS,
+    RANGE_T_SONAR,
+    RULES,
+    TRANSFORM_KINDS,
+    RosRule,
+)
+from slam.io.recordings.ros.open_bag import BagPictures, OpenBag
+from slam.io.recordings.ros.transforms import Look, mount_entry
+from slam.io.sensor_yaml import Value
+
+Array = NDArray[np.float64]
+Message = Any
+
+_PROGRESS_STEP = 500
+_LONGEST_TRANSPORT_S = 10.0
+"""A message is recorded within seconds; a longer delay is another clock."""
+_RANGE = "sensor_msgs/msg/Range"
+_TF = "/tf_static"
+
+
+@dataclass
+class _Series:
+    """Messages of one topic, as they are read."""
+
+    rule: RosRule | None
+    """None for pictures."""
+    stamps_ns: array[int] = field(default_factory=lambda: array("q"))
+    recorded_ns: array[int] = field(default_factory=lambda: array("q"))
+    rows: array[float] = field(default_factory=lambda: array("d"))
+    first: Message = None
+    without_stamp: int = 0
+    has_header: bool = True
+
+    def add(self, recorded_ns: int, message: Message) -> None:
+        if self.first is None:
+            self.first, self.has_header = message, hasattr(message, "header")
+        stamp_ns = 0
+        if self.has_header:
+            stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        self.without_stamp += stamp_ns == 0
+        self.stamps_ns.append(stamp_ns or recorded_ns)
+        self.recorded_ns.append(recorded_ns)
+        if self.rule is not None:
+            self.rows.extend(self.rule.row(message))
+
+    def notes(self) -> list[str]:
+        if not self.without_stamp:
+            return []
+        what = "messages have no header" if not self.has_header else f"{self.without_stamp} stamps are zero"
+        return [f"{what}: the time of recording is used"]
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a bag. Raises ``InputError`` without ``rosbags``, or for a damaged file."""
+    return recording_of(Bag(path), DESCRIPTION)
+
+
+def recording_of(bag: OpenBag, description: str) -> Recording:
+    """Return the recording of an open bag."""
+    offers = [*_camera_offers(bag), *_series_offers(bag)]
+    used = {offer.channel for offer in offers}
+    used |= {topic for topic, _, _ in bag.topics(CAMERA_INFO, *(TRANSFORM_KINDS if bag.body else ()))}
+    others = [each for each in bag.topics() if each[0] not in used]
+
+    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
+        return _read(bag, chosen, progress)
+
+    return Recording(
+        path=bag.path,
+        name=bag.path.stem,
+        description=description,
+        offers=tuple(offers),
+        others=tuple(sorted(others)),
+        read=read,
+    )
+
+
+def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
+    """Yield the topics with pictures; cameras that look down and uncompressed pictures are preferred.
+
+    Without a transform, the name of a camera says where it looks.
+    """
+    for topic, kind, rows in bag.topics(*IMAGE_KINDS):
+        first = bag.first.get(topic)
+        if first is None or not ros_camera.is_picture(first):
+            continue
+        b_T_c = bag.mount_of(topic)
+        look, mount = Look.of(topic, bag.frame_of(topic)), ""
+        if b_T_c is not None:
+            tilt = axis_tilt_deg(b_T_c[:3, 2])
+            look = Look.ASIDE if tilt > MAX_TILT_DEG else Look.DOWN
+            mount = f", {tilt:.0f} degrees from straight down by {_TF}"
+        encoding = getattr(first, "encoding", None) or first.format
+        yield Offer(
+            stream="cam0",
+            channel=topic,
+            kind=kind,
+            rows=rows,
+            reading=f"{brief(encoding, 40)}{mount}",
+            rank=len(IMAGE_KINDS) * look + IMAGE_KINDS.index(kind),
+        )
+
+
+def _series_offers(bag: OpenBag) -> Iterator[Offer]:
+    for rank, rule in enumerate(RULES):
+        for topic, _, rows in bag.topics(rule.kind):
+            if (
+                topic in bag.first
+                and not np.isfinite(rule.row(bag.first[topic])).any()
+                and rule.stream == "attitude0"
+            ):
+                continue  # an IMU without orientation
+            yield Offer(
+                stream=rule.stream,
+                channel=topic,
+                kind=rule.kind,
+                rows=rows,
+                reading=rule.reading,
+                rank=rank,
+                doubt=_doubt(bag, rule, topic),
+            )
+
+
+def _doubt(bag: OpenBag, rule: RosRule, topic: str) -> str:
+    if not rule.is_certain(topic):
+        return "commands in m/s?" if rule.stream == "command0" else "a pose may be an estimate, not a truth"
+    if rule.kind != _RANGE:
+        return ""
+    mount = bag.mount_of(topic)
+    if mount is None:
+        is_aside = Look.of(topic, bag.frame_of(topic)) == Look.ASIDE
+        return "by its name it does not look down" if is_aside else ""
+    tilt = axis_tilt_deg(mount[:3, 0])
+    return f"looks {tilt:.0f} degrees away from straight down" if tilt > MAX_TILT_DEG else ""
+
+
+def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
+    """Read all chosen topics in one pass."""
+    series = {offer.stream: _Series(None if offer.stream == "cam0" else _rule(offer)) for offer in chosen}
+    by_topic: dict[str, list[_Series]] = {}
+    for offer in chosen:
+        by_topic.setdefault(offer.channel, []).append(series[offer.stream])
+    camera = next((offer.channel for offer in chosen if offer.stream == "cam0"), None)
+    warnings = [*bag.warnings, *_pass(bag, by_topic, progress), *_one_clock(series)]
+    readings = {
+        offer.stream: _readings(bag, offer, series[offer.stream])
+        for offer in chosen
+        if offer.stream != "cam0"
+    }
+    pictures = None
+    if camera is not None and len(series["cam0"].stamps_ns):
+        pictures, more = _pictures(bag, camera, series["cam0"])
+        warnings += more
+    return Content(readings, pictures, tuple(warnings))
+
+
+def _rule(offer: Offer) -> RosRule:
+    return next(rule for rule in RULES if (rule.stream, rule.kind) == (offer.stream, offer.kind))
+
+
+def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) -> list[str]:
+    """Read the messages of some topics; where the bag is damaged, keep what came before."""
+    connections = [c for c in bag.connections if c.topic in by_topic]
+    total = sum(c.msgcount for c in connections)
+    count = 0
+    try:
+        for connection, recorded_ns, message in bag.messages(connections):
+            for each in by_topic[connection.topic]:
+                each.add(recorded_ns, message)
+            count += 1
+            if count % _PROGRESS_STEP == 0:
+                progress("reading messages", count, total)
+    except Exception as error:  # noqa: BLE001  a reader's errors have no common class
+        if not count:
+            raise refusal(
+                bag.path, f"no message can be read ({brief(error, 160)})", "repair the bag"
+            ) from None
+        return [
+            f"the bag is damaged after {count} of {total} messages ({brief(error, 120)}); the rest is lost"
+        ]
+    progress("reading messages", count, total)
+    return [f"{total - count} of {total} messages are missing in the bag"] if count < total else []
+
+
+def _one_clock(series: dict[str, _Series]) -> list[str]:
+    """Move streams whose headers have another clock than the other ones onto that of the recorder.
+
+    A driver may state the time since the start of its device. Streams of one clock keep their times relative
+    to each other.
+    """
+    late_s = {
+        name: float(np.median(np.array(each.recorded_ns) - np.array(each.stamps_ns))) * 1e-9
+        for name, each in series.items()
+        if len(each.stamps_ns)
+    }
+    shift_s, warnings = 0.0, []
+    if not late_s or max(late_s.values()) - min(late_s.values()) <= _LONGEST_TRANSPORT_S:
+        return []
+    previous_s = -np.inf
+    for name in sorted(late_s, key=late_s.__getitem__):
+        if late_s[name] - previous_s > _LONGEST_TRANSPORT_S:
+            shift_s = late_s[name] if abs(late_s[name]) > _LONGEST_TRANSPORT_S else 0.0
+        previous_s = late_s[name]
+        if shift_s:
+            each = series[name]
+            each.stamps_ns = array("q", (np.array(each.stamps_ns) + round(shift_s * 1e9)).tolist())
+            warnings.append(
+                f"{name}: the clock of its headers is {shift_s:.1f} s behind that of the recorder, and is "
+                "moved onto it; the delay of the transport remains"
+            )
+    return warnings
+
+
+def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
+    rule = series.rule
+    assert rule is not None
+    stamps_ns = np.array(series.stamps_ns, dtype=np.int64)
+    rows = np.array(series.rows).reshape(len(stamps_ns), -1)
+    mount = bag.mount_of(offer.channel)
+    nominal: dict[str, Value] = {}
+    notes = series.notes()
+    if series.first is not None:
+        nominal |= rule.nominal(series.first)
+    if rule.is_mounted and mount is not None:
+        b_T_s = mount @ RANGE_T_SONAR if rule.kind == _RANGE else mount
+        nominal["T_BS"] = dict(mount_entry(b_T_s))
+    elif rule.is_mounted:
+        assumed = "looking straight down" if rule.kind == _RANGE else "body axes"
+        frame = brief(bag.frame_of(offer.channel), 40)
+        notes.append(f"no transform of its frame {frame!r} in {_TF}: {assumed} assumed")
+    return StreamReadings(stamps_ns, rule.values(rows, mount), nominal, tuple(notes))
+
+
+def _pictures(bag: OpenBag, topic: str, series: _Series) -> tuple[PictureChannel | None, list[str]]:
+    camera, notes = ros_camera.camera_of(bag.camera_info(topic), series.first, bag.mount_of(topic))
+    if camera is None:
+        return None, [f"cam0: {topic}: {line}" for line in notes]
+    suffix = ros_camera.suffix_of_message(series.first)
+    connections = [c for c in bag.connections if c.topic == topic]
+    fetch = BagPictures(bag, connections, np.array(series.recorded_ns, dtype=np.int64))
+    pictures = PictureChannel(
+        stamps_ns=np.array(series.stamps_ns, dtype=np.int64),
+        names=tuple(f"{stamp}{suffix}" for stamp in series.stamps_ns),
+        fetch=fetch,
+        camera=camera,
+        notes=(*series.notes(), *notes, *fetch.notes),
+    )
+    return pictures, []

@@ -1,0 +1,1 @@
+"""Videos: pictures with exact times, and the readings in their subtitles and metadata."""

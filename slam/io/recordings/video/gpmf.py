@@ -1,0 +1,158 @@
+"""Positions that GoPro's cameras write into their videos (GPMF).
+
+A track of a video holds one payload a second: nested blocks of a key, a type, and samples. The samples of a
+payload are spread evenly over its time. ``GPS5`` holds latitude, longitude, altitude and speeds, and the fix
+is in ``GPSF`` of the same block; ``GPS9`` (since the Hero 11) holds the fix in each sample. Source: GoPro,
+gpmf-parser, "GPMF introduction" (README.md).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from slam.io.recordings.logs.field_values import FIX_3D, known_fixes
+from slam.io.recordings.recording import StreamReadings
+from slam.io.recordings.video.mp4 import Mp4Track
+
+Array = NDArray[np.float64]
+
+TRACK_CODE = "gpmd"
+_TYPES = {"b": "i1", "B": "u1", "s": ">i2", "S": ">u2", "l": ">i4", "L": ">u4", "f": ">f4", "d": ">f8"}
+_KEYS = ("GPS9", "GPS5")
+"""Keys of positions; the first one that a video has is taken."""
+_TURNED = "IORI"
+"""Key of the rotations by which electronic stabilisation turned the pictures against the camera's body."""
+
+
+@dataclass(frozen=True)
+class GoproTrack:
+    """The positions of a video, and the keys of its other series."""
+
+    key: str
+    """``GPS9`` or ``GPS5``; empty without positions."""
+    positions: StreamReadings
+    others: tuple[tuple[str, int], ...]
+    """Key and number of samples of each other series."""
+    damage: tuple[str, ...] = ()
+    """A line that counts the damaged payloads, if there are any."""
+    stabilised_deg: float = 0.0
+    """Largest angle by which the camera's electronic stabilisation turned a picture."""
+
+
+def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
+    """Return the positions in degrees and metres; without a fix they are NaN.
+
+    A damaged payload ends at the damage, and is counted.
+    """
+    starts_s = np.concatenate([[0.0], np.cumsum(track.durations_s)])
+    stamps: dict[str, list[Array]] = {key: [np.empty(0)] for key in _KEYS}
+    values: dict[str, list[Array]] = {key: [np.empty((0, 3))] for key in _KEYS}
+    counts: dict[str, int] = {}
+    damaged, stabilised_rad = 0, 0.0
+    with path.open("rb") as file:
+        for k, payload in enumerate(track.samples(file)):
+            try:
+                for key, count, found in _streams(payload):
+                    counts[key] = counts.get(key, 0) + count
+                    if key == _TURNED and found is not None:
+                        stabilised_rad = max(
+                            stabilised_rad, float(Rotation.from_quat(found).magnitude().max())
+                        )
+                    elif found is not None:
+                        stamps[key].append(starts_s[k] + np.arange(count) / count * track.durations_s[k])
+                        values[key].append(found)
+            except ValueError:
+                damaged += 1
+    key = next((key for key in _KEYS if counts.get(key)), "")
+    taken = key or _KEYS[0]
+    stamps_ns = np.round(np.concatenate(stamps[taken]) * 1e9).astype(np.int64)
+    others = tuple((name, count) for name, count in sorted(counts.items()) if name != key)
+    line = f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata are damaged or of an unknown layout"
+    return GoproTrack(
+        key=key,
+        positions=StreamReadings(stamps_ns, np.vstack(values[taken])),
+        others=others,
+        damage=(line,) * bool(damaged),
+        stabilised_deg=math.degrees(stabilised_rad),
+    )
+
+
+def _streams(payload: bytes | None) -> Iterator[tuple[str, int, Array | None]]:
+    """Yield key, number of samples, and the samples of positions and of the stabilisation, of each series.
+
+    Positions are latitude, longitude and altitude; the stabilisation is a quaternion, w first.
+
+    Raises ``ValueError`` where the payload is damaged.
+    """
+    if payload is None:
+        raise ValueError("the payload leads out of the file")
+    for key, code, _, body in _blocks(payload):
+        if code == "\0" and key == "DEVC":
+            for inner, inner_code, _, stream in _blocks(body):
+                if inner_code == "\0" and inner == "STRM":
+                    yield from _stream(stream)
+
+
+def _stream(body: bytes) -> Iterator[tuple[str, int, Array | None]]:
+    blocks = list(_blocks(body))
+    if not blocks or not blocks[-1][2]:
+        return
+    key, code, size, data = blocks[-1]  # the samples stand behind what describes them
+    attributes = {name: (kind, width, content) for name, kind, width, content in blocks[:-1]}
+    count = len(data) // size
+    if key == _TURNED and code == "s" and size == 8 and count:
+        turned = np.frombuffer(data[: count * size], ">i2").reshape(-1, 4).astype(float)
+        known = turned[np.abs(turned).max(axis=1) > 0]
+        yield key, count, known[:, [1, 2, 3, 0]] if len(known) else None
+        return
+    if key not in _KEYS or "SCAL" not in attributes or not count:
+        yield key, count, None
+        return
+    kinds = (
+        attributes["TYPE"][2].decode("latin-1").strip("\0")
+        if code == "?" and "TYPE" in attributes
+        else code * (size // 4)
+    )
+    if any(kind not in _TYPES for kind in kinds) or len(kinds) < 3:
+        raise ValueError("positions have an unknown layout")
+    layout = np.dtype([(str(k), _TYPES[kind]) for k, kind in enumerate(kinds)])
+    if layout.itemsize != size:
+        raise ValueError("positions have another size than their layout")
+    samples = np.frombuffer(data[: count * size], layout)
+    columns = np.column_stack([samples[str(k)].astype(float) for k in range(len(kinds))])
+    scale = np.frombuffer(attributes["SCAL"][2], _TYPES.get(attributes["SCAL"][0], ">i4")).astype(float)
+    if not len(scale) or not scale.all():
+        raise ValueError("positions have no scale")
+    position = columns[:, :3] / (scale[:3] if len(scale) >= 3 else scale[0])
+    if key == "GPS9":
+        fix = columns[:, -1]
+    else:
+        fix = np.full(
+            count, int.from_bytes(attributes["GPSF"][2][:4], "big") if "GPSF" in attributes else FIX_3D
+        )
+    yield key, count, known_fixes(position, fix)
+
+
+def _blocks(data: bytes) -> Iterator[tuple[str, str, int, bytes]]:
+    """Yield key, type, bytes of a sample, and content, up to the zeros that pad a payload.
+
+    Raises ``ValueError`` for a block that is cut short.
+    """
+    at = 0
+    while at + 8 <= len(data):
+        key, code, size, count = struct.unpack(">4scBH", data[at : at + 8])
+        end = at + 8 + size * count
+        if key == b"\0\0\0\0":
+            return
+        if end > len(data):
+            raise ValueError("a block leads out of its payload")
+        yield key.decode("latin-1"), code.decode("latin-1"), size, data[at + 8 : end]
+        at = end + -(size * count) % 4  # blocks begin at multiples of four bytes

@@ -1,0 +1,136 @@
+"""Streams and the lens of a flight from the subtitles of a DJI video."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.core.flight import Gps
+from slam.core.rotations import roll_pitch_yaw_of
+from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
+from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
+from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
+from slam.io.recordings.recording import Offer, StreamReadings
+from slam.io.recordings.video.subtitles import Subtitles, changed_rows
+from slam.io.sensor_yaml import Value
+from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
+
+Array = NDArray[np.float64]
+
+_FILM_WIDTH_MM = 36.0
+_FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
+"""Standard deviations of focal length (relative) and k1. Makers relate the focal length on 35 mm film to the
+width or to the diagonal of the sensor, and video modes crop the picture.
+"""
+_BAROMETER_STD_M = 1.0
+_ZOOM_RATIO = 1.01
+"""A larger ratio of the focal lengths in one video is a zoom, not rounding."""
+
+
+def subtitle_offers(subtitles: Subtitles, name: str) -> list[Offer]:
+    """Return the streams that the subtitles can fill."""
+    order = ", GPS(latitude, longitude, altitude)" if subtitles.latitude_first else ""
+    kinds = (
+        ("attitude0", "gimbal_pitch", "gimbal degrees, north-east-down to the body of a nadir camera"),
+        ("gps0", "latitude", f"deg, m{order}"),
+        ("barometer0", "height", "m above the take-off"),
+    )
+    return [
+        Offer(stream=stream, channel=name, kind="subtitles", rows=int(known), reading=reading)
+        for stream, field, reading in kinds
+        if (known := np.isfinite(subtitles.column(field)).sum())
+    ]
+
+
+def _readings(subtitles: Subtitles, values: Array, nominal: Mapping[str, Value]) -> StreamReadings:
+    """Return the rows that differ from the row before; the others only hold it."""
+    keep = changed_rows(values)
+    held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
+    notes = (f"{held} of {held + int(keep.sum())} subtitles repeat the value before and were dropped",)
+    stamps_ns = np.round(subtitles.stamps_s[keep] * 1e9).astype(np.int64)
+    return StreamReadings(stamps_ns, values[keep], nominal, notes * bool(held))
+
+
+def _gps(subtitles: Subtitles) -> StreamReadings:
+    names = ("latitude", "longitude", "altitude", "height")
+    values = np.column_stack([subtitles.column(name) for name in names])
+    east_m, north_m, up_m = Gps.noise_std_m
+    latitude = float(np.nanmedian(values[:, 0]))
+    rounding_deg = subtitles.position_step_deg / math.sqrt(12)  # of a uniform error
+    noise = (
+        math.hypot(north_m / METRES_PER_DEGREE, rounding_deg),
+        math.hypot(east_m / metres_per_degree_east(latitude), rounding_deg),
+        up_m,
+    )
+    found = _readings(subtitles, values, {"noise_std": [repr(v) for v in noise]})
+    return StreamReadings(found.stamps_ns, found.values[:, :3], found.nominal, found.notes)
+
+
+def _barometer(subtitles: Subtitles) -> StreamReadings:
+    return _readings(subtitles, subtitles.column("height")[:, None], {"noise_std": [repr(_BAROMETER_STD_M)]})
+
+
+def _attitude(subtitles: Subtitles) -> StreamReadings:
+    names = ("gimbal_yaw", "gimbal_pitch", "gimbal_roll")
+    angles_deg = np.column_stack([subtitles.column(name) for name in names])
+    known = np.isfinite(angles_deg).all(axis=1)
+    w_R_b = np.array([body_from_gimbal(*row) for row in angles_deg[known]]).reshape(-1, 3, 3)
+    values = np.full(angles_deg.shape, np.nan)
+    values[known] = roll_pitch_yaw_of(w_R_b)
+    # A gimbal's angle that is held is a reading: the gimbal holds it.
+    stamps_ns = np.round(subtitles.stamps_s[known] * 1e9).astype(np.int64)
+    noise: dict[str, Value] = {"noise_std": [repr(math.radians(v)) for v in GIMBAL_STD_DEG]}
+    tilts = [tilt_deg(R) for R in w_R_b]
+    tilt = float(np.median(tilts)) if tilts else 0.0
+    notes = (f"the camera {tilt_remark(tilt)}",)
+    return StreamReadings(stamps_ns, values[known], noise, notes * (tilt > MAX_TILT_DEG))
+
+
+SUBTITLE_READERS: Mapping[str, Callable[[Subtitles], StreamReadings]] = {
+    "attitude0": _attitude,
+    "gps0": _gps,
+    "barometer0": _barometer,
+}
+"""Folder of a stream -> its readings."""
+
+
+def video_camera(
+    size_px: tuple[int, int], subtitles: Subtitles | None, has_angles: bool
+) -> tuple[Camera, list[str]]:
+    """Return the camera of a video, and the assumptions, one line each.
+
+    ``has_angles`` states that the recording has an attitude.
+    """
+    width, height = size_px
+    focal_mm = np.empty(0) if subtitles is None else subtitles.column("focal_mm")
+    zoom = np.ones(len(focal_mm)) if subtitles is None else np.nan_to_num(subtitles.column("zoom"), nan=1.0)
+    focal_mm = (focal_mm * zoom)[np.isfinite(focal_mm) & (focal_mm > 0)]
+    notes = []
+    if len(focal_mm):
+        film_mm = float(np.median(focal_mm))
+        focal_px = film_mm / _FILM_WIDTH_MM * width
+        notes.append(
+            f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film; no distortion assumed"
+        )
+        if focal_mm.max() > _ZOOM_RATIO * focal_mm.min():
+            zooms = f"from {focal_mm.min():g} to {focal_mm.max():g} mm"
+            notes.append(f"the lens zooms {zooms}, but one focal length is modelled")
+    else:
+        focal_px = assumed_focal_px(size_px)
+        notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}")
+    if subtitles is not None and subtitles.stabilised:
+        notes.append("pictures are stabilised electronically, so the lens differs from picture to picture")
+    if not has_angles:
+        notes.append("no angles of the gimbal: looking straight down assumed")
+    camera = Camera(
+        focal_px=(focal_px, focal_px),
+        center_px=((width - 1) / 2, (height - 1) / 2),
+        size_px=size_px,
+        focal_std_ratio=_FOCAL_STD_RATIO,
+        radial_std=_RADIAL_STD,
+    )
+    return camera, notes

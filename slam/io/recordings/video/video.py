@@ -1,0 +1,220 @@
+"""Videos: pictures by OpenCV, and the subtitles of DJI's drones beside the video or inside it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.errors import InputError
+from slam.core.progress import Progress
+from slam.io.content import HEAD_BYTES
+from slam.io.files import read_bytes
+from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
+from slam.io.recordings.table import KIND, RULES, read_table, recording_of
+from slam.io.recordings.video.gpmf import TRACK_CODE, GoproTrack, read_gopro
+from slam.io.recordings.video.mp4 import START, Mp4Track, read_tracks
+from slam.io.recordings.video.pictures import VideoPictures, first_size_of, packet_times
+from slam.io.recordings.video.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
+from slam.io.recordings.video.subtitles import Subtitles, parse_subtitles
+
+Array = NDArray[np.float64]
+
+ASSUMED_RATE_HZ = 25.0
+"""Picture rate of a file without times; that of FFmpeg's demuxers of bare streams."""
+MAX_SUBTITLE_BYTES = 1 << 28
+_GOPRO = "GoPro metadata"
+_STABILISED_DEG = 1.0
+"""A smaller turn of the pictures moves their centre by less than the uncertainty of an assumed lens."""
+_RANK_OF_SUBTITLES = len(RULES)
+"""A table beside a video is preferred, since a person put it there."""
+_SUBTITLE_CODES = ("tx3g", "text")
+
+
+@dataclass(frozen=True)
+class _Video:
+    stamps_s: Array
+    size_px: tuple[int, int]
+    is_timed: bool
+    """Whether the file holds the times of its pictures."""
+    subtitles: Subtitles | None
+    subtitle_name: str
+    gopro: GoproTrack | None = None
+    damage: tuple[str, ...] = ()
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a video, or the subtitles alone. Raises ``InputError`` where nothing can be read."""
+    if path.suffix.lower() == ".srt":
+        video = _Video(np.empty(0), (0, 0), True, _from_file(path), path.name)
+    else:
+        video = _opened(path)
+    beside, remarks = _table_beside(path, video.stamps_s)
+    gopro = video.gopro
+
+    def read(chosen: Sequence[Offer], progress: Progress) -> Content:
+        readings = {
+            offer.stream: SUBTITLE_READERS[offer.stream](video.subtitles)
+            for offer in chosen
+            if offer.stream != "cam0" and video.subtitles is not None and offer.kind == "subtitles"
+        }
+        if gopro is not None and any(offer.kind == _GOPRO for offer in chosen):
+            readings["gps0"] = gopro.positions
+        warnings = (*_coverage(video), *video.damage, *remarks, *_stabilised(gopro))
+        if beside is not None:
+            content = beside.read([offer for offer in chosen if offer.kind == KIND], progress)
+            readings |= content.readings
+            warnings += content.warnings
+        taken = {offer.stream for offer in chosen}
+        date = "" if video.subtitles is None else video.subtitles.date
+        pictures = _pictures(path, video, "attitude0" in taken) if "cam0" in taken else None
+        return Content(readings, pictures, warnings, {"date": date} if date else {})
+
+    return Recording(
+        path=path,
+        name=path.stem,
+        description="a video" if len(video.stamps_s) else "a file of subtitles",
+        offers=tuple(_offers(path, video, beside)),
+        others=(
+            *(() if beside is None else beside.others),
+            *(() if gopro is None else ((key, _GOPRO, count) for key, count in gopro.others)),
+        ),
+        read=read,
+    )
+
+
+def _stabilised(gopro: GoproTrack | None) -> tuple[str, ...]:
+    """Return a warning where the camera says that it turned its pictures."""
+    if gopro is None or gopro.stabilised_deg < _STABILISED_DEG:
+        return ()
+    return (
+        f"cam0: pictures are stabilised electronically, by up to {gopro.stabilised_deg:.0f} degrees by the "
+        "camera's own record (IORI), so the lens differs from picture to picture; record with the "
+        "stabilisation (HyperSmooth) off",
+    )
+
+
+def _offers(path: Path, video: _Video, beside: Recording | None) -> Iterator[Offer]:
+    """Yield the pictures, and the streams of the table, the subtitles and GoPro's metadata."""
+    if rows := len(video.stamps_s):
+        reading = f"{video.size_px[0]} x {video.size_px[1]} px"
+        yield Offer(stream="cam0", channel=path.name, kind="video", rows=rows, reading=reading)
+    if beside is not None:
+        yield from beside.offers
+    if video.subtitles is not None:
+        for offer in subtitle_offers(video.subtitles, video.subtitle_name):
+            yield replace(offer, rank=_RANK_OF_SUBTITLES)
+    if video.gopro is not None and video.gopro.key:
+        rows, rank = len(video.gopro.positions.stamps_ns), _RANK_OF_SUBTITLES + 1
+        channel = video.gopro.key
+        yield Offer(stream="gps0", channel=channel, kind=_GOPRO, rows=rows, reading="deg, m", rank=rank)
+
+
+def _opened(path: Path) -> _Video:
+    with path.open("rb") as file:
+        is_mp4 = START.match(file.read(HEAD_BYTES)) is not None
+    tracks = read_tracks(path) if is_mp4 else ()
+    size_px = first_size_of(path)
+    of_pictures = next((track for track in tracks if track.handler == "vide"), None)
+    has_index = of_pictures is not None and len(of_pictures.stamps_s) > 0
+    shown = of_pictures.stamps_s if of_pictures is not None and has_index else packet_times(path)
+    stamps_s = np.unique(shown) - shown.min()
+    is_timed = len(stamps_s) > 1 or len(shown) == 1
+    if not is_timed:
+        stamps_s = np.arange(len(shown)) / ASSUMED_RATE_HZ
+    subtitles, name, damage = _subtitles_of(path, tracks)
+    metadata = next((track for track in tracks if track.code == TRACK_CODE), None)
+    gopro = None if metadata is None else read_gopro(path, metadata)
+    damage += () if gopro is None else gopro.damage
+    return _Video(stamps_s, size_px, is_timed, subtitles, name, gopro, damage)
+
+
+def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[str, ...]]:
+    """Return the subtitles beside a video, else those inside it; their name, and a line about damage."""
+    beside = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".srt"]
+    if beside:
+        return _from_file(beside[0]), beside[0].name, ()
+    track = next((t for t in tracks if t.code in _SUBTITLE_CODES), None)
+    if track is None:
+        return None, "", ()
+    subtitles, lost = subtitles_of_track(path, track)
+    line = f"{lost} of {len(track.sizes)} subtitles lead out of the file and are lost"
+    return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
+
+
+def _table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[str, ...]]:
+    """Return the table with the name of a video, and a line about one that cannot be used.
+
+    A table counts from the start of the video; one with other times has a clock of its own.
+    """
+    found = [p for p in path.parent.iterdir() if p.stem == path.stem and p.suffix.lower() == ".csv"]
+    if not found or not len(stamps_s):
+        return None, ()
+    name = found[0].name
+    try:
+        table = read_table(found[0])
+    except InputError as fault:
+        return None, (f"{name} beside the video is not used: {fault}",)
+    times_s = table.series.stamps_ns * 1e-9
+    if not len(times_s) or times_s.min() > stamps_s[-1] or times_s.max() < 0:
+        do = f"give it as a source of its own: slam import {path.name} {name} --out FLIGHT"
+        return None, (f"{name} is not used: its times are not those of the video; {do}",)
+    return recording_of(found[0], table), ()
+
+
+def _from_file(path: Path) -> Subtitles:
+    content = read_bytes(path, path.parent, MAX_SUBTITLE_BYTES)
+    return parse_subtitles(content.decode("utf-8", errors="replace"))
+
+
+def subtitles_of_track(path: Path, track: Mp4Track) -> tuple[Subtitles, int]:
+    """Return the subtitles of a track of text; each sample is its length in 16 bits, and the text.
+
+    The second value is the number of samples that cannot be read.
+    """
+    starts = np.concatenate([[0], np.cumsum(track.durations_s)])
+    cues, lost = [], 0
+    with path.open("rb") as file:
+        for k, sample in enumerate(track.samples(file)):
+            if sample is None:
+                lost += 1
+                continue
+            text = sample[2 : 2 + int.from_bytes(sample[:2], "big")].decode("utf-8", errors="replace")
+            ms = round(float(starts[k]) * 1000)
+            clock = f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
+            cues.append(f"{k + 1}\n{clock} --> {clock}\n{text}\n")
+    return parse_subtitles("\n".join(cues)), lost
+
+
+def _coverage(video: _Video) -> tuple[str, ...]:
+    """Return a warning where the subtitles are empty, or begin late or end early."""
+    if video.subtitles is None or not len(video.stamps_s):
+        return ()
+    cues_s = video.subtitles.stamps_s
+    if not len(cues_s):
+        return (f"{video.subtitle_name} holds no subtitle",)
+    # Each subtitle holds until the next; the last one for as long as the others.
+    step_s = float(np.median(np.diff(cues_s))) if len(cues_s) > 1 else 0.0
+    begin_s, end_s, video_s = float(cues_s[0]), float(cues_s[-1]) + step_s, float(video.stamps_s[-1])
+    if begin_s <= 2 * step_s and end_s >= video_s - step_s:
+        return ()
+    covered = f"{begin_s:.1f} to {end_s:.1f} s of a video of {video_s:.1f} s"
+    return (f"{video.subtitle_name} covers {covered}; beyond, there is no position",)
+
+
+def _pictures(path: Path, video: _Video, has_angles: bool) -> PictureChannel:
+    camera, notes = video_camera(video.size_px, video.subtitles, has_angles)
+    if not video.is_timed:
+        notes.append(f"the file has no times: {ASSUMED_RATE_HZ:g} pictures a second assumed")
+    stamps_ns = np.round(video.stamps_s * 1e9).astype(np.int64)
+    return PictureChannel(
+        stamps_ns=stamps_ns,
+        names=tuple(f"{k:06d}.jpg" for k in range(len(stamps_ns))),
+        fetch=VideoPictures(path, video.stamps_s, video.is_timed),
+        camera=camera,
+        picture_format="jpg",
+        notes=tuple(notes),
+    )

@@ -1,0 +1,1 @@
+"""Parts of a map that the readings of the IMU connect."""

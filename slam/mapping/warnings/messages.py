@@ -1,0 +1,165 @@
+"""The status and the warnings of a finished map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from backend.bundle.systematic_errors import SystematicErrors
+from slam.core.estimate import MountTilt
+from slam.core.flight import Flight
+from slam.core.flight_info import describe, missing_for_map
+from slam.core.names import listed
+from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies
+from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
+from slam.mapping.calibration.camera_mount import mount_warning
+from slam.mapping.calibration.clock_offset import clock_contradiction, clock_warning
+from slam.mapping.context import Context
+from slam.mapping.front_end import Observations
+from slam.mapping.map import Map
+from slam.mapping.warnings.contradictions import contradictions
+from slam.mapping.warnings.lost_pictures import NOTABLE_SHARE, lost_picture_warnings
+from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
+from slam.mapping.warnings.one_place import one_place_warning
+from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
+
+
+@dataclass(frozen=True)
+class Messages:
+    """The status and the warnings that a map gives.
+
+    Fields:
+        status: ``ok``, or the reasons why the map may be wrong beyond its covariances.
+        warnings: the same reasons, and whatever was dropped, assumed or corrected; each line once.
+    """
+
+    status: str
+    warnings: tuple[str, ...]
+
+
+def messages(
+    context: Context,
+    map_: Map,
+    not_placed: dict[str, str],
+    shared: SystematicErrors | None,
+    mount: MountTilt | None,
+    untested: Sequence[str],
+) -> Messages:
+    """Return the status and the warnings of a map.
+
+    Takes the pictures ``not_placed`` with their reasons, the errors that all pictures share, the tilt of the
+    camera's mount, and lines about tests that were not possible.
+    """
+    flight, observations = context.flight, map_.observations
+    reasons = _reasons(context, map_, not_placed, shared)
+    lines = (
+        *flight.warnings,
+        *describe(flight).anomalies,
+        *missing_for_map(flight),
+        *not_placed_warnings(not_placed),
+        *lost_picture_warnings(flight, observations),
+        *_moving(observations, shared),
+        *_instrument_warnings(context, map_, mount, shared),
+        *untested,
+        *map_.remarks,
+        *reasons,
+        *map_.graph.warnings,
+    )
+    # A line of the flight may be a reason too.
+    return Messages("; ".join(reasons) or "ok", tuple(dict.fromkeys(lines)))
+
+
+def _reasons(
+    context: Context, map_: Map, not_placed: dict[str, str], shared: SystematicErrors | None
+) -> list[str]:
+    """Return the reasons why a map may be wrong beyond its covariances."""
+    flight = context.flight
+    metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
+    by_metres = metric or map_.georeferenced
+    systematic, is_in_status = _systematic_warning(flight, map_, shared)
+    lines = [
+        # First, because instruments contradict a map that a lens has bent.
+        systematic if is_in_status else "",
+        *map_.warnings,
+        *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
+        *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
+        *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
+        *contradictions(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), by_metres),
+        clock_contradiction(map_.clock, context.clock),
+        one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
+        *_placement_warnings(map_, not_placed),
+        "" if by_metres else _scale_warning(flight, map_),
+    ]
+    return [line for line in lines if line]
+
+
+def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
+    """Report parts, keyframes that are on no part, and keyframes of unknown uncertainty."""
+    lines = []
+    parts = int(map_.component.max(initial=-1)) + 1
+    lost = [name for name, reason in not_placed.items() if reason == ALONE]
+    if parts > 1:
+        sizes = ", ".join(str(int((map_.component == k).sum())) for k in range(parts))
+        lines.append(f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect")
+    if lost:
+        who = f"{len(lost)} keyframes overlap" if len(lost) > 1 else "1 keyframe overlaps"
+        lines.append(f"{who} too little with any other: not on the map ({listed(lost)})")
+    vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
+    if vague:
+        lines.append(
+            f"no uncertainty is known for {vague} keyframes: they could not be refined, or the measurements "
+            "do not determine them"
+        )
+    return lines
+
+
+def _scale_warning(flight: Flight, map_: Map) -> str:
+    measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
+    lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
+    if map_.bundle is None or map_.bundle.scale_std is None:
+        return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
+    std = 100 * map_.bundle.scale_std
+    return f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %"
+
+
+def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:
+    """Report objects that move by themselves, if there are more than by chance."""
+    if observations.moving <= NOTABLE_SHARE * observations.frames:
+        return []
+    pictures = f"in {observations.moving} of {observations.frames} pictures"
+    if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:
+        return [
+            f"{pictures} some features do not move as the others do, which a lens distortion explains as "
+            "well as moving things; they are left out of the map"
+        ]
+    return [
+        f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it are left "
+        "out of the map"
+    ]
+
+
+def _instrument_warnings(
+    context: Context, map_: Map, mount: MountTilt | None, shared: SystematicErrors | None
+) -> list[str]:
+    lines = [mount_warning(mount, context.flight.camera_file), clock_warning(map_.clock, context.clock)]
+    if not map_.georeferenced and not context.flight.parts:
+        # Positions would have determined the slope of the ground.
+        poses = map_.of_main(map_.w_T_b)
+        tilt = attitude_floor_tilt(context.flight, map_.observations.stamps_s, poses)
+        lines.insert(0, attitude_floor_tilt_warning(tilt))
+    systematic, is_in_status = _systematic_warning(context.flight, map_, shared)
+    return [line for line in (*lines, "" if is_in_status else systematic) if line]
+
+
+def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> tuple[str, bool]:
+    """Return the warning, with the accuracies that the same errors contradict, and whether the status is not
+    ok for it."""
+    assert flight.camera is not None
+    height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
+    line = systematic_warning(shared, flight.camera, height_m, map_.metric, flight.camera_file)
+    contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
+    if not line:
+        return "", False
+    return line + "".join(contradicted), bool(contradicted) or is_outside_covariances(shared)

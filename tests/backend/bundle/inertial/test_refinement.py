@@ -1,0 +1,72 @@
+"""Readings of an IMU in the refinement: across a gap without pictures, and what damages them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.bundle.refinement import refine
+from backend.errors import BackendError
+from backend.measurements import InertialReadings
+from backend.quantiles import chi_square_limit
+from tests.backend.bundle.inertial.made_inertial import InertialScene, MadeInertial, altered, make
+from tests.backend.made_floor import nees
+
+
+@pytest.fixture(scope="module")
+def made() -> MadeInertial:
+    return make(InertialScene(), 0)
+
+
+def damage_of(made: MadeInertial, readings: InertialReadings) -> str:
+    try:
+        found = refine(altered(made, readings), made.start)
+    except BackendError as error:
+        return str(error)
+    part = found.optimum.problem.inertial
+    return "all cut" if part is None else part.damage(found.optimum.values, found.noise.inertial)
+
+
+@pytest.mark.slow
+def test_poses_behind_a_gap_are_as_far_off_as_their_covariances_say():
+    found = []
+    for seed in range(6):
+        made = make(InertialScene(), seed)
+        bundle = refine(made.measurements, made.start)
+        found.append(nees(bundle.w_T_b, made.w_T_b, bundle.covariances)[-1])
+    assert chi_square_limit(1 - 1e-3, 36) < sum(found) < chi_square_limit(1e-3, 36)
+
+
+def test_readings_connect_both_sides_of_a_gap(made):
+    bundle = refine(made.measurements, made.start)
+    part = bundle.optimum.problem.inertial
+    assert part is not None
+    assert part.damage(bundle.optimum.values, bundle.noise.inertial) == ""
+    assert not part.cut
+    assert nees(bundle.w_T_b, made.w_T_b, bundle.covariances)[-1] < chi_square_limit(1e-4, 6)
+    # Noise of the stated size is left as it is.
+    assert bundle.noise.inertial.gyro < 1.3
+    assert bundle.noise.inertial.accel < 1.3
+
+
+def test_pictures_between_keyframes_change_nothing_without_an_imu():
+    made = make(InertialScene(gap_s=None, seconds=3.0), 0)
+    alone = replace(made.measurements, inertial=None)
+    with_frames, without = refine(alone, made.start), refine(replace(alone, frames=()), made.start)
+    assert (with_frames.w_T_b == without.w_T_b).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", [180 / np.pi, -1.0])
+def test_a_gyro_in_another_unit_or_sign_is_damaged(made, unit):
+    readings = made.measurements.inertial.readings
+    assert damage_of(made, replace(readings, gyro_rad_s=unit * readings.gyro_rad_s))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", [1 / 9.80665, -1.0])
+def test_an_accelerometer_in_another_unit_or_sign_is_damaged(made, unit):
+    readings = made.measurements.inertial.readings
+    assert damage_of(made, replace(readings, accel_m_s2=unit * readings.accel_m_s2))

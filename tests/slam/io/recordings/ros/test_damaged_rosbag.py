@@ -1,0 +1,91 @@
+"""ROS bags that are damaged, cut short or without index or metadata, and a missing reader."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slam.core.errors import InputError
+from slam.io.recordings.assemble import flight_of
+from slam.io.recordings.formats import open_recording
+from tests.slam.io.recordings.ros.made_bag import (
+    ROS1,
+    ROS2,
+    Maker,
+    a_flight,
+    picture,
+    ros1,
+    without_index,
+    write,
+)
+
+SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings"
+measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
+M = Maker(ROS1)
+HALF = math.sqrt(0.5)
+
+
+def read(path: Path):
+    return flight_of(open_recording(path))
+
+
+def test_a_bag_without_metadata_is_read(tmp_path):
+    write(tmp_path / "bag", Maker(ROS2), a_flight(Maker(ROS2)))
+    database = next((tmp_path / "bag").glob("*.db3"))
+    shutil.copy(database, tmp_path / "alone.db3")
+    assert len(read(tmp_path / "alone.db3").frames) == 5
+
+
+def outcome(path: Path) -> str:
+    try:
+        return "; ".join(read(path).warnings)
+    except InputError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("kind", ["bag", "db3", "mcap"])
+def test_a_truncated_bag_is_one_line_or_a_warning(tmp_path, kind):
+    path = write(tmp_path / "a.bag", Maker(ROS1), a_flight(Maker(ROS1)))
+    if kind != "bag":
+        write(tmp_path / "bag", Maker(ROS2), a_flight(Maker(ROS2)), mcap=kind == "mcap")
+        path = next((tmp_path / "bag").glob(f"*.{kind}")).rename(tmp_path / f"a.{kind}")
+    content = path.read_bytes()
+    for share in (0.3, 0.7, 0.95):
+        path.write_bytes(content[: int(share * len(content))])
+        found = outcome(path)
+        assert found
+        assert "\n" not in found
+
+
+def test_a_ros_1_bag_without_its_index_is_read(tmp_path):
+    path = ros1(tmp_path / "a.bag", a_flight(M))
+    expected = read(path)
+    flight = read(without_index(path))
+    assert flight.warnings == ("the bag has no index (its recording was interrupted)", *expected.warnings)
+    assert np.array_equal(flight.imu.accel_m_s2, expected.imu.accel_m_s2)
+    assert np.array_equal(flight.frames[3].read(), picture(3))
+
+
+def test_a_truncated_ros_1_bag_gives_its_whole_chunks(tmp_path):
+    path = write(tmp_path / "a.bag", M, a_flight(M), chunk_bytes=500)
+    whole = len(read(path).imu.stamps_s)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    flight = read(path)
+    assert 0 < len(flight.imu.stamps_s) < whole
+    assert any("has no index (its recording was interrupted)" in line for line in flight.warnings)
+
+
+def test_a_missing_reader_is_one_line_with_the_command(tmp_path, monkeypatch):
+    path = ros1(tmp_path / "a.bag", a_flight(M))
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(
+        InputError, match=r"rosbags .* not installed; run: pip install 'lemniscate-slam\[ros\]'"
+    ):
+        read(path)

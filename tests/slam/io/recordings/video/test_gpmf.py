@@ -1,0 +1,135 @@
+"""GoPro's metadata: values worked out by hand from bytes written here, and recorded videos."""
+
+from __future__ import annotations
+
+import os
+import struct
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slam.io.recordings.assemble import flight_of
+from slam.io.recordings.formats import open_recording
+from slam.io.recordings.video.gpmf import read_gopro
+from slam.io.recordings.video.mp4 import read_tracks
+from tests.slam.io.recordings.video.made_video import file_of_samples
+
+SAMPLES = Path(os.environ.get("SLAM_DATA", "")) / "recordings" / "gopro"
+measured = pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="SLAM_DATA is not set")
+
+
+def block(key: bytes, code: bytes, size: int, count: int, data: bytes) -> bytes:
+    return struct.pack(">4scBH", key, code, size, count) + data + bytes(-len(data) % 4)
+
+
+def nested(key: bytes, *blocks: bytes) -> bytes:
+    content = b"".join(blocks)
+    return block(key, b"\0", 1, len(content), content)
+
+
+def scale(*factors: int) -> bytes:
+    return block(b"SCAL", b"l", 4, len(factors), struct.pack(f">{len(factors)}i", *factors))
+
+
+def gps5(fix: int, *rows: tuple[int, ...]) -> bytes:
+    data = b"".join(struct.pack(">5i", *row) for row in rows)
+    keys = (block(b"GPSF", b"L", 4, 1, struct.pack(">I", fix)), scale(10**7, 10**7, 1000, 1000, 100))
+    return nested(b"DEVC", nested(b"STRM", *keys, block(b"GPS5", b"l", 20, len(rows), data)))
+
+
+def positions(path: Path, payloads: list[bytes]):
+    file_of_samples(path, b"meta", b"gpmd", [1000] * len(payloads), payloads)
+    return read_gopro(path, read_tracks(path)[0])
+
+
+def test_positions_of_a_payload_are_spread_over_its_second(tmp_path):
+    row = (475_000_000, 82_500_000, 488_250, 0, 0)
+    found = positions(tmp_path / "a.mp4", [gps5(3, row, row), gps5(2, row), gps5(0, row)])
+    assert found.key == "GPS5"
+    assert found.positions.stamps_ns.tolist() == [0, 500_000_000, 1_000_000_000, 2_000_000_000]
+    assert found.positions.values[0].tolist() == [47.5, 8.25, 488.25]
+    assert found.positions.values[2, :2].tolist() == [47.5, 8.25]
+    assert np.isnan(found.positions.values[2, 2]), "a fix of two dimensions has no altitude"
+    assert np.isnan(found.positions.values[3]).all(), "no fix"
+
+
+def test_newer_cameras_hold_the_fix_in_each_sample(tmp_path):
+    rows = [(475_000_000, 82_500_000, 488_250, 0, 0, 8000, 1000, 150, fix) for fix in (3, 0)]
+    data = b"".join(struct.pack(">7i2H", *row) for row in rows)
+    keys = (
+        block(b"TYPE", b"c", 1, 9, b"lllllllSS"),
+        scale(10**7, 10**7, 1000, 1000, 100, 1, 1000, 100, 1),
+    )
+    payload = nested(b"DEVC", nested(b"STRM", *keys, block(b"GPS9", b"?", 32, 2, data)))
+    found = positions(tmp_path / "a.mp4", [payload])
+    assert found.key == "GPS9"
+    assert found.positions.values[0].tolist() == [47.5, 8.25, 488.25]
+    assert np.isnan(found.positions.values[1]).all()
+
+
+def without_scale(payload: bytes) -> bytes:
+    at = payload.index(b"SCAL") + 8
+    return payload[:at] + bytes(20) + payload[at + 20 :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda payload: payload[:-9],
+        without_scale,
+        lambda payload: payload.replace(b"GPS5l", b"GPS5x"),
+        lambda payload: payload.replace(b"GPS5l\x14", b"GPS5l\x12"),
+        lambda payload: payload.replace(b"SCALl\x04\0\5", b"SCALl\x02\0\5"),
+    ],
+    ids=["cut short", "scale zero", "unknown type", "another size", "odd scale"],
+)
+def test_a_damaged_payload_is_passed_over_and_counted(damage, tmp_path):
+    row = (475_000_000, 82_500_000, 488_250, 0, 0)
+    whole = gps5(3, row)
+    assert damage(whole) != whole
+    found = positions(tmp_path / "a.mp4", [damage(whole), whole])
+    assert found.positions.stamps_ns.tolist() == [1_000_000_000]
+    assert found.positions.values.tolist() == [[47.5, 8.25, 488.25]]
+    assert found.damage == ("1 of 2 payloads of GoPro's metadata are damaged or of an unknown layout",)
+    assert positions(tmp_path / "a.mp4", [whole + bytes(12)]).damage == (), "zeros pad a payload"
+
+
+def test_payloads_beyond_the_end_of_the_file_are_counted(tmp_path):
+    row = (475_000_000, 82_500_000, 488_250, 0, 0)
+    path = tmp_path / "a.mp4"
+    file_of_samples(path, b"meta", b"gpmd", [1000] * 2, [gps5(3, row)] * 2)
+    (track,) = read_tracks(path)
+    beyond = replace(track, offsets=track.offsets + [0, path.stat().st_size])
+    found = read_gopro(path, beyond)
+    assert found.positions.stamps_ns.tolist() == [0]
+    assert len(found.damage) == 1
+
+
+def test_the_largest_turn_of_the_stabilisation_is_found(tmp_path):
+    turned = [(32767, 0, 0, 0), (28377, 16384, 0, 0), (0, 0, 0, 0)]  # none, 60 degrees, not recorded
+    data = b"".join(struct.pack(">4h", *row) for row in turned)
+    payload = nested(b"DEVC", nested(b"STRM", block(b"IORI", b"s", 8, len(turned), data)))
+    assert positions(tmp_path / "a.mp4", [payload, payload]).stabilised_deg == pytest.approx(60, abs=0.01)
+    still = nested(b"DEVC", nested(b"STRM", block(b"IORI", b"s", 8, 1, data[:8])))
+    assert positions(tmp_path / "b.mp4", [still]).stabilised_deg == pytest.approx(0)
+
+
+@measured
+def test_a_recorded_video_has_positions_at_18_hz():
+    flight = flight_of(open_recording(SAMPLES / "max-heromode.mp4"))
+    assert any("stabilised electronically, by up to 19 degrees" in line for line in flight.warnings)
+    assert len(flight.frames) == 315
+    assert 17 < 1 / np.median(np.diff(flight.gps.stamps_s)) < 19.5
+    assert flight.gps.latitude_deg[0] == pytest.approx(33.126, abs=0.01)
+    assert flight.gps.longitude_deg[0] == pytest.approx(-117.327, abs=0.01)
+    left = {source.channel for source in flight.sources if not source.stream}
+    assert {"ACCL", "GYRO"} <= left
+
+
+@measured
+def test_a_recorded_video_of_a_drone_without_positions_of_the_camera():
+    flight = flight_of(open_recording(SAMPLES / "karma.mp4"))
+    assert (len(flight.frames), flight.gps) == (362, None)
+    assert "GPRI" in {source.channel for source in flight.sources}

@@ -1,0 +1,53 @@
+"""Parts of a map that the readings of an IMU connect in the refinement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend import se3
+from slam.evaluation import evaluate
+from slam.mapping.inertial.fusion import _from_first
+from slam.mapping.inertial.measurements import tracked_frames
+from slam.mapping.pipeline import optimize
+from tests.slam.mapping.inertial.test_bridges import one_way
+from tests.slam.mapping.made_map import CAMERA
+from tests.slam.mapping.test_tracking_gaps import observations
+
+
+def test_pictures_are_a_spacing_apart_and_the_last_one_before_a_gap_is_taken():
+    found = tracked_frames(observations(2.0, passed_s=1.6), np.arange(3), CAMERA)
+    # Keyframes are at 0, 1 and 3 s; pictures at each tenth of the first second, and at 1.4 s.
+    stamps_s = np.array([frame.stamp_s for frame in found])
+    assert np.diff([0.0, *stamps_s[:-1], 1.0]).max() <= 0.2 + 1e-9
+    assert len(stamps_s) < 8
+    assert stamps_s[-1] == 1.4
+    assert [frame.k for frame in found] == [0] * (len(found) - 1) + [1]
+
+
+def test_pictures_of_other_parts_are_left_out():
+    found = tracked_frames(observations(2.0, passed_s=1.6), np.array([1, 2]), CAMERA)
+    assert [(frame.k, frame.stamp_s) for frame in found] == [(0, 1.4)]
+
+
+def test_parts_are_compared_from_their_first_keyframe():
+    """A part that only moved over the floor, turned about the vertical or rose has not been bent."""
+    rng = np.random.default_rng(0)
+    before = se3.exp(rng.normal(0, 0.3, (4, 6)))
+    moved = se3.from_planar(np.array([[2.0, -1.0, 0.5]]))
+    moved[0, 2, 3] = 0.1
+    np.testing.assert_allclose(_from_first(before, moved @ before), moved, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_readings_of_the_wrong_sign_do_not_move_the_map(sign):
+    flight = replace(one_way(0), velocity=None)
+    assert flight.imu is not None
+    wrong = replace(flight, imu=replace(flight.imu, accel_m_s2=sign * flight.imu.accel_m_s2))
+    estimate = optimize(wrong)
+    assert ("imu0" in estimate.status) == (sign < 0)
+    nees = evaluate(estimate, flight).nees
+    assert sign < 0 or (nees is not None and nees.pose.mean < 10)
