@@ -46,6 +46,14 @@ class Stick:
         k = np.searchsorted(self.stamps_s, times - latency_s, side="right")
         return np.column_stack([values[k], _centred(values)[k], self._discharge(times)])
 
+    def pushes_s(self, begin_s: float, end_s: float) -> tuple[tuple[float, float], ...]:
+        """Return begin and end of each time between two moments in which forward or left is not 0."""
+        edges = np.clip(np.append(self.stamps_s, end_s), begin_s, end_s)
+        pushed = _centred(self.values) == 0
+        changes = np.flatnonzero(np.diff(np.concatenate([[False], pushed, [False]]).astype(int)))
+        pairs = edges[changes].reshape(-1, 2)
+        return tuple((float(begin), float(end)) for begin, end in pairs if end > begin)
+
     def _integral(self, times_s: Array) -> Array:
         """Return integrals (m, 5) of the stick and of ``centred``, from far before the first stamp."""
         first, last = self.stamps_s[0] - 1e4, self.stamps_s[-1] + 1e5

@@ -66,6 +66,8 @@ class Replay:
     skipped: dict[float, int]
     """Horizon -> number of roll-outs that could not begin for lack of readings."""
     shown_s: float
+    pushes_s: tuple[tuple[float, float], ...]
+    """Begin and end of each time in which the stick asks for a tilt."""
     warnings: tuple[str, ...]
 
 
@@ -135,6 +137,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
         rollouts=counts,
         skipped=skipped,
         shown_s=shown_s,
+        pushes_s=stick.pushes_s(whole.begin_s, end_s),
         warnings=(*notes, *starts.warnings),
     )
 

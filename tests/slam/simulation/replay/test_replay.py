@@ -184,13 +184,27 @@ def test_the_picture_is_a_picture():
 def test_picture_and_table_show_the_same_figures_in_the_same_units():
     flight, model = flown(5)
     result = replay(flight, model)
-    panels = [axes.get_title(loc="left") for axes in figure(result).axes if axes.get_visible()]
+    *panels, braking = [axes.get_title(loc="left") for axes in figure(result).axes]
     rows = table(result).rows
     at = list(result.rollouts).index(result.shown_s) + 1
+    assert braking.startswith("the longest push")
     assert panels == [f"{row[0]}, off by {row[at]}" for row in rows]
     assert any(row[0].endswith("[deg]") for row in rows)
     assert not any("rad" in row[0] for row in rows)
     assert f"RMS over {result.shown_s:g} s" in figure(result).get_suptitle()
+
+
+def test_the_picture_enlarges_the_longest_push_and_leaves_out_empty_channels():
+    flight, model = flown(5)
+    result = replay(flight, model)
+    begin_s, end_s = max(result.pushes_s, key=lambda push: push[1] - push[0])
+    assert (begin_s, end_s) == pytest.approx((5.007, 8.0))
+    shown_s = figure(result).axes[-1].get_xlim()
+    assert shown_s[0] < begin_s
+    assert shown_s[1] > end_s + 2
+    empty = replace(result.channels[0], measured=np.full_like(result.channels[0].measured, np.nan))
+    drawn = figure(replace(result, channels=(empty, *result.channels[1:])))
+    assert len(drawn.axes) == len(figure(result).axes) - 1
 
 
 STAMPS = np.arange(0, 5, 0.05)
