@@ -9,7 +9,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, start_variables
-from backend.bundle.minimise import BundleCost
+from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.noise import start_noise
 from backend.bundle.reduced_system import ReducedSystem
 from backend.bundle.refinement import metric_jacobians
@@ -28,6 +28,15 @@ class Information:
     """Factorised normal equations of poses and world, with the floor points eliminated."""
     to_metres: Array
     """(n, 6, 6 + w) Jacobian of metric body poses by pose and world."""
+
+    @staticmethod
+    def of(optimum: BundleOptimum) -> Information:
+        """Return the information at a solution. Raises ``BackendError`` if a direction is unobserved."""
+        try:
+            reduced = optimum.linearise().eliminate()
+        except SingularMatrixError:
+            raise BackendError("information: a direction is unobserved; add measurements") from None
+        return Information(reduced, metric_jacobians(optimum.problem, optimum.values, np.zeros(3)))
 
     def covariance(self, gradient: Array) -> Array:
         """Return the bound (k, k) on the covariance of k quantities.
@@ -54,10 +63,6 @@ def information(measurements: Measurements, w_T_b: Array, config: BundleConfig) 
         raise BackendError("information: no tracks of floor points, or no camera")
     problem = BundleProblem(measurements, tracks, camera, config, self_calibrates=False)
     at = start_variables(problem, w_T_b, 0.0)
-    used = np.ones(len(tracks.track), dtype=bool)
-    cost = BundleCost.of(problem, start_noise(measurements, config), used, at.values)
-    try:
-        reduced = cost.linearise(at, cost.structure(at)).eliminate()
-    except SingularMatrixError:
-        raise BackendError("information: a direction is unobserved; add measurements") from None
-    return Information(reduced, metric_jacobians(problem, at.values, np.zeros(3)))
+    used, noise = np.ones(len(tracks.track), dtype=bool), start_noise(measurements, config)
+    cost = BundleCost.of(problem, noise, used, at.values)
+    return Information.of(BundleOptimum(cost, at, cost.structure(at), noise, used))

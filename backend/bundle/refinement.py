@@ -150,7 +150,7 @@ def refine(
         factors, kept = estimate_inertial_noise(BundleOptimum(cost, at, minimum.structure, noise, used))
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used)
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
-        problem, at = _integrated_again(problem, at, kept)
+        problem, at = _reintegrated(problem, at, kept)
     return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
 
 
@@ -163,13 +163,13 @@ def _with_inertia(problem: BundleProblem, at: Variables) -> tuple[BundleProblem,
     return replace(problem, inertial=part), replace(at, values=part.start(at.values, transform))
 
 
-def _integrated_again(
+def _reintegrated(
     problem: BundleProblem, at: Variables, kept: NDArray[np.bool_]
 ) -> tuple[BundleProblem, Variables]:
     """Integrate the ``kept`` intervals (k,) about the estimated biases."""
     if problem.inertial is None:
         return problem, at
-    part = problem.inertial.again(at.values, kept)
+    part = problem.inertial.reintegrated(at.values, kept)
     return replace(problem, inertial=part), replace(at, values=without_unused(at.values, part))
 
 

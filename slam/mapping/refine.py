@@ -216,7 +216,7 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        warnings = [*_scale_warnings(by_inertia, bundle), *_convergence_warnings(bundle)]
+        warnings = [*_scale_warnings(by_inertia, bundle), *convergence_warnings(bundle)]
         return replace(part, warnings=(*part.warnings, *warnings)), agreement
 
     def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None]:
@@ -249,7 +249,7 @@ def _scale_warnings(by_inertia: AccelerometerScale | NoScale | None, bundle: Bun
     return [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
 
 
-def _convergence_warnings(bundle: Bundle) -> list[str]:
+def convergence_warnings(bundle: Bundle) -> list[str]:
     """Report a refinement that ended before it converged."""
     if not bundle.not_converged:
         return []

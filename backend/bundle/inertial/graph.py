@@ -113,7 +113,7 @@ class InertialPart:
             return None
         return replace(part, by_gain=_gain_effects(part, part._metric_poses(frames.placed(poses), transform)))
 
-    def again(self, values: gtsam.Values, kept: NDArray[np.bool_]) -> InertialPart | None:
+    def reintegrated(self, values: gtsam.Values, kept: NDArray[np.bool_]) -> InertialPart | None:
         """Integrate the ``kept`` (m,) intervals about the mean of the estimated biases; None without any."""
         cut = self.cut | {one.i for one, ok in zip(self.intervals, kept.tolist(), strict=True) if not ok}
         found = self.biases(values).mean(axis=0)

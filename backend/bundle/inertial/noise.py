@@ -27,7 +27,9 @@ from backend.bundle.inertial.graph import (
 from backend.bundle.inertial.preintegrate import MOTION, ROTATION, STATE_SIZE
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import LinearSystem
+from backend.errors import BackendError
 from backend.quantiles import chi_square_limit, chi_square_quantile
+from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
 
@@ -118,8 +120,15 @@ def _factor(before: float, found: float, expected: float) -> float:
 
 
 def _residuals_of_draws(linear: LinearSystem) -> Array:
-    """Return the residuals (rows, draws) of the pose side that a fit leaves of drawn unit noise."""
-    reduced, (jacobian, left) = linear.eliminate(), linear.jacobian()
+    """Return the residuals (rows, draws) of the pose side that a fit leaves of drawn unit noise.
+
+    Raises ``BackendError`` if a variable is not determined.
+    """
+    try:
+        reduced = linear.eliminate()
+    except SingularMatrixError:
+        raise BackendError("the readings of the IMU leave a direction open") from None
+    jacobian, left = linear.jacobian()
     white = np.random.default_rng(0).standard_normal((len(left), _DRAWS))
     gradient = np.asarray(jacobian.T @ white)
     fitted = reduced.solve(gradient[: reduced.size], gradient[reduced.size :])[0]

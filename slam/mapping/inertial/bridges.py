@@ -231,7 +231,13 @@ def _composed(parent: _PartPose, child: _PartPose) -> _PartPose:
 def bridge_warning(edge: RelativePose) -> str:
     """Return the warning that instruments, not pictures, connect two keyframes."""
     std_m = float(np.sqrt(np.trace(edge.covariance[3:, 3:])))
-    return (
-        f"no overlapping pictures connect keyframes {edge.i} and {edge.j}: the instruments bridge the gap, "
-        f"± {std_m:.2g} m"
-    )
+    return f"{_bridged(edge)}, ± {std_m:.2g} m"
+
+
+def doubted_bridge_warning(edge: RelativePose, reason: str) -> str:
+    """Return the warning that two keyframes are connected by an instrument that is wrong for a ``reason``."""
+    return f"{_bridged(edge)} with an unknown error, because {reason}: check imu0"
+
+
+def _bridged(edge: RelativePose) -> str:
+    return f"no overlapping pictures connect keyframes {edge.i} and {edge.j}: the instruments bridge the gap"

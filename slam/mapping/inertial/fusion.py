@@ -7,6 +7,7 @@ are relative poses of the refined map.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,16 +15,15 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.bundle.information import Information
-from backend.bundle.minimise import BundleOptimum
-from backend.bundle.refinement import Bundle, metric_jacobians, refine
+from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose
 from backend.quantiles import chi_square_limit
 from slam.core.flight import Flight
-from slam.mapping.inertial.bridges import bridge_warning
+from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
 from slam.mapping.inertial.measurements import inertial_measurements, tracked_frames
 from slam.mapping.map import Map
-from slam.mapping.refine import calibrated, floor_tracks
+from slam.mapping.refine import calibrated, convergence_warnings, floor_tracks
 from slam.mapping.refine_part import part_measurements
 from slam.mapping.setup import Setup
 
@@ -36,40 +36,54 @@ _FALSE_ALARM = 1e-3
 def fuse_parts(parts: Map, joined: Map, setup: Setup, flight: Flight) -> Map:
     """Return the ``joined`` map of ``parts``, with its joined parts refined together.
 
-    Parts that the readings contradict stay as they are joined, and the reason is a warning. So do all parts
-    of a flight with a measured velocity: the bridges rest on it too, and the refinement does not know it.
+    Where the readings contradict the pictures, the parts stay as they are joined, with unknown covariances
+    behind the bridges, and the reason is a warning. A flight with a measured velocity stays as it is: its
+    bridges rest on the velocity too, which the refinement does not know.
     """
     inertial = inertial_measurements(flight.imu, setup.config)
     if inertial is None or flight.velocity is not None or not joined.bridges:
         return joined
+    setup = setup.without_positions()
     for number in range(int(joined.component.max()) + 1):
         members = np.flatnonzero(joined.component == number)
         if len(np.unique(parts.component[members])) > 1:
-            joined = _fused(parts, joined, members, setup.without_positions(), inertial)
+            joined = _fused(parts, joined, members, setup, inertial)
     return joined
 
 
 def _fused(parts: Map, joined: Map, members: NDArray[np.int64], setup: Setup, inertial: Inertial) -> Map:
     """Return the map with the keyframes ``members`` (m,) of several parts refined together."""
+    if parts.inertial is not None and parts.inertial.contradiction:
+        return _doubted(parts, joined, members, "lengths by imu0 contradict those of the map")
+    noise = joined.bundle.noise if joined.bundle is not None else None
+    start, config = joined.w_T_b[members], setup.config.bundle
     try:
         measured = replace(
             part_measurements(setup, members, floor_tracks(joined, setup)),
             inertial=inertial,
             frames=tracked_frames(joined.observations, members, setup.camera),
         )
-        noise = joined.bundle.noise if joined.bundle is not None else None
-        start, config = joined.w_T_b[members], setup.config.bundle
         bundle = refine(measured, start, joined.floor_z_m, config, noise=noise)
         damage = _damage(parts, members, bundle)
+        if damage:
+            return _doubted(parts, joined, members, f"imu0 does not fit the pictures ({damage})")
+        return _with_bundle(joined, members, bundle, setup)
     except BackendError as error:
-        damage = str(error)
-    if damage:
-        line = (
-            f"imu0 does not fit the pictures ({damage}); parts of the map that it connects may be misplaced "
-            "by more than is stated: check imu0"
-        )
-        return replace(joined, warnings=(*joined.warnings, line))
-    return _with_bundle(joined, members, bundle, setup)
+        return _doubted(parts, joined, members, f"the refinement with imu0 failed ({error})")
+
+
+def _doubted(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -> Map:
+    """Return the map with unknown covariances behind the bridges, which rest on the same readings."""
+    behind = members[parts.component[members] != parts.component[members[0]]]
+    covariances, over_floor_covariances = joined.covariances.copy(), joined.over_floor_covariances.copy()
+    covariances[behind] = over_floor_covariances[behind] = np.nan
+    mine = [edge for edge in joined.bridges if edge.i in members]
+    return replace(
+        joined,
+        covariances=covariances,
+        over_floor_covariances=over_floor_covariances,
+        warnings=_replaced(joined.warnings, mine, [doubted_bridge_warning(edge, reason) for edge in mine]),
+    )
 
 
 def _damage(parts: Map, members: NDArray[np.int64], bundle: Bundle) -> str:
@@ -83,16 +97,19 @@ def _damage(parts: Map, members: NDArray[np.int64], bundle: Bundle) -> str:
     inertial = optimum.problem.inertial
     if inertial is None:
         return "none of its readings fits"
-    if parts.inertial is not None and parts.inertial.contradiction:
-        return "its lengths contradict those of the map"
     moved = []
     for part in np.unique(parts.component[members]).tolist():
         own = parts.component[members] == part
         before, after = parts.w_T_b[members[own]], bundle.w_T_b[own]
         off = se3.log(se3.inverse(_from_first(before, after) @ before) @ after)
         P = parts.covariances[members[own]]
-        moved += [float(x @ np.linalg.solve(C, x)) for x, C in zip(off[1:], P[1:], strict=True)]
-    if max(moved) > chi_square_limit(_FALSE_ALARM / len(moved), 6):
+        # A part that could not be refined alone has unknown covariances, and tests nothing.
+        moved += [
+            float(x @ np.linalg.solve(C, x))
+            for x, C in zip(off[1:], P[1:], strict=True)
+            if np.isfinite(C).all()
+        ]
+    if moved and max(moved) > chi_square_limit(_FALSE_ALARM / len(moved), 6):
         return "it would bend the map by more than the errors of the pictures"
     return inertial.damage(optimum.values, bundle.noise.inertial)
 
@@ -111,8 +128,9 @@ def _with_bundle(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup:
     over_floor_covariances = joined.over_floor_covariances.copy()
     w_T_b[members], covariances[members] = bundle.w_T_b, bundle.covariances
     over_floor_covariances[members] = bundle.over_floor_covariances
-    bridges = tuple(_bridge(bundle, members, edge) for edge in joined.bridges)
-    old = {bridge_warning(edge) for edge in joined.bridges}
+    mine = [edge for edge in joined.bridges if edge.i in members]
+    information = Information.of(bundle.optimum)
+    refined = [_refined_bridge(bundle, members, edge, information) for edge in mine]
     main = bool(joined.component[members[0]] == 0)
     return replace(
         joined,
@@ -121,27 +139,29 @@ def _with_bundle(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup:
         over_floor_covariances=over_floor_covariances,
         camera=calibrated(setup.camera, bundle) if main else joined.camera,
         bundle=bundle if main else joined.bundle,
-        bridges=bridges,
+        bridges=(*(edge for edge in joined.bridges if edge.i not in members), *refined),
         warnings=(
-            *(line for line in joined.warnings if line not in old),
-            *(bridge_warning(edge) for edge in bridges),
+            *_replaced(joined.warnings, mine, [bridge_warning(edge) for edge in refined]),
+            *convergence_warnings(bundle),
         ),
     )
 
 
-def _bridge(bundle: Bundle, members: NDArray[np.int64], edge: RelativePose) -> RelativePose:
-    """Return the relative pose of an edge's keyframes in the refined map; others have another part."""
-    at = [int(np.searchsorted(members, k)) for k in (edge.i, edge.j)]
-    if not np.isin([edge.i, edge.j], members).all():
-        return edge
-    i, j = at
+def _replaced(
+    warnings: tuple[str, ...], edges: Sequence[RelativePose], lines: Sequence[str]
+) -> tuple[str, ...]:
+    """Return the warnings with other lines about the bridges ``edges``."""
+    old = {bridge_warning(edge) for edge in edges}
+    return (*(line for line in warnings if line not in old), *lines)
+
+
+def _refined_bridge(
+    bundle: Bundle, members: NDArray[np.int64], edge: RelativePose, information: Information
+) -> RelativePose:
+    """Return the relative pose of an edge's keyframes in the refined map."""
+    i, j = np.searchsorted(members, [edge.i, edge.j]).tolist()
     i_T_j = se3.inverse(bundle.w_T_b[i][None])[0] @ bundle.w_T_b[j]
     gradient = np.zeros((6, len(members), 6))
     gradient[:, j] = np.eye(6)
     gradient[:, i] = -se3.adjoint(se3.inverse(i_T_j[None]))[0]
-    return replace(edge, i_T_j=i_T_j, covariance=_information(bundle.optimum).covariance(gradient))
-
-
-def _information(optimum: BundleOptimum) -> Information:
-    to_metres = metric_jacobians(optimum.problem, optimum.values, np.zeros(3))
-    return Information(optimum.linearise().eliminate(), to_metres)
+    return replace(edge, i_T_j=i_T_j, covariance=information.covariance(gradient))

@@ -9,10 +9,11 @@ import pytest
 
 from backend import se3
 from slam.evaluation import evaluate
-from slam.mapping.inertial.fusion import _from_first
+from slam.mapping.inertial.bridges import joined
+from slam.mapping.inertial.fusion import _doubted, _from_first
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.pipeline import optimize
-from tests.slam.mapping.inertial.test_bridges import one_way
+from tests.slam.mapping.inertial.test_bridges import made_parts, one_way
 from tests.slam.mapping.made_map import CAMERA
 from tests.slam.mapping.test_tracking_gaps import observations
 
@@ -39,6 +40,19 @@ def test_parts_are_compared_from_their_first_keyframe():
     moved = se3.from_planar(np.array([[2.0, -1.0, 0.5]]))
     moved[0, 2, 3] = 0.1
     np.testing.assert_allclose(_from_first(before, moved @ before), moved, atol=1e-12)
+
+
+def test_behind_a_bridge_of_readings_that_are_wrong_nothing_is_certain():
+    """The filter's covariance rests on the same readings, so neither the map nor the status may state it."""
+    _, parts, edge = made_parts(np.random.default_rng(0))
+    bridged = joined(parts, [edge])
+    found = _doubted(parts, bridged, np.arange(8), "imu0 does not fit the pictures")
+    np.testing.assert_array_equal(found.w_T_b, bridged.w_T_b)
+    for covariances in (found.covariances, found.over_floor_covariances):
+        np.testing.assert_array_equal(np.isnan(covariances).any(axis=(1, 2)), parts.component == 1)
+    (line,) = found.warnings
+    assert "the instruments bridge the gap with an unknown error, because imu0 does not fit" in line
+    assert "±" not in line
 
 
 @pytest.mark.slow
