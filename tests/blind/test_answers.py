@@ -51,6 +51,7 @@ def test_a_run_goes_on_where_one_was_stopped(tmp_path, monkeypatch, capsys):
     assert "another suite (seed)" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_page_tells_the_card_and_what_came_out_wrong():
     assert all(came_out(answer) for answer in RIGHT)
     assert not any(came_out(answer) for answer in WRONG)

@@ -99,6 +99,7 @@ def test_what_turns_the_vehicle_shows_in_its_turning_alone():
         np.testing.assert_allclose(slower[axis], healthy[axis], atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["climb_asymmetry", "sonar_tilt", "accel_bias", "flow_scale"])
 def test_an_effect_is_sized_to_its_strength(name):
     base = nuisances_of(np.random.default_rng(4))
@@ -137,6 +138,7 @@ def test_every_effect_is_shown_by_some_outing():
     assert [f.name for f in BY_NAME.values() if f.needs and not set(f.needs) & flown] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*CHANCE, *CONTACT])
 def test_effects_of_chance_change_the_streams(name):
     outing = OUTINGS[0]

@@ -21,6 +21,7 @@ def case_of(blind) -> Case:
     return Case("case_000", "untellable", (), 40.0, (hidden,), blind.equivalents, settled_by=blind.settled_by)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blind", ALL_BUT_ONE_SLOW)
 def test_what_is_known_to_settle_it_does_and_rest_does_not(blind):
     case = case_of(blind)

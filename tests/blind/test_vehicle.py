@@ -32,6 +32,7 @@ def held(values: tuple[float, float, float, float], seconds: float) -> np.ndarra
     return np.tile(values, (round(seconds / H), 1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stick", [0.1, -0.25, 0.4])
 def test_terminal_velocity_and_its_time_constant(stick):
     path = flown(held((stick, 0, 0, 0), 20.0), yaw=0.6)
@@ -83,6 +84,7 @@ def test_against_an_integrator_of_scipys():
     np.testing.assert_allclose(path.state[-1, 3:6, 0], y[3:6], atol=2e-5)
 
 
+@pytest.mark.slow
 def test_hover_statistics_are_the_healthy_vehicles():
     path = restless(25.0, 16, {}, seed=2)
     # Tilt, turning and speed begin at rest.

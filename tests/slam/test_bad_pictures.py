@@ -40,6 +40,7 @@ def test_one_picture_is_too_few():
     )
 
 
+@pytest.mark.slow
 def test_damaged_pictures_are_counted_and_left_out():
     flight = flown(0)
     broken = seeing(flight, lambda k: None if k % 10 == 3 else flight.frames.load(k))

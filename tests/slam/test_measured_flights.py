@@ -35,6 +35,7 @@ def assert_consistent(found: Evaluation) -> None:
     assert found.nees.left_out == 0
 
 
+@pytest.mark.slow
 def test_the_calm_third_of_a_drone_s_flight(hybrid: Flight):
     """Its height sensor reads some 5 % short: by a zero that is off, as take-off and flight height show."""
     calm = only(hybrid, range(len(hybrid.frames) // 3))

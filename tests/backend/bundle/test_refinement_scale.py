@@ -40,6 +40,7 @@ def test_the_flat_floor_does_not_shrink_the_map(relief: float):
     assert 0.5 * of_ranges < np.std(scale) < 1.6 * of_ranges
 
 
+@pytest.mark.slow
 def test_a_sonar_that_reads_short_is_inside_the_covariance():
     """Gains of 4 % (one sigma): honest with the prior, far from it without."""
     honest, overconfident = [], []

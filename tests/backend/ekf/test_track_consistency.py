@@ -54,6 +54,7 @@ def test_filter_is_consistent():
     assert_consistent(consistency(range(8), KNOWN, rounds=0))
 
 
+@pytest.mark.slow
 def test_smoother_is_consistent_with_unknown_scales():
     assert_consistent(consistency(range(100, 106), MODEL, rounds=3))
 

@@ -90,6 +90,7 @@ def test_a_video_that_begins_before_the_log_is_aligned():
     assert found.lag_s == pytest.approx(AWAY_S, abs=4 * found.lag_std_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_another_flight_is_not_aligned(seed: int):
     result = aligned(seed, other=True)

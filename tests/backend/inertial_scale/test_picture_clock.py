@@ -48,6 +48,7 @@ def found(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.0, 0.1])
 def test_the_delay_of_calm_flights_is_found_with_an_honest_deviation(delay_s: float):
     clocks = [found(seed, delay_s) for seed in range(6)]

@@ -56,6 +56,7 @@ def test_the_map_is_corrected_by_the_model(home):
     assert writer_of(home / "out") == "optimize"
 
 
+@pytest.mark.slow
 def test_estimate_is_corrected_by_the_model(home):
     height_m = []
     for options in ((), ("--model", home / "extended.toml")):

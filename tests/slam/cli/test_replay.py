@@ -42,6 +42,7 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_replay_writes_a_picture_and_a_summary_and_may_be_repeated(folder, tmp_path):
     for _ in range(2):
         result = run("replay", folder / "flight", "--model", "nominal", "--out", tmp_path / "out")
@@ -56,6 +57,7 @@ def test_a_replay_writes_a_picture_and_a_summary_and_may_be_repeated(folder, tmp
     assert summary["rollouts"]["2"] >= 3
 
 
+@pytest.mark.slow
 def test_a_model_from_a_file_is_simulated_and_replayed(folder, tmp_path):
     def off(flight: str, model: object) -> float:
         out = tmp_path / f"{flight}-{Path(str(model)).stem}"

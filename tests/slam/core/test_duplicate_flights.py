@@ -52,6 +52,7 @@ def test_joining_a_recording_with_its_copy_is_refused(one: Flight):
         join_flights([one, replace(one, name="again")])
 
 
+@pytest.mark.slow
 def test_criticism_uses_a_copied_recording_once():
     flight = simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
     verdict = criticise([flight, replace(flight, name="again")])

@@ -24,6 +24,7 @@ def two() -> tuple[Flight, Flight]:
     return replace(flown(0), name="small"), replace(flown(1), name="second")
 
 
+@pytest.mark.slow
 def test_two_flights_over_the_same_ground_make_one_map_as_good_as_its_covariance_says(two):
     joint = join_flights(two)
     estimate = optimize(joint)

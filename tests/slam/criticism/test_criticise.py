@@ -82,6 +82,7 @@ def test_correlated_noise_is_healthy_and_reported():
     assert found.extended.imu.gyro_noise_correlation == found.noise_correlation["gyro"]
 
 
+@pytest.mark.slow
 def test_progress_names_each_stage():
     reported = []
     flights = case(1)[:2]

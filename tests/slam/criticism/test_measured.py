@@ -81,6 +81,7 @@ def test_pictures_of_a_true_way_contradict_an_attitude_that_goes_wrong():
     assert "pictures disagree with the path of the other instruments" in found.remainder
 
 
+@pytest.mark.slow
 def test_the_flow_camera_s_gyro_is_off_and_its_flight_is_not_judged_as_motion():
     found = criticise([read_flight(Path(str(DATA)) / "flights" / "px4flow-quad")])
     names = {n for c in found.causes for n in c.alternatives}

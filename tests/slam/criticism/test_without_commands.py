@@ -108,6 +108,7 @@ def delayed(flight, by_s):
     return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + by_s))
 
 
+@pytest.mark.slow
 def test_the_proposed_manoeuvre_distinguishes_a_bias_from_a_scale():
     model = load_model("nominal")
     vehicle = model.with_term("accel_bias", z=0.1)
@@ -130,6 +131,7 @@ def test_the_proposed_manoeuvre_distinguishes_a_bias_from_a_scale():
     assert again.next_flight == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HANDHELD_MOTIONS)
 def test_healthy_instruments_agree_when_carried(name):
     model = load_model("nominal")
@@ -144,6 +146,7 @@ def test_healthy_instruments_agree_when_carried(name):
     assert not found.causes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("term", "parameter", "size", "channel", "due"),
     [

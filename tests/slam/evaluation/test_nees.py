@@ -50,6 +50,7 @@ def bands(seeds, factor=1.0):
         yield nees(hat, truth, factor * P)
 
 
+@pytest.mark.slow
 def test_the_band_holds_and_is_not_too_wide():
     found = list(bands(range(200)))
     for block, dof in (("pose", 6), ("position", 3), ("rotation", 3)):

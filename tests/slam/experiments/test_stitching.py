@@ -61,6 +61,7 @@ def test_some_pictures(flight):
     assert np.array_equal(some.frames[1].read(), flight.frames[2].read())
 
 
+@pytest.mark.slow
 def test_perfect_poses_have_perfect_landmarks(flight, perfect):
     errors = landmark_errors(perfect, flight)
     assert errors.percent == {"A-B": pytest.approx(0, abs=1e-6), LARGEST: pytest.approx(0, abs=1e-6)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from slam.evaluation import evaluate
 from slam.inertial.filter_chain import filter_chain
@@ -12,6 +13,7 @@ from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown
 
 
+@pytest.mark.slow
 def test_filter_chain_matches_the_true_poses():
     """The paper's map with inertia: from the instruments alone, each pose from what was read until then."""
     flight = flown(0)

@@ -39,6 +39,7 @@ def navigation(flight):
     return navigate(flight)
 
 
+@pytest.mark.slow
 def test_compilation_of_the_filter_is_shown_as_progress(flight, monkeypatch):
     def compiles(*_: object):
         numba.njit(lambda x: x + 1)(1)
@@ -70,6 +71,7 @@ def test_synthetic_flight_is_estimated(flight, navigation):
     )
 
 
+@pytest.mark.slow
 def test_smoothed_beats_filtered_beats_dead_reckoning():
     off = []
     for seed in range(3):
@@ -84,6 +86,7 @@ def test_smoothed_beats_filtered_beats_dead_reckoning():
     assert smoothed < reckoned
 
 
+@pytest.mark.slow
 def test_covariances_are_consistent_over_flights():
     """The last pose against the first, one flight one sample, on instruments as made."""
     scores = []

@@ -209,6 +209,7 @@ SERIES = {
 }
 
 
+@pytest.mark.slow
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values(6, 200.0), st.sampled_from(sorted(SERIES)), st.integers(0, 2**32), st.integers(1, 2 * 10**18))
 def test_numbers_are_read_back_to_the_last_bit(tmp_path_factory, made, field, seed, epoch_ns):
@@ -285,6 +286,7 @@ def flights():
     return sorted(str(p.parent.relative_to(DATA)) for p in roots)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
 def test_measured_flights_read(tmp_path):
     assert len(flights()) > 10

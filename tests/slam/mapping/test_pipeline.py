@@ -92,6 +92,7 @@ def test_progress_is_reported_and_what_it_raises_passes_through():
         optimize(flight, progress=interrupted)
 
 
+@pytest.mark.slow
 def test_edges_are_lifted_with_tilts_relative_to_the_floor(monkeypatch):
     """GPS hardly determines the slope of the ground, and all pictures share its error."""
     tilt_std_rad: list[float] = []

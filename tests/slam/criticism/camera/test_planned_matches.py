@@ -44,6 +44,7 @@ def filmed():
     return referred(replace(record_of(flight), matches=matches), parameters), matches, parameters
 
 
+@pytest.mark.slow
 def test_a_plan_predicts_the_standard_deviation_of_each_term(filmed):
     record, matches, parameters = filmed
     perturbations = [p for e in effects_for([record], parameters) for p in e.perturbations]

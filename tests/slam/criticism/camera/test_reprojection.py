@@ -69,6 +69,7 @@ def healthy(parameters: FilterParameters) -> tuple[Record, FeatureMatches, Repro
     return record, matches, reprojection_score(record, matches, parameters, DIRECTIONS)
 
 
+@pytest.mark.slow
 def test_healthy_pictures_agree_with_the_path(
     healthy: tuple[Record, FeatureMatches, ReprojectionScore],
 ) -> None:
@@ -120,6 +121,7 @@ def ill(parameters: FilterParameters) -> tuple[Record, FeatureMatches, FilterPar
     return *seen(ALL_AT_ONCE, 6), replace(parameters, camera=camera_vector(model))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("entry", "less", "more"),
     [(TILT_X, 0.7, 1.5), (VIGNETTING, 0.7, 1.5), (BLUR, 0.5, 3.0), (GAIN, 0.7, 1.5)],

@@ -41,6 +41,7 @@ def flight(seed, colour=COLOUR):
     return simulate_flight(vehicle, stick_for(PLAN * 2), seed), filter_parameters_of(vehicle)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_innovations_are_white_under_the_true_ar1_coefficient_only(seed):
     measured, true = flight(seed)

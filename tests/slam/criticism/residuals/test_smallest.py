@@ -70,6 +70,7 @@ def test_pictures_lost_at_that_share_are_detected_in_nine_of_ten_cases(taken):
     assert np.mean(reported) == pytest.approx(0.9, abs=0.025)
 
 
+@pytest.mark.slow
 def test_a_limit_of_the_tilt_that_would_show_does():
     nominal = at_lower_rates(load_model("nominal"))
     parameters, plan = filter_parameters_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2

@@ -46,6 +46,7 @@ def test_healthy_stamps_cost_nothing():
     assert all(now is was for now, was in zip(same, healthy, strict=True))
 
 
+@pytest.mark.slow
 def test_readings_that_were_taken_unevenly_and_stamped_so_keep_their_stamps():
     often = {"rate_hz": 500.0}
     fast = replace(

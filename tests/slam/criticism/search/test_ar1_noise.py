@@ -62,6 +62,7 @@ def test_only_correlated_noise_is_reported():
     assert asked(vehicle, most_nats=3000.0) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),
     [

@@ -64,6 +64,7 @@ def short_sonar():
     return records, search(records, NOMINAL, load_thresholds())
 
 
+@pytest.mark.slow
 def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
     records, found = short_sonar
     assert [e.name for e in found.chosen] == ["sonar_bias"]

@@ -44,6 +44,7 @@ def lean_of(records, parameters):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking):
     records, nominal = braking
     course = _Rollouts(records, nominal, nominal, nominal)

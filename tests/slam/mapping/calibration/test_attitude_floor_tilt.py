@@ -62,6 +62,7 @@ def test_the_mount_that_is_written_for_other_programs_is_right(turning, mended):
     assert not any("askew" in w or "is tilted by" in w for w in again.warnings)
 
 
+@pytest.mark.slow
 def test_an_attitude_s_own_zero_is_not_taken_for_the_mount(turning):
     """The accelerometer does not bear it out."""
     series = turning.attitude

@@ -44,6 +44,7 @@ def test_what_is_wrong_with_the_instruments_is_found_with_an_honest_deviation(fl
     assert np.max(found.accelerometer.offset_std_m_s2) < 0.1
 
 
+@pytest.mark.slow
 def test_a_healthy_flight_s_instruments_are_reported_healthy():
     found = optimize(flown(3)).instruments
     assert np.abs(found.attitude.offset_rad).max() < 0.004

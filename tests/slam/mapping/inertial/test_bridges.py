@@ -137,6 +137,7 @@ def test_parts_are_laid_together_exactly(backwards):
     assert found.bridges == (edge,)
 
 
+@pytest.mark.slow
 def test_covariance_behind_a_bridge_is_that_of_many_draws():
     rng = np.random.default_rng(1)
     _, parts, edge = made_parts(rng)

@@ -88,6 +88,7 @@ def test_a_given_offset_is_taken_as_it_is():
     assert joined.imu.stamps_s[0] - joined.attitude.stamps_s[0] == pytest.approx(12.5, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("other", "why"),
     [

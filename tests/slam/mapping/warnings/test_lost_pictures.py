@@ -39,6 +39,7 @@ def showing(flight: Flight, picture_of: Callable[[int], int | None]) -> Flight:
     return replace(flight, frames=replace(frames, load=load))
 
 
+@pytest.mark.slow
 def test_frozen_and_featureless_pictures_are_told_with_their_time(moving: Flight):
     stamps_s = moving.frames.stamps_s
     n = len(stamps_s)

@@ -31,6 +31,7 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "mosaic.tif"
 
 
+@pytest.mark.slow
 def test_nothing_changed_none_rendered(first: Path, tmp_path: Path) -> None:
     again = write_mosaic(*scene()[:2], tmp_path, GSD_M, earlier=first)
     assert again.kept == again.tiles

@@ -42,6 +42,7 @@ def test_a_flat_floor_stands_in_the_middle_of_the_colours_and_holes_are_distingu
     assert share(elevation_picture(heights(0.3), GRID), middle) < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(40, 60), (60, 20), (12, 90)])
 def test_pictures_of_maps_have_no_wide_margins(shape):
     grid = Grid(0.0, 4.0, 0.1, shape[1], shape[0], None)

@@ -110,6 +110,7 @@ def test_a_ramp_has_no_half_pixel_bias(tmp_path, height_m, axis):
     assert abs(np.mean(off_m)) < 0.02 * height_m / CAMERA.focal_px[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("height_m", "rms"), [(0.8, 1.0), (1.4, 1.7), (2.0, 2.2)])
 def test_a_pixel_shows_the_mean_over_its_footprint(height_m, rms):
     """Against twelve times twelve samples a pixel from the finest texture."""

@@ -6,6 +6,7 @@ from slam.simulation.camera import photometry
 RNG = np.random.default_rng
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tau_s", [0.2, 1.0, 2.0])
 def test_tones_vary_with_their_standard_deviation_and_time_constant(tau_s):
     """Two-sided, over 600 flights of 40 s: standard deviation and correlation after one time constant."""

@@ -97,6 +97,7 @@ def label(world, origin, ray):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slope", [(0.0, 0.0), (0.2, -0.1)])
 @pytest.mark.parametrize("distortion", [(0.0, 0.0, 0.0, 0.0), (-0.15, 0.05, 0.01, -0.01)])
 @pytest.mark.parametrize("height_m", [0.7, 1.2])
