@@ -75,19 +75,28 @@ class Position:
 
 @dataclass(frozen=True)
 class PinholeModel:
-    """Mounting and projection of a pinhole camera.
+    """Mounting and projection of a pinhole camera with distortion, and how well each number is known.
 
-    Pixel coordinates follow OpenCV (the centre of the first pixel is (0, 0)) and are undistorted.
+    Pixel coordinates follow OpenCV (the centre of the first pixel is (0, 0)) and are those of the recorded
+    picture. A standard deviation of 0 holds the numbers that it belongs to; others are estimated.
     """
 
     focal_px: tuple[float, float]
     center_px: tuple[float, float]
     b_T_c: Array
     """(4, 4)."""
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """OpenCV's (k1, k2, p1, p2, k3)."""
     focal_std_ratio: float = 0.0
-    """Relative standard deviation of the focal length; 0 fixes it, above 0 it is estimated."""
+    """Relative standard deviation of the focal length."""
+    aspect_std_ratio: float = 0.0
+    """Relative standard deviation of either focal length about what both have in common."""
+    center_std_px: float = 0.0
+    """Standard deviation of the principal point along either axis."""
     radial_std: float = 0.0
-    """Standard deviation of the residual first radial coefficient; 0 fixes it."""
+    """Standard deviation of k1, k2 and k3."""
+    tangential_std: float = 0.0
+    """Standard deviation of p1 and p2."""
     mount_std_rad: float = 0.0
     """Standard deviation of the mount's tilt about the camera's x and y; 0 fixes the mount."""
 
@@ -101,7 +110,7 @@ class FloorTracks:
     track: NDArray[np.int64]
     """(m,) number of the point, 0..t-1; each has two observations or more."""
     pixel: Array
-    """(m, 2) undistorted pixel coordinates."""
+    """(m, 2) pixel coordinates: as recorded for the back end, undistorted as the front end joins them."""
     std_px: Array
     """(m,) standard deviation of each coordinate."""
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -30,11 +30,17 @@ class Camera:
     b_T_c: Array = field(default_factory=lambda: NADIR_B_T_C.copy())
     """(4, 4) transform from camera to body coordinates."""
     focal_std_ratio: float = 0.0
-    """Relative standard deviation of the focal length. If above 0, it may be estimated from the flight."""
+    """Relative standard deviation of the focal length. Numbers whose deviation is above 0 are estimated."""
+    aspect_std_ratio: float = 0.0
+    """Relative standard deviation of either focal length about what both have in common."""
+    center_std_px: float = 0.0
+    """Standard deviation of the principal point along either axis."""
     radial_std: float = 0.0
-    """Standard deviation of k1. If above 0, k1 may be estimated from the flight."""
+    """Standard deviation of k1, k2 and k3."""
+    tangential_std: float = 0.0
+    """Standard deviation of p1 and p2."""
     mount_std_rad: float = 0.0
-    """Standard deviation of the tilt of the mount. If above 0, it may be estimated from the flight."""
+    """Standard deviation of the tilt of the mount."""
     readout_s: float = 0.0
     """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
 
@@ -68,16 +74,9 @@ class Camera:
             ).reshape(-1, 2)
         )
 
-    def refocused(self, focal_px: tuple[float, float]) -> Camera:
-        """Return the camera of another focal length that undistorts each pixel as this one does.
-
-        Distortion is a function of directions, which a longer focal length compresses: a coefficient of
-        order m in them is multiplied by the m-th power of the ratio.
-        """
-        ratio = focal_px[0] / self.focal_px[0]
-        orders = (2, 4, 1, 1, 6)
-        distortion = tuple(c * ratio**m for c, m in zip(self.distortion, orders, strict=False))
-        return replace(self, focal_px=focal_px, distortion=distortion)
+    def recorded(self, pixel: Array) -> Array:
+        """Return the distorted pixels (n, 2) of **undistorted** pixels (n, 2)."""
+        return self.project(self.rays(pixel)) if self.is_distorted else np.asarray(pixel, dtype=float)
 
     def magnification(self, pixel: Array) -> Array:
         """Return (n,) the side of a recorded pixel in undistorted pixels at **undistorted** pixels (n, 2).

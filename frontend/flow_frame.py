@@ -71,7 +71,7 @@ class FlowFrame:
         """Return (m,) whether the windows about undistorted pixels (m, 2) were recorded, and their middles
         are not masked."""
         camera, margin = self.camera, 0.5 * WINDOW_PX * self.scale
-        recorded = camera.project(camera.rays(pixel)) if camera.is_distorted else pixel
+        recorded = camera.recorded(pixel)
         inside = np.asarray(
             ((recorded > margin) & (recorded < np.array(camera.size_px) - 1 - margin)).all(axis=1),
             dtype=np.bool_,

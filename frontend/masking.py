@@ -56,7 +56,7 @@ def hides_any(mask: Image | None, pixel: Array, camera: Camera) -> bool:
     """Return whether a mask of a recorded picture hides any of some undistorted pixels (n, 2)."""
     if mask is None:
         return False
-    recorded = camera.project(camera.rays(pixel)) if camera.is_distorted else pixel
+    recorded = camera.recorded(pixel)
     w, h = camera.size_px
     column, row = np.clip(np.rint(recorded), 0, [w - 1, h - 1]).astype(int).T
     return bool((mask[row, column] == 0).any())

@@ -89,7 +89,7 @@ def global_shutter_homography(i_H_j: Array, i: RowMotion, j: RowMotion) -> Array
 
 def _since_middle(camera: Camera, pixel: Array) -> Array:
     """Return the exposure times (n,) of undistorted pixels, in seconds after the middle row."""
-    row = camera.project(camera.rays(pixel))[:, 1] if camera.is_distorted else pixel[:, 1]
+    row = camera.recorded(pixel)[:, 1]
     return np.asarray(camera.readout_s * (row / (camera.size_px[1] - 1) - 0.5))
 
 

@@ -21,6 +21,7 @@ from backend.bundle.homography_factor import (
     place,
     transfer,
 )
+from backend.bundle.lens import FOCAL
 from backend.measurements import PinholeModel, TrackedFrame
 
 Array = NDArray[np.float64]
@@ -42,8 +43,7 @@ class FramePoses:
         """Return the same with the focal lengths of the variables, where these are estimated."""
         if not values.exists(CALIBRATION(0)):
             return self
-        found = values.atCal3DS2(CALIBRATION(0))
-        return replace(self, plane=replace(self.plane, focal_px=np.array([found.fx(), found.fy()])))
+        return replace(self, plane=replace(self.plane, focal_px=values.atVector(CALIBRATION(0))[FOCAL]))
 
     @property
     def keys(self) -> list[int]:

@@ -31,6 +31,7 @@ from backend.bundle.inertial.graph import (
     InertialPart,
     add_inertial,
 )
+from backend.bundle.lens import told_calibration, told_covariance
 from backend.bundle.world import WorldTransform
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 
@@ -150,28 +151,14 @@ def pose_side_graph(
 def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
     """Return the variables with the initial calibration."""
     values = gtsam.Values(at.values)
-    values.insert(CALIBRATION(0), _nominal(camera))
+    values.insert(CALIBRATION(0), told_calibration(camera))
     return Variables(values, at.point)
 
 
-def _nominal(camera: PinholeModel) -> gtsam.Cal3DS2:
-    return gtsam.Cal3DS2(*camera.focal_px, 0.0, *camera.center_px, 0.0, 0.0, 0.0, 0.0)
-
-
 def _add_calibration(graph: gtsam.NonlinearFactorGraph, camera: PinholeModel) -> None:
-    """Add the priors on the calibration. The ratio of the focal lengths, the principal point, skew and
-    tangential distortion are held.
-    """
-    held = 1e-5
-    fx, fy = camera.focal_px
-    sigmas = np.full(9, held)
-    # Held relatively: in pixels the two focal lengths would be so strongly tied that digits are lost.
-    sigmas[:2] *= fx, fy
-    sigmas[5:7] = max(camera.radial_std, held)
-    covariance = np.diag(sigmas**2)
-    covariance[:2, :2] += camera.focal_std_ratio**2 * np.outer([fx, fy], [fx, fy])
-    model = gtsam.noiseModel.Gaussian.Covariance(covariance)
-    graph.push_back(gtsam.PriorFactorCal3DS2(CALIBRATION(0), _nominal(camera), model))
+    """Add the prior on the calibration."""
+    model = gtsam.noiseModel.Gaussian.Covariance(told_covariance(camera))
+    graph.push_back(gtsam.PriorFactorVector(CALIBRATION(0), told_calibration(camera), model))
 
 
 def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:
@@ -232,3 +219,13 @@ def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
     transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
     poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
     return np.array([transform.body_pose(pose).matrix() for pose in poses])
+
+
+def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:
+    """Return the Jacobian (n, 6, 6 + w) of metric body poses by perturbations of pose and world.
+
+    ``origin`` (3,), in mean heights, is the fixed point of a change of scale.
+    """
+    transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
+    poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
+    return np.array([transform.jacobian(pose, origin) for pose in poses])

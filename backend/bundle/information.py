@@ -8,11 +8,10 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, start_variables
+from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, metric_jacobians, start_variables
 from backend.bundle.minimise import BundleCost, BundleOptimum
 from backend.bundle.noise import start_noise
 from backend.bundle.reduced_system import ReducedSystem
-from backend.bundle.refinement import metric_jacobians
 from backend.errors import BackendError
 from backend.measurements import Measurements
 from backend.sparse_cholesky import SingularMatrixError

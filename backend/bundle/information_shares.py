@@ -18,10 +18,9 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
-from backend.bundle.graph import WORLD, BundleProblem, metric_poses
+from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
 from backend.bundle.inertial.preintegrate import STATE_SIZE
 from backend.bundle.minimise import BundleOptimum
-from backend.bundle.refinement import metric_jacobians
 
 Array = NDArray[np.float64]
 

@@ -96,9 +96,17 @@ def _linearise(problem: BundleProblem, at: Variables, std_px: Array, used: NDArr
 
 
 def estimate_noise(
-    problem: BundleProblem, at: Variables, noise: NoiseLevels, used: NDArray[np.bool_]
+    problem: BundleProblem,
+    at: Variables,
+    noise: NoiseLevels,
+    used: NDArray[np.bool_],
+    absorbed: Array,
 ) -> tuple[NoiseLevels, NDArray[np.bool_]]:
-    """Return noise levels from the residuals, and the observations (m,) to keep."""
+    """Return noise levels from the residuals, and the observations (m,) to keep.
+
+    ``absorbed`` (3,): how many positions east, north and up the fit absorbs
+    (`backend.bundle.position_redundancy`).
+    """
     tracks = problem.tracks
     std_px = tracks.std_px * noise.pixel_scale
     residuals = _linearise(problem, at, std_px, used)
@@ -113,7 +121,7 @@ def estimate_noise(
     spread *= np.sqrt(track_correlation_factor(tracks, whitened, used))
     pixel_scale = max(noise.pixel_scale * float(np.clip(spread, 0.2, 5.0)), _MIN_PIXEL_SCALE)
     level = replace(noise, pixel_scale=pixel_scale, relief=relief)
-    return _sensor_noise(problem, at.values, level), used
+    return _sensor_noise(problem, at.values, level, absorbed), used
 
 
 def _spread(
@@ -142,7 +150,9 @@ def _spread(
     return huber_std(evened, problem.config.huber_sigmas) * float(np.sqrt(left / dof))
 
 
-def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLevels) -> NoiseLevels:
+def _sensor_noise(
+    problem: BundleProblem, values: gtsam.Values, level: NoiseLevels, absorbed: Array
+) -> NoiseLevels:
     """Return the noise levels with those of attitudes, positions and ranges from their residuals."""
     measurements, w_T_b = problem.measurements, metric_poses(problem, values)
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(measurements.count)])
@@ -154,7 +164,8 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         nominal = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
         level = replace(level, roll_pitch_rad=_pooled(nominal, autocorrelated_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
-        level = replace(level, position_m=_position_noise(measurements, w_T_b, level.position_m))
+        position_m = _position_noise(measurements, w_T_b, level.position_m, absorbed)
+        level = replace(level, position_m=position_m)
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
         metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
@@ -167,18 +178,20 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
     return level
 
 
-def _position_noise(measurements: Measurements, w_T_b: Array, before: Array) -> Array:
-    """Return the standard deviations east, north, up of positions; up stays where altitudes are too few.
-
-    The similarity in the plane and the height of the floor absorb four and one degrees of freedom.
-    """
+def _position_noise(measurements: Measurements, w_T_b: Array, before: Array, absorbed: Array) -> Array:
+    """Return the standard deviations east, north, up of positions; up stays where altitudes are too few."""
     off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
     high = off[np.isfinite([p.std_m[2] for p in measurements.positions]), 2:]
-    horizontal = robust_autocorrelated_std(off[:, :2]) * np.sqrt(len(off) / (len(off) - 2))
+    horizontal = robust_autocorrelated_std(off[:, :2]) * _redundancy_factor(2 * len(off), absorbed[:2])
     vertical = float(before[2])
     if len(high) > 3:
-        vertical = robust_autocorrelated_std(high) * float(np.sqrt(len(high) / (len(high) - 1))) + 1e-3
+        vertical = robust_autocorrelated_std(high) * _redundancy_factor(len(high), absorbed[2:]) + 1e-3
     return np.array([horizontal + 1e-3, horizontal + 1e-3, vertical])
+
+
+def _redundancy_factor(count: int, absorbed: Array) -> float:
+    """Return the factor on the standard deviation of ``count`` residuals for what the fit absorbs."""
+    return float(np.sqrt(count / max(count - float(absorbed.sum()), 1.0)))
 
 
 def _pooled(nominal: float, found: float, count: int) -> float:

@@ -11,6 +11,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, NoiseLevels
+from backend.bundle.lens import told_calibration
 from backend.bundle.projections import CALIBRATION_SIZE, linearise, residuals
 
 Array = NDArray[np.float64]
@@ -27,16 +28,15 @@ class Cameras:
     f_T_c: Array
     """(n, 4, 4) poses, in mean heights."""
     calibration: Array
-    """(9,) numbers of `gtsam.Cal3DS2`."""
+    """(9,) numbers of the lens (`backend.bundle.projections`)."""
 
     @staticmethod
     def of(problem: BundleProblem, values: gtsam.Values) -> Cameras:
         """Read the cameras of a problem from its variables."""
         f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
         if problem.self_calibrates:
-            return Cameras(f_T_c, values.atCal3DS2(CALIBRATION(0)).vector())
-        fx, fy = problem.camera.focal_px
-        return Cameras(f_T_c, np.array([fx, fy, 0.0, *problem.camera.center_px, 0.0, 0.0, 0.0, 0.0]))
+            return Cameras(f_T_c, values.atVector(CALIBRATION(0)))
+        return Cameras(f_T_c, told_calibration(problem.camera))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,9 @@
 """Projection of floor points into pictures, with derivatives and Huber's weights: numba kernels.
 
-The distortion is that of `gtsam.Cal3DS2`, whose nine numbers are (fx, fy, s, u0, v0, k1, k2, p1, p2). Poses
-are perturbed on the right, rotation first. Source: Hartley and Zisserman 2004, section 7.4; Huber 1964.
+The nine numbers of a calibration are (fx, fy, u0, v0, k1, k2, p1, p2, k3), in OpenCV's notation. Poses are
+perturbed on the right, rotation first.
+
+Source: Brown 1966 (distortion); Hartley and Zisserman 2004, section 7.4; Huber 1964.
 """
 
 from __future__ import annotations
@@ -35,9 +37,9 @@ def _in_camera(f_T_c: Array, point: Array) -> tuple[float, float, float]:
 @njit(cache=True)
 def _distorted(calibration: Array, x: float, y: float) -> tuple[float, float]:
     """Return image coordinates over the focal length with the radial and tangential distortion."""
-    k1, k2, p1, p2 = calibration[5:]
+    k1, k2, p1, p2, k3 = calibration[4:]
     r2 = x * x + y * y
-    radial = 1.0 + k1 * r2 + k2 * r2 * r2
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     return (
         radial * x + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
         radial * y + 2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y),
@@ -48,11 +50,11 @@ def _distorted(calibration: Array, x: float, y: float) -> tuple[float, float]:
 def residual(f_T_c: Array, point: Array, calibration: Array, pixel: Array) -> tuple[float, float]:
     """Return projection minus measured pixel: twice the focal length for a point behind the camera."""
     x, y, z = _in_camera(f_T_c, point)
-    fx, fy, skew, u0, v0 = calibration[:5]
+    fx, fy, u0, v0 = calibration[:4]
     if z <= 0.0:
         return 2.0 * fx, 2.0 * fx
     xd, yd = _distorted(calibration, x / z, y / z)
-    return fx * xd + skew * yd + u0 - pixel[0], fy * yd + v0 - pixel[1]
+    return fx * xd + u0 - pixel[0], fy * yd + v0 - pixel[1]
 
 
 @njit(cache=True)
@@ -121,32 +123,66 @@ def linearise(
 @njit(cache=True)
 def _by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
     """Fill in the Jacobian (2, 2) of the pixel by the undistorted image coordinates."""
-    fx, fy, skew = calibration[:3]
-    k1, k2, p1, p2 = calibration[5:]
+    fx, fy = calibration[:2]
+    k1, k2, p1, p2, k3 = calibration[4:]
     r2 = x * x + y * y
-    radial, growth = 1.0 + k1 * r2 + k2 * r2 * r2, 2.0 * (k1 + 2.0 * k2 * r2)
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    growth = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3))
     xx = radial + growth * x * x + 2.0 * p1 * y + 6.0 * p2 * x
     yy = radial + growth * y * y + 2.0 * p2 * x + 6.0 * p1 * y
     xy = growth * x * y + 2.0 * p1 * x + 2.0 * p2 * y
-    J[0, 0], J[0, 1] = fx * xx + skew * xy, fx * xy + skew * yy
+    J[0, 0], J[0, 1] = fx * xx, fx * xy
     J[1, 0], J[1, 1] = fy * xy, fy * yy
 
 
 @njit(cache=True)
 def _by_calibration(calibration: Array, x: float, y: float, weight: float, J: Array) -> None:
     """Fill in the Jacobian (2, 9) of the pixel by the calibration, times the weight."""
-    fx, fy, skew = calibration[:3]
+    fx, fy = calibration[:2]
     xd, yd = _distorted(calibration, x, y)
     r2 = x * x + y * y
     J[:] = 0.0
-    J[0, 0], J[0, 2], J[0, 3] = weight * xd, weight * yd, weight
-    J[1, 1], J[1, 4] = weight * yd, weight
+    J[0, 0], J[0, 2] = weight * xd, weight
+    J[1, 1], J[1, 3] = weight * yd, weight
     terms = (
         (x * r2, y * r2),
         (x * r2 * r2, y * r2 * r2),
         (2.0 * x * y, r2 + 2.0 * y * y),
         (r2 + 2.0 * x * x, 2.0 * x * y),
+        (x * r2 * r2 * r2, y * r2 * r2 * r2),
     )
-    for k in range(4):
-        J[0, 5 + k] = weight * (fx * terms[k][0] + skew * terms[k][1])
-        J[1, 5 + k] = weight * fy * terms[k][1]
+    for k in range(5):
+        J[0, 4 + k] = weight * fx * terms[k][0]
+        J[1, 4 + k] = weight * fy * terms[k][1]
+
+
+_UNDISTORTION_STEPS = 20
+"""Newton steps from the recorded place: quadratic, so that few are needed where the lens does not fold."""
+
+
+@njit(cache=True)
+def undistorted(calibration: Array, pixel: Array) -> Array:
+    """Return image coordinates (m, 2) over the focal length, without distortion, of pixels (m, 2).
+
+    Where the distortion folds the picture, so that no step improves, the recorded place is returned.
+    """
+    fx, fy, u0, v0 = calibration[:4]
+    found, J = np.empty((len(pixel), 2)), np.empty((2, 2))
+    for m in range(len(pixel)):
+        xr, yr = (pixel[m, 0] - u0) / fx, (pixel[m, 1] - v0) / fy
+        x, y = xr, yr
+        for _ in range(_UNDISTORTION_STEPS):
+            xd, yd = _distorted(calibration, x, y)
+            _by_ray(calibration, x, y, J)
+            a, b, c, d = J[0, 0] / fx, J[0, 1] / fx, J[1, 0] / fy, J[1, 1] / fy
+            determinant = a * d - b * c
+            if determinant <= 0.0:
+                x, y = xr, yr
+                break
+            dx, dy = xd - xr, yd - yr
+            step_x, step_y = (d * dx - b * dy) / determinant, (a * dy - c * dx) / determinant
+            x, y = x - step_x, y - step_y
+            if abs(step_x) + abs(step_y) < 1e-12:
+                break
+        found[m, 0], found[m, 1] = x, y
+    return found

@@ -288,6 +288,14 @@ class ReducedSystem:
         """Multiply each point's block (t, 3, 3) with its part of the vectors (3t, ...)."""
         return np.asarray(blocks @ vectors.reshape(len(blocks), 3, -1)).reshape(vectors.shape)
 
+    @property
+    def calibration_covariance(self) -> Array:
+        """Covariance (q, q) of the calibration."""
+        lens = self.structure.of_calibration
+        unit = np.zeros((self.size, len(lens)))
+        unit[lens, np.arange(len(lens))] = 1.0
+        return np.asarray(self.factor.solve(unit)[lens])
+
     def joint_covariances(self, keys: Sequence[int], common: int) -> Array:
         """Return joint covariances (n, a + d, a + d) of variables, which come first, with a common one."""
         s = self.structure

@@ -39,14 +39,18 @@ from backend.bundle.graph import (
     NoiseLevels,
     ScalePrior,
     Variables,
+    metric_jacobians,
     metric_poses,
     start_calibration,
     start_variables,
 )
 from backend.bundle.inertial.graph import InertialPart, without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise, start_factors
+from backend.bundle.lens import LensEstimate, is_uncertain, told_covariance
 from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
+from backend.bundle.position_redundancy import absorbed_positions
+from backend.bundle.projections import CALIBRATION_SIZE
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.measurements import Measurements
@@ -71,9 +75,8 @@ class Bundle:
     """Height of the floor under the origin."""
     floor_slope_rad: tuple[float, float]
     """Rotation vector (x, y) from the horizontal plane to the floor."""
-    focal_px: tuple[float, float]
-    radial: tuple[float, float]
-    """Radial coefficients (k1, k2) for ``focal_px``; zero if they were fixed."""
+    lens: LensEstimate | None
+    """None if the calibration was held."""
     b_T_c: Array
     """(4, 4) estimated mount of the camera."""
     mount_std_rad: float
@@ -136,10 +139,12 @@ def refine(
     iterations = 0
     settled = False
     for number in range(config.rounds):
-        if number == 1 and camera.focal_std_ratio > 0:
+        if number == 1 and is_uncertain(camera):
             # Only now, as the lens is less certain than the poses of a poor initial guess.
             problem = replace(problem, self_calibrates=True)
             at = start_calibration(at, camera)
+            # What the told lens does not explain is no outlier yet.
+            used = np.ones(len(tracks.track), bool)
         cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
         minimum = minimise_bundle(cost, at, 30, 1e-5 if last else 1e-3, on_step)
@@ -148,7 +153,8 @@ def refine(
             break
         before = noise
         factors, kept = estimate_inertial_noise(BundleOptimum(cost, at, minimum.structure, noise, used))
-        noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used)
+        absorbed = absorbed_positions(BundleOptimum(cost, at, minimum.structure, noise, used))
+        noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept)
     return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
@@ -171,16 +177,6 @@ def _reintegrated(
         return problem, at
     part = problem.inertial.reintegrated(at.values, kept)
     return replace(problem, inertial=part), replace(at, values=without_unused(at.values, part))
-
-
-def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:
-    """Return the Jacobian (n, 6, 6 + w) of metric body poses by perturbations of pose and world.
-
-    ``origin`` (3,), in mean heights, is the fixed point of a change of scale.
-    """
-    transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
-    poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
-    return np.array([transform.jacobian(pose, origin) for pose in poses])
 
 
 def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> tuple[Array, Array]:
@@ -207,12 +203,8 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
     heights = np.array([values.atPose3(POSE(k)).z() for k in range(problem.measurements.count)])
     if not (np.isfinite(heights).all() and (heights > 0).all()):
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
-    focal, radial = problem.camera.focal_px, (0.0, 0.0)
-    if problem.self_calibrates:
-        found = values.atCal3DS2(CALIBRATION(0))
-        focal, radial = (found.fx(), found.fy()), (float(found.k()[0]), float(found.k()[1]))
     world = values.atVector(WORLD)
-    joint = _joint_covariances(optimum)
+    joint, of_lens = _covariances(optimum)
     mount_std = float(np.sqrt(np.diag(joint[0, 6:, 6:])[MOUNT].max()))
     in_world, over_floor = _metric_covariances(problem, joint, values)
     return Bundle(
@@ -221,8 +213,7 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
         over_floor_covariances=over_floor,
         floor_z_m=float(world[FLOOR_Z]),
         floor_slope_rad=(float(world[SLOPE][0]), float(world[SLOPE][1])),
-        focal_px=focal,
-        radial=radial,
+        lens=_lens(problem, values, of_lens) if problem.self_calibrates else None,
         b_T_c=problem.b_T_c(values),
         mount_std_rad=mount_std if problem.camera.mount_std_rad > 0 else 0.0,
         range_errors=_range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
@@ -237,13 +228,21 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
     )
 
 
-def _joint_covariances(optimum: BundleOptimum) -> Array:
-    """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world; NaN if undetermined."""
+def _covariances(optimum: BundleOptimum) -> tuple[Array, Array]:
+    """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world, and the calibration's (q, q),
+    q = 0 if it is held; NaN if undetermined."""
     poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
+    q = CALIBRATION_SIZE if optimum.problem.self_calibrates else 0
     try:
-        return optimum.linearise().eliminate().joint_covariances(poses, WORLD)
+        reduced = optimum.linearise().eliminate()
+        return reduced.joint_covariances(poses, WORLD), reduced.calibration_covariance
     except SingularMatrixError:
-        return np.full((len(poses), 6 + WORLD_SIZE, 6 + WORLD_SIZE), np.nan)
+        return np.full((len(poses), 6 + WORLD_SIZE, 6 + WORLD_SIZE), np.nan), np.full((q, q), np.nan)
+
+
+def _lens(problem: BundleProblem, values: gtsam.Values, covariance: Array) -> LensEstimate:
+    told = np.sqrt(np.diag(told_covariance(problem.camera)))
+    return LensEstimate(values.atVector(CALIBRATION(0)), np.sqrt(np.diag(covariance)), told)
 
 
 def _conditional_scale_std(covariance: Array) -> float:

@@ -20,9 +20,9 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-from backend.bundle.graph import WORLD
+from backend.bundle.graph import WORLD, metric_jacobians
 from backend.bundle.noise import autocorrelated_std
-from backend.bundle.refinement import Bundle, metric_jacobians
+from backend.bundle.refinement import Bundle
 from backend.bundle.systematic_terms import Kind, added_columns
 from backend.errors import BackendError
 from backend.quantiles import f_tail
@@ -184,7 +184,7 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         by_pose, by_point = reduced.solve(gradient[: reduced.size], gradient[reduced.size :])
         return jacobian @ np.vstack([by_pose, by_point]), by_pose
 
-    added = added_columns(optimum, linear, left)
+    added = added_columns(optimum, linear, len(left))
     origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
     to_metres = metric_jacobians(problem, values, origin)
     n = len(to_metres)

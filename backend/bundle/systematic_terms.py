@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from backend.bundle.factors import LOG_SCALE
 from backend.bundle.graph import WORLD
+from backend.bundle.lens import CENTER, FOCAL, NAMES
 from backend.bundle.minimise import BundleOptimum
+from backend.bundle.observations import Cameras
 from backend.bundle.reduced_system import LinearSystem
 
 Array = NDArray[np.float64]
@@ -28,6 +30,12 @@ _OF_LENS: Mapping[Kind, Callable[[Array, Array], list[tuple[Array, Array]]]] = {
 of the principal point over the focal length. Source: Brown 1966, in OpenCV's notation."""
 
 LENS_KINDS: tuple[Kind, ...] = tuple(_OF_LENS)
+_NUMBERS: Mapping[Kind, list[int]] = {
+    "radial": [NAMES.index("k1"), NAMES.index("k2")],
+    "decentring": [NAMES.index("p1"), NAMES.index("p2")],
+    "principal point": [NAMES.index("cx"), NAMES.index("cy")],
+}
+"""Those numbers of the calibration."""
 _POSITION_ROWS = 3
 
 
@@ -47,13 +55,13 @@ class AddedColumns:
     """(rows,) keyframe of each row; 0 for rows that belong to none."""
 
 
-def added_columns(optimum: BundleOptimum, linear: LinearSystem, left: Array) -> AddedColumns:
+def added_columns(optimum: BundleOptimum, linear: LinearSystem, rows: int) -> AddedColumns:
     """Return the columns for the lens and, where there are positions, for an offset in body axes.
 
     The offset is forward and left. Upward it would be one of the world's height, which is free.
 
-    ``left`` (rows,), the residuals in the order of `LinearSystem.jacobian`, are whitened, with the weights of
-    the robust losses.
+    They are whitened, with the weights of the robust losses, in the order of the ``rows`` of
+    `LinearSystem.jacobian`.
     """
     seen = optimum.cost.observations
     # The height of a point belongs to the last picture that shows it.
@@ -71,26 +79,21 @@ def added_columns(optimum: BundleOptimum, linear: LinearSystem, left: Array) -> 
         if poses and WORLD in keys and size == _POSITION_ROWS:
             positions.append((at, poses[0]))
         at += size
-    columns = _of_pixels(optimum, left)
+    columns = _of_pixels(optimum, rows)
     if positions:
-        columns["position offset"] = _of_positions(optimum, linear, len(left), first_row, positions)
+        columns["position offset"] = _of_positions(optimum, linear, rows, first_row, positions)
     return AddedColumns(columns, np.concatenate(keyframe))
 
 
-def _of_pixels(optimum: BundleOptimum, left: Array) -> dict[Kind, Array]:
-    seen, camera = optimum.cost.observations, optimum.problem.camera
-    count = 2 * len(seen.keyframe)
-    weighted = left[:count].reshape(-1, 2)
-    # Huber's loss multiplies residuals beyond the limit by sqrt(limit / distance).
-    distance = np.maximum(np.linalg.norm(weighted, axis=1), 1e-12)
-    weight = np.minimum(1.0, seen.huber_sigmas / distance) / seen.std_px
-    focal = np.array(camera.focal_px)
-    x, y = ((seen.pixel - weighted / weight[:, None] - camera.center_px) / focal).T
+def _of_pixels(optimum: BundleOptimum, rows: int) -> dict[Kind, Array]:
+    cameras = Cameras.of(optimum.problem, optimum.values)
+    by_lens = optimum.cost.observations.linearise(cameras, optimum.at.point, True).of_calibration
+    by_lens = by_lens.reshape(-1, by_lens.shape[2])
+    by_lens[:, CENTER] *= cameras.calibration[FOCAL]
     columns: dict[Kind, Array] = {}
-    for kind, terms in _OF_LENS.items():
-        displaced = [(np.column_stack(term) * focal * weight[:, None]).ravel() for term in terms(x, y)]
-        columns[kind] = np.zeros((len(left), len(displaced)))
-        columns[kind][:count] = np.column_stack(displaced)
+    for kind, numbers in _NUMBERS.items():
+        columns[kind] = np.zeros((rows, len(numbers)))
+        columns[kind][: len(by_lens)] = by_lens[:, numbers]
     return columns
 
 

@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from backend.bundle.floor_points import intersect_floor
 from backend.bundle.graph import BundleConfig, NoiseLevels
 from backend.bundle.information import Information, information
+from backend.bundle.lens import told_calibration
 from backend.bundle.noise import huber_std, start_noise, track_correlation_factor
+from backend.bundle.projections import residuals
 from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 from frontend.mosaic.quality import ground_jacobian
@@ -179,9 +181,9 @@ def _near(tracks: FloorTracks, off: Array, limit: float) -> FloorTracks:
 def _on_the_floor(tracks: FloorTracks, camera: PinholeModel, w_T_b: Array) -> Array:
     """Pixels (m, 2) of the observations if each point were at the mean of where its rays meet the floor."""
     w_T_c = w_T_b @ camera.b_T_c
-    point, pose = intersect_floor(tracks, camera, w_T_c), w_T_c[tracks.keyframe]
-    c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
-    return np.asarray(c_p[:, :2] / c_p[:, 2:] * camera.focal_px + camera.center_px)
+    point, origin = intersect_floor(tracks, camera, w_T_c), np.zeros_like(tracks.pixel)
+    seen = tracks.keyframe, tracks.track, origin
+    return np.asarray(residuals(w_T_c, point, told_calibration(camera), *seen))
 
 
 def _with_noise(measured: Measurements, noise: NoiseLevels) -> Measurements:

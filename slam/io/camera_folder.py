@@ -85,7 +85,10 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         distortion=distortion,
         b_T_c=sensor.transform() if sensor.has("T_BS") else NADIR_B_T_C.copy(),
         focal_std_ratio=sensor.std("focal_std_ratio", 0.0, 1.0),
+        aspect_std_ratio=sensor.std("aspect_std_ratio", 0.0, 1.0),
+        center_std_px=sensor.std("center_std", 0.0, max(width, height)),
         radial_std=sensor.std("radial_std", 0.0, 1.0),
+        tangential_std=sensor.std("tangential_std", 0.0, 1.0),
         mount_std_rad=sensor.std("mount_std", 0.0, math.pi),
         readout_s=readout_s,
     )

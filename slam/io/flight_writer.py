@@ -201,7 +201,10 @@ def _write_camera(camera: Camera, frames: Frames | None, folder: Path, comment: 
     }
     other = {
         "focal_std_ratio": camera.focal_std_ratio,
+        "aspect_std_ratio": camera.aspect_std_ratio,
+        "center_std": camera.center_std_px,
         "radial_std": camera.radial_std,
+        "tangential_std": camera.tangential_std,
         "mount_std": camera.mount_std_rad,
         "readout": camera.readout_s,
     }

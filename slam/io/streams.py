@@ -72,7 +72,8 @@ IMU_DENSITIES = {
 KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
     "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
-    "focal_std_ratio", "radial_std", "mount_std", "readout", "scale_std", "datum_std", *IMU_DENSITIES,
+    "focal_std_ratio", "aspect_std_ratio", "center_std", "radial_std", "tangential_std", "mount_std",
+    "readout", "scale_std", "datum_std", *IMU_DENSITIES,
 )  # fmt: skip
 
 

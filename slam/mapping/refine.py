@@ -307,8 +307,7 @@ def _headed(w_T_b: Array, readings: KeyframeReadings, members: NDArray[np.int64]
 def calibrated(camera: Camera, bundle: Bundle) -> Camera:
     """Return the camera with the mount and the lens that a refinement has estimated."""
     camera = replace(camera, b_T_c=bundle.b_T_c)
-    if camera.focal_std_ratio == 0:
+    if bundle.lens is None:
         return camera
-    if camera.is_distorted:
-        return camera.refocused(bundle.focal_px)
-    return replace(camera, focal_px=bundle.focal_px, distortion=(*bundle.radial, 0.0, 0.0))
+    fx, fy, cx, cy, *distortion = bundle.lens.calibration.tolist()
+    return replace(camera, focal_px=(fx, fy), center_px=(cx, cy), distortion=tuple(distortion))

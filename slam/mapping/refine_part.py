@@ -12,6 +12,7 @@ from backend.bundle.graph import NoiseLevels, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import Attitude, FloorTracks, Measurements, PinholeModel
+from frontend.camera import Camera
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
@@ -44,11 +45,13 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
     number[members] = np.arange(len(members))
     mine = number[tracks.keyframe] >= 0
     _, track = np.unique(tracks.track[mine], return_inverse=True)
-    tracks = FloorTracks(number[tracks.keyframe[mine]], track, tracks.pixel[mine], tracks.std_px[mine])
+    camera, pixel = setup.camera, tracks.pixel[mine]
+    std_px = tracks.std_px[mine] / camera.magnification(pixel)
+    tracks = FloorTracks(number[tracks.keyframe[mine]], track, camera.recorded(pixel), std_px)
     seen = np.bincount(tracks.keyframe, minlength=len(members))
     if len(members) < 2 or (seen < LEAST_SEEN).any():
         raise BackendError("some keyframes share too few floor points with others")
-    readings, camera = setup.readings, setup.camera
+    readings = setup.readings
     level = np.array([setup.config.trust.level_std_rad] * 2 + [np.inf])
     attitudes = readings.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
     return Measurements(
@@ -59,12 +62,21 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
         tracks=tracks,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
-        camera=PinholeModel(
-            camera.focal_px,
-            camera.center_px,
-            camera.b_T_c,
-            camera.focal_std_ratio,
-            0.0 if camera.is_distorted else camera.radial_std,
-            camera.mount_std_rad,
-        ),
+        camera=_model(camera),
+    )
+
+
+def _model(camera: Camera) -> PinholeModel:
+    k1, k2, p1, p2, k3 = (*camera.distortion, 0.0)[:5]
+    return PinholeModel(
+        focal_px=camera.focal_px,
+        center_px=camera.center_px,
+        b_T_c=camera.b_T_c,
+        distortion=(k1, k2, p1, p2, k3),
+        focal_std_ratio=camera.focal_std_ratio,
+        aspect_std_ratio=camera.aspect_std_ratio,
+        center_std_px=camera.center_std_px,
+        radial_std=camera.radial_std,
+        tangential_std=camera.tangential_std,
+        mount_std_rad=camera.mount_std_rad,
     )

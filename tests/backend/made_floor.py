@@ -55,7 +55,13 @@ class Scene:
     focal_ratio: float = 1.0
     """True focal length over the one that is told."""
     radial: float = 0.0
+    """True k1."""
+    tangential: tuple[float, float] = (0.0, 0.0)
+    """True p1 and p2."""
+    center_off_px: tuple[float, float] = (0.0, 0.0)
+    """True principal point from the one that is told."""
     camera: PinholeModel = CAMERA
+    size_px: tuple[float, float] = (float(SIZE_PX[0]), float(SIZE_PX[1]))
 
 
 @dataclass(frozen=True)
@@ -67,6 +73,8 @@ class Made:
     w_T_b: np.ndarray
     floor_z_m: float
     slope_rad: tuple[float, float]
+    lens: np.ndarray
+    """(9,) true fx, fy, u0, v0, k1, k2, p1, p2, k3."""
 
 
 def make(scene: Scene, seed: int) -> Made:
@@ -96,7 +104,23 @@ def make(scene: Scene, seed: int) -> Made:
     if not placed:
         start[0, :2, 3] = 0.0
         start[:, :3, 3] *= 1.03
-    return Made(measurements, start, w_T_b, float(floor[2, 3]), scene.slope_rad)
+    return Made(measurements, start, w_T_b, float(floor[2, 3]), scene.slope_rad, _lens(scene))
+
+
+def _lens(scene: Scene) -> np.ndarray:
+    focal_px = scene.focal_ratio * np.array(scene.camera.focal_px)
+    center_px = np.array(scene.camera.center_px) + scene.center_off_px
+    return np.array([*focal_px, *center_px, scene.radial, 0.0, *scene.tangential, 0.0])
+
+
+def _recorded(xy: np.ndarray, lens: np.ndarray) -> np.ndarray:
+    """Pixels (m, 2) of directions (m, 2) at depth 1 (Brown 1966)."""
+    x, y = xy.T
+    k1, k2, p1, p2, k3 = lens[4:]
+    r2 = x**2 + y**2
+    radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    decentred = 2 * p1 * x * y + p2 * (r2 + 2 * x**2), p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
+    return (xy * radial[:, None] + np.column_stack(decentred)) * lens[:2] + lens[2:4]
 
 
 def _poses(scene: Scene, rng: np.random.Generator) -> np.ndarray:
@@ -116,10 +140,10 @@ def _poses(scene: Scene, rng: np.random.Generator) -> np.ndarray:
 
 def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorTracks:
     """Points spread evenly; as many in each view as asked for, on average."""
-    camera, h = scene.camera, scene.height_m
+    camera, h, lens = scene.camera, scene.height_m, _lens(scene)
     f_T_c = f_T_b @ camera.b_T_c
     lo, hi = f_T_c[:, :2, 3].min(axis=0) - 1.5 * h, f_T_c[:, :2, 3].max(axis=0) + 1.5 * h
-    view = np.prod(SIZE_PX * h / camera.focal_px)
+    view = np.prod(np.array(scene.size_px) * h / camera.focal_px)
     count = int(scene.points_in_view * np.prod(hi - lo) / view)
     z = rng.normal(0, scene.relief * h, count) + 0.25 * h * (rng.uniform(size=count) < scene.walls)
     point = np.column_stack([rng.uniform(lo, hi, (count, 2)), z])
@@ -130,11 +154,10 @@ def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorT
     for k, pose in enumerate(f_T_c):
         c_p = (point - pose[:3, 3]) @ pose[:3, :3]
         xy = c_p[:, :2] / c_p[:, 2:]
-        bent = 1 + scene.radial * np.sum(xy**2, axis=1, keepdims=True)
-        pixel = xy * bent * np.array(camera.focal_px) * scene.focal_ratio + camera.center_px
+        pixel = _recorded(xy, lens)
         # Beyond 45 degrees the distortion folds points back into the picture: a lens does not see them.
         ahead = (c_p[:, 2] > 0) & (np.abs(xy) < 1).all(axis=1)
-        seen = np.flatnonzero(ahead & (pixel > 0).all(axis=1) & (pixel < SIZE_PX).all(axis=1))
+        seen = np.flatnonzero(ahead & (pixel > 0).all(axis=1) & (pixel < scene.size_px).all(axis=1))
         pixel = pixel[seen] + noise[k, seen]
         rows += [(k, t, *p) for t, p in zip(seen, pixel, strict=True)]
     table = np.array(rows)

@@ -36,6 +36,11 @@ _FOCAL_STD_RATIO = {
 """Relative standard deviation of the focal length by source. CalibratedFocalLength is often the nominal value
 of the model, so it is less accurate than DewarpData.
 """
+_CENTER_STD_RATIO = 0.01
+"""Standard deviation of the principal point over the longer side. Makers' calibrations are off by as much as
+that of pictures without one: focus, temperature and a new lens shift it."""
+_TANGENTIAL_STD = 0.002
+"""Standard deviation of p1 and p2: their usual size, since makers' values are not better than none."""
 _PLAUSIBLE_FOCAL = (0.3, 30.0)
 """Limits of the focal length over the longer side: 118 to 2 degrees of view."""
 _MAX_FOCAL_RATIO = 1.15
@@ -63,7 +68,9 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=tags.size_px,
         focal_std_ratio=_FOCAL_STD_RATIO[best],
-        radial_std=0.01 if best in ("dewarp", "lens") else 0.1,
+        center_std_px=_CENTER_STD_RATIO * max(width, height),
+        radial_std=0.02 if best in ("dewarp", "lens") else 0.1,
+        tangential_std=_TANGENTIAL_STD,
     )
     distortion = "; no lens distortion assumed"
     if best == "dewarp":
@@ -145,6 +152,8 @@ def _dewarped(camera: Camera, tags: PhotoTags) -> Camera:
     return replace(
         camera,
         focal_px=(fx * scale, fy * scale),
+        # The maker states both focal lengths. Of other cameras the pixels are square.
+        aspect_std_ratio=camera.focal_std_ratio,
         center_px=(u + cx * scale, v + cy * scale),
         distortion=(0.0, 0.0, 0.0, 0.0) if tags.dewarped else tuple(distortion),
     )

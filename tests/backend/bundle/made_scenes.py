@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
+from backend.measurements import PinholeModel
 from tests.backend.made_floor import CAMERA, NADIR, Made, Scene, aligned, nees
 
 SEEDS = range(20)
@@ -23,6 +24,28 @@ def tilted_mount() -> np.ndarray:
 
 SONAR = Scene()
 SURVEY = Scene(height_m=50.0, relief=0.01, attitude_std_rad=None, range_std_m=None, position_std_m=(1.0, 2.0))
+WRONG_LENS = replace(
+    SURVEY,
+    keyframes=32,
+    height_swing=0.15,
+    tilt_std_rad=0.1,
+    position_std_m=(0.02, 0.03),
+    size_px=(1280.0, 960.0),
+    camera=PinholeModel(
+        (1024.0, 1024.0),
+        (639.5, 479.5),
+        NADIR,
+        focal_std_ratio=0.03,
+        center_std_px=20.0,
+        radial_std=0.1,
+        tangential_std=0.002,
+    ),
+    focal_ratio=1.03,
+    center_off_px=(20.0, -20.0),
+    radial=0.1,
+    tangential=(0.002, -0.001),
+)
+"""A lens whose told calibration is wrong by a deviation in each number, and positions of an RTK receiver."""
 ROUGH = replace(SONAR, relief=0.03)
 SCENES = {
     "sonar": SONAR,
@@ -42,6 +65,7 @@ SCENES = {
         radial=-0.03,
         tilt_std_rad=0.15,
     ),
+    "rtk, lens wrong": WRONG_LENS,
 }
 
 

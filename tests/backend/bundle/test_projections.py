@@ -1,14 +1,16 @@
-"""Projection kernels against gtsam's camera and numeric derivatives, with every number of the calibration."""
+"""Projection kernels against gtsam's and OpenCV's cameras and numeric derivatives, with every number of the
+calibration."""
 
 from __future__ import annotations
 
+import cv2
 import gtsam
 import numpy as np
 import pytest
 
-from backend.bundle.projections import CALIBRATION_SIZE, linearise, residuals
+from backend.bundle.projections import CALIBRATION_SIZE, linearise, residuals, undistorted
 
-CALIBRATION = np.array([410.0, 390.0, 3.0, 320.0, 240.0, -0.2, 0.05, 0.01, -0.02])
+CALIBRATION = np.array([410.0, 390.0, 320.0, 240.0, -0.2, 0.05, 0.01, -0.02, 0.03])
 OBSERVED = np.zeros(1, dtype=np.int64)
 
 
@@ -28,8 +30,28 @@ def error(pose: gtsam.Pose3, point: np.ndarray, calibration: np.ndarray, pixel: 
 @pytest.mark.parametrize("seed", range(20))
 def test_the_projection_is_that_of_gtsam(seed: int) -> None:
     pose, point, pixel = scene(seed)
-    theirs = gtsam.PinholeCameraCal3DS2(pose, gtsam.Cal3DS2(*CALIBRATION)).project(point)
+    fx, fy, cx, cy, k1, k2, p1, p2, _ = CALIBRATION
+    theirs = gtsam.PinholeCameraCal3DS2(pose, gtsam.Cal3DS2(fx, fy, 0, cx, cy, k1, k2, p1, p2)).project(point)
+    without_k3 = CALIBRATION * (np.arange(9) < 8)
+    np.testing.assert_allclose(error(pose, point, without_k3, pixel), theirs - pixel, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_projection_is_that_of_opencv(seed: int) -> None:
+    pose, point, pixel = scene(seed)
+    fx, fy, cx, cy, *distortion = CALIBRATION
+    c_p, K = pose.transformTo(point), np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    theirs = cv2.projectPoints(c_p[None], np.zeros(3), np.zeros(3), K, np.array(distortion))[0].ravel()
     np.testing.assert_allclose(error(pose, point, CALIBRATION, pixel), theirs - pixel, atol=1e-9)
+
+
+def test_rays_of_recorded_pixels_are_projected_onto_them() -> None:
+    fx, fy, cx, cy, *distortion = CALIBRATION
+    pixel = np.random.default_rng(0).uniform([40, 40], [600, 440], (200, 2))
+    rays = np.column_stack([undistorted(CALIBRATION, pixel), np.ones(len(pixel))])
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    back = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, np.array(distortion))[0].reshape(-1, 2)
+    np.testing.assert_allclose(back, pixel, atol=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(20))

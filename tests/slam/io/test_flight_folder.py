@@ -67,7 +67,14 @@ def test_every_stream_is_read_back(tmp_path):
 def test_uncertainties_of_a_camera_are_read_back(tmp_path):
     flight = made_flight()
     unsure = dataclasses.replace(
-        flight.camera, focal_std_ratio=0.03, radial_std=0.1, mount_std_rad=0.02, readout_s=0.03
+        flight.camera,
+        focal_std_ratio=0.03,
+        aspect_std_ratio=0.002,
+        center_std_px=9.0,
+        radial_std=0.1,
+        tangential_std=0.002,
+        mount_std_rad=0.02,
+        readout_s=0.03,
     )
     write_flight(dataclasses.replace(flight, camera=unsure), tmp_path / "f")
     assert_same(unsure, read_flight(tmp_path / "f").camera)

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from backend.bundle.lens import LensEstimate
 from backend.bundle.refinement import Bundle
 from frontend.camera import Camera
 from frontend.features import Features
@@ -114,13 +115,11 @@ def test_a_part_that_cannot_be_refined_keeps_its_place_and_says_so():
     assert any("4 keyframes could not be refined" in warning for warning in found.warnings)
 
 
-def test_a_declared_distortion_stays_where_the_focal_length_is_estimated() -> None:
-    """The refinement works on undistorted pixels, and its map draws recorded ones."""
-    declared = Camera(
-        (200.0, 200.0), (87.5, 71.5), (176, 144), (-0.3, 0.1, 0.004, -0.003), focal_std_ratio=0.03
-    )
-    bundle = SimpleNamespace(b_T_c=declared.b_T_c, focal_px=(210.0, 210.0), radial=(0.0, 0.0))
-    found = calibrated(declared, bundle)  # type: ignore[arg-type]
-    corners_px = declared.corners_px
-    np.testing.assert_allclose(found.undistort(corners_px), declared.undistort(corners_px), atol=1e-2)
-    assert found.focal_px == (210.0, 210.0)
+def test_the_camera_of_the_map_has_the_lens_that_was_estimated() -> None:
+    declared = Camera((200.0, 200.0), (87.5, 71.5), (176, 144), (-0.3, 0.1, 0.004, -0.003))
+    numbers = np.array([210.0, 209.0, 90.0, 70.0, -0.2, 0.05, 0.001, 0.002, 0.03])
+    lens = LensEstimate(numbers, np.ones(9), np.ones(9))
+    found = calibrated(declared, SimpleNamespace(b_T_c=declared.b_T_c, lens=lens))  # type: ignore[arg-type]
+    assert (*found.focal_px, *found.center_px, *found.distortion) == tuple(numbers.tolist())
+    held = calibrated(declared, SimpleNamespace(b_T_c=declared.b_T_c, lens=None))  # type: ignore[arg-type]
+    assert held.distortion == declared.distortion

@@ -24,7 +24,7 @@ def test_sensor_resolution_refers_to_the_original_size():
     camera, remarks = photo_camera([CANON])
     assert camera.focal_px[0] == pytest.approx(1452, abs=0.5)
     assert camera.center_px == (999.5, 749.5)
-    assert (camera.focal_std_ratio, camera.radial_std) == (0.03, 0.1)
+    assert (camera.focal_std_ratio, camera.aspect_std_ratio, camera.radial_std) == (0.03, 0.0, 0.1)
     assert "scaled from 4000 to 2000 px" in remarks[0]
     assert focal(replace(CANON, size_px=(4000, 3000))) == pytest.approx(2904.4, abs=1)
     assert focal(replace(CANON, size_px=(1500, 2000))) == pytest.approx(1452, abs=0.5)  # turned as well
@@ -60,7 +60,7 @@ def test_calibration_comes_first_and_is_scaled():
     assert camera.focal_px == pytest.approx((3706.73 / 2, 3703.46 / 2))
     assert camera.center_px == pytest.approx((1367.5 - 30.57 / 2, 911.5 - 20.34 / 2))
     assert camera.distortion == DEWARP[4:]
-    assert (camera.focal_std_ratio, camera.radial_std) == (0.005, 0.01)
+    assert (camera.focal_std_ratio, camera.aspect_std_ratio, camera.radial_std) == (0.005, 0.005, 0.02)
     camera, _ = photo_camera([replace(calibrated, dewarp=DEWARP, dewarped=True)])
     assert not camera.is_distorted
 
