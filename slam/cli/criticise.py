@@ -84,9 +84,10 @@ def gains_in_maps(
 ) -> list[MapGain]:
     """Return the gains of maps from corrected readings; none where no cause can be corrected."""
     from slam.evaluation.map_gain import map_gains
-    from slam.simulation.inverse.correct import INVERSES
+    from slam.simulation.terms import CATALOGUE
 
-    if result.extended is None or not any(cause.name in INVERSES for cause in result.causes):
+    corrected = [cause.name for cause in result.causes if CATALOGUE[cause.name].undo is not None]
+    if result.extended is None or not corrected:
         return []
     return map_gains(flights, result.extended, max_pictures, progress)
 

@@ -20,23 +20,32 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from backend.numba_cache import discard_stale, njit
+from slam.simulation.state import HOLD_X as HOLD_X
+from slam.simulation.state import HOLD_Y as HOLD_Y
+from slam.simulation.state import PITCH as PITCH
+from slam.simulation.state import ROLL as ROLL
+from slam.simulation.state import STATE as STATE
+from slam.simulation.state import VX as VX
+from slam.simulation.state import VY as VY
+from slam.simulation.state import VZ as VZ
+from slam.simulation.state import YAW as YAW
+from slam.simulation.state import YAW_RATE as YAW_RATE
+from slam.simulation.state import X as X
+from slam.simulation.state import Y as Y
+from slam.simulation.state import Z as Z
 
 Array = NDArray[np.float64]
 
-discard_stale([Path(__file__), Path(__file__).parents[2] / "backend" / "measurements.py"])
+discard_stale(
+    [
+        Path(__file__),
+        Path(__file__).with_name("state.py"),
+        Path(__file__).parents[2] / "backend" / "measurements.py",
+    ]
+)
 
 STEP_S = 0.002
 """Step of the integration: RK4, a fiftieth of the vehicle's fastest own lag."""
-
-STATE = (
-    "x", "y", "z",  # position, world [m]
-    "v_x", "v_y", "v_z",  # velocity that drag acts on, world [m/s]; the position moves with v + w
-    "roll", "pitch", "yaw",  # [rad]
-    "yaw_rate",  # derivative of yaw, not a body rate [rad/s]
-    "hold_x", "hold_y",  # set point of position_hold [m]
-)  # fmt: skip
-"""Names of the state's entries, in order."""
-(X, Y, Z, VX, VY, VZ, ROLL, PITCH, YAW, YAW_RATE, HOLD_X, HOLD_Y) = range(len(STATE))
 
 COMMAND = (
     "forward", "left", "up", "yaw",  # the stick, -1..1

@@ -120,9 +120,9 @@ class Model:
         check_model(changed, f"model {self.name!r}")
         return changed
 
-    def known_to(self, term: str, otherwise: float) -> float:
-        """Return the largest standard deviation of a term's parameters, or ``otherwise`` without one."""
-        return max(self.std.get(term, {}).values(), default=otherwise)
+    def known_to(self, term: str) -> float | None:
+        """Return the largest standard deviation of a term's parameters, or None without one."""
+        return max(self.std.get(term, {}).values(), default=None)
 
     def with_std(self, term: str, **values: float) -> Model:
         """Return this model with the given standard deviations of a term's parameters."""

@@ -18,7 +18,9 @@ from slam.simulation.dynamics import (
     ROLL,
     STATE,
     STEP_S,
+    VX,
     YAW,
+    YAW_RATE,
     Moments,
     X,
     Y,
@@ -60,6 +62,20 @@ class State:
         pose[:, :3, :3] = self.w_R_b
         pose[:, :3, 3] = self.w_p_m
         return pose
+
+    @property
+    def vectors(self) -> tuple[Array, Array]:
+        """State and its derivative, (``STATE``, n) each, as the equations have them; set points are 0."""
+        state, rate = np.zeros((2, len(STATE), len(self.stamps_s)))
+        state[X:VX], state[VX:ROLL], state[ROLL:YAW_RATE] = (
+            self.w_p_m.T, self.w_v_m_s.T, self.roll_pitch_yaw_rad.T,
+        )  # fmt: skip
+        rate[X:VX], rate[VX:ROLL] = self.w_v_m_s.T, self.w_a_m_s2.T
+        (roll, pitch, _), (p, q, r) = self.roll_pitch_yaw_rad.T, self.b_rate_rad_s.T
+        rate[YAW] = (np.sin(roll) * q + np.cos(roll) * r) / np.cos(pitch)
+        rate[ROLL], rate[PITCH] = p + np.sin(pitch) * rate[YAW], np.cos(roll) * q - np.sin(roll) * r
+        state[YAW_RATE] = rate[YAW]
+        return state, rate
 
     @property
     def b_specific_force_m_s2(self) -> Array:

@@ -19,7 +19,9 @@ from slam.simulation.model import Model
 from slam.simulation.motion import State, Trajectory
 from slam.simulation.place.terrain import first_echo
 from slam.simulation.place.world import World
+from slam.simulation.state import Z
 from slam.simulation.stick import Stick
+from slam.simulation.terms import CATALOGUE
 
 __all__ = ["Rate", "stamps"]
 
@@ -27,10 +29,6 @@ Array = NDArray[np.float64]
 
 LATEST_START_S = 0.25
 """Each stream takes its first sample within this time."""
-SOUND_M_S, SOUND_M_S_K = 331.3, 0.606
-"""Speed of sound at 0 degrees Celsius, and its change per kelvin."""
-ASSUMED_DEG_C = 20.0
-"""Air temperature that the sonar assumes."""
 SECOND_ECHO_STD = 0.05
 """Standard deviation of a second echo, relative to the range."""
 
@@ -65,41 +63,52 @@ def sampling_times(stamps_s: Array, model: Model) -> Array:
     return stamps_s / (1 + model.value("clock_drift", "ppm") * 1e-6)
 
 
-def inertial(state: State, model: Model) -> tuple[Array, Array]:
+def with_terms(
+    stream: str, reading: Array, state: State, model: Model, height_m: Array, progress: Array
+) -> Array:
+    """Return readings (n, k) of a stream with the terms of the model that change them.
+
+    ``height_m`` (n,) is the height above what lies below, and ``progress`` (n,) the elapsed share of the
+    flight.
+    """
+    out = reading.T.copy()
+    state_at, rate = state.vectors
+    state_at[Z] = height_m
+    for term in CATALOGUE.values():
+        if term.stream == stream and term.read is not None and model.holds(term.name):
+            term.read(out, state_at, rate, progress, model.vector(term.name), 0)
+    return out.T
+
+
+def inertial(state: State, model: Model, progress: Array) -> tuple[Array, Array]:
     """Return body rates (n, 3) and specific force (n, 3) without noise, in the axes of the IMU."""
-    s_R_b = Rotation.from_rotvec(model.vector("imu_misalignment")).inv()
-    gyro = (1 + model.value("gyro_scale", "eps")) * s_R_b.apply(state.b_rate_rad_s)
-    accel = (1 + model.value("accel_scale", "eps")) * s_R_b.apply(state.b_specific_force_m_s2)
-    return gyro + model.vector("gyro_bias"), accel + model.vector("accel_bias")
+    reading = np.column_stack([state.b_rate_rad_s, state.b_specific_force_m_s2])
+    read = with_terms("imu", reading, state, model, state.w_p_m[:, 2], progress)
+    return read[:, :3], read[:, 3:]
 
 
-def flow_speed(state: State, model: Model, world: World) -> Array:
+def flow_speed(state: State, model: Model, world: World, progress: Array) -> Array:
     """Return the velocity (n, 2) of the on-board optical flow in the heading frame, without noise."""
-    leak = model.value("flow_derotation", "kappa")
-    velocity = state.h_v_m_s
-    if leak:
-        height = first_echo(world, state.w_p_m, np.tile([0.0, 0.0, -1.0], (len(velocity), 1)))
-        turning = np.column_stack([state.b_rate_rad_s[:, 1], -state.b_rate_rad_s[:, 0]])
-        velocity = velocity + leak * turning * height[:, None]
-    return (1 + model.value("flow_scale", "eps")) * velocity
+    below = np.tile([0.0, 0.0, -1.0], (len(state.w_p_m), 1))
+    height_m = first_echo(world, state.w_p_m, below)
+    return with_terms("velocity", state.h_v_m_s, state, model, height_m, progress)
 
 
-def slant_range(w_T_b: Array, model: Model, world: World, progress: Array) -> Array:
+def slant_range(state: State, model: Model, world: World, progress: Array) -> Array:
     """Return the sonar range (n,) of the first surface in the beam, before noise, quantisation and limits.
 
-    ``w_T_b`` (n, 4, 4) are the poses at emission, ``sonar_lag`` before the reading. ``progress`` (n,) is the
-    elapsed share of the flight, over which the air warms up.
+    ``state`` is that at emission, ``sonar_lag`` before the reading. ``progress`` (n,) is the elapsed share
+    of the flight.
     """
+    w_T_b = state.w_T_b
     axis = Rotation.from_rotvec([*model.vector("sonar_tilt"), 0.0]).apply([0.0, 0.0, -1.0])
     along, pencil = w_T_b[:, :3, :3] @ axis, model.value("sonar_slant", "c")
     echo = first_echo(world, w_T_b[:, :3, 3], along)
     if pencil != 1.0:
         cone = first_echo(world, w_T_b[:, :3, 3], along, model.sonar.beam_width_rad)
         echo = pencil * echo + (1 - pencil) * cone
-    assumed = SOUND_M_S + SOUND_M_S_K * ASSUMED_DEG_C
-    sound = assumed + SOUND_M_S_K * model.value("sonar_temperature", "rise") * progress
-    echo = echo * assumed / sound * (1 + model.value("sonar_scale", "eps"))
-    return np.asarray(echo + model.value("sonar_bias", "b") + model.sonar.datum_m)
+    range_m = with_terms("sonar", echo[:, None], state, model, state.w_p_m[:, 2], progress)
+    return np.asarray(range_m[:, 0] + model.sonar.datum_m)
 
 
 def in_limits(range_m: Array, model: Model) -> Array:
@@ -116,7 +125,7 @@ def read_imu(motion: Trajectory, model: Model, seed: int) -> Imu:
     """Return gyro and accelerometer readings with noise and random-walk biases."""
     imu, rng = model.imu, generator(seed, "imu")
     times = stamps(imu.rate_hz, motion.duration_s, rng)
-    gyro, accel = inertial(motion.at(times), model)
+    gyro, accel = inertial(motion.at(times), model, times / motion.duration_s)
     per_sample = np.sqrt(imu.rate_hz)
     gyro_noise = rng.normal(0.0, imu.gyro_noise_density * per_sample, gyro.shape)
     accel_noise = rng.normal(0.0, imu.accel_noise_density * per_sample, accel.shape)
@@ -149,7 +158,7 @@ def read_velocity(motion: Trajectory, model: Model, world: World, seed: int) -> 
     """Return the velocity of the on-board optical flow with noise."""
     rng, std = generator(seed, "velocity"), model.velocity.noise_std_m_s
     times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
-    speed = flow_speed(motion.at(times), model, world)
+    speed = flow_speed(motion.at(times), model, world, times / motion.duration_s)
     stamps_s = clock_stamps(times, model, generator(seed, "velocity clock"))
     noise = autoregressive(rng.normal(0.0, std, speed.shape), model.velocity.noise_correlation)
     # The scale is exact.
@@ -160,8 +169,8 @@ def read_sonar(motion: Trajectory, model: Model, world: World, seed: int) -> Son
     """Return the noisy range to the first surface in the beam; NaN where it is out of range."""
     sonar, rng = model.sonar, generator(seed, "sonar")
     times = stamps(sonar.rate_hz, motion.duration_s, rng)
-    pose = motion.at(times - model.value("sonar_lag", "T")).w_T_b
-    range_m = slant_range(pose, model, world, times / motion.duration_s)
+    emitted = motion.at(times - model.value("sonar_lag", "T"))
+    range_m = slant_range(emitted, model, world, times / motion.duration_s)
     noise = rng.normal(0.0, sonar.noise_std_m, range_m.shape)
     range_m = range_m + autoregressive(noise, sonar.noise_correlation)
     spikes = generator(seed, "sonar spikes")

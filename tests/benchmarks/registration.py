@@ -27,9 +27,9 @@ from slam.mapping.config import PipelineConfig
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import Film, film_flight
 from slam.simulation.camera.photometry import falloff
-from slam.simulation.inverse.camera import vignetting_correction
 from slam.simulation.recipe import Recipe, load_recipe
 from slam.simulation.terms import CATALOGUE
+from slam.simulation.terms.camera import vignetting_correction
 from tests.benchmarks.metric import Metric, at_least, reported, within
 
 Array = NDArray[np.float64]

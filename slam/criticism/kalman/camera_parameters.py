@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.simulation.model import Model
+from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
@@ -20,8 +21,9 @@ CAMERA = (
 (FOCAL, RADIAL, TILT_X, TILT_Y, OFFSET, READOUT, VIGNETTING, BLUR, GAIN, GAMMA) = range(len(CAMERA))
 POINTS = 6
 """Number of leading entries that move points of the picture."""
-SQUARES = (BLUR, GAIN, GAMMA)
-STEPS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-6, 1e-5, 1e-5)
+_PARAMETERS = [CATALOGUE[term].parameter(name) for term, name in (entry.split(".") for entry in CAMERA)]
+SQUARES = tuple(k for k, parameter in enumerate(_PARAMETERS) if parameter.squared)
+STEPS = tuple(parameter.step for parameter in _PARAMETERS)
 
 
 def camera_vector(model: Model) -> Array:

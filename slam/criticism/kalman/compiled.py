@@ -12,6 +12,9 @@ discard_stale(
     [
         *(_ROOT / "slam" / "criticism").rglob("*.py"),
         _ROOT / "slam" / "simulation" / "dynamics.py",
+        _ROOT / "slam" / "simulation" / "state.py",
+        _ROOT / "slam" / "simulation" / "terms",
+        *(_ROOT / "slam" / "simulation" / "terms").glob("*.py"),
         _ROOT / "backend" / "measurements.py",
     ]
 )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.camera_parameters import CAMERA, camera_vector
-from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, SENSOR, SLANT
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, SENSOR
 from slam.criticism.kalman.transition import HOLD
 from slam.simulation.dynamics import PARAMETERS
 from slam.simulation.model import Model
@@ -97,6 +97,3 @@ def slot(name: str) -> tuple[str, int]:
     if name in CAMERA:
         return "camera", CAMERA.index(name)
     return "sensor", SENSOR.index(name)
-
-
-assert SENSOR[SLANT] == "sonar_slant.c"

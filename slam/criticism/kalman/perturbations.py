@@ -15,7 +15,7 @@ import numpy as np
 from slam.criticism.kalman.arrays import Array, CommandArrays, Ints, PerturbationArrays
 from slam.criticism.kalman.camera_parameters import CAMERA
 from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
-from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY, WIDTH
+from slam.criticism.kalman.readings import IMU, READ_BY, SENSOR, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ON_CHANNEL
 from slam.simulation.dynamics import NOISE, PARAMETERS
@@ -52,12 +52,6 @@ class Perturbation:
 
 LATE_SHARE = 3.0 * LATE_SPREAD
 
-_READ_BY = {
-    "flow_scale": VELOCITY, "flow_derotation": VELOCITY, "velocity": VELOCITY, "attitude": ATTITUDE,
-    "sonar_slant": SONAR, "sonar_tilt": SONAR, "sonar_scale": SONAR, "sonar_bias": SONAR,
-    "sonar_temperature": SONAR, "sonar_lag": SONAR, "sonar": SONAR, "floor_slope": SONAR,
-}  # fmt: skip
-
 
 def parameter_perturbation(name: str, step: float) -> Perturbation:
     """Return the perturbation of a parameter of the equations, of an instrument or of the camera."""
@@ -91,7 +85,7 @@ def perturbation_arrays(
             table.changes_motion[k] = 1
             table.parameters_of[k, d.entry] += d.step
         elif d.kind == "sensor":
-            table.instrument_mask[k] = 1 << _READ_BY.get(SENSOR[d.entry].partition(".")[0], IMU)
+            table.instrument_mask[k] = 1 << READ_BY[d.entry]
             table.sensor_of[k, d.entry] += d.step
         elif d.kind in ("latency", "drift"):
             table.changes_motion[k] = 1

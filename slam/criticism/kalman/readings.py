@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.sensor_terms import READ_BY as READ_BY
+from slam.criticism.kalman.sensor_terms import SENSOR as SENSOR
+from slam.criticism.kalman.sensor_terms import reading_terms
 from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, X, Y, Z, noise_share
 
 Array = NDArray[np.float64]
@@ -69,40 +72,16 @@ def place_of(channel: int) -> tuple[int, int]:
     return int(kind), int(column)
 
 
-SENSOR = (
-    "flow_scale.eps", "flow_derotation.kappa",
-    "sonar_slant.c", "sonar_tilt.x", "sonar_tilt.y", "sonar_scale.eps", "sonar_bias.b",
-    "sonar_temperature.rise", "sonar_lag.T", "sonar.datum_m",
-    "gyro_bias.x", "gyro_bias.y", "gyro_bias.z", "gyro_scale.eps",
-    "accel_bias.x", "accel_bias.y", "accel_bias.z", "accel_scale.eps",
-    "imu_misalignment.x", "imu_misalignment.y", "imu_misalignment.z",
-    "floor_slope.x", "floor_slope.y",
-    "attitude.delay_s", "velocity.delay_s",
-)  # fmt: skip
-"""Entries of the instruments' parameter vector; the last two belong to residual patterns, not to terms."""
+SLANT, TILT_X, TILT_Y = (SENSOR.index(name) for name in ("sonar_slant.c", "sonar_tilt.x", "sonar_tilt.y"))
+RANGE_LAG, DATUM = SENSOR.index("sonar_lag.T"), SENSOR.index("sonar.datum_m")
+SLOPE_X, SLOPE_Y = SENSOR.index("floor_slope.x"), SENSOR.index("floor_slope.y")
+ATTITUDE_DELAY, VELOCITY_DELAY = SENSOR.index("attitude.delay_s"), SENSOR.index("velocity.delay_s")
 
-(
-    FLOW_SCALE, DEROTATION, SLANT, TILT_X, TILT_Y, RANGE_SCALE, RANGE_BIAS, WARMING, RANGE_LAG, DATUM,
-    GYRO_X, GYRO_Y, GYRO_Z, GYRO_SCALE, ACCEL_X, ACCEL_Y, ACCEL_Z, ACCEL_SCALE, TURN_X, TURN_Y, TURN_Z,
-    SLOPE_X, SLOPE_Y, ATTITUDE_DELAY, VELOCITY_DELAY,
-) = range(len(SENSOR))  # fmt: skip
-
-ASSUMED_SOUND_M_S, SOUND_M_S_K = 331.3 + 0.606 * 20.0, 0.606
-"""Speed of sound in m/s that the sonar assumes, and its change per kelvin."""
+_imu_terms, _velocity_terms, _sonar_terms = (reading_terms(s) for s in ("imu", "velocity", "sonar"))
 
 
 @kernel
-def _turned(x: float, y: float, z: float, sensor: Array, out: Array, first: int) -> None:
-    """Write a vector in axes turned by a small rotation vector m: v - m x v + m x (m x v) / 2."""
-    a, b, c = sensor[TURN_X], sensor[TURN_Y], sensor[TURN_Z]
-    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
-    out[first] = x - u + 0.5 * (b * w - c * v)
-    out[first + 1] = y - v + 0.5 * (c * u - a * w)
-    out[first + 2] = z - w + 0.5 * (a * v - b * u)
-
-
-@kernel
-def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, out: Array) -> None:
+def _imu(state: Array, rate: Array, pole_s: float, share: float, out: Array) -> None:
     sr, cr, sp, cp = (
         math.sin(state[ROLL]),
         math.cos(state[ROLL]),
@@ -113,21 +92,18 @@ def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, 
     p = rate[ROLL] - sp * rate[YAW]
     q = cr * rate[PITCH] + sr * cp * rate[YAW]
     r = -sr * rate[PITCH] + cr * cp * rate[YAW]
-    _turned(p, q, r, sensor, out, 0)
+    out[0], out[1], out[2] = p, q, r
     ax = rate[VX] + share * (state[BEFORE] - state[BEHIND]) / pole_s
     ay = rate[VY] + share * (state[BEFORE + 1] - state[BEHIND + 1]) / pole_s
     az = rate[VZ] + share * (state[BEFORE + 2] - state[BEHIND + 2]) / pole_s + GRAVITY_M_S2
     ahead, left = cy * ax + sy * ay, cy * ay - sy * ax
     down = sp * ahead + cp * az
-    _turned(cp * ahead - sp * az, cr * left + sr * down, cr * down - sr * left, sensor, out, 3)
-    for i in range(3):
-        out[i] = (1.0 + sensor[GYRO_SCALE]) * out[i] + sensor[GYRO_X + i]
-        out[3 + i] = (1.0 + sensor[ACCEL_SCALE]) * out[3 + i] + sensor[ACCEL_X + i]
+    out[3], out[4], out[5] = cp * ahead - sp * az, cr * left + sr * down, cr * down - sr * left
 
 
 @kernel
-def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
-    """Return the range along the beam, to first order in the beam's tilt and to second in the lag."""
+def _range(state: Array, rate: Array, sensor: Array) -> float:
+    """Return the range of the first echo, to first order in the beam's tilt and to second in the lag."""
     late = sensor[RANGE_LAG]
     z = state[Z] - late * rate[Z] + 0.5 * late * late * rate[VZ]
     roll, pitch = state[ROLL] - late * rate[ROLL], state[PITCH] - late * rate[PITCH]
@@ -143,10 +119,7 @@ def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
     slope_x, slope_y = sensor[SLOPE_X], sensor[SLOPE_Y]
     height = z - slope_x * x - slope_y * y
     pencil = height / (-up + slope_x * wx + slope_y * wy)
-    echo = height + sensor[SLANT] * (pencil - height)
-    warm = ASSUMED_SOUND_M_S + SOUND_M_S_K * sensor[WARMING] * elapsed
-    echo *= ASSUMED_SOUND_M_S / warm * (1.0 + sensor[RANGE_SCALE])
-    return float(echo + sensor[RANGE_BIAS] + sensor[DATUM])
+    return float(height + sensor[SLANT] * (pencil - height))
 
 
 @kernel
@@ -167,7 +140,8 @@ def reading(
     """
     share = noise_share(state[Z], parameters)
     if kind == IMU:
-        _imu(state, rate, sensor, pole_s, share, out)
+        _imu(state, rate, pole_s, share, out)
+        _imu_terms(out, state, rate, elapsed, sensor)
     elif kind == ATTITUDE:
         for i in range(3):
             out[i] = state[ROLL + i] - sensor[ATTITUDE_DELAY] * rate[ROLL + i]
@@ -175,9 +149,9 @@ def reading(
         late = sensor[VELOCITY_DELAY]
         sy, cy = math.sin(state[YAW]), math.cos(state[YAW])
         vx, vy = rate[X] - late * rate[VX], rate[Y] - late * rate[VY]
-        # Small tilts: the body's rates about x and y are those of roll and pitch.
-        turning = sensor[DEROTATION] * state[Z]
-        out[0] = (1.0 + sensor[FLOW_SCALE]) * (cy * vx + sy * vy + turning * rate[PITCH])
-        out[1] = (1.0 + sensor[FLOW_SCALE]) * (cy * vy - sy * vx - turning * rate[ROLL])
+        out[0], out[1] = cy * vx + sy * vy, cy * vy - sy * vx
+        _velocity_terms(out, state, rate, elapsed, sensor)
     else:
-        out[0] = _range(state, rate, sensor, elapsed)
+        out[0] = _range(state, rate, sensor)
+        _sonar_terms(out, state, rate, elapsed, sensor)
+        out[0] += sensor[DATUM]

@@ -12,7 +12,6 @@ from math import pi
 
 import numpy as np
 
-from slam.criticism.kalman.camera_parameters import CAMERA, SQUARES, STEPS
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
@@ -22,7 +21,7 @@ from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import NoiseChange
 from slam.criticism.search.nuisances import NUISANCES
 from slam.simulation.dynamics import GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
-from slam.simulation.terms import CATALOGUE
+from slam.simulation.terms import CATALOGUE, Parameter, Term
 
 
 @dataclass(frozen=True)
@@ -55,37 +54,11 @@ class Effect:
         return (self.name, self.parameters) == (other.name, other.parameters)
 
 
-_STEPS: dict[str, tuple[tuple[str, float], ...]] = {
-    "active_braking": (("k_b", 1e-2),),
-    "asymmetric_drag": (("alpha", 1e-2),),
-    "quadratic_drag": (("c", 5e-3),),
-    "command_nonlinearity": (("eps", 2e-2), ("dead_band", 1e-3)),
-    "battery_sag": (("loss", 1e-2),),
-    "trim_offset": (("roll", 1e-3), ("pitch", 1e-3)),
-    "steady_wind": (("x", 2e-2), ("y", 2e-2)),
-    "climb_asymmetry": (("eps", 1e-2),),
-    "yaw_drag": (("eps", 1e-2),),
-    "flow_scale": (("eps", 1e-2),),
-    "flow_derotation": (("kappa", 1e-2),),
-    "sonar_slant": (("c", 1e-2),),
-    "sonar_tilt": (("x", 1e-3), ("y", 1e-3)),
-    "sonar_scale": (("eps", 1e-3),),
-    "sonar_bias": (("b", 1e-3),),
-    "sonar_temperature": (("rise", 0.1),),
-    "sonar_lag": (("T", 1e-3),),
-    "gyro_bias": (("x", 1e-4), ("y", 1e-4), ("z", 1e-4)),
-    "gyro_scale": (("eps", 1e-3),),
-    "accel_bias": (("x", 1e-3), ("y", 1e-3), ("z", 1e-3)),
-    "accel_scale": (("eps", 1e-3),),
-    "imu_misalignment": (("x", 1e-3), ("y", 1e-3), ("z", 1e-3)),
-    "floor_slope": (("x", 1e-3), ("y", 1e-3)),
-}
-"""Parameters that are plain entries of the equations or the instruments, with the steps for their
-derivatives."""
-
 LATE = {"attitude late": (ATTITUDE, "attitude.delay_s"), "velocity late": (VELOCITY, "velocity.delay_s")}
 """Delays that belong to no term but have a parameter in the equations: kind of events, and the parameter."""
 DELAY_STEP_S = 1e-3
+PICTURES = ("camera", "frames")
+"""Streams that only pictures show."""
 
 RADIUS_M = 0.1
 """Step of the radius. The push of the floor is proportional to the square of the radius: the column is
@@ -104,7 +77,13 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
 
     For an out-of-model vehicle delayed readings and pure process noise are left out.
     """
-    found = [_plain(name, steps) for name, steps in _STEPS.items()]
+    seen = any(r.matches is not None for r in records)
+    found = [
+        effect
+        for term in CATALOGUE.values()
+        if seen or term.stream not in PICTURES
+        for effect in _plain(term)
+    ]
     found += _latencies(parameters)
     if any_holds_heading(records) or not any_turns(records):
         # A vehicle that was never commanded to turn shows slower yaw by its process noise alone.
@@ -112,9 +91,6 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
     found.append(Effect("clock_drift", (Perturbation("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
     found.append(_ground_effect(parameters))
-    if any(r.matches is not None for r in records):
-        found += _of_camera()
-    found.append(_plain("active_braking", (("lean", 1e-2),)))
     found += _tilt_limits(records, parameters)
     if not parameters.out_of_model:
         found += [_gusts(tau) for tau in GUST_TIMES_S]
@@ -161,20 +137,18 @@ def catalogue_value(
     return fitted_parameter(effect.columns[column]).in_catalogue_units(current + step, parameters)
 
 
-def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
-    perturbations = tuple(parameter_perturbation(f"{name}.{parameter}", step) for parameter, step in steps)
-    positive = len(steps) == 1 and CATALOGUE[name].parameter(steps[0][0]).least == 0.0
-    return Effect(name, perturbations, (), tuple(parameter for parameter, _ in steps), positive)
+def _plain(term: Term) -> list[Effect]:
+    """Return the term with its smooth parameters together; one whose sign cannot be observed, or that the
+    catalogue marks so, is tried alone."""
+    single = [p for p in term.smooth if p.alone or p.squared]
+    groups = [[p] for p in single] + [[p for p in term.smooth if p not in single]]
+    return [_together(term.name, group) for group in groups if group]
 
 
-def _of_camera() -> list[Effect]:
-    """Return the terms that pictures show."""
-    parameters: dict[str, list[tuple[str, float]]] = {}
-    for entry, (name, step) in enumerate(zip(CAMERA, STEPS, strict=True)):
-        term, _, parameter = name.partition(".")
-        # A variance is tried by itself: it cannot be negative.
-        parameters.setdefault(name if entry in SQUARES else term, []).append((parameter, step))
-    return [_plain(term.partition(".")[0], tuple(steps)) for term, steps in parameters.items()]
+def _together(name: str, parameters: Sequence[Parameter]) -> Effect:
+    perturbations = tuple(parameter_perturbation(f"{name}.{p.name}", p.step) for p in parameters)
+    positive = len(parameters) == 1 and parameters[0].least == 0.0
+    return Effect(name, perturbations, (), tuple(p.name for p in parameters), positive)
 
 
 def _ground_effect(parameters: FilterParameters) -> Effect:

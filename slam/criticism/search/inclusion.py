@@ -11,6 +11,7 @@ from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import LATENCY_STEP_S, Effect
 from slam.criticism.search.fitted_parameters import AT, fitted_parameter
 from slam.simulation.dynamics import TILT_LIMIT
+from slam.simulation.terms import CATALOGUE
 
 
 def with_free_value(effect: Effect) -> Effect:
@@ -41,7 +42,8 @@ def at_profiled_value(effect: Effect, parameters: FilterParameters) -> FilterPar
 def is_saturation(effect: Effect) -> bool:
     """Whether an effect saturates: its derivative at the limit does not predict the effect of removing the
     limit."""
-    return effect.name == "tilt_limit"
+    term = CATALOGUE.get(effect.name)
+    return term is not None and term.parameters[0].is_limit
 
 
 def without_saturation(saturation: Effect, parameters: FilterParameters) -> FilterParameters:

@@ -21,7 +21,6 @@ from slam.simulation.terms import CATALOGUE
 Ints = NDArray[np.int64]
 
 CONFUSED = 0.9
-LIMIT = "tilt_limit"
 NINE_OF_TEN = 1.28
 """Standard deviations beyond a threshold that nine of ten cases exceed."""
 
@@ -93,5 +92,5 @@ def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float
         sizes = [p for p in CATALOGUE[name].parameters if p.unit == unit]
         usual = max(max(abs(p.low - p.neutral), abs(p.high - p.neutral)) for p in sizes)
         # The lower a limit, the greater is its effect.
-        shares[name] = sizes[0].low / size if name == LIMIT else size / usual
+        shares[name] = sizes[0].low / size if sizes[0].is_limit else size / usual
     return dict(sorted((item for item in shares.items() if item[1] <= 1.0), key=lambda item: item[1]))

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.power import within_reach
-from slam.criticism.verdict.words import IN_WORDS
 from slam.simulation.terms import CATALOGUE
 
 FAIR_SHARE = 0.9
@@ -144,9 +143,9 @@ def _named(finding: Finding) -> str:
     sizes = ", ".join(f"{n} = {p.value:.3g}{_spaced(p.unit)}" for n, p in lead.parameters.items())
     bracket = f"({sizes}{'; ' if sizes else ''}probability {lead.probability:.2f})"
     if finding.probable:
-        return f"The model lacks {lead.name}: {IN_WORDS[lead.name]} {bracket}."
+        return f"The model lacks {lead.name}: {CATALOGUE[lead.name].meaning} {bracket}."
     if lead.probability >= FAINT:
-        return f"The most probable cause is {lead.name}: {IN_WORDS[lead.name]} {bracket}."
+        return f"The most probable cause is {lead.name}: {CATALOGUE[lead.name].meaning} {bracket}."
     return f"No term of the catalogue is a probable cause; the nearest is {lead.name}."
 
 
@@ -189,7 +188,7 @@ def _gain_in_nats(gain: Gain) -> str:
 def _describe(cause: Cause) -> str:
     """Describe a cause with its probability, its gain and the lead over its rival; its sizes are in a table
     of their own."""
-    words = f"{IN_WORDS[cause.name]} (probability {cause.probability:.2f})"
+    words = f"{CATALOGUE[cause.name].meaning} (probability {cause.probability:.2f})"
     return f"{cause.name}: {words}; {_gain_in_nats(cause.gain)}{_excluded(cause)}."
 
 

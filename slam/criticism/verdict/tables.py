@@ -18,12 +18,8 @@ from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.criticism import ChannelCheck, Rank
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, is_term
 from slam.criticism.verdict.rollout_fit import RolloutFit
+from slam.simulation.terms import CATALOGUE
 
-IN_SINGLE_READINGS = (
-    "sonar_spikes", "sonar_quantisation", "sonar_dead_zone", "floor_steps", "timestamp_jitter",
-    "dropped_frames", "specular_highlights", "moving_objects",
-)  # fmt: skip
-"""Terms that ``residuals`` detects, whatever the search does."""
 TENTHS = 10
 
 
@@ -49,7 +45,11 @@ def ranked(
     seen = {cause.name: cause for cause in anomalies}
     healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))
     probability = probability | {NOTHING: healthy * probability.get(NOTHING, 0.0)}
-    z = {name: seen[name].z if name in seen else 0.0 for name in IN_SINGLE_READINGS} | z
+    z = {
+        name: seen[name].z if name in seen else 0.0
+        for name, term in CATALOGUE.items()
+        if term.in_single_readings
+    } | z
     ranks = [
         Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in (*z, NOTHING, SOMETHING_ELSE)
     ]

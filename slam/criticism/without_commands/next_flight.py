@@ -24,9 +24,10 @@ from slam.criticism.simulated_flights import simulate_flight, simulate_readings
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
 from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS, handheld_motion
-from slam.criticism.without_commands.inertial_consistency import WhitenedRows, inertial_residuals
+from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Regression, regression_of
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.model import Model
 
 Array = NDArray[np.float64]

@@ -22,8 +22,8 @@ from slam.criticism.kalman.filter_parameters import FilterParameters, slot
 from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record
 from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, picture_effects
-from slam.criticism.without_commands.inertial_consistency import WhitenedRows
 from slam.criticism.without_commands.regression import SEGMENT_S, Sizes
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,8 @@ from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import WARPS
 from slam.criticism.search.evidence import parameter_cost
 from slam.criticism.without_commands.effect_columns import is_square
-from slam.criticism.without_commands.inertial_consistency import WhitenedRows
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,17 +26,13 @@ FEWEST_FLIGHTS = 3
 SEGMENTS = 6
 RIDGE = 1e-9
 TOLERANCE = {
-    "gyro_bias": 1e-4, "gyro_scale": 1e-3, "imu_misalignment": 1e-3, "accel_bias": 1e-2, "accel_scale": 1e-3,
-    "flow_scale": 5e-3, "flow_derotation": 5e-3, "sonar_scale": 3e-3, "sonar_slant": 3e-2, "sonar_tilt": 3e-3,
-    "sonar_lag": 3e-3, "sonar_bias": 1e-2, "attitude late": 3e-3, "velocity late": 3e-3,
-    "focal_length": 3e-3, "radial_distortion": 5e-3, "camera_tilt": 2e-3, "camera_time_offset": 1e-3,
-    "rolling_shutter": 1e-3, "vignetting": 2e-2, "motion_blur": 1e-5, "exposure_variation": 1e-5,
+    **{name: term.tolerance for name, term in CATALOGUE.items()},
+    "attitude late": 3e-3, "velocity late": 3e-3,
     "picture brightness ~ time": 2e-2, "picture colour ~ time": 2e-2, "picture contrast ~ time": 5e-2,
     "picture sharpness ~ time": 0.2, "picture brightness ~ height": 5e-2,
     **dict(zip(WARPS, WARP_TOLERANCE.tolist(), strict=True)),
 }  # fmt: skip
-"""Size of each effect below which there is none: what integrals over half a second leave in healthy flights,
-and the accuracy of features in pictures."""
+"""Size of each effect below which there is none (``Term.tolerance``)."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from slam.criticism.cause import ChannelError
 from slam.criticism.verdict.rollouts import HORIZONS_S
-from slam.criticism.without_commands.inertial_consistency import NODE_S, Averages, WhitenedRows
 from slam.criticism.without_commands.regression import SEGMENT_S, Regression, Sizes, parts_of
+from slam.criticism.without_commands.whitened_rows import NODE_S, Averages, WhitenedRows
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,10 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, without_dead_zone
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
-from slam.criticism.without_commands.inertial_consistency import WhitenedRows, inertial_residuals
+from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Sizes
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.model import Model
 
 

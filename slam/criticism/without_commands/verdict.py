@@ -25,13 +25,13 @@ from slam.criticism.verdict.sentence import Finding, details, headline
 from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.consistency import disagreements
 from slam.criticism.without_commands.effect_columns import LATE, in_catalogue, is_square
-from slam.criticism.without_commands.inertial_consistency import WhitenedRows
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.pictures import contradiction, picture_errors
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, parts_of, regression_of
 from slam.criticism.without_commands.rollouts import channel_errors
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 

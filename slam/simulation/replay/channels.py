@@ -75,11 +75,15 @@ def level_ground(model: Model) -> World:
 def replay_streams(flight: Flight, model: Model, begin_s: float, end_s: float) -> tuple[ReplayStream, ...]:
     """Return the streams that a model can predict, without empty columns."""
     world, span_s = level_ground(model), end_s - begin_s
+
+    def progress(times_s: Array) -> Array:
+        return (times_s - begin_s) / span_s
+
     streams = [
         _attitude(flight, model),
-        _velocity(flight, model, world),
-        _sonar(flight, model, world, lambda times: (times - begin_s) / span_s),
-        _imu(flight, model),
+        _velocity(flight, model, world, progress),
+        _sonar(flight, model, world, progress),
+        _imu(flight, model, progress),
         _truth(flight.truth),
     ]
     return tuple(kept for stream in streams if stream and (kept := _without_empty_columns(stream)).channels)
@@ -117,7 +121,9 @@ def _attitude(flight: Flight, model: Model) -> ReplayStream | None:
     return ReplayStream(times, flight.attitude.roll_pitch_yaw_rad, channels, predict)
 
 
-def _velocity(flight: Flight, model: Model, world: World) -> ReplayStream | None:
+def _velocity(
+    flight: Flight, model: Model, world: World, progress: Callable[[Array], Array]
+) -> ReplayStream | None:
     if flight.velocity is None:
         return None
     stds = flight.velocity.noise_std_m_s
@@ -126,7 +132,7 @@ def _velocity(flight: Flight, model: Model, world: World) -> ReplayStream | None
     )
 
     def predict(motion: Motion, times_s: Array) -> Array:
-        return sensors.flow_speed(motion.at(times_s), model, world)
+        return sensors.flow_speed(motion.at(times_s), model, world, progress(times_s))
 
     return ReplayStream(
         sensors.sampling_times(flight.velocity.stamps_s, model), flight.velocity.v_m_s, channels, predict
@@ -141,8 +147,8 @@ def _sonar(
     channels = (ReplayChannel("sonar.range", "m", flight.sonar.noise_std_m),)
 
     def predict(motion: Motion, times_s: Array) -> Array:
-        pose = motion.at(times_s - model.value("sonar_lag", "T")).w_T_b
-        range_m = sensors.slant_range(pose, model, world, progress(times_s))
+        emitted = motion.at(times_s - model.value("sonar_lag", "T"))
+        range_m = sensors.slant_range(emitted, model, world, progress(times_s))
         return sensors.in_limits(range_m, model)[:, None]
 
     return ReplayStream(
@@ -150,7 +156,7 @@ def _sonar(
     )
 
 
-def _imu(flight: Flight, model: Model) -> ReplayStream | None:
+def _imu(flight: Flight, model: Model, progress: Callable[[Array], Array]) -> ReplayStream | None:
     imu = flight.imu
     if imu is None or len(imu.stamps_s) < 2:
         return None
@@ -166,7 +172,7 @@ def _imu(flight: Flight, model: Model) -> ReplayStream | None:
     )
 
     def predict(motion: Motion, times_s: Array) -> Array:
-        readings = np.hstack(sensors.inertial(motion.at(times_s), model))
+        readings = np.hstack(sensors.inertial(motion.at(times_s), model, progress(times_s)))
         changes = motion.stick.stamps_s[1:][np.any(np.diff(motion.stick.values, axis=0) != 0, axis=1)]
         readings[_near(times_s, changes + motion.latency_s)] = np.nan
         return readings

@@ -141,9 +141,9 @@ class StartEstimator:
                 np.array([time_s]), state[None, :3].copy(), state[None, 3:6], np.zeros((1, 3)),
                 state[None, 6:9], rates[None],
             )  # fmt: skip
-            ahead = ahead + speed - sensors.flow_speed(now, self._model, self._world)[0]
+            ahead = ahead + speed - sensors.flow_speed(now, self._model, self._world, progress)[0]
             if self._has_range:
-                state[2] += range_m - sensors.slant_range(now.w_T_b, self._model, self._world, progress)[0]
+                state[2] += range_m - sensors.slant_range(now, self._model, self._world, progress)[0]
         return state
 
 

@@ -1,7 +1,7 @@
 """Terms of the motion: command, tilt, drag, wind, climb and yaw.
 
-They act inside ``dynamics.derivative``, with three exceptions: ``control_latency`` (on the command before
-it), ``gusts`` (through the noise) and ``flow_scale`` (on an instrument). Symbols: f, l, u, y the stick, a the
+They act inside ``dynamics.derivative``, with two exceptions: ``control_latency`` (on the command before it)
+and ``gusts`` (through the noise). Symbols: f, l, u, y the stick, a the
 largest tilt, G the gain, k the drag, v the velocity that drag acts on, tau the attitude's time constant;
 primes are time derivatives.
 """
@@ -15,6 +15,7 @@ from slam.simulation.terms.term import Parameter, Term, signed, size
 MOTION = (
     Term(
         name="control_latency",
+        meaning="the vehicle obeys the sticks late",
         family="motion",
         acts_on="command",
         parameters=(size("T", "s", 0.03, 0.25, 2.0),),
@@ -26,6 +27,7 @@ MOTION = (
     ),
     Term(
         name="attitude_lag",
+        meaning="the vehicle reaches the commanded tilt faster or slower",
         family="motion",
         acts_on="command",
         parameters=(
@@ -46,9 +48,13 @@ MOTION = (
     ),
     Term(
         name="active_braking",
+        meaning="it brakes by itself when the stick is released",
         family="motion",
         acts_on="force",
-        parameters=(size("k_b", "1/s", 0.2, 2.0, 20.0), size("lean", "1/s", 0.2, 2.0, 20.0)),
+        parameters=(
+            size("k_b", "1/s", 0.2, 2.0, 20.0, step=0.01, alone=True),
+            size("lean", "1/s", 0.2, 2.0, 20.0, step=0.01, alone=True),
+        ),
         equation=(
             "while forward and left are both 0: v' -= k_b v; or the vehicle tilts against its velocity: the"
             " commanded tilt minus lean v / g"
@@ -58,33 +64,40 @@ MOTION = (
     ),
     Term(
         name="asymmetric_drag",
+        meaning="it slows down harder than it speeds up",
         family="motion",
         acts_on="force",
-        parameters=(size("alpha", "1", 0.1, 1.0, 10.0),),
+        parameters=(size("alpha", "1", 0.1, 1.0, 10.0, step=0.01),),
         equation="k (1 + alpha) while the vehicle slows down: v . v' < 0",
         confounders=("active_braking",),
         excitation="steps from 0.25 to 0.10 and from 0.25 to -0.15",
     ),
     Term(
         name="quadratic_drag",
+        meaning="the air's drag grows with the square of the speed",
         family="motion",
         acts_on="force",
-        parameters=(size("c", "1/m", 0.02, 0.3, 5.0),),
+        parameters=(size("c", "1/m", 0.02, 0.3, 5.0, step=0.005),),
         equation="v' -= c |v| v",
         confounders=("active_braking", "command_nonlinearity"),
         excitation="steady flight at three or more speeds, in both directions",
     ),
     Term(
         name="command_nonlinearity",
+        meaning="tilt does not grow in proportion to the stick",
         family="motion",
         acts_on="command",
-        parameters=(signed("eps", "1", 1.0, 10.0), size("dead_band", "1", 0.005, 0.03, 0.5)),
+        parameters=(
+            signed("eps", "1", 1.0, 10.0, step=0.02),
+            size("dead_band", "1", 0.005, 0.03, 0.5, step=0.001),
+        ),
         equation="forward and left become s + eps s^3 beyond a dead band",
         confounders=("quadratic_drag", "tilt_limit"),
         excitation="steady flight at three or more stick positions: here the tilt changes too",
     ),
     Term(
         name="tilt_limit",
+        meaning="it never tilts beyond a limit, however far the stick is pushed",
         family="motion",
         acts_on="command",
         parameters=(
@@ -103,43 +116,41 @@ MOTION = (
         excitation="two stick values above the limit",
     ),
     Term(
-        name="flow_scale",
-        family="motion",
-        acts_on="sensor",
-        parameters=(signed("eps", "1", 0.25, 0.9),),
-        equation="the on-board flow speed reads (1 + eps) v",
-        confounders=("focal_length", "quadratic_drag"),
-        excitation="a position reference, or the camera's own metric motion",
-    ),
-    Term(
         name="battery_sag",
+        meaning="it answers the sticks less and less as the battery runs down",
         family="motion",
         acts_on="command",
-        parameters=(size("loss", "1", 0.02, 0.2, 0.9),),
+        parameters=(size("loss", "1", 0.02, 0.2, 0.9, step=0.01),),
         equation="G (1 - loss d), d from 0 to 1 with the charge drawn over the flight",
         confounders=("clock_drift", "sonar_temperature"),
         excitation="the same pulses early and late, with the voltage logged",
     ),
     Term(
         name="trim_offset",
+        meaning="it tilts when the sticks are centred, whatever its heading",
         family="motion",
         acts_on="command",
-        parameters=(signed("roll", "rad", radians(3), 0.5), signed("pitch", "rad", radians(3), 0.5)),
+        parameters=(
+            signed("roll", "rad", radians(3), 0.5, step=0.001),
+            signed("pitch", "rad", radians(3), 0.5, step=0.001),
+        ),
         equation="added to the commanded tilt, in body axes",
         confounders=("steady_wind", "accel_bias"),
         excitation="rotation by 180 deg; at one heading it has the same effect as wind",
     ),
     Term(
         name="steady_wind",
+        meaning="a steady wind carries it",
         family="motion",
         acts_on="wind",
-        parameters=(signed("x", "m/s", 1.0, 20.0), signed("y", "m/s", 1.0, 20.0)),
+        parameters=(signed("x", "m/s", 1.0, 20.0, step=0.02), signed("y", "m/s", 1.0, 20.0, step=0.02)),
         equation="drag acts on v - wind, world axes",
         confounders=("trim_offset",),
         excitation="rotation by 180 deg",
     ),
     Term(
         name="gusts",
+        meaning="the wind comes in gusts",
         family="motion",
         acts_on="wind",
         parameters=(
@@ -152,6 +163,7 @@ MOTION = (
     ),
     Term(
         name="ground_effect",
+        meaning="near the floor its own downwash lifts it",
         family="motion",
         acts_on="force",
         parameters=(size("radius", "m", 0.05, 0.4, 1.0),),
@@ -161,24 +173,27 @@ MOTION = (
     ),
     Term(
         name="climb_asymmetry",
+        meaning="it descends and climbs at different rates for the same stick",
         family="motion",
         acts_on="force",
-        parameters=(signed("eps", "1", 0.5, 0.95),),
+        parameters=(signed("eps", "1", 0.5, 0.95, step=0.01),),
         equation="down stick commands (1 + eps) of the climb rate",
         confounders=("sonar_lag",),
         excitation="steps up and down",
     ),
     Term(
         name="yaw_drag",
+        meaning="it turns faster or slower than the stick commands",
         family="motion",
         acts_on="force",
-        parameters=(signed("eps", "1", 0.3, 0.95),),
+        parameters=(signed("eps", "1", 0.3, 0.95, step=0.01),),
         equation="r' = (r_max y - (1 + eps) r) / tau_r",
         confounders=("gyro_scale",),
         excitation="yaw steps, with the heading from the camera",
     ),
     Term(
         name="position_hold",
+        meaning="it holds its place when the stick is released",
         family="motion",
         acts_on="force",
         parameters=(

@@ -188,8 +188,8 @@ def test_where_north_is_says_nothing():
 @pytest.mark.slow
 def test_an_effect_that_is_not_in_the_catalogue_is_not_misnamed(monkeypatch):
     flights, _, _ = dragging()
-    steps = {k: v for k, v in effects_module._STEPS.items() if k != "quadratic_drag"}
-    monkeypatch.setattr(effects_module, "_STEPS", steps)
+    others = {name: term for name, term in effects_module.CATALOGUE.items() if name != "quadratic_drag"}
+    monkeypatch.setattr(effects_module, "CATALOGUE", others)
     found = criticise(flights)
     assert found.verdict != "nothing_wrong"
     assert not (found.verdict == "named" and found.causes[0].probability > 0.95), found.sentence

@@ -17,10 +17,11 @@ from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
-from slam.criticism.search.effects import _STEPS, RADIUS_M, effects_for
+from slam.criticism.search.effects import PICTURES, RADIUS_M, effects_for
 from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of
 from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.model import load_model
+from slam.simulation.terms import CATALOGUE
 
 TILTS = [f"short pulses of 0.2 s {way} at half stick" for way in ("forward", "to the side")] * 2
 PLAN = ["tilts of 15 deg to all four sides", "yaw on the spot while climbing", "reversing forward at 0.2"]
@@ -95,8 +96,9 @@ def silent(model):
     )
 
 
-COLUMNS = [(term, parameter, step) for term, steps in _STEPS.items() for parameter, step in steps] + [
-    ("active_braking", "lean", 1e-2),
+COLUMNS = [
+    (t.name, p.name, p.step) for t in CATALOGUE.values() if t.stream not in PICTURES for p in t.smooth
+] + [
     ("control_latency", "T", 4e-3),
     ("ground_effect", "radius", RADIUS_M),
 ]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.evaluation.map_gain import can_be_compared, map_gain
-from slam.simulation.inverse.correct import INVERSES, changes_readings, correct_flight
+from slam.simulation.inverse.correct import correct_flight, corrections
 from slam.simulation.recipe import recipe_from
 from slam.simulation.terms import CATALOGUE
 from tests.slam.io.made_flight import made_flight
@@ -152,9 +152,9 @@ def test_every_instrument_term_is_corrected_or_reported_as_uncorrected():
     model = recipe_from({**_plain(), "terms": every}, "test").model
     flight = flown(2, camera={"rate_hz": 1.0})
     fixed = correct_flight(flight, model)
-    of_instruments = {name for name in CATALOGUE if changes_readings(name)}
+    of_instruments = {name for name, term in CATALOGUE.items() if term.is_of_instrument}
     assert {line.split()[0] for line in fixed.corrected_terms} | set(fixed.uncorrected) == of_instruments
-    assert set(INVERSES) <= of_instruments
+    assert {term.name for term in corrections()} <= of_instruments
     assert "motion_blur" in fixed.uncorrected
     alone = correct_flight(
         replace(flight, sonar=None, imu=None, velocity=None, camera=None, frames=None), model

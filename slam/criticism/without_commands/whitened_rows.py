@@ -1,0 +1,148 @@
+"""Whitened rows of a comparison: differences averaged about moments half a second apart, of unit variance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from frontend.robust import robust_std
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NODE_S, ABOUT_S = 0.5, 0.1
+"""Spacing of the moments, and half the time about each over which differences are averaged."""
+LONGEST_GAP_S = 0.15
+FEWEST = 20
+INTEGRATED = " as integrated"
+"""Suffix of the second estimate of the quantity that a scale multiplies."""
+CHANNELS = {
+    "attitude": [(f"{angle} from the gyro", "rad") for angle in ("roll", "pitch", "yaw")],
+    "velocity": [(f"velocity {way} from the accelerometer", "m/s") for way in ("east", "north")],
+    "height": [("height from the accelerometer", "m")],
+}
+"""Name and unit of each component of a comparison."""
+LEAST_SHARE = 0.05
+BETWEEN_SAMPLES = "gyro between samples"
+"""Column of the effect of jumps of the rate between samples. The moment between the samples is unknown. Where
+sticks jump at even times it is always the same."""
+FAR_OFF = 5.0
+
+
+@dataclass(frozen=True)
+class Averages:
+    """One component of a comparison, at moments ``NODE_S`` apart."""
+
+    channel: str
+    unit: str
+    order: int
+    """Number of integrations of the imu."""
+    times_s: Array
+    """(n,)."""
+    whole: NDArray[np.bool_]
+    """(n,) whether there are readings about a moment, none of them near the floor."""
+    pause: Ints
+    """(n,) number of gaps before the moment."""
+    names: list[str]
+    """Names of the table's columns after its first."""
+    table: Array
+    """(n, 1 + columns) reading less integral, and its derivative by each effect."""
+
+    def knows(self, name: str) -> bool:
+        """Whether a column of an effect changes it."""
+        return name in self.names
+
+    def column(self, name: str) -> int:
+        """Return the index of a column in the table; of a scale, that of the integrated quantity."""
+        return 1 + self.names.index(name + INTEGRATED if name + INTEGRATED in self.names else name)
+
+
+@dataclass(frozen=True)
+class WhitenedRows:
+    """Differences of unit variance, and their derivatives by each effect."""
+
+    kind: str
+    """``attitude``, ``velocity`` or ``height``, compared with the imu; or ``pictures``, compared with all."""
+    times_s: Array
+    """(n,)."""
+    off: Array
+    """(n,)."""
+    traces: dict[str, Array]
+    """Column -> (n,)."""
+    noise: float
+    """Standard deviation by which a difference was divided; rad, m/s or m. For pictures it is in units of
+    their own noise."""
+    averages: Averages | None
+    """Averages that they are differences of; None for pictures."""
+
+
+def whitened_rows(
+    kind: str, stamps: Array, off: Array, traces: dict[str, Array], near_floor: Array, order: int
+) -> list[WhitenedRows]:
+    """Return one set of whitened rows for each component of ``off`` (n, components)."""
+    nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
+    begin = np.searchsorted(stamps, nodes - ABOUT_S)
+    end = np.searchsorted(stamps, nodes + ABOUT_S)
+    far = np.diff(stamps, append=np.inf) > LONGEST_GAP_S
+    gaps = np.concatenate([[0], np.cumsum(far)])
+    low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
+    whole = (end - begin >= 2) & (low == 0)
+    late = np.concatenate([[0.0], np.cumsum(stamps)])
+    count = np.maximum(end - begin, 1)
+    late = np.where(end > begin, (late[end] - late[begin]) / count - nodes, 0.0)
+    made = []
+    for c in range(off.shape[1]):
+        table = np.column_stack([off[:, c], *(t[:, c] for t in traces.values())])
+        total = np.vstack([np.zeros(table.shape[1]), np.cumsum(table - table.mean(axis=0), axis=0)])
+        means = (total[end] - total[begin]) / count[:, None]
+        # A double integral drifts: a delayed reading would show the drift, and not the motion.
+        means -= late[:, None] * np.gradient(means, nodes + late, axis=0)
+        pause = gaps[np.minimum(begin, len(stamps) - 1)]
+        averages = Averages(*CHANNELS[kind][c], order, nodes, whole, pause, list(traces), means)
+        steps = np.diff(means, n=order, axis=0)
+        kept = np.all([whole[k : len(whole) - order + k] for k in range(order + 1)], axis=0)
+        kept &= gaps[end[order:] - 1] == gaps[begin[: len(begin) - order]]
+        if kept.sum() >= FEWEST:
+            made.append(_white(kind, nodes[order:][kept], np.flatnonzero(kept), steps[kept], averages))
+    return made
+
+
+def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Averages) -> WhitenedRows:
+    """Whiten the rows by their own scatter, which is that of the averages and that of the integral."""
+    names = averages.names
+    left = np.clip(table[:, 0], *np.quantile(table[:, 0], [0.02, 0.98]))
+    near = np.diff(place) == 1
+    variance, next_one = float(np.mean(left**2)), float(np.mean((left[1:] * left[:-1])[near]))
+    shape = np.array([2.0, -1.0]) if averages.order == 1 else np.array([6.0, -4.0, 1.0])
+    of_ends = float(np.clip(next_one / shape[1], 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
+    # Reading and integral both contain noise that is in the difference too; their weighted mean does not.
+    # Where there is little else in them, they are no evidence for a scale.
+    read = shape[0] * of_ends / variance
+    for k in [k for k, name in enumerate(names) if name + INTEGRATED in names]:
+        beside = names.index(names[k] + INTEGRATED)
+        moves = float(np.mean(table[:, 1 + k] * table[:, 1 + beside])) > variance
+        both = (1.0 - read) * table[:, 1 + k] + read * table[:, 1 + beside]
+        table[:, 1 + k] = both if moves else 0.0
+    apart = np.abs(place[:, None] - place)
+    banded = np.append(of_ends * shape, 0.0)[np.minimum(apart, len(shape))]
+    banded[np.diag_indices(len(banded))] += variance - shape[0] * of_ends
+    if BETWEEN_SAMPLES in names:
+        between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
+        banded += np.outer(between, between) / 12.0
+    white = solve_triangular(np.linalg.cholesky(banded), table, lower=True)
+    # Effects are no scatter, and no reason to leave rows out.
+    mixed = [n for n in names if n + INTEGRATED in names or n.endswith(INTEGRATED)]
+    own = [1 + k for k, n in enumerate(names) if n not in (*mixed, BETWEEN_SAMPLES)]
+    size = np.linalg.lstsq(white[:, own], white[:, 0], rcond=1e-6)[0]
+    left = white[:, 0] - white[:, own] @ size
+    far = np.abs(left) > FAR_OFF * robust_std(left)
+    free = max(int(np.sum(~far)) - len(size), 1)
+    scatter = max(float(np.sqrt(np.sum(left[~far] ** 2) / free)), 1e-9)
+    white /= scatter
+    white[far] = 0.0
+    effects = [n for n in names if not n.endswith(INTEGRATED) and n != BETWEEN_SAMPLES]
+    traces = {n: white[:, 1 + names.index(n)] for n in effects}
+    return WhitenedRows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)), averages)
