@@ -29,10 +29,11 @@ def _bent(out: Any, state: Any, rate: Any, elapsed: Any, values: Any, first: int
 
 
 def _straightened(flight: Flight, values: Array, std: float | None) -> Flight:
-    """Undo the curvature to first order."""
+    """Solve the quadratic equation."""
     assert flight.sonar is not None
-    range_m = flight.sonar.range_m
-    return replace(flight, sonar=replace(flight.sonar, range_m=range_m - values[0] * range_m**2))
+    read = flight.sonar.range_m
+    range_m = 2.0 * read / (1.0 + (1.0 + 4.0 * values[0] * read) ** 0.5)
+    return replace(flight, sonar=replace(flight.sonar, range_m=range_m))
 
 
 BENT = (
