@@ -1,4 +1,4 @@
-"""A new effect is one file: a copy of the project with one more file in the catalogue simulates and finds it."""
+"""A new effect is one file: a copy of the project with that file simulates the effect and finds it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,10 @@ from slam.simulation.model import load_model
 nominal = at_lower_rates(load_model("nominal"))
 ill = nominal.with_term("sonar_curvature", a=-0.06)
 plan = ["brisk climb steps at full stick", "up to 2 m, hover, and back", "climb and descend by 0.6 m"]
-flown = [[simulate_flight(m, stick_for(plan), seed, maker=nominal) for seed in (1, 2, 3)] for m in (ill, nominal)]
+flown = [
+    [simulate_flight(m, stick_for(plan), seed, maker=nominal) for seed in (1, 2, 3)]
+    for m in (ill, nominal)
+]
 fixed, healthy = correct_flight(flown[0][0], ill).flight.sonar.range_m, flown[1][0].sonar.range_m
 assert np.nanmax(np.abs(fixed - healthy)) < 0.03 < np.nanmax(np.abs(flown[0][0].sonar.range_m - healthy))
 for flights in (flown[0], [replace(f, command=None) for f in flown[0]]):
