@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -57,8 +57,8 @@ class Row:
 
     name: str
     unit: str
-    paper: dict[str, float] = field(default_factory=dict)
-    """Column -> figure."""
+    paper: Mapping[str, float | SeedStatistics] = field(default_factory=dict)
+    """Column -> figure, with its interval where the paper's own curves give one."""
     ours: dict[str, SeedStatistics] = field(default_factory=dict)
     """Column -> figure over the seeds."""
 

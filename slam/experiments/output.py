@@ -92,7 +92,10 @@ def _row(row: Row) -> dict[str, Any]:
     return {
         "name": row.name,
         "unit": row.unit,
-        "paper": row.paper,
+        "paper": {
+            column: asdict(figure) if isinstance(figure, SeedStatistics) else figure
+            for column, figure in row.paper.items()
+        },
         "ours": {column: asdict(figure) for column, figure in row.ours.items()},
     }
 
@@ -114,7 +117,7 @@ def table(conclusion: Conclusion) -> TextTable:
         (
             row.name,
             row.unit if row.unit != "1" else "",
-            *(_figure(row.paper[column]) if column in row.paper else "" for column in paper),
+            *(shown(row.paper[column]) if column in row.paper else "" for column in paper),
             *(shown(row.ours[column]) if column in row.ours else "" for column in ours),
         )
         for row in conclusion.rows
@@ -127,14 +130,16 @@ def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, st
     verdict."""
     row = conclusion.rows[0]
     unit = "" if row.unit == "1" else f" {row.unit}"
-    figures = [(column, _figure(value) + unit) for column, value in row.paper.items()]
+    figures = [(column, shown(value) + unit) for column, value in row.paper.items()]
     figures += [(column, shown(figure) + unit) for column, figure in row.ours.items()]
     first = (name, f"{row.name}", "", conclusion.verdict)
     return (first, *(("", f"  {column}", value, "") for column, value in figures))
 
 
-def shown(figure: SeedStatistics) -> str:
+def shown(figure: SeedStatistics | float) -> str:
     """Format median and 95 % interval; the figure alone where there is only one seed."""
+    if not isinstance(figure, SeedStatistics):
+        return _figure(figure)
     if figure.seeds < 2:
         return _figure(figure.median)
     return f"{_figure(figure.median)} ({_figure(figure.lower95)} to {_figure(figure.upper95)})"

@@ -30,7 +30,12 @@ def markdown(records: dict[str, dict[str, Any]]) -> str:
 def section(record: dict[str, Any]) -> str:
     """Return the section of one experiment: sentence and table."""
     rows = tuple(
-        Row(row["name"], row["unit"], row["paper"], {name: _spread(of) for name, of in row["ours"].items()})
+        Row(
+            row["name"],
+            row["unit"],
+            {name: _spread(of) if isinstance(of, dict) else of for name, of in row["paper"].items()},
+            {name: _spread(of) for name, of in row["ours"].items()},
+        )
         for row in record["rows"][:MOST_ROWS]
     )
     made = table(Conclusion(rows, record["verdict"], ""))
