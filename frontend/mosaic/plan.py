@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError, MosaicGrid, SquareGrid, grid_over
-from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps, visible
+from frontend.mosaic.surface import Surface, ground_maps, ground_seen
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 POINTS_PER_SIDE = 20
 """Approximate number of exposure samples along the side of a picture."""
@@ -28,6 +30,8 @@ SUFFICIENT_RATIO = 0.6
 """Ground is covered once a kept picture has at least this share of the best weight there."""
 MIN_NEEDED_SHARE = 0.02
 """Smallest share of the cells it sees for which a kept picture must be needed."""
+HIDDEN = np.float32(1e-6)
+"""Factor on the weight of ground that is hidden, so that what no picture sees still has an owner."""
 CANVAS_RATIO = 4.0
 """Largest ratio of the canvas to the area of its groups. Distant groups that exceed it are left out."""
 
@@ -47,6 +51,15 @@ class MosaicPlan(MosaicGrid):
     """Pose number -> why its picture cannot be used."""
     note: str = ""
     """One sentence about a choice made for the user; empty if there was none."""
+    surface: Surface | None = None
+    """Ground that is not flat; None for the floor alone."""
+
+    def pixels(self, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32, Mask]:
+        """Return the pixel (u, v) of the ground at each node, and whether the picture sees it."""
+        u, v = ground_maps(self.camera, view, lattice, self.surface)
+        seen = ground_seen(view, lattice, self.surface)
+        w, h = self.camera.size_px
+        return u, v, seen & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
 
     @property
     def sampling(self) -> SquareGrid:
@@ -69,8 +82,11 @@ def plan_mosaic(
     max_pixels: int = 60_000_000,
     leave_out: Mapping[int, str] | None = None,
     unit: str = "m",
+    surface: Surface | None = None,
 ) -> MosaicPlan:
     """Plan the grid, the pictures and the owners for poses (n, 4, 4) over the floor z = floor_z_m.
+
+    With a ``surface``, pictures in which higher ground hides a cell do not become its owner.
 
     ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures', made
     coarser until the mosaic has at most ``max_pixels``. ``leave_out`` maps pose numbers of pictures that must
@@ -94,21 +110,25 @@ def plan_mosaic(
         reasons = ", ".join(sorted(set(left_out.values()))) or "there are none"
         raise MosaicError(f"no picture can be put into a mosaic: {reasons}")
     canvas, note = grid_over(views, gsd_m, max_pixels, unit)
-    kept, owner = _owners(camera, views, canvas)
+    kept, owner = _owners(camera, views, canvas, surface)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
-        left_out=left_out, note=note,
+        left_out=left_out, note=note, surface=surface,
     )  # fmt: skip
 
 
-def _weights(camera: Camera, view: MosaicView, lattice: Lattice, gsd_m: float) -> Float32:
+def _weights(
+    camera: Camera, view: MosaicView, lattice: Lattice, gsd_m: float, surface: Surface | None
+) -> Float32:
     """Return the weight (rows, cols) of a picture in each cell, 0 where it does not see the cell.
 
     The weight is the product of a dome over the picture (1 in the centre, 0 at the border), the cosine of the
     angle off nadir, and the resolution relative to the mosaic's, at most 1.
     """
     seen, nadir, resolution = visible(view, lattice)
-    u, v = pixel_maps(camera, view, lattice)
+    u, v = ground_maps(camera, view, lattice, surface)
+    if surface is not None:
+        nadir = np.where(surface.hidden(view, lattice), HIDDEN * nadir, nadir)
     w, h = camera.size_px
     border = np.minimum(np.minimum(u, w - 1 - u), np.minimum(v, h - 1 - v))
     # A cell whose centre lies just outside may still have pixels inside.
@@ -119,7 +139,7 @@ def _weights(camera: Camera, view: MosaicView, lattice: Lattice, gsd_m: float) -
 
 
 def _owners(
-    camera: Camera, views: list[MosaicView], canvas: MosaicGrid
+    camera: Camera, views: list[MosaicView], canvas: MosaicGrid, surface: Surface | None
 ) -> tuple[tuple[MosaicView, ...], NDArray[np.int32]]:
     """Return the pictures to keep, and the index of the owner of each cell.
 
@@ -129,7 +149,7 @@ def _owners(
 
     def weights_under(view: MosaicView) -> tuple[tuple[slice, slice], Float32]:
         where, lattice = canvas.cells_under(view)
-        return where, _weights(camera, view, lattice, canvas.gsd_m)
+        return where, _weights(camera, view, lattice, canvas.gsd_m, surface)
 
     best = np.zeros(shape, np.float32)
     first = np.full(shape, -1, np.int32)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps, visible
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -58,10 +58,7 @@ def mosaic_quality(
 
 
 def _inside(plan: MosaicPlan, view: MosaicView, lattice: Lattice) -> NDArray[np.bool_]:
-    seen, _, _ = visible(view, lattice)
-    u, v = pixel_maps(plan.camera, view, lattice)
-    w, h = plan.camera.size_px
-    return seen & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
+    return plan.pixels(view, lattice)[2]
 
 
 def ground_std(

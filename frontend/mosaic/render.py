@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import blake2b
 
 import cv2
@@ -20,7 +20,8 @@ from frontend.mosaic.blending import REACH_PX, MultiBand
 from frontend.mosaic.canvas import CELL_PX, Tile
 from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.view import pixel_maps, visible
+from frontend.mosaic.surface import ground_maps, ground_seen
+from frontend.mosaic.view import Lattice
 from frontend.mosaic.window import SOFT_CELLS, fingerprint, owners_around, window_of
 from frontend.picture_check import unusable_reason
 
@@ -32,6 +33,8 @@ Report = Callable[[str, int, int], None]
 FindEarlierTile = Callable[[Tile, str], "Image | None"]
 """Returns the pixels of the tile with this fingerprint in an earlier mosaic, or None if there is none."""
 
+MOST_TRIED = 8
+"""Number of pictures in which hidden ground is looked for. Less vertical ones hide more."""
 DARK, BRIGHT = 3, 252
 """Limits of the grey levels that are used to estimate the exposure."""
 
@@ -53,7 +56,7 @@ class Pictures:
     """Pictures of the plan, at most at the mosaic's resolution, in a least-recently-used cache."""
 
     def __init__(self, plan: MosaicPlan, load: Load, max_mb: float = 256) -> None:
-        self._plan, self._load, self._max_bytes = plan, load, max_mb * 1e6
+        self._plan, self._load, self.max_mb = plan, load, max_mb
         self._cache: OrderedDict[int, Image] = OrderedDict()
         self._bytes = 0
         self._digests: dict[int, bytes] = {}
@@ -83,7 +86,7 @@ class Pictures:
         self._digests[index] = _digest(picture)
         self._cache[index] = picture
         self._bytes += picture.nbytes
-        while self._bytes > self._max_bytes and len(self._cache) > 1:
+        while self._bytes > self.max_mb * 1e6 and len(self._cache) > 1:
             self._bytes -= self._cache.popitem(last=False)[1].nbytes
         return picture
 
@@ -135,8 +138,8 @@ def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ..
     camera, view = plan.camera, plan.views[index]
     squares = plan.sampling
     (rows, cols), lattice = plan.squares_under(view, squares)
-    seen, _, _ = visible(view, lattice)
-    u, v = pixel_maps(camera, view, lattice)
+    u, v = ground_maps(camera, view, lattice, plan.surface)
+    seen = ground_seen(view, lattice, plan.surface)
     sx, sy = picture.shape[1] / camera.size_px[0], picture.shape[0] / camera.size_px[1]
     side = int(np.clip(round(squares.pitch_px * plan.gsd_m / view.gsd_m * sx / 2), 3, 63)) | 1
     usable = ((picture > DARK) & (picture < BRIGHT)).all(axis=2).astype(np.float32)
@@ -224,7 +227,6 @@ def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray
     pad = SOFT_CELLS + 1
     owner = np.full((window.rows, window.cols), -1, np.int32)
     strongest = np.zeros(owner.shape, np.float32)
-    w, h = plan.camera.size_px
     side = 2 * SOFT_CELLS + 1
     for index in np.unique(cells[cells >= 0]):
         if pictures[index] is None:
@@ -243,14 +245,58 @@ def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray
             continue
         member = member[a - top : b - top, d - left : e - left]
         lattice = plan.lattice(window.row + a, window.col + d, b - a, e - d)
-        seen, _, _ = visible(plan.views[index], lattice)
-        u, v = pixel_maps(plan.camera, plan.views[index], lattice)
-        seen &= (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
+        seen = plan.pixels(plan.views[index], lattice)[2]
         here = strongest[a:b, d:e]
         wins = seen & (member > here)
         here[wins] = member[wins]
         owner[a:b, d:e][wins] = index
+    if plan.surface is not None:
+        _own_the_rest(plan, window, cells, pictures, owner)
     return owner
+
+
+def _own_the_rest(
+    plan: MosaicPlan, window: Tile, cells: NDArray[np.int32], pictures: Pictures, owner: NDArray[np.int32]
+) -> None:
+    """Give pixels that are hidden from the owners of their cells to other pictures that see them, in place.
+
+    Pictures from nearly above come first. What all of them see only hidden is taken from the first.
+    """
+    pad = SOFT_CELLS + 1
+    inner = cells[pad:-pad, pad:-pad] >= 0
+    shown = np.repeat(np.repeat(inner, CELL_PX, axis=0), CELL_PX, axis=1)
+    for surface in (plan.surface, None):
+        r, c = np.nonzero((owner < 0) & shown)
+        if len(r) == 0:
+            return
+        box = slice(r.min(), r.max() + 1), slice(c.min(), c.max() + 1)
+        part = owner[box]
+        lattice = plan.lattice(window.row + int(r.min()), window.col + int(c.min()), *part.shape)
+        ground = replace(plan, surface=surface)
+        for index in _nearest_first(plan, lattice):
+            missing = (part < 0) & shown[box]
+            if not missing.any():
+                break
+            if pictures[index] is not None:
+                part[missing & ground.pixels(plan.views[index], lattice)[2]] = index
+
+
+def _nearest_first(plan: MosaicPlan, lattice: Lattice) -> list[int]:
+    """Return the views whose bounds meet a lattice, from the most vertical view of its middle on."""
+    far_m = lattice.step_m * np.array([lattice.cols, -lattice.rows])
+    corner = np.array([lattice.x0_m, lattice.y0_m])
+    off, over = [], []
+    for index, view in enumerate(plan.views):
+        west, south, east, north = view.bounds_m
+        if (
+            west < corner[0] + far_m[0]
+            and east > corner[0]
+            and south < corner[1]
+            and north > corner[1] + far_m[1]
+        ):
+            over.append(index)
+            off.append(float(np.linalg.norm(view.w_p_c_m[:2] - corner - far_m / 2)) / view.height_m)
+    return [over[k] for k in np.argsort(off, kind="stable")[:MOST_TRIED]]
 
 
 def _blending_bounds(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
@@ -268,7 +314,8 @@ def _warp(plan: MosaicPlan, index: int, part: Tile, pictures: Pictures, exposure
     """Return a picture (rows, cols, 3) BGR on the mosaic's pixels, exposure corrected, mirrored outside."""
     picture = pictures[index]
     assert picture is not None
-    u, v = pixel_maps(plan.camera, plan.views[index], plan.lattice(part.row, part.col, part.rows, part.cols))
+    lattice = plan.lattice(part.row, part.col, part.rows, part.cols)
+    u, v = ground_maps(plan.camera, plan.views[index], lattice, plan.surface)
     vignette = exposure.vignette.astype(np.float32)
     gain = exposure.gain[index].astype(np.float32)
     rho2 = _rho2(plan, u, v)

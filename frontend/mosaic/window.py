@@ -53,6 +53,8 @@ def fingerprint(plan: MosaicPlan, tile: Tile, digest: Callable[[int], bytes], ex
     place = (plan.gsd_m, plan.first_row + tile.row, plan.first_col + tile.col, tile.rows, tile.cols)
     hasher = blake2b(_software_digest(), digest_size=16)
     hasher.update(repr((lens, place)).encode())
+    if plan.surface is not None:
+        hasher.update(plan.surface.digest)
     hasher.update(number.astype(np.int32).tobytes() + exposure.vignette.tobytes())
     for index in present.tolist():
         view = plan.views[index]

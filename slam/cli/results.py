@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam.core.errors import InputError
-from slam.core.estimate import Estimate
+from slam.core.estimate import Estimate, GroundFacts
 from slam.core.figure_table import FigureTable
 from slam.core.flight import Flight
 from slam.core.names import listed
@@ -18,6 +19,9 @@ from slam.core.summary import Summary, json_text, summarise
 from slam.io.estimate import write_estimate
 from slam.report.facts import Facts, chain_on_result, gather
 from slam.report.optimize_report import Mosaics, write_report
+
+if TYPE_CHECKING:
+    from slam.report.rasters.mosaic import MosaicFiles
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,15 @@ def write_results(
     write_estimate(estimate, folder)
     with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
         write_g2o(stream, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
-    write_elevation(estimate, folder)
     start = time.perf_counter()
-    mosaics, warning, not_drawn = _write_mosaics(folder, estimate, flight, options, progress)
+    mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress)
+    write_elevation(estimate, folder, made.ground.surface if made else None)
     if options.wanted:
-        estimate = replace(estimate, not_drawn=not_drawn)
+        estimate = replace(
+            estimate,
+            not_drawn=made.not_drawn if made else {},
+            ground=made.ground.facts if made else None,
+        )
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
     return write_summary_and_report(folder, estimate, flight, mosaics, accuracy)
@@ -85,10 +93,22 @@ def write_summary_and_report(
     return Results(facts, summary, accuracy)
 
 
+def _ground_notes(ground: GroundFacts) -> list[str]:
+    """Return the sentence about ground that is not flat, if there is any."""
+    if ground.relief_share == 0:
+        return []
+    before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]
+    return [
+        f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat and was measured: "
+        f"{ground.lowest_m:.3g} to {ground.highest_m:.3g} over the floor, {100 * ground.filled_share:.0f} % "
+        f"filled in; 95 % of the ground agrees within {after:.2g} px, on a floor within {before:.2g} px"
+    ]
+
+
 def _write_mosaics(
     folder: Path, estimate: Estimate, flight: Flight, options: MosaicOptions, progress: Progress
-) -> tuple[Mosaics, tuple[str, ...], dict[str, str]]:
-    """Write the mosaics of the map and of the plain chain, and return warnings and the pictures not drawn.
+) -> tuple[Mosaics, tuple[str, ...], MosaicFiles | None]:
+    """Write the mosaics of the map and of the plain chain, and return warnings and what was made.
 
     A mosaic that cannot be drawn gives a warning.
     """
@@ -96,9 +116,9 @@ def _write_mosaics(
     from slam.report.rasters.mosaic import REDUNDANT, write_chain_picture, write_mosaic
 
     if not options.wanted:
-        return Mosaics(), (), {}
+        return Mosaics(), (), None
     if not np.isfinite(estimate.w_T_b).all(axis=(1, 2)).any():
-        return Mosaics(), ("no mosaic: no keyframe could be placed",), {}
+        return Mosaics(), ("no mosaic: no keyframe could be placed",), None
     chain_picture: Path | None = None
     try:
         earlier = options.previous_output / "mosaic.tif" if options.previous_output else None
@@ -106,7 +126,7 @@ def _write_mosaics(
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
-        return Mosaics(), (f"no mosaic: {refusal}",), {}
+        return Mosaics(), (f"no mosaic: {refusal}",), None
     names: dict[str, list[str]] = {}
     for name, reason in made.not_drawn.items():
         if reason != REDUNDANT:  # summary.json names these
@@ -114,6 +134,7 @@ def _write_mosaics(
     notes = [f"mosaic: {len(of)} keyframes left out: {why} ({listed(of)})" for why, of in names.items()]
     if made.note:
         notes.append(f"mosaic: {made.note}")
+    notes += _ground_notes(made.ground.facts)
     if made.kept:
         notes.append(f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged")
     try:
@@ -123,4 +144,4 @@ def _write_mosaics(
         if not isinstance(refusal.__context__, MosaicError):
             raise
         notes.append(f"no mosaic of the plain chain: {refusal}")
-    return Mosaics(made.png, chain_picture, made.quality.with_suffix(".png")), tuple(notes), made.not_drawn
+    return Mosaics(made.png, chain_picture, made.quality.with_suffix(".png")), tuple(notes), made

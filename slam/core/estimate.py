@@ -135,6 +135,26 @@ class InstrumentErrors:
     """None without a gyro that explains how the pictures turn."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class GroundFacts:
+    """How well the pictures of a mosaic agree on the ground, and what was measured of its surface."""
+
+    misregistration_px: tuple[float, ...]
+    """50th and 95th percentiles of the displacement between two pictures of one piece of ground, over the
+    surface, in pixels of the mosaic."""
+    over_floor_px: tuple[float, ...]
+    """The same over a flat floor."""
+    relief_share: float = 0.0
+    """Share of the map where the ground is not the floor."""
+    filled_share: float = 0.0
+    """Share of that ground whose height was not measured."""
+    lowest_m: float = 0.0
+    highest_m: float = 0.0
+    """Lowest and highest ground over the floor."""
+    height_std_m: float | None = None
+    """Median standard deviation of the measured heights; None on a flat floor."""
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Estimate:
     """Optimized keyframe poses with covariances, the measurements behind them, and figures of quality."""
@@ -203,6 +223,8 @@ class Estimate:
     """Whether the solution is the global optimum; for pose graphs only."""
     elevation: Elevation | None = None
     """Elevation of the ground over a level floor, as the sonar measured it; None without a sonar."""
+    ground: GroundFacts | None = None
+    """The ground of the mosaic; None without a mosaic."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
     """Names of ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` for tables and pictures."""
 

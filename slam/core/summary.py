@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
     from backend.pose_graph.solution import RangeErrors
-    from slam.core.estimate import Estimate, InstrumentErrors
+    from slam.core.estimate import Estimate, GroundFacts, InstrumentErrors
 
 _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
 """``ru_maxrss`` counts bytes on macOS and KiB elsewhere."""
@@ -55,6 +55,8 @@ class Summary:
     """The one instrument or the assumed values on which the stated accuracy rests; empty where several do."""
     information_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Direction -> instrument -> its share in the variance; empty without a refinement."""
+    ground: GroundFacts | None = None
+    """The ground of the mosaic; None without a mosaic."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
 
@@ -93,6 +95,8 @@ class Summary:
                 direction: {name: round(share, 4) for name, share in shares.items()}
                 for direction, shares in self.information_shares.items()
             }
+        if self.ground is not None:
+            record["ground"] = asdict(self.ground)
         if self.certificate is not None:
             record["certificate"] = asdict(self.certificate)
         return record
@@ -121,6 +125,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         instruments=estimate.instruments,
         accuracy_basis=estimate.accuracy_basis,
         information_shares=estimate.information_shares,
+        ground=estimate.ground,
         certificate=estimate.certificate,
     )
 

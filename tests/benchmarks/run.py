@@ -55,6 +55,7 @@ TITLES = {
     "model_gain": "Gain of criticism in the map",
     "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",
+    "surface": "Ground that is not flat",
     "features": "Features compared",
     "registration": "Registration of rendered pairs",
     "loops": "Loop closure",

@@ -7,35 +7,64 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.elevation import Elevation
+from frontend.mosaic.surface import HeightSource, Surface
 from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
 
+HEIGHT_BAND = "height over the floor [m]"
 LEAST_SPAN_M = 0.1
 """Range of the colours on a flat floor, half of it below the floor, so that noise does not look like
 hills."""
 
 
-def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
-    """Write ``elevation.tif`` and ``elevation.png``; return None where no sonar measured the ground.
+def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None = None) -> Path | None:
+    """Write ``elevation.tif`` and ``elevation.png``; return None where nothing measured the ground.
+
+    With a surface, it is the first band, and the sonar's heights are a further one.
 
     Raises ``InputError`` where the disk refuses.
     """
     elevation = estimate.elevation
-    if elevation is None:
+    if surface is not None:
+        corner, cell_m, shape = (surface.west_m, surface.north_m), surface.cell_m, surface.height_m.shape
+        bands = _surface_bands(surface, elevation)
+    elif elevation is not None:
+        corner, cell_m, shape = (
+            (elevation.west_m, elevation.north_m),
+            elevation.gsd_m,
+            elevation.height_m.shape,
+        )
+        bands = {HEIGHT_BAND: elevation.height_m}
+    else:
         return None
-    rows, cols = elevation.height_m.shape
-    corner = elevation.west_m, elevation.north_m
-    grid = Grid(*corner, elevation.gsd_m, cols, rows, estimate.origin, estimate.metric)
-    write_bands(out_dir / "elevation.tif", grid, {"height over the floor [m]": elevation.height_m})
-    path = out_dir / "elevation.png"
-    write_whole(path, elevation_picture(elevation.height_m, grid))
+    grid = Grid(*corner, cell_m, shape[1], shape[0], estimate.origin, estimate.metric)
+    write_bands(out_dir / "elevation.tif", grid, bands)
+    path, by = out_dir / "elevation.png", "the pictures" if surface is not None else "the sonar"
+    write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, by))
     return path
 
 
-def elevation_picture(height: NDArray[np.float32], grid: Grid) -> bytes:
-    """Draw the heights in colour over x and y in metres, as PNG."""
+def _surface_bands(surface: Surface, elevation: Elevation | None) -> dict[str, NDArray[np.float32]]:
+    """Return the surface, its standard deviation, the sources of its heights, and the sonar's heights."""
+    sources = ", ".join(f"{source.value} {source.name.lower()}" for source in HeightSource)
+    bands = {
+        HEIGHT_BAND: surface.height_m,
+        "height, standard deviation [m]": surface.std_m,
+        f"source of the height: {sources}": surface.source.astype(np.float32),
+    }
+    if elevation is not None:
+        rows, cols = surface.height_m.shape
+        x = surface.west_m + (np.arange(cols) + 0.5) * surface.cell_m
+        y = surface.north_m - (np.arange(rows) + 0.5) * surface.cell_m
+        bands["height over the floor by the sonar [m]"] = elevation.at(*np.meshgrid(x, y))
+    return bands
+
+
+def elevation_picture(height: NDArray[np.float32], grid: Grid, by: str = "the sonar") -> bytes:
+    """Draw the heights in colour over x and y in metres, as PNG; ``by`` says what measured them."""
     from matplotlib.figure import Figure
 
     rows, cols = height.shape
@@ -51,6 +80,6 @@ def elevation_picture(height: NDArray[np.float32], grid: Grid) -> bytes:
     )
     x, y = ground_labels(on_earth=grid.origin is not None)
     axes.set(xlabel=x, ylabel=y)
-    axes.set_title("Height over the floor, by the sonar (grey: the beam has not been there)", fontsize=10)
+    axes.set_title(f"Height over the floor, by {by} (grey: not measured)", fontsize=10)
     figure.colorbar(drawn, ax=axes, label="m", fraction=0.046 * rows / cols, pad=0.03)
     return png(figure, cropped=True)

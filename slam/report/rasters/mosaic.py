@@ -7,7 +7,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from frontend.mosaic.canvas import MosaicError, Tile
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
-from frontend.mosaic.render import Pictures, measure_exposure, render_tiles
+from frontend.mosaic.render import Load, Pictures, measure_exposure, render_tiles
+from frontend.surface.misregistration import measure_misregistration
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Image
@@ -25,6 +26,7 @@ from slam.core.progress import Progress, silent
 from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, write_geotiff, write_png
 from slam.report.rasters.quality import write_quality
+from slam.report.rasters.surface import MeasuredGround, measure_ground
 
 Array = NDArray[np.float64]
 
@@ -69,6 +71,7 @@ class MosaicFiles:
     tiles: int
     kept: int
     """Number of tiles copied from the earlier mosaic, because their content is unchanged."""
+    ground: MeasuredGround
 
 
 def write_mosaic(
@@ -96,6 +99,7 @@ def write_mosaic(
         apart = np.flatnonzero(estimate.component > 0)
         leave_out = {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
     made = _planned(estimate, flight, estimate.over_floor_T_b, leave_out, gsd_m, _stage(progress, "mosaic"))
+    made, ground = _over_ground(made, estimate)
     plan = made.plan
     with _put_into(out_dir) as work:
         tif = work / "mosaic.tif"
@@ -122,6 +126,7 @@ def write_mosaic(
         note=plan.note,
         tiles=tiles.drawn + tiles.kept,
         kept=tiles.kept,
+        ground=ground,
     )
 
 
@@ -160,6 +165,7 @@ class _Planned:
 
     plan: MosaicPlan
     pictures: Pictures
+    load: Load
     exposure: Exposure
     origin: GeoOrigin | None
     metric: bool
@@ -203,12 +209,31 @@ def _planned(
             pictures = Pictures(plan, load, CACHE_MB)
             exposure = measure_exposure(plan, pictures, progress)
             if not pictures.unusable:
-                return _Planned(plan, pictures, exposure, estimate.origin, estimate.metric, progress)
+                return _Planned(plan, pictures, load, exposure, estimate.origin, estimate.metric, progress)
             # The area of unusable pictures goes to others, perhaps to some that were not read yet.
             leave_out = leave_out | pictures.unusable
             plan = planned(leave_out)
     except MosaicError as error:
         raise InputError(f"{flight.name}: {error}") from None
+
+
+def _over_ground(made: _Planned, estimate: Estimate) -> tuple[_Planned, MeasuredGround]:
+    """Measure the ground, and plan again over it where it is not flat."""
+    plan, poses = made.plan, estimate.over_floor_T_b
+    ground = measure_ground(
+        plan, made.pictures, made.load, poses, estimate.floor_z_m, estimate.elevation, made.progress
+    )
+    if ground.surface is None:
+        return made, ground
+    over = plan_mosaic(
+        plan.camera, poses, estimate.floor_z_m, plan.gsd_m, MAX_MOSAIC_PIXELS, plan.left_out,
+        unit(estimate.metric), ground.surface,
+    )  # fmt: skip
+    over = replace(over, note=plan.note)
+    pictures = Pictures(over, made.load, CACHE_MB)
+    exposure = measure_exposure(over, pictures, made.progress)
+    ground = replace(ground, over_surface=measure_misregistration(over, pictures, made.progress))
+    return replace(made, plan=over, pictures=pictures, exposure=exposure), ground
 
 
 @contextmanager

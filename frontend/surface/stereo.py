@@ -1,0 +1,135 @@
+"""Heights of the ground from two placed pictures: rectification, semi-global matching, and the way back.
+
+Both pictures are turned in place until their rows run along the base between the cameras and they look down
+as far as that allows. Points then differ by a disparity along the row alone (Fusiello, Trucco and Verri 2000,
+A compact algorithm for rectification of stereo pairs). Semi-global matching finds it (Hirschmueller 2008,
+Stereo processing by semi-global matching and mutual information; OpenCV's variant).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.mosaic.view import Lattice, MosaicView, homography_maps
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Image = NDArray[np.uint8]
+
+BLOCK_PX = 3
+"""Side of the matched blocks: the smallest, as larger ones widen roofs by half their side."""
+SMALL_STEP, LARGE_STEP = 8 * BLOCK_PX**2, 32 * BLOCK_PX**2
+"""Costs of a change of disparity by one, and by more: OpenCV's recommendation for one channel."""
+UNIQUE_PERCENT = 5
+"""Margin in percent by which the best cost must be below the next: OpenCV's recommendation is 5 to 15."""
+SPECKLE_PX, SPECKLE_STEP = 100, 2
+"""Regions of less than this area whose disparity differs from their surroundings' are dropped, likewise."""
+STEP = 16
+"""Disparities of `cv2.StereoSGBM` are multiples of 1/16 px, and their number is a multiple of 16."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A picture, and where it was taken from."""
+
+    camera: Camera
+    view: MosaicView
+    grey: Image
+    """(h, w); perhaps reduced from the camera's size."""
+
+    @property
+    def w_p_c_m(self) -> Array:
+        """Position of the camera over the floor z = 0."""
+        return np.array([*self.view.w_p_c_m[:2], self.view.height_m])
+
+    @property
+    def c_R_w(self) -> Array:
+        """Rotation from the world to the camera."""
+        east, north = (np.linalg.inv(self.camera.matrix) @ self.view.pixel_H_floor)[:, :2].T
+        return np.column_stack([east, north, np.cross(east, north)])
+
+
+@dataclass(frozen=True)
+class Rectified:
+    """Common axes of two pictures, and the rectangle of their rows and columns over a piece of ground."""
+
+    v_R_w: Array
+    """Rotation from the world to the rectified axes: x along the base, z down."""
+    base_m: float
+    focal_px: float
+    left_px: float
+    """Position u of column 0 of the first picture."""
+    top_px: float
+    """Position v of row 0."""
+    offset_px: float
+    """Disparity f B / Z of a pixel of disparity 0."""
+    disparities: int
+    rows: int
+    cols: int
+
+
+def rectified(
+    a: Placed, b: Placed, lattice: Lattice, heights_m: tuple[float, float], gsd_m: float
+) -> Rectified:
+    """Return the rectification of two pictures over a lattice, for heights from the lowest to the highest."""
+    base = b.w_p_c_m - a.w_p_c_m
+    x = base / np.linalg.norm(base)
+    z = np.array([0.0, 0.0, -1.0]) - x * -x[2]
+    z /= np.linalg.norm(z)
+    v_R_w = np.array([x, np.cross(z, x), z])
+    east, south = lattice.step_m * np.array([lattice.cols, lattice.rows])
+    x0, y0 = lattice.x0_m - lattice.step_m / 2, lattice.y0_m + lattice.step_m / 2
+    corners = [(x0 + e, y0 - s, h) for e in (0, east) for s in (0, south) for h in heights_m]
+    v_p = (np.array(corners) - a.w_p_c_m) @ v_R_w.T
+    focal = a.view.height_m / gsd_m
+    u, v = focal * v_p[:, 0] / v_p[:, 2], focal * v_p[:, 1] / v_p[:, 2]
+    disparity = focal * np.linalg.norm(base) / v_p[:, 2]
+    offset = float(np.floor(disparity.min()) - 1)
+    count = int(np.ceil((disparity.max() - offset + 2) / STEP)) * STEP
+    # Matching needs as many columns to the left of a pixel as there are disparities.
+    left, top = float(np.floor(u.min())) - count, float(np.floor(v.min()))
+    return Rectified(
+        v_R_w=v_R_w, base_m=float(np.linalg.norm(base)), focal_px=focal, left_px=left, top_px=top,
+        offset_px=offset, disparities=count, rows=int(np.ceil(v.max() - top)) + 1,
+        cols=int(np.ceil(u.max() - left)) + 1,
+    )  # fmt: skip
+
+
+def ground_points(a: Placed, b: Placed, over: Rectified) -> Array:
+    """Return the points (n, 3) of the ground over the floor that match in both pictures."""
+    left, inside = _turned(a, over, over.left_px)
+    right, inside_right = _turned(b, over, over.left_px - over.offset_px)
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=0, numDisparities=over.disparities, blockSize=BLOCK_PX, P1=SMALL_STEP, P2=LARGE_STEP,
+        disp12MaxDiff=1, preFilterCap=31, uniquenessRatio=UNIQUE_PERCENT, speckleWindowSize=SPECKLE_PX,
+        speckleRange=SPECKLE_STEP, mode=cv2.StereoSGBM_MODE_SGBM_3WAY,
+    )  # fmt: skip
+    disparity = matcher.compute(left, right).astype(np.float32) / STEP
+    r, c = np.nonzero(inside & (disparity >= 0))
+    d = disparity[r, c]
+    seen = inside_right[r, np.clip(np.rint(c - d).astype(int), 0, over.cols - 1)]
+    r, c, d = r[seen], c[seen], d[seen].astype(float)
+    depth = over.focal_px * over.base_m / (d + over.offset_px)
+    v_p = np.column_stack([c + over.left_px, r + over.top_px, np.full(len(r), over.focal_px)])
+    return np.asarray(v_p * (depth / over.focal_px)[:, None] @ over.v_R_w + a.w_p_c_m)
+
+
+def _turned(placed: Placed, over: Rectified, left_px: float) -> tuple[Image, NDArray[np.bool_]]:
+    """Return a picture in the rectified axes, and where it has content."""
+    f = over.focal_px
+    ray_H_node = (
+        placed.c_R_w
+        @ over.v_R_w.T
+        @ np.array([[1 / f, 0, left_px / f], [0, 1 / f, over.top_px / f], [0, 0, 1]])
+    )
+    u, v = homography_maps(placed.camera, ray_H_node, over.rows, over.cols)
+    w, h = placed.camera.size_px
+    inside = (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
+    sx, sy = placed.grey.shape[1] / w, placed.grey.shape[0] / h
+    at = ((u + 0.5) * np.float32(sx) - 0.5, (v + 0.5) * np.float32(sy) - 0.5)
+    return np.asarray(cv2.remap(placed.grey, *at, cv2.INTER_CUBIC)), inside

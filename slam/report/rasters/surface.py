@@ -1,0 +1,77 @@
+"""Ground under a mosaic: how well its pictures agree over the floor, and the surface where they do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.elevation import Elevation
+from frontend.mosaic.plan import MosaicPlan
+from frontend.mosaic.render import Pictures
+from frontend.mosaic.surface import HeightSource, Surface
+from frontend.mosaic.view import MosaicView, mosaic_view
+from frontend.surface.build import build_surface
+from frontend.surface.misregistration import Misregistration, measure_misregistration
+from frontend.surface.relief import relief_squares
+from slam.core.estimate import GroundFacts
+from slam.core.flight import Image
+from slam.core.progress import Progress
+
+Array = NDArray[np.float64]
+Load = Callable[[int], "Image | None"]
+PERCENTS = (50, 95)
+"""Percentiles of the misregistration that are reported."""
+
+
+@dataclass(frozen=True)
+class MeasuredGround:
+    """The ground of a mosaic, and how well its pictures agree on it."""
+
+    over_floor: Misregistration
+    surface: Surface | None
+    """None where nothing shows that the ground is not flat."""
+    over_surface: Misregistration | None = None
+
+    @property
+    def facts(self) -> GroundFacts:
+        """The figures for the summary."""
+        after = self.over_surface or self.over_floor
+        before_px, after_px = (
+            tuple(m.percentile_px(percent) for percent in PERCENTS) for m in (self.over_floor, after)
+        )
+        if self.surface is None:
+            return GroundFacts(misregistration_px=after_px, over_floor_px=before_px)
+        source, height = self.surface.source, self.surface.height_m
+        relief = source != HeightSource.FLOOR
+        return GroundFacts(
+            misregistration_px=after_px,
+            over_floor_px=before_px,
+            relief_share=float(relief.mean()),
+            filled_share=float((source == HeightSource.FILLED).sum() / relief.sum()),
+            lowest_m=float(height.min()),
+            highest_m=float(height.max()),
+            height_std_m=float(np.nanmedian(self.surface.std_m[relief])),
+        )
+
+
+def measure_ground(
+    plan: MosaicPlan, pictures: Pictures, load: Load, w_T_b: Array, floor_z_m: float,
+    elevation: Elevation | None, progress: Progress,
+) -> MeasuredGround:  # fmt: skip
+    """Compare the pictures of a mosaic over the floor, and measure the surface where it is not flat.
+
+    All placed pictures at ``w_T_b`` (n, 4, 4) are matched, also those that the mosaic does not need.
+    """
+    over_floor = measure_misregistration(plan, pictures, progress)
+    relief = relief_squares(over_floor)
+    if not relief.any():
+        return MeasuredGround(over_floor, None)
+    views = (
+        mosaic_view(plan.camera, k, pose, floor_z_m) for k, pose in enumerate(w_T_b) if k not in plan.left_out
+    )
+    all_views = replace(plan, views=tuple(view for view in views if isinstance(view, MosaicView)))
+    matched = Pictures(all_views, load, pictures.max_mb)
+    return MeasuredGround(over_floor, build_surface(all_views, matched, relief, elevation, progress))

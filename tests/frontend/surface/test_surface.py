@@ -1,0 +1,173 @@
+"""The surface of the ground: pictures of a plane at a known height, and the ground that a box hides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from frontend.camera import Camera
+from frontend.elevation import Elevation
+from frontend.mosaic.plan import plan_mosaic
+from frontend.mosaic.render import Pictures
+from frontend.mosaic.surface import HeightSource, Surface
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, raised_maps
+from frontend.surface.build import build_surface, filled
+from frontend.surface.misregistration import Misregistration, measure_misregistration
+from frontend.surface.relief import relief_squares, relief_threshold_px
+from frontend.surface.stereo import Placed, ground_points, rectified
+from tests.frontend.mosaic.scene import FLOOR_Z_M, photograph, pose, smooth_floor
+
+HEIGHT_M = 0.2
+"""True height of the ground over the floor that the map assumes."""
+GSD_M = 0.00625
+CAMERA = Camera((320.0, 320.0), (159.5, 119.5), (320, 240), (-0.05, 0.02, 0.001, -0.001))
+POSES = np.array([pose(0.3 * (k % 3) - 0.3, 0.35 * (k // 3), 2.0, 0.1 * k, 0.02, -0.03) for k in range(6)])
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    return [photograph(smooth_floor(0, 640, 0.006, 1.0), CAMERA, w_T_b, oversample=1) for w_T_b in POSES]
+
+
+def measured(pictures, poses, floor_z_m, surface=None):
+    plan = plan_mosaic(CAMERA, poses, floor_z_m, GSD_M, surface=surface)
+    return plan, measure_misregistration(plan, Pictures(plan, lambda k: pictures[k]))
+
+
+def test_pictures_of_a_flat_floor_agree_and_show_no_relief(pictures):
+    _, found = measured(pictures, POSES, FLOOR_Z_M)
+    assert len(found.square) > 4
+    assert found.found.all()
+    assert found.percentile_px(95) < 0.5
+    assert not relief_squares(found).any()
+
+
+def test_a_displaced_picture_is_misregistered_by_its_displacement(pictures):
+    moved = POSES.copy()
+    moved[1::2, 0, 3] += 6 * GSD_M
+    _, found = measured(pictures, moved, FLOOR_Z_M)
+    size = np.linalg.norm(found.shift_px[found.found], axis=1)
+    # Two pictures of one square have moved by the same 6 px, or one of them has.
+    assert np.all((size < 0.5) | (np.abs(size - 6) < 0.5))
+    assert np.any(size > 5)
+
+
+def test_ground_at_another_height_displaces_along_the_parallax_alone(pictures):
+    _, found = measured(pictures, POSES, FLOOR_Z_M - HEIGHT_M)
+    assert np.abs(found.across_px[found.found]).max() < 0.5
+    along, parallax = found.along_px[found.found], np.linalg.norm(found.parallax_px_m[found.found], axis=1)
+    # Exactly h / (H - h) instead of h / H: the camera is 2.2 m over the assumed floor.
+    assert along / parallax == pytest.approx(HEIGHT_M / (1 - HEIGHT_M / (2 + HEIGHT_M)), abs=0.02)
+
+
+def shifts(along_px, across_px):
+    n = len(along_px)
+    square = np.column_stack([np.arange(n) // 20, np.arange(n) % 20])
+    parallax = np.tile([10.0, 0.0], (n, 1))
+    return Misregistration((n // 20, 20), square, np.column_stack([along_px, across_px]), parallax)
+
+
+def test_the_threshold_holds_its_false_discovery_rate():
+    """On flat ground hardly ever a square is taken for relief; where there is some, most of it is found."""
+    rng = np.random.default_rng(0)
+    flat = [shifts(*rng.standard_t(3, (2, 400))) for _ in range(100)]
+    assert np.mean([relief_squares(case).any() for case in flat]) < 0.1
+    shares, missed = [], []
+    for _ in range(50):
+        along, across = rng.standard_t(3, (2, 400))
+        along[:100] += rng.choice([-1, 1], 100) * rng.uniform(5, 20, 100)
+        taken = relief_squares(shifts(along, across)).ravel()
+        shares.append(taken[100:].sum() / max(taken.sum(), 1))
+        missed.append(1 - taken[:100].mean())
+    assert 0.005 < np.mean(shares) < 0.05
+    assert np.mean(missed) < 0.3
+    assert relief_threshold_px(shifts(0.1 * along, 0.01 * across)) >= 0.5  # what nobody sees does not count
+
+
+def test_two_pictures_give_the_height_of_the_ground(pictures):
+    lattice = Lattice(-0.3, 0.3, 0.02, 30, 30)
+    views = [mosaic_view(CAMERA, k, POSES[k], FLOOR_Z_M - HEIGHT_M) for k in (0, 2)]
+    a, b = (Placed(CAMERA, view, pictures[view.k].mean(axis=2).astype(np.uint8)) for view in views)
+    points = ground_points(a, b, rectified(a, b, lattice, (0.1, 0.3), 0.01))
+    over = (np.abs(points[:, :2]) < 0.3).all(axis=1)
+    assert over.sum() > 1000
+    assert np.median(points[over, 2]) == pytest.approx(HEIGHT_M, abs=0.01)
+    assert np.percentile(np.abs(points[over, 2] - HEIGHT_M), 90) < 0.03
+
+
+def test_over_the_measured_surface_pictures_agree(pictures):
+    floor_z_m = FLOOR_Z_M - HEIGHT_M
+    plan, before = measured(pictures, POSES, floor_z_m)
+    everywhere = np.ones(before.shape, bool)
+    surface = build_surface(plan, Pictures(plan, lambda k: pictures[k]), everywhere, None)
+    known = surface.source == HeightSource.PICTURES
+    assert known.mean() > 0.4
+    assert np.median(np.abs(surface.height_m[known] - HEIGHT_M)) < 0.01
+    _, after = measured(pictures, POSES, floor_z_m, surface)
+    assert after.percentile_px(50) < 0.3 < 2 < before.percentile_px(50)
+
+
+def boxed(height_m=0.5):
+    heights = np.zeros((60, 60), np.float32)
+    heights[20:35, 25:40] = height_m
+    source = np.where(heights > 0, HeightSource.PICTURES, HeightSource.FLOOR).astype(np.uint8)
+    return Surface(-0.6, 0.6, 0.02, heights, np.zeros_like(heights), source)
+
+
+def test_ground_behind_a_box_is_hidden():
+    """Against rays in small steps; cells within two of the outline of the shadow may differ."""
+    surface, camera = boxed(), Camera((300.0, 300.0), (149.5, 149.5), (300, 300))
+    view = mosaic_view(camera, 0, pose(-0.7, -0.9, 1.5) - FLOOR_Z_M * np.eye(4)[:, 2:3] @ np.eye(4)[3:], 0.0)
+    assert isinstance(view, MosaicView)
+    lattice = Lattice(-0.59, 0.59, 0.02, 60, 60)
+    hidden = surface.hidden(view, lattice)
+    x, y = np.meshgrid(-0.59 + 0.02 * np.arange(60), 0.59 - 0.02 * np.arange(60))
+    ground = np.stack([x, y, surface.height_m], axis=-1)
+    camera_at = np.array([*view.w_p_c_m[:2], view.height_m])
+    true = np.zeros_like(hidden)
+    for share in np.linspace(0.001, 0.6, 600):
+        at = ground + share * (camera_at - ground)
+        c, r = (
+            np.floor((at[..., 0] + 0.6) / 0.02).astype(int),
+            np.floor((0.6 - at[..., 1]) / 0.02).astype(int),
+        )
+        on = (r >= 0) & (r < 60) & (c >= 0) & (c < 60)
+        true[on] |= surface.height_m[r[on], c[on]] > at[..., 2][on] + 0.01
+    assert 0.03 < true.mean() < 0.2
+    assert np.mean(hidden != true) < 0.02
+    assert not replace(surface, height_m=0 * surface.height_m).hidden(view, lattice).any()
+
+
+def test_raised_ground_is_seen_where_the_lens_projects_it():
+    view = mosaic_view(CAMERA, 0, POSES[3], FLOOR_Z_M)
+    assert isinstance(view, MosaicView)
+    lattice = Lattice(-0.4, 0.4, 0.02, 40, 40)
+    heights = np.random.default_rng(1).uniform(0, 0.5, (40, 40)).astype(np.float32)
+    u, v = raised_maps(CAMERA, view, lattice, heights)
+    x, y = np.meshgrid(-0.4 + 0.02 * np.arange(40), 0.4 - 0.02 * np.arange(40))
+    w_p = np.stack([x, y, heights + FLOOR_Z_M, np.ones_like(x)], axis=-1).reshape(-1, 4)
+    c_p = w_p @ np.linalg.inv(POSES[3] @ CAMERA.b_T_c).T
+    pixel = CAMERA.project(c_p[:, :3])
+    inside = ((pixel > 0) & (pixel < np.array(CAMERA.size_px) - 1)).all(axis=1)
+    assert inside.sum() > 500
+    assert np.abs(np.column_stack([u.ravel(), v.ravel()]) - pixel)[inside].max() < 0.03
+
+
+def test_holes_are_filled_from_the_ground_not_from_the_roof():
+    surface = boxed()
+    heights, source = surface.height_m.copy(), surface.source.copy()
+    heights[18:37, 40:44], source[18:37, 40:44] = np.nan, HeightSource.FILLED
+    whole = filled(replace(surface, height_m=heights, source=source))
+    assert np.isfinite(whole.height_m).all()
+    assert np.abs(whole.height_m[20:35, 41:44]).max() < 1e-6
+    assert whole.height_m[21:34, 27:38].min() == pytest.approx(0.5)
+
+
+def test_the_sonar_fills_what_pictures_did_not_measure(pictures):
+    plan = plan_mosaic(CAMERA, POSES, FLOOR_Z_M, 0.01)
+    sonar = Elevation(-3.0, 3.0, 0.1, np.full((60, 60), 0.07, np.float32))
+    dark = np.zeros((240, 320, 3), np.uint8)
+    views = Pictures(plan, lambda k: dark)  # unusable: nothing matches
+    surface = build_surface(plan, views, np.ones((2, 2), bool), sonar)
+    assert (surface.source == HeightSource.SONAR).any()
+    assert surface.height_m[surface.source == HeightSource.SONAR] == pytest.approx(0.07)
