@@ -19,6 +19,10 @@ Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
+MOST_LINES = 20_000
+"""Largest number of lines of sight, below the largest side of a picture that `cv2.remap` accepts."""
+
+
 class HeightSource(IntEnum):
     """Origin of a height."""
 
@@ -82,47 +86,44 @@ class Surface:
         return np.repeat(np.repeat(hidden, group, axis=0), group, axis=1)[: lattice.rows, : lattice.cols]
 
     def _hidden(self, view: MosaicView, lattice: Lattice) -> Mask:
-        """Follow each line of sight towards the camera, a node at a time, up to the highest ground around.
+        """Compare the ground with the shadow of the ground before it, on lines of sight around the nadir.
 
-        Ground that is higher by less than a step hides less than a step, and is ignored.
+        On a line away from the nadir, ground is seen if it is at a larger angle than all nearer ground.
+        Ground that lies in the shadow by less than a step is seen in part, and counts as seen.
         """
-        shape = (lattice.rows, lattice.cols)
-        hidden = np.zeros(shape, bool)
-        x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
-        y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
-        east, north = (
-            np.broadcast_to(a, shape).astype(np.float32)
-            for a in (view.w_p_c_m[0] - x[None], view.w_p_c_m[1] - y[:, None])
-        )
-        away = np.maximum(np.hypot(east, north), np.float32(1e-6))
-        pad, around = self._around(lattice, float(away.max()), view.height_m)
-        if not around.any():
-            return hidden
-        heights = around[pad : pad + lattice.rows, pad : pad + lattice.cols]
-        climb = np.maximum(np.float32(view.height_m) - heights, np.float32(1e-6)) / away
-        steps = (around.max() - heights) / climb / np.float32(lattice.step_m)
-        c, r = (np.arange(n, dtype=np.float32) + pad for n in (lattice.cols, lattice.rows))
-        for k in range(1, int(np.ceil(float(steps.max()))) + 1):
-            at = c[None] + k * east / away, r[:, None] - k * north / away
-            ground = cv2.remap(around, *at, cv2.INTER_LINEAR)
-            hidden |= ground > heights + (k * climb + 1) * np.float32(lattice.step_m)
-        return hidden
+        east_m, north_m = (float(at) for at in view.w_p_c_m[:2])
+        x = lattice.x0_m - east_m + lattice.step_m * np.arange(lattice.cols)
+        y = lattice.y0_m - north_m - lattice.step_m * np.arange(lattice.rows)
+        east, north = np.meshgrid(x.astype(np.float32), y.astype(np.float32))
+        away, angle = cv2.cartToPolar(east, north)
+        steps = int(np.ceil(float(away.max()) / lattice.step_m)) + 2
+        # Lines of sight are a step apart at the farthest node; the circle closes with one more.
+        lines = min(int(np.ceil(2 * np.pi * steps)) + 1, MOST_LINES)
+        turn = np.linspace(0, 2 * np.pi, lines, dtype=np.float32)[:, None]
+        far = (np.arange(steps, dtype=np.float32) * np.float32(lattice.step_m))[None]
+        wanted = self._lines(angle, lines)
+        used = np.flatnonzero(np.bincount(wanted.ravel(), minlength=lines))
+        turn, place = turn[used], np.zeros(lines, np.float32)
+        place[used] = np.arange(len(used), dtype=np.float32)
+        height = self._at(east_m + far * np.cos(turn), north_m + far * np.sin(turn))
+        slope = far / np.maximum(np.float32(view.height_m) - height, np.float32(1e-3))
+        nearest = np.maximum.accumulate(slope, axis=1)
+        shadow = np.float32(view.height_m) - far / np.maximum(nearest, np.float32(1e-6)) - height
+        shadow[:, 0] = 0.0
+        depth = cv2.remap(shadow, away / np.float32(lattice.step_m), place[wanted], cv2.INTER_LINEAR)
+        return np.asarray(depth > np.float32(lattice.step_m))
 
-    def _around(self, lattice: Lattice, away_m: float, camera_m: float) -> tuple[int, Float32]:
-        """Return the number of nodes added on each side, and the heights at the nodes and around them.
+    @staticmethod
+    def _lines(angle: Float32, lines: int) -> NDArray[np.int64]:
+        """Return the number of the line of sight nearest to each angle."""
+        return np.asarray(np.rint(angle * np.float32((lines - 1) / (2 * np.pi))), np.int64)
 
-        They reach as far as ground may hide a node: on the way to the camera's nadir the line of sight rises
-        above everything at a share of it.
-        """
-        low, high = float(self.height_m.min()), float(self.height_m.max())
-        share = np.clip((high - low) / max(camera_m - low, 1e-9), 0.0, 1.0)
-        pad = int(np.ceil(share * away_m / lattice.step_m)) + 1
-        wider = Lattice(
-            lattice.x0_m - pad * lattice.step_m, lattice.y0_m + pad * lattice.step_m, lattice.step_m,
-            lattice.rows + 2 * pad, lattice.cols + 2 * pad,
-        )  # fmt: skip
-        heights = self.heights(wider)
-        return pad, np.zeros((wider.rows, wider.cols), np.float32) if heights is None else heights
+    def _at(self, x_m: Float32, y_m: Float32) -> Float32:
+        """Return the interpolated heights at positions, 0 beyond the surface."""
+        half, cell_m = np.float32(0.5), np.float32(self.cell_m)
+        c = (x_m - np.float32(self.west_m)) / cell_m - half
+        r = (np.float32(self.north_m) - y_m) / cell_m - half
+        return np.asarray(cv2.remap(self.height_m, c, r, cv2.INTER_LINEAR))
 
 
 def ground_maps(
