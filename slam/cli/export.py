@@ -29,6 +29,11 @@ _PHOTOS = typer.Option(
     help="The photographs that the map was made of, for exif; they are not changed.",
     show_default=False,
 )
+_CRS = typer.Option(
+    "--crs",
+    metavar="SYSTEM",
+    help="Coordinate system of geotiff: utm (the zone of the map's origin), or EPSG: and a number.",
+)
 
 
 def export(
@@ -36,6 +41,7 @@ def export(
     to: Annotated[ExportKind, _TO],
     out: Annotated[Path | None, _OUT] = None,
     photos: Annotated[Path | None, _PHOTOS] = None,
+    crs: Annotated[str, _CRS] = "utm",
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
     """Write a map for another program: GIS, Google Earth, OpenDroneMap, COLMAP, ROS 2, evo and others."""
@@ -47,7 +53,7 @@ def export(
     screen = Screen(quiet)
     target = default_target(folder, to) if out is None else out
     with screen.progress() as progress:
-        notes = export_map(ExportedMap(read_estimate(folder), photos, progress), to, target)
+        notes = export_map(ExportedMap(read_estimate(folder), photos, progress, folder, crs), to, target)
     for note in notes:
         screen.line(note)
     screen.files([target])

@@ -105,6 +105,10 @@ class ExportedMap:
     photos: Path | None = None
     """Folder of the photographs that the map was made of."""
     progress: Progress = silent
+    folder: Path | None = None
+    """Output folder of the map, for its rasters."""
+    crs: str = "utm"
+    """Coordinate system of the rasters: ``utm``, or ``EPSG:`` and a number."""
 
     @property
     def name(self) -> str:

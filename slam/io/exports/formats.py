@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from slam.io.exports.exported_map import ExportedMap
 
 
-ExportKind = Literal["geo", "geojson", "gpx", "kml", "colmap", "euroc", "tum", "mcap", "ros2", "exif"]
+ExportKind = Literal[
+    "geo", "geojson", "gpx", "kml", "colmap", "euroc", "tum", "mcap", "ros2", "exif", "geotiff"
+]
 """Names of the formats, as the command line lists them."""
 
 
@@ -87,6 +89,14 @@ FORMATS: tuple[ExportFormat, ...] = (
         "exif",
         "_photos",
         (PLACE, CAMERA, PHOTOGRAPHS),
+        is_folder=True,
+    ),
+    ExportFormat(
+        "geotiff",
+        "mosaic and elevation in UTM or EPSG:n",
+        "geotiff",
+        "_geotiff",
+        (PLACE, CAMERA),
         is_folder=True,
     ),
 )

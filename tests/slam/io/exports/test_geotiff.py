@@ -1,0 +1,65 @@
+"""Rasters in a named coordinate system, against the transformation of single points."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.warp import transform
+
+from slam.core.errors import InputError
+from slam.core.geodesy import GeoOrigin
+from slam.io.exports.formats import export_map
+from slam.io.exports.geotiff import coordinate_system
+from slam.io.geotiff import Grid, write_bands
+from tests.slam.io.exports.made_map import exported, made_map, pose
+
+ORIGIN = GeoOrigin(40.5, -74.4, 30.0)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """An elevation map of 40 m x 30 m with one cell of 7 m, 12 m east and 8 m south of the origin."""
+    heights = np.zeros((60, 80), np.float32)
+    heights[36, 64] = 7.0
+    out = tmp_path / "map"
+    out.mkdir()
+    write_bands(out / "elevation.tif", Grid(-20.25, 10.25, 0.5, 80, 60, ORIGIN), {"height": heights})
+    return out
+
+
+def test_a_height_lies_where_its_point_is_transformed_to(folder, tmp_path):
+    target = tmp_path / "rasters"
+    estimate = made_map(pose(), origin=ORIGIN)
+    notes = export_map(exported(estimate, folder=folder), "geotiff", target)
+    assert "EPSG:32618" in notes[0]
+    with rasterio.open(target / "elevation.tif") as raster:
+        assert raster.crs.to_epsg() == 32618
+        assert float(raster.tags()["FLOOR_ALTITUDE_M"]) == pytest.approx(30.0 + estimate.floor_z_m)
+        values = raster.read(1)
+        r, c = np.nonzero(values == 7.0)
+        x, y = raster.xy(r.mean(), c.mean())
+    with rasterio.open(folder / "elevation.tif") as raster:
+        (east,), (north,) = transform(raster.crs, "EPSG:32618", [12.0], [-8.0])
+    assert (x, y) == (pytest.approx(east, abs=0.5), pytest.approx(north, abs=0.5))
+
+
+@pytest.mark.parametrize(
+    ("place", "code"),
+    [((52.0, 4.3), 32631), ((-33.9, 18.4), 32734), ((0.0, 180.0), 32601), ((10.0, -180.0), 32601)],
+)
+def test_the_zone_is_that_of_the_place(place, code):
+    assert coordinate_system("utm", GeoOrigin(*place, 0.0)).to_epsg() == code
+    assert coordinate_system("EPSG:3857", GeoOrigin(*place, 0.0)).to_epsg() == 3857
+
+
+@pytest.mark.parametrize("name", ["EPSG:99999", "epsg", "WGS84", "utm18"])
+def test_an_unknown_system_is_refused_in_one_line(name):
+    with pytest.raises(InputError, match="give utm, or EPSG: and its number") as refused:
+        coordinate_system(name, ORIGIN)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_map_without_rasters_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no rasters"):
+        export_map(exported(made_map(pose()), folder=tmp_path), "geotiff", tmp_path / "out")
