@@ -122,6 +122,20 @@ class MountTilt:
 
 
 @dataclass(frozen=True)
+class LensNumber:
+    """One number of the lens: a focal length or the principal point in pixels, or a coefficient."""
+
+    value: float
+    std: float
+    told: float
+    """Value that the tags, the maker or ``sensor.yaml`` state."""
+    told_std: float
+    """Standard deviation of what is told, the prior of ``value``."""
+    estimated: bool
+    """Whether the flight tells more about it than was told. Otherwise it is held near ``told``."""
+
+
+@dataclass(frozen=True)
 class InstrumentErrors:
     """Errors of the instruments as the map determines them; None where it does not."""
 
@@ -133,6 +147,8 @@ class InstrumentErrors:
     """Errors that all pictures or all positions share; None without any beyond chance."""
     picture_clock: ClockErrors | None = None
     """None without a gyro that explains how the pictures turn."""
+    lens: Mapping[str, LensNumber] | None = None
+    """Numbers of the lens by their names (fx, fy, cx, cy, k1, k2, p1, p2, k3); None where all are certain."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,6 +23,7 @@ from slam.mapping.calibration.clock_offset import (
     with_clock_error,
 )
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
+from slam.mapping.calibration.lens import lens_numbers
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
@@ -100,6 +101,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             mount,
             shared,
             clock,
+            lens_numbers(map_.bundle),
         ),
         accuracy_basis=accuracy_basis(flight, map_),
         information_shares=_information_shares(flight, map_),

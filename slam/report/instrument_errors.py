@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import degrees
+from math import degrees, floor, log10
 
-from slam.core.estimate import AccelerometerErrors, AttitudeErrors, MountTilt
+from slam.core.estimate import AccelerometerErrors, AttitudeErrors, LensNumber, MountTilt
 from slam.core.units import SPACE
 
 
@@ -34,6 +34,29 @@ def mount_text(found: MountTilt | None) -> str:
         return ""
     roll, pitch = (f"{degrees(tilt):+.2f}" for tilt in found.tilt_rad)
     return f"roll {roll}, pitch {pitch} ±{SPACE}{degrees(found.std_rad):.2f}°"
+
+
+def lens_text(found: Mapping[str, LensNumber] | None) -> str:
+    """Return the numbers of the lens that the flight determines, in words."""
+    return ", ".join(
+        f"{name} {_rounded(n.value, n.std)} ±{SPACE}{n.std:.2g} (told {_rounded(n.told, n.std)})"
+        for name, n in (found or {}).items()
+        if n.estimated
+    )
+
+
+def held_lens_text(found: Mapping[str, LensNumber] | None) -> str:
+    """Return the numbers of the lens that the flight does not determine, in words."""
+    return ", ".join(
+        f"{name} {n.told:.5g} ±{SPACE}{n.told_std:.2g}"
+        for name, n in (found or {}).items()
+        if not n.estimated
+    )
+
+
+def _rounded(value: float, std: float) -> str:
+    """Return the value to two digits of its standard deviation."""
+    return f"{value:.{max(0, 1 - floor(log10(std)))}f}"
 
 
 def accelerometer_text(found: AccelerometerErrors | None) -> str:

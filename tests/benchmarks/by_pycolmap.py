@@ -50,9 +50,15 @@ def mapped_apart(pictures: Path, camera: Camera, limit_s: float) -> Mapped | Non
 
 
 def mapped(
-    pictures: Path, names: list[str], side_px: int | None = None, camera: tuple[float, ...] | None = None
+    pictures: Path,
+    names: list[str],
+    side_px: int | None = None,
+    camera: tuple[float, ...] | None = None,
+    free_center: bool = False,
 ) -> Mapped:
     """Map some pictures of a folder, reduced to ``side_px``; without ``camera`` its lens is estimated.
+
+    With ``free_center`` the lens is OpenCV's, and its principal point is estimated too.
 
     Raises ``Skipped`` where the package is missing.
     """
@@ -69,6 +75,8 @@ def mapped(
         reader.camera_params = ",".join(map(str, (fx, fy, cx + 0.5, cy + 0.5, *distortion)))
         mapping.ba_refine_focal_length = mapping.ba_refine_extra_params = False
         mapping.mapper.abs_pose_refine_focal_length = mapping.mapper.abs_pose_refine_extra_params = False
+    if free_center:
+        reader.camera_model, mapping.ba_refine_principal_point = "OPENCV", True
     with tempfile.TemporaryDirectory() as scratch:
         database = Path(scratch) / "pictures.db"
         began = time.perf_counter()

@@ -86,7 +86,7 @@ def shape(p: Positions) -> list[Metric]:
     off = onto.apply(p.ours_m) - p.reference_m
     tilt_deg = float(np.degrees(np.arccos(np.clip(onto.R[2, 2], -1, 1))))
     return [
-        at_most("RMS to sfm_reference.csv after a similarity", rms(off), "m", 3.0),
+        at_most("RMS to sfm_reference.csv after a similarity", rms(off), "m", 0.15),
         reported("the same, horizontally", rms(off[:, :2]), "m"),
         reported("the same, vertically", rms(off[:, 2:]), "m"),
         reported("tilt of that reference against our level map", tilt_deg, "deg"),

@@ -38,6 +38,8 @@ TITLES = {
     "inertial_alone": "Camera and IMU alone, lively simulated flights",
     "estimates": "Measured flights without a camera (`slam estimate`)",
     "caliterra": "75 aerial photographs (`caliterra`)",
+    "isfm": "32 photographs with RTK positions (`isfm`)",
+    "lens": "Wrong calibrations of made surveys",
     "gps_outliers": "Gross outliers among GPS fixes",
     "graphs": "Standard pose graphs",
     "graph_command": "Standard pose graphs, from the file to covariances and report",
