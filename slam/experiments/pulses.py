@@ -170,7 +170,7 @@ def _reason(trial: Trial, theirs: float, before: float, after: float) -> str:
     return (
         f"by figure 9 the real drone's speed changes with {both(DRONE)}, and by figure 10 USARSim's with "
         f"{both(SIMULATOR)}. The paper's text calls the acceleration nearly the same and the braking "
-        f"slightly slower; by its own curves USARSim has {up:.2f} and {down:.2f} times its slopes. "
+        f"slightly slower; by its own curves USARSim has {up:.2f} and {down:.2f} times the drone's slopes. "
         f"USARSim misses the real drone by {theirs:.3f} m/s RMS, our model with the paper's constants "
         f"by {before:.3f}. From those constants figure 10 does not follow: the model speeds up and slows "
         "down less. With active_braking, which criticism names, and refitted constants our model misses "

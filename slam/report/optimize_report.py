@@ -12,6 +12,7 @@ from slam.core.estimate import Estimate
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
 from slam.core.version import VERSION
+from slam.report.answers import limit_sentence, pilots_answers
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_text,
@@ -85,7 +86,10 @@ def render(
         unit=unit(facts.metric),
         sentence=sentence(facts),
         summary=summary,
+        limit=limit_sentence(estimate.information_shares),
+        answers=pilots_answers(estimate, summary, facts),
         tiles=_tiles(facts),
+        chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
         widths=_widths(mosaics),

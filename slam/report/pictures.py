@@ -149,7 +149,7 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
     kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
     rejected = [(loop.i, loop.j) for loop in estimate.loops if loop.verdict == "rejected"]
     for pairs, most, color, dash, alpha, what in (
-        (rejected, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.25, "rejected"),
+        (rejected, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.6, "rejected"),
         (kept, _MOST_KEPT, GREEN, "-", 0.75, "kept"),
     ):
         shown = pairs[:: max(1, -(-len(pairs) // most))]

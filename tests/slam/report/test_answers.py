@@ -1,0 +1,54 @@
+"""The questions a pilot asks of a report, answered from the page alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.core.flight import GeoOrigin
+from slam.core.summary import summarise
+from slam.report.answers import limit, limit_sentence, pilots_answers
+from slam.report.facts import gather
+from slam.report.optimize_report import render
+from tests.slam.made_estimate import made_estimate, made_flight
+
+SHARES = {"x": {"range": 0.7, "pictures": 0.3}, "y": {"range": 0.5, "pictures": 0.5}, "scale": {"range": 1.0}}
+
+
+def answers(estimate, flight):
+    found = pilots_answers(estimate, summarise(estimate), gather(estimate, flight))
+    return {item.label: item.value for item in found}
+
+
+def test_ten_questions_have_their_answers_on_the_page():
+    estimate, flight = made_estimate(), made_flight()
+    estimate = replace(estimate, information_shares=SHARES)
+    found = answers(estimate, flight)
+    assert len(found) == 10
+    html = render(estimate, summarise(estimate), flight)
+    assert all(question in html for question in found)
+    assert limit_sentence(SHARES) in html
+
+
+def test_the_limit_is_the_instrument_with_the_largest_share_of_both_axes():
+    assert limit(SHARES) == ("range", pytest.approx(0.6))
+    assert "height sensor" in limit_sentence(SHARES)
+    assert limit({}) is None
+    assert limit_sentence({}) == ""
+
+
+def test_answers_follow_the_map():
+    estimate, flight = made_estimate(), made_flight()
+    assert answers(replace(estimate, status="ok"), flight)["Can I use this map?"].startswith("Yes")
+    assert answers(replace(estimate, status="two parts"), flight)["Can I use this map?"].startswith("Only")
+    no_loops = replace(estimate, loops=())
+    assert "repeat an earlier part" in answers(no_loops, flight)["How do I make the next map better?"]
+    assert answers(no_loops, flight)["Was a place recognised again?"].startswith("No")
+    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
+    assert "52.100000" in answers(on_earth, flight)["Where on Earth is it?"]
+    no_metres = replace(estimate, metric=False, scale_std=None)
+    assert answers(no_metres, flight)["How accurate is a distance on it?"].startswith("In metres not at all")
+    unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
+    assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")
