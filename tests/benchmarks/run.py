@@ -58,6 +58,7 @@ TITLES = {
     "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",
     "surface": "Ground that is not flat",
+    "surface_photos": "Ground that is not flat, photographs",
     "features": "Features compared",
     "registration": "Registration of rendered pairs",
     "loops": "Loop closure",

@@ -1,7 +1,7 @@
-"""Ground that is not flat: misregistration of mosaics, and the surface and orthophoto of a simulated village.
+"""Ground that is not flat: misregistration of the demo, and surface and orthophoto of a simulated village.
 
-The mosaics are those of the demo, which is flat, and of two sets of photographs. The village is mapped with
-true poses, so that only the surface is judged. Its orthophoto is compared with one taken from very far away.
+The village is mapped with true poses, so that only the surface is judged. Its orthophoto is compared with one
+taken from very far away.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from frontend.mosaic.surface import HeightSource
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 from slam.evaluation.association import poses_at
-from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import MosaicFiles, write_mosaic
 from slam.simulation import simulate
@@ -28,8 +27,7 @@ from slam.simulation.place.scene import build_scene
 from slam.simulation.place.terrain import elevation
 from slam.simulation.place.world import World
 from slam.simulation.recipe import load_recipe
-from tests.benchmarks.measured import folder
-from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, reported
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -45,14 +43,8 @@ EDGE_CELLS = 2
 
 
 def measure() -> list[Metric]:
-    """Return the figures of the demo, the village, and the photographs where they exist."""
-    metrics = [*flat_floor(), *village()]
-    for name in ("isfm", "caliterra"):
-        try:
-            metrics += photographs(name)
-        except Skipped as skipped:
-            metrics.append(reported(f"{name}: misregistration", float("nan"), "px", str(skipped)))
-    return metrics
+    """Return the figures of the demo and of the village."""
+    return [*flat_floor(), *village()]
 
 
 def flat_floor() -> list[Metric]:
@@ -64,25 +56,6 @@ def flat_floor() -> list[Metric]:
         at_most("demo: misregistration, median", facts.misregistration_px[0], "px", 0.2),
         at_most("demo: misregistration, 95 %", facts.misregistration_px[1], "px", 0.5),
         at_most("demo: share of the floor that is taken for relief", facts.relief_share, "", 0.0),
-    ]
-
-
-def photographs(name: str) -> list[Metric]:
-    """Return the misregistration of a set of photographs, over a floor and over the surface."""
-    flight = import_photos(folder(f"photos/{name}"))
-    with tempfile.TemporaryDirectory() as out:
-        made = write_mosaic(optimize(flight), flight, out)
-    facts = made.ground.facts
-    before, after = facts.over_floor_px[1], facts.misregistration_px[1]
-    assert made.ground.over_surface is not None, f"{name} is not flat"
-    found = made.ground.over_surface.found, made.ground.over_floor.found
-    shares = f"found in {found[0].mean():.0%} of the squares, over a floor in {found[1].mean():.0%}"
-    return [
-        reported(f"{name}: misregistration, median, over a floor", facts.over_floor_px[0], "px"),
-        reported(f"{name}: misregistration, median, over the surface", facts.misregistration_px[0], "px"),
-        reported(f"{name}: misregistration, 95 %, over a floor", before, "px"),
-        at_most(f"{name}: misregistration, 95 %, over the surface", after, "px", 1.5, shares),
-        at_least(f"{name}: 95 % over a floor over that over the surface", before / after, "x", 4.0),
     ]
 
 
