@@ -113,20 +113,22 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     c, faster = over_seeds(trials, "paper/c"), over_seeds(trials, "faster")
     error = 100 * (c.median / SPEED_A_DEGREE - 1)
     too_slow = (
-        "In the paper's own window, the last two of five seconds, the model has not reached its final "
-        f"speed. It misses s = {short} by more than two standard deviations. The drone reached its speed "
-        "sooner than drag alone allows. "
+        f"It has not reached its final speed there, and misses s = {short} by more than two standard "
+        "deviations: the drone reached its speed sooner than drag alone allows. "
     )
+    in_window = [s for s in STICKS if abs(_off(trials, "window", s)) <= 2]
     reason = (
-        "the final speeds of the paper's model are within two of the drone's standard deviations at "
-        f"{len(within)} of {len(STICKS)} sticks, and its pitch at {len(pitched)}. The slope in v = "
-        f"{c.median:.4f} s theta_max is that of equation 4 to {abs(error):.1f} %. "
-        f"The outlier is s = {odd:.2f}: the drone's speed differs by {apart[odd]:+.0f} % there. "
-        "It is inside two standard deviations only because its own is so large. "
-        f"{too_slow if short else ''}The nominal model is {text(faster, '%', 1)} faster."
+        "the drag and the largest tilt of the paper's model were set from this table by equation 4, so the "
+        f"slope in v = {c.median:.4f} s theta_max (equation 4 to {abs(error):.1f} %), the final speeds "
+        f"(within two of the drone's standard deviations at {len(within)} of {len(STICKS)} sticks) and the "
+        f"pitch (at {len(pitched)}) judge nothing but our arithmetic. The verdict is on what was not used: "
+        "the speed in the paper's own window, the last two of five seconds: within two standard deviations "
+        f"at {len(in_window)} of {len(STICKS)} sticks. {too_slow if short else ''}"
+        f"The outlier of the table is s = {odd:.2f}, where the drone's speed differs by {apart[odd]:+.0f} % "
+        f"from the model's final one. The nominal model is {text(faster, '%', 1)} faster."
     )
-    alike = len(within) == len(pitched) == len(STICKS) and abs(error) <= 1
-    return Conclusion(_rows(trials), verdict(alike), reason)
+    all_of_them = len(in_window) == len(STICKS)
+    return Conclusion(_rows(trials), verdict(all_of_them, partly=len(in_window) > len(STICKS) / 2), reason)
 
 
 def _off(trials: tuple[Trial, ...], kind: str, s: float) -> float:
