@@ -160,6 +160,9 @@ class InertialNoise:
     accel_offset_m_s2: float = 0.3
     gain_ratio: float = 0.02
     """Error of the accelerometer's gain on each axis. Half of its variance is common to all axes."""
+    gyro_gain_ratio: float = 0.03
+    """Relative error of the gains of the gyro: the tolerance of common sensors (InvenSense MPU-6050 product
+    specification 3.4, section 6.1)."""
     arm_m: float = 0.1
     """Error of the position of the accelerometer on the body, on each axis."""
     delay_s: float = 0.0125

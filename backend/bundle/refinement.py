@@ -172,11 +172,13 @@ def _with_inertia(problem: BundleProblem, at: Variables) -> tuple[BundleProblem,
 def _reintegrated(
     problem: BundleProblem, at: Variables, kept: NDArray[np.bool_]
 ) -> tuple[BundleProblem, Variables]:
-    """Integrate the ``kept`` intervals (k,) about the estimated biases."""
-    if problem.inertial is None:
+    """Integrate the ``kept`` intervals (k,) about the estimated biases and delay."""
+    before = problem.inertial
+    if before is None:
         return problem, at
-    part = problem.inertial.reintegrated(at.values, kept)
-    return replace(problem, inertial=part), replace(at, values=without_unused(at.values, part))
+    part = before.reintegrated(at.values, kept)
+    values = without_unused(at.values) if part is None else part.continued(at.values, before)
+    return replace(problem, inertial=part), replace(at, values=values)
 
 
 def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> tuple[Array, Array]:

@@ -28,6 +28,8 @@ class SensorTrust:
     """Least standard deviation of a range, whatever its sensor states."""
     accel_gain_std: float = 0.02
     """Relative standard deviation of an accelerometer's gains, which is that of lengths by it."""
+    gyro_gain_std: float = 0.03
+    """The same of a gyro: the tolerance of common ones (InvenSense MPU-6050 specification, section 6.1)."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,7 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
         "level_std_rad": _POSITIVE,
         "range_floor_m": _OR_NONE,
         "accel_gain_std": _OR_NONE,
+        "gyro_gain_std": _OR_NONE,
     },
     "inertial": dict.fromkeys((f.name for f in fields(InertialTrust)), _POSITIVE),
 }

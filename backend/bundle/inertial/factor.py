@@ -1,9 +1,9 @@
 """Factor of the readings of an IMU between two keyframes, on camera poses in mean heights.
 
 gtsam's own factor compares metric states of the IMU: pose, velocity and bias at both ends. Here the poses
-follow from those of the camera and the world variable, and from three constants of the IMU: the log gains of
-its accelerometer, its position on the body, and the delay of the pictures' stamps. The error is gtsam's; the
-chain rule takes its Jacobians to the variables of the graph.
+follow from those of the camera and the world variable, and from constants of the IMU: the log gains of its
+accelerometer and of its gyro, its position on the body, and the delay of the pictures' stamps. The error is
+gtsam's; the chain rule takes its Jacobians to the variables of the graph.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]
 
-GAINS, ARM, DELAY = slice(0, 3), slice(3, 6), 6
-"""Index of each number in the variable of the IMU's constants: log gains, position [m], delay [s]."""
-IMU_SIZE = 7
+GAINS, ARM, DELAY, GYRO_GAINS = slice(0, 3), slice(3, 6), 6, slice(7, 10)
+"""Index of each number in the variable of the IMU's constants: log gains of the accelerometer, position [m],
+delay [s], log gains of the gyro."""
+IMU_SIZE = 10
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,11 @@ def inertial_factor(
         for k, end in enumerate(ends):
             local.update(2 * k, end.pose)
             local.update(2 * k + 1, end.velocity)
-        local.update(4, values.atConstantBias(keys.bias_i))
-        local.update(5, values.atConstantBias(keys.bias_j))
+        # A gain adds to the bias what it makes of the mean rate; a part of a percent of noise is neglected.
+        gained_rate = np.concatenate([np.zeros(3), imu[GYRO_GAINS] * interval.mean_rate_rad_s])
+        for key, bias in ((4, keys.bias_i), (5, keys.bias_j)):
+            both = values.atConstantBias(bias).vector() + gained_rate
+            local.update(key, gtsam.imuBias.ConstantBias(both[:3], both[3:]))
         j_R_i = (ends[1].pose.rotation().inverse().compose(ends[0].pose.rotation())).matrix()
         off = (by_gain @ imu[GAINS]).reshape(2, 3)
         gained = np.zeros(STATE_SIZE)
@@ -137,6 +141,7 @@ def inertial_factor(
             jacobians[2 * k], by_imu = by_both[:, :6], by_imu + more
             by_world = by_both[:, 6:] if k == 0 else by_world + by_both[:, 6:]
         jacobians[4], jacobians[5] = J[:, 18:24], J[:, 24:]
+        by_imu[:, GYRO_GAINS] = (J[:, 21:24] + J[:, 27:]) * interval.mean_rate_rad_s
         jacobians[6], jacobians[7] = by_world, by_imu
         return np.asarray(whitening @ gained - rewhiten @ right)
 

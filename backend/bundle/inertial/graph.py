@@ -23,6 +23,7 @@ from backend.bundle.inertial.factor import (
     ARM,
     DELAY,
     GAINS,
+    GYRO_GAINS,
     IMU_SIZE,
     IntervalKeys,
     gain_effect,
@@ -81,6 +82,8 @@ class InertialPart:
     intervals: tuple[InertialInterval, ...]
     """Between successive nodes, which they call by their place among all nodes."""
     bias: ImuBias
+    delay_s: float
+    """Delay of the stamps behind the readings that was taken out of the intervals."""
     by_gain: Mapping[int, Array]
     """First node of each interval -> `gain_effect` (6, 3)."""
     cut: frozenset[int] = frozenset()
@@ -107,6 +110,7 @@ class InertialPart:
             frames=frames,
             intervals=preintegrate(inertial, stamps_s[order]),
             bias=NO_BIAS,
+            delay_s=0.0,
             by_gain={},
         )
         if not part.intervals:
@@ -114,13 +118,20 @@ class InertialPart:
         return replace(part, by_gain=_gain_effects(part, part._metric_poses(frames.placed(poses), transform)))
 
     def reintegrated(self, values: gtsam.Values, kept: NDArray[np.bool_]) -> InertialPart | None:
-        """Integrate the ``kept`` (m,) intervals about the mean of the estimated biases; None without any."""
+        """Integrate the ``kept`` (m,) intervals about the estimated delay and the mean of the biases.
+
+        Returns None without any interval. The rates at the ends of an interval are noisy: multiplied by a
+        delay that is not taken out of the stamps, their noise would be that of the factor.
+        """
         cut = self.cut | {one.i for one, ok in zip(self.intervals, kept.tolist(), strict=True) if not ok}
         found = self.biases(values).mean(axis=0)
         bias = ImuBias(found[:3], found[3:])
-        intervals = preintegrate(self.inertial, self.stamps_s, bias, cut)
+        delay_s = self.delay_s + float(values.atVector(IMU)[DELAY])
+        intervals = preintegrate(self.inertial, self.stamps_s - delay_s, bias, cut)
+        if not intervals:
+            return None
         frames = self.frames.calibrated(values)
-        return replace(self, intervals=intervals, bias=bias, cut=cut, frames=frames) if intervals else None
+        return replace(self, intervals=intervals, bias=bias, delay_s=delay_s, cut=cut, frames=frames)
 
     @property
     def ends(self) -> list[int]:
@@ -138,8 +149,15 @@ class InertialPart:
         for k in self.ends:
             values.insert(VELOCITY(k), velocity[k])
             values.insert(BIAS(k), gtsam.imuBias.ConstantBias(self.bias.accel_m_s2, self.bias.gyro_rad_s))
-        values.insert(IMU, _nominal_constants(self.inertial))
+        values.insert(IMU, _nominal_constants(self))
         return values
+
+    def continued(self, values: gtsam.Values, before: InertialPart) -> gtsam.Values:
+        """Return the variables of the part ``before`` it was integrated again, as variables of this one."""
+        kept, constants = without_unused(values, self), values.atVector(IMU)
+        constants[DELAY] += before.delay_s - self.delay_s
+        kept.update(IMU, constants)
+        return kept
 
     def damage(self, values: gtsam.Values, factors: InertialNoiseFactors) -> str:
         """Describe why the readings cannot be right, in words; empty if they can be.
@@ -151,7 +169,7 @@ class InertialPart:
             return f"its readings do not fit over {cut} of {count} intervals"
         noise = self.inertial.noise
         accel, gyro = np.abs(self.biases(values)).max(axis=0).reshape(2, 3).max(axis=1)
-        gain = np.abs(values.atVector(IMU)[GAINS]).max()
+        constants = np.abs(values.atVector(IMU))
         for name, found, std in (
             (
                 "noise of the accelerometer [m/s²]",
@@ -161,7 +179,8 @@ class InertialPart:
             ("noise of the gyro [rad/s]", factors.gyro * noise.gyro_density, noise.gyro_offset_rad_s),
             ("bias of the accelerometer [m/s²]", accel, noise.accel_offset_m_s2),
             ("bias of the gyro [rad/s]", gyro, noise.gyro_offset_rad_s),
-            ("error of the accelerometer's gain", gain, noise.gain_ratio),
+            ("error of the accelerometer's gain", constants[GAINS].max(), noise.gain_ratio),
+            ("error of the gyro's gain", constants[GYRO_GAINS].max(), noise.gyro_gain_ratio),
         ):
             if found > _MOST_SIGMAS * std:
                 return f"the {name} would be {found:.2g}, and {std:.2g} is expected"
@@ -210,7 +229,7 @@ def _smoothed(stamps_s: Array, place: Array) -> tuple[Array, Array]:
     return out[0], out[1]
 
 
-def without_unused(values: gtsam.Values, part: InertialPart | None) -> gtsam.Values:
+def without_unused(values: gtsam.Values, part: InertialPart | None = None) -> gtsam.Values:
     """Return the variables without those that no factor of ``part`` touches."""
     used = set[int]()
     if part is not None:
@@ -238,7 +257,7 @@ def add_inertial(
         # A bias may jump where the readings fail.
         graph.push_back(gtsam.PriorFactorConstantBias(BIAS(run[0].i), gtsam.imuBias.ConstantBias(), first))
     constants = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(part.inertial))
-    graph.push_back(gtsam.PriorFactorVector(IMU, _nominal_constants(part.inertial), constants))
+    graph.push_back(gtsam.PriorFactorVector(IMU, _nominal_constants(part), constants))
     part.frames.add(graph, at, factors.frames, _robust_unit(ROWS))
     unit = _robust_unit(STATE_SIZE)
     for interval in part.intervals:
@@ -254,9 +273,9 @@ def _robust_unit(size: int) -> gtsam.noiseModel.Robust:
     return gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Unit.Create(size))
 
 
-def _nominal_constants(inertial: Inertial) -> Array:
+def _nominal_constants(part: InertialPart) -> Array:
     constants = np.zeros(IMU_SIZE)
-    constants[ARM] = inertial.b_p_imu_m
+    constants[ARM], constants[DELAY] = part.inertial.b_p_imu_m, -part.delay_s
     return constants
 
 
@@ -266,4 +285,5 @@ def _constants_covariance(inertial: Inertial) -> Array:
     covariance[GAINS, GAINS] = noise.gain_ratio**2 * (np.eye(3) + 1) / 2
     covariance[ARM, ARM] = noise.arm_m**2 * np.eye(3)
     covariance[DELAY, DELAY] = noise.delay_s**2
+    covariance[GYRO_GAINS, GYRO_GAINS] = noise.gyro_gain_ratio**2 * np.eye(3)
     return covariance

@@ -94,7 +94,9 @@ def start_factors(problem: BundleProblem, values: gtsam.Values) -> InertialNoise
 def estimate_inertial_noise(optimum: BundleOptimum) -> tuple[InertialNoiseFactors, NDArray[np.bool_]]:
     """Return the factors on the noise, and the intervals (m,) to keep.
 
-    Those of gyro and accelerometer are at least 1, because residuals may be small by chance.
+    All are at least 1. Residuals may be small by chance; and a homography has hardly more numbers than its
+    pose, so that its residuals cannot show that it is better than stated. Poses that count as too exact make
+    the map too small, as noise in a regressor does.
     """
     part, noise = optimum.problem.inertial, optimum.noise.inertial
     if part is None:
@@ -111,7 +113,8 @@ def estimate_inertial_noise(optimum: BundleOptimum) -> tuple[InertialNoiseFactor
         if (fits == kept).all():
             break
         kept = fits
-    return InertialNoiseFactors(gyro, accel, _factor(noise.frames, found.frames, expected.frames)), kept
+    frames = max(1.0, _factor(noise.frames, found.frames, expected.frames))
+    return InertialNoiseFactors(gyro, accel, frames), kept
 
 
 def _factor(before: float, found: float, expected: float) -> float:

@@ -46,6 +46,8 @@ class InertialInterval:
     """(15, 15) the same of the accelerometer."""
     rates_rad_s: Array
     """(2, 3) body rates at both ends."""
+    mean_rate_rad_s: Array
+    """(3,)."""
 
     def whitening(self, gyro_factor: float, accel_factor: float) -> Array:
         """Return the matrix (15, 15) that whitens the error, for noise larger by these factors.
@@ -149,6 +151,7 @@ def _interval(
         gyro_covariance=by_gyro.preintMeasCov(),
         accel_covariance=by_both.preintMeasCov() - by_gyro.preintMeasCov(),
         rates_rad_s=rates,
+        mean_rate_rad_s=steps_s @ means[:, 3:] / steps_s.sum() - bias.gyroscope(),
     )
 
 

@@ -44,6 +44,7 @@ def inertial_measurements(imu: Imu | None, config: PipelineConfig) -> Inertial |
         gyro_offset_rad_s=trust.gyro_offset_rad_s,
         accel_offset_m_s2=trust.accel_offset_m_s2,
         gain_ratio=config.trust.accel_gain_std,
+        gyro_gain_ratio=config.trust.gyro_gain_std,
     )
     return Inertial(readings, noise, np.asarray(imu.b_T_s[:3, 3], dtype=float))
 

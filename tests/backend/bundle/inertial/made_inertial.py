@@ -123,7 +123,9 @@ def _readings(scene: InertialScene, flight: MadeFlight, rng: np.random.Generator
     force = np.einsum("nba,nb->na", flight.w_T_b(t)[:, :3, :3], acceleration)
     gain = noise.gain_ratio / np.sqrt(2) * (rng.normal() + rng.normal(0, 1, 3))
     walk = rng.normal(0, 1, (2, len(t), 3)).cumsum(axis=1) / np.sqrt(RATE_HZ)
-    gyro = flight.body_rate(t) + rng.normal(0, noise.gyro_offset_rad_s, 3) + noise.gyro_walk * walk[0]
+    gyro_gain = np.exp(rng.normal(0, noise.gyro_gain_ratio, 3))
+    gyro = gyro_gain * flight.body_rate(t) + rng.normal(0, noise.gyro_offset_rad_s, 3)
+    gyro += noise.gyro_walk * walk[0]
     accel = np.exp(gain) * force + rng.normal(0, noise.accel_offset_m_s2, 3) + noise.accel_walk * walk[1]
     white = np.sqrt(RATE_HZ)
     return InertialReadings(

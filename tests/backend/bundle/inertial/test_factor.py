@@ -14,6 +14,7 @@ from backend.bundle.inertial.factor import (
     ARM,
     DELAY,
     GAINS,
+    GYRO_GAINS,
     IMU_SIZE,
     IntervalKeys,
     gain_effect,
@@ -32,7 +33,9 @@ MODEL = gtsam.noiseModel.Unit.Create(STATE_SIZE)
 NOISE = InertialNoise(gyro_walk=1e-3, accel_walk=1e-2)
 
 
-def readings_of(flight, seconds=1.0, rate_hz=1000.0, arm_m=np.zeros(3), gain=0.0) -> InertialReadings:
+def readings_of(
+    flight, seconds=1.0, rate_hz=1000.0, arm_m=np.zeros(3), gain=0.0, gyro_gain=0.0
+) -> InertialReadings:
     """Exact readings of an IMU that stands ``arm_m`` from the body's origin."""
     t = np.arange(-0.2, seconds + 0.2, 1 / rate_hz)
     step = 1e-4
@@ -43,7 +46,7 @@ def readings_of(flight, seconds=1.0, rate_hz=1000.0, arm_m=np.zeros(3), gain=0.0
 
     acceleration = (place(t + step) - 2 * place(t) + place(t - step)) / step**2 + [0, 0, 9.80665]
     force = np.einsum("nba,nb->na", flight.w_T_b(t)[:, :3, :3], acceleration)
-    return InertialReadings(t, flight.body_rate(t), np.exp(gain) * force)
+    return InertialReadings(t, np.exp(gyro_gain) * flight.body_rate(t), np.exp(gain) * force)
 
 
 def gains_of(flight, ends_s: np.ndarray) -> np.ndarray:
@@ -107,7 +110,8 @@ def drawn_factor(seed: int) -> tuple[gtsam.CustomFactor, gtsam.Values]:
     """A factor, and values that are off by some of everything."""
     rng = np.random.default_rng(seed)
     flight = fly(rng)
-    imu = np.array([*rng.normal(0, 0.02, 3), *rng.normal(0, 0.05, 3), rng.normal(0, 0.02)])
+    stds = [0.02] * 3 + [0.05] * 3 + [0.02] * 4
+    imu = rng.normal(0, stds)
     (interval,) = preintegrate(Inertial(readings_of(flight, 0.4, 200.0), NOISE), np.array([0.0, 0.4]))
     by_gain = gains_of(flight, np.array([0.0, 0.4]))
     factor = inertial_factor(interval, interval.whitening(1.0, 1.0), by_gain, KEYS, NADIR, MODEL)
@@ -151,25 +155,26 @@ def test_the_error_is_that_of_gtsam_on_metric_states(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_true_motion_has_no_error_with_gain_arm_and_delay(seed):
+def test_true_motion_has_no_error_with_gains_arm_and_delay(seed):
     rng = np.random.default_rng(seed)
-    flight, arm, delay, gain = fly(rng), rng.normal(0, 0.1, 3), 0.01, 0.03
-    readings = readings_of(flight, 0.5, 1000.0, arm, gain)
+    flight, arm, delay, gain, gyro_gain = fly(rng), rng.normal(0, 0.1, 3), 0.01, 0.03, 0.03
+    readings = readings_of(flight, 0.5, 1000.0, arm, gain, gyro_gain)
     ends_s = np.array([0.0, 0.5])
     (interval,) = preintegrate(Inertial(readings), ends_s)
     factor = inertial_factor(interval, np.eye(STATE_SIZE), gains_of(flight, ends_s), KEYS, NADIR, MODEL)
     imu = np.zeros(IMU_SIZE)
-    imu[GAINS], imu[ARM], imu[DELAY] = gain, arm, delay
+    imu[GAINS], imu[ARM], imu[DELAY], imu[GYRO_GAINS] = gain, arm, delay, gyro_gain
     world = drawn_world(rng)
     world[SLOPE] = 0.0
     error = factor.unwhitenedError(true_values(flight, world, imu, ends_s, delay))
     assert np.abs(error[:3]).max() < 5e-4
     assert np.abs(error[3:9]).max() < 5e-3
-    for which in (GAINS, ARM, DELAY):
+    for which in (GAINS, ARM, DELAY, GYRO_GAINS):
         wrong = imu.copy()
         wrong[which] = 0.0
         worse = factor.unwhitenedError(true_values(flight, world, wrong, ends_s, delay))
-        assert np.linalg.norm(worse) > 2 * np.linalg.norm(error)
+        rows = slice(0, 3) if which == GYRO_GAINS else slice(0, 9)
+        assert np.linalg.norm(worse[rows]) > 2 * np.linalg.norm(error[rows])
 
 
 def test_the_whitened_error_of_noisy_readings_is_chi_square():
