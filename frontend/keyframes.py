@@ -1,7 +1,6 @@
 """Tracking: register each frame to the last keyframe; create a keyframe when their overlap becomes small.
 
-Between keyframes the pictures are followed by optical flow. Where the flow alone does not settle the floor's
-motion, and for every keyframe, features are extracted and matched.
+Optical flow follows the pictures between keyframes. Features are matched where it does not settle the motion.
 """
 
 from __future__ import annotations

@@ -88,8 +88,7 @@ def inertial_factor(
 ) -> gtsam.CustomFactor:
     """Return the factor of an interval; its error (15,) is whitened by ``whitening`` (15, 15).
 
-    ``by_gain`` (6, 3) is the `gain_effect`, and ``b_T_c`` (4, 4) the nominal mount of the camera. ``model``
-    is a unit model, or a robust one of it.
+    ``by_gain`` (6, 3) is the `gain_effect`, ``b_T_c`` (4, 4) the nominal mount, and ``model`` a unit model.
     """
     builtin = interval.factor
     noise = builtin.noiseModel()
@@ -115,10 +114,9 @@ def inertial_factor(
             local.update(2 * k, end.pose)
             local.update(2 * k + 1, end.velocity)
         # A gain adds to the bias what it makes of the mean rate; a part of a percent of noise is neglected.
-        gained_rate = np.concatenate([np.zeros(3), imu[GYRO_GAINS] * interval.mean_rate_rad_s])
-        for key, bias in ((4, keys.bias_i), (5, keys.bias_j)):
-            both = values.atConstantBias(bias).vector() + gained_rate
-            local.update(key, gtsam.imuBias.ConstantBias(both[:3], both[3:]))
+        gained_rate = gtsam.imuBias.ConstantBias(np.zeros(3), imu[GYRO_GAINS] * interval.mean_rate_rad_s)
+        local.update(4, values.atConstantBias(keys.bias_i) + gained_rate)
+        local.update(5, values.atConstantBias(keys.bias_j) + gained_rate)
         j_R_i = (ends[1].pose.rotation().inverse().compose(ends[0].pose.rotation())).matrix()
         off = (by_gain @ imu[GAINS]).reshape(2, 3)
         gained = np.zeros(STATE_SIZE)
@@ -134,15 +132,15 @@ def inertial_factor(
             of_i[:, :3] -= whitening[:, row : row + 3] @ j_R_i @ cross_matrix(one)
             of_j[:, :3] += whitening[:, row : row + 3] @ cross_matrix(j_R_i @ one)
             by_imu[:, GAINS] += whitening[:, row : row + 3] @ j_R_i @ by_gain[row - 3 : row]
-        by_world = np.zeros((STATE_SIZE, 0))
+        by_world: Array | float = 0.0
         for k, (end, of_end, camera) in enumerate(zip(ends, (of_i, of_j), cameras, strict=True)):
             by_body, jacobians[2 * k + 1], more = end.chained(of_end[:, :6], of_end[:, 6:])
             by_both = by_body @ transform.jacobian(camera)
             jacobians[2 * k], by_imu = by_both[:, :6], by_imu + more
-            by_world = by_both[:, 6:] if k == 0 else by_world + by_both[:, 6:]
+            by_world = by_world + by_both[:, 6:]
         jacobians[4], jacobians[5] = J[:, 18:24], J[:, 24:]
         by_imu[:, GYRO_GAINS] = (J[:, 21:24] + J[:, 27:]) * interval.mean_rate_rad_s
-        jacobians[6], jacobians[7] = by_world, by_imu
+        jacobians[6], jacobians[7] = np.asarray(by_world), by_imu
         return np.asarray(whitening @ gained - rewhiten @ right)
 
     return gtsam.CustomFactor(model, list(astuple(keys)), error)
