@@ -167,7 +167,7 @@ PACKAGES = {
     "slam": (
         ("core",),
         ("io",),
-        ("inertial", "simulation"),
+        ("inertial", "simulation", "data_quality"),
         ("mapping", "criticism"),
         ("evaluation",),
         ("experiments", "report"),

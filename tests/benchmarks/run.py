@@ -55,6 +55,7 @@ TITLES = {
     "criticism": "Criticism of ten flights",
     "blind_dev": "Blind cases of the test data (`blind-dev`)",
     "model_gain": "Gain of criticism in the map",
+    "injections": "Errors injected into measured flights without commands",
     "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",
     "surface": "Ground that is not flat",

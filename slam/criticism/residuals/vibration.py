@@ -11,23 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln, logsumexp
 
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, place_of
 from slam.criticism.kalman.record import Record
+from slam.data_quality.lines import FEWEST, LOG_CHANCE, LOWEST_HZ, log_tail, over_neighbours
 
 Array = NDArray[np.float64]
-
-LOWEST_HZ = 3.0
-"""Least frequency: below it vehicle and pilot move, and a term that fits badly leaves oscillations."""
-NEIGHBOURS = 120
-"""Number of neighbouring bins that give the noise level. With 40 of them its error makes a line of noise seem
-seven times as improbable as it is, and one healthy vehicle was reported as oscillating."""
-LOG_CHANCE = -20.0
-"""Logarithm of the greatest probability of a reported line; about 10^5 bins are tested."""
-FEWEST = 256
 
 
 @dataclass(frozen=True)
@@ -58,11 +49,14 @@ def _line(channel: int, records: Sequence[Record], passes: Sequence[FilterPass])
         return None
     # Flights that sample a little faster or slower than others have their line in the same bin.
     longest_s = max(len(white) * step_s for white, step_s in series)
-    shares = [_over_neighbours(white, round(longest_s / step_s)) for white, step_s in series]
+    shares = [
+        over_neighbours(np.abs(np.fft.rfft(white, round(longest_s / step_s))) ** 2)
+        for white, step_s in series
+    ]
     bins = min(map(len, shares))
     total = np.sum([share[:bins] for share in shares], axis=0)
     frequency = np.arange(bins) / longest_s
-    log_chance = np.where(frequency > LOWEST_HZ, _log_tail(total, len(series)), 0.0)
+    log_chance = np.where(frequency > LOWEST_HZ, log_tail(total, len(series)), 0.0)
     k = int(np.argmin(log_chance))
     if log_chance[k] > LOG_CHANCE:
         return None
@@ -80,19 +74,3 @@ def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]
     step_s = float(np.median(np.diff(times_s)))
     at = np.rint((times_s - times_s[0]) / step_s).astype(np.int64)
     return np.asarray(np.bincount(at, weights=white - white.mean()), dtype=float), step_s
-
-
-def _over_neighbours(white: Array, length: int) -> Array:
-    """Return the periodogram on the bins of ``length`` samples over the mean of each bin's neighbours."""
-    spectrum = np.abs(np.fft.rfft(white, length)) ** 2
-    parts = np.array_split(spectrum, max(len(spectrum) // NEIGHBOURS, 1))
-    # The median of an exponential distribution is log 2 times its mean, and a line does not raise it.
-    floor = np.concatenate([np.full(len(p), np.median(p) / np.log(2.0)) for p in parts])
-    return np.asarray(spectrum / np.maximum(floor, 1e-12))
-
-
-def _log_tail(total: Array, count: int) -> Array:
-    """Return log P(sum of ``count`` exponential variables > ``total``)."""
-    orders = np.arange(count)
-    terms = orders * np.log(np.maximum(total, 1e-300))[:, None] - gammaln(orders + 1.0)
-    return np.asarray(logsumexp(terms, axis=1) - total)

@@ -64,28 +64,46 @@ class _Imu:
 
 
 @dataclass(frozen=True)
-class _Comparison:
-    """Differences of the readings of one kind and the integral of the imu, at the readings' own stamps."""
+class Comparison:
+    """Readings of one kind and the integral of the imu, at the readings' own stamps."""
 
     stamps_s: Array
-    off: Array
+    read: Array
     """(n, components)."""
+    integral: Array
+    """(n, components)."""
+    order: int
+    """Number of integrations of the imu."""
+    yaw: Array
+    """(n,)."""
     others: Callable[[], dict[str, Array]] = dict
     """Return further columns (n, components), which belong to no term."""
 
+    @property
+    def off(self) -> Array:
+        """Differences (n, components)."""
+        return self.read - self.integral
 
-def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
-    """Return the rows of every comparison that the flight's streams allow."""
+
+def comparisons(flight: Flight) -> list[tuple[str, Comparison]]:
+    """Return every kind of comparison that the flight's streams allow."""
     flight = _with_finite_imu(flight)
     imu = _imu_of(flight)
     if imu is None:
         return []
-    low_s, found = near_floor(flight), []
-    for kind, (compare, order) in _COMPARISONS.items():
-        seen = compare(flight, imu)
-        if seen is not None:
-            traces = _traces(flight, imu, kind, seen.off) | seen.others()
-            found += whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, order)
+    every = ((kind, compare(flight, imu)) for kind, compare in _COMPARISONS.items())
+    return [(kind, seen) for kind, seen in every if seen is not None]
+
+
+def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
+    """Return the rows of every comparison that the flight's streams allow."""
+    finite = _with_finite_imu(flight)
+    imu, low_s, found = _imu_of(finite), near_floor(flight), list[WhitenedRows]()
+    if imu is None:
+        return found
+    for kind, seen in comparisons(finite):
+        traces = _traces(finite, imu, kind, seen.off) | seen.others()
+        found += whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
     return found
 
 
@@ -120,7 +138,7 @@ def _off(undone: Flight, imu: _Imu, term: Term, kind: str) -> Array:
     """Return the differences (n, components) of a flight without a term; ``imu`` is that with the term."""
     changed = _imu_of(undone) if term.stream == "imu" else imu
     assert changed is not None
-    seen = _COMPARISONS[kind][0](undone, changed)
+    seen = _COMPARISONS[kind](undone, changed)
     assert seen is not None
     return seen.off
 
@@ -156,7 +174,7 @@ def _imu_of(flight: Flight) -> _Imu | None:
     return _Imu(imu_s, gyro, accel, at_imu)
 
 
-def _attitude(flight: Flight, imu: _Imu) -> _Comparison | None:
+def _attitude(flight: Flight, imu: _Imu) -> Comparison | None:
     assert flight.attitude is not None
     known = np.isfinite(flight.attitude.roll_pitch_yaw_rad).all(axis=1)
     stamps = flight.attitude.stamps_s[known]
@@ -167,7 +185,7 @@ def _attitude(flight: Flight, imu: _Imu) -> _Comparison | None:
         jumps = imu.at(stamps, _jumps(imu, turn))
         return {"attitude late.s": -imu.at(stamps, turn), BETWEEN_SAMPLES: jumps}
 
-    return _Comparison(stamps, angles - imu.at(stamps, imu.integral(turn)), others)
+    return Comparison(stamps, angles, imu.at(stamps, imu.integral(turn)), 1, angles[:, 2], others)
 
 
 def _jumps(imu: _Imu, rate: Array) -> Array:
@@ -179,38 +197,39 @@ def _jumps(imu: _Imu, rate: Array) -> Array:
     return np.vstack([np.zeros(rate.shape[1]), np.cumsum(worth, axis=0)])
 
 
-def _velocity(flight: Flight, imu: _Imu) -> _Comparison | None:
+def _velocity(flight: Flight, imu: _Imu) -> Comparison | None:
     if flight.velocity is None:
         return None
     good = np.isfinite(flight.velocity.v_m_s).all(axis=1)
     stamps, read = flight.velocity.stamps_s[good], flight.velocity.v_m_s[good]
     if good.sum() < FEWEST:
         return None
-    speed = _into_world(imu.at(stamps, imu.angles[:, 2:])[:, 0], read)
+    yaw = imu.at(stamps, imu.angles[:, 2:])[:, 0]
+    speed = _into_world(yaw, read)
     pull = _acceleration(imu)
 
     def others() -> dict[str, Array]:
         weighed = np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel)
         return {"velocity late.s": -imu.at(stamps, weighed)[:, :2]}
 
-    return _Comparison(stamps, speed - imu.at(stamps, imu.integral(pull))[:, :2], others)
+    return Comparison(stamps, speed, imu.at(stamps, imu.integral(pull))[:, :2], 1, yaw, others)
 
 
-def _height(flight: Flight, imu: _Imu) -> _Comparison | None:
+def _height(flight: Flight, imu: _Imu) -> Comparison | None:
     if flight.sonar is None:
         return None
     good = np.isfinite(flight.sonar.range_m)
     stamps, read = flight.sonar.stamps_s[good], flight.sonar.range_m[good]
     if good.sum() < FEWEST:
         return None
-    up = rotation_of(imu.at(stamps, imu.angles))[:, 2]
+    angles = imu.at(stamps, imu.angles)
+    up = rotation_of(angles)[:, 2]
     height = read * (up @ flight.sonar.b_T_s[:3, 2])
     risen = imu.at(stamps, imu.integral(imu.integral(_acceleration(imu))[:, 2:]))
-    return _Comparison(stamps, height[:, None] - risen)
+    return Comparison(stamps, height[:, None], risen, 2, angles[:, 2])
 
 
-_COMPARISONS = {"attitude": (_attitude, 1), "velocity": (_velocity, 1), "height": (_height, 2)}
-"""Kind -> comparison, and number of integrations of the imu."""
+_COMPARISONS = {"attitude": _attitude, "velocity": _velocity, "height": _height}
 READ_AS = {"attitude": "attitude", "velocity": "velocity", "height": "sonar"}
 """Kind -> stream that is compared with the imu."""
 

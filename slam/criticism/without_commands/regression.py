@@ -49,8 +49,12 @@ class Regression:
     """(n,) held-out part of a row."""
     cluster: Ints
     """(n,) segment of ten seconds: errors within one may be correlated."""
+    flight: Ints
+    """(n,) number of the flight."""
+    times_s: Array
+    """(n,) time within the flight's recording."""
     minutes: Array
-    """(n,) time within a flight, 0 in its middle."""
+    """(n,) the same in minutes, 0 in the flight's middle."""
     by: str
     """Kind of held-out part: ``flight`` or ``segment``."""
 
@@ -174,18 +178,17 @@ def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
         [(r.times_s - at) / 60.0 for found, at in zip(rows, middle_s, strict=True) for r in found]
     )
     _, cluster = np.unique(np.column_stack([flight, segment]), axis=0, return_inverse=True)
-    if sum(bool(found) for found in rows) >= FEWEST_FLIGHTS:
-        return Regression(
-            off=off, columns=columns, kind=kind, part=flight, cluster=cluster, minutes=minutes, by="flight"
-        )
+    by_flight = sum(bool(found) for found in rows) >= FEWEST_FLIGHTS
     return Regression(
         off=off,
         columns=columns,
         kind=kind,
-        part=cluster % SEGMENTS,
+        part=flight if by_flight else cluster % SEGMENTS,
         cluster=cluster,
+        flight=flight,
+        times_s=np.concatenate([r.times_s for found in rows for r in found]),
         minutes=minutes,
-        by="segment",
+        by="flight" if by_flight else "segment",
     )
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.cause import LIKELY, SURE, Cause, ChannelError, Gain, Interval, bootstrap_interval
+from slam.criticism.cause import LIKELY, Cause, ChannelError, Gain, Interval, bootstrap_interval
 from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible_range
 from slam.criticism.search.thresholds import MISFIT
@@ -23,14 +23,20 @@ from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.decision import CONFIRMED_NATS, is_unknown
 from slam.criticism.verdict.sentence import Finding, details, headline
 from slam.criticism.verdict.tables import ranked
-from slam.criticism.without_commands.consistency import disagreements
-from slam.criticism.without_commands.effect_columns import LATE, in_catalogue, is_square
+from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
 from slam.criticism.without_commands.next_flight import next_motion
-from slam.criticism.without_commands.pictures import contradiction, picture_errors
+from slam.criticism.without_commands.pictures import picture_errors
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, parts_of, regression_of
 from slam.criticism.without_commands.rollouts import channel_errors
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
+from slam.criticism.without_commands.unexplained import (
+    axes_of,
+    left_over,
+    noise_of,
+    not_shown,
+    without_frozen,
+)
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -61,6 +67,7 @@ def criticise_without_commands(
     flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
 ) -> Criticism | None:
     """Compare the instruments with each other; None where the flights have no two that can be compared."""
+    flights, readings = without_frozen(flights)
     found = compare_sensors(flights, model, progress)
     rows = found.rows({})
     if not any(rows):
@@ -72,7 +79,8 @@ def criticise_without_commands(
     anomalies = [anomaly.cause() for anomaly in found.anomalies]
     causes = (*(_cause(data, chosen, e, posterior[e], errors) for e in named), *anomalies)
     causes = tuple(sorted(causes, key=lambda c: c.probability <= LIKELY))
-    remainder = "; ".join(_left_over(data, rows, chosen, causes))
+    wrong, unknown = axes_of(flights)
+    remainder = "; ".join([*wrong, *readings, *left_over(data, rows, chosen, causes)])
     verdict, equivalents = _decide(causes, posterior, remainder)
     seen = _detectable(data)
     probability = posterior | {c.name: c.probability for c in anomalies}
@@ -84,7 +92,7 @@ def criticise_without_commands(
     return Criticism(
         verdict=verdict,
         sentence=headline(finding),
-        details=details(finding),
+        details=(*details(finding), *noise_of(flights), *not_shown(data, unknown, seen)),
         causes=causes,
         equivalence_set=equivalents or tuple(c.name for c in causes[:1]),
         remainder=remainder,
@@ -132,28 +140,6 @@ def _fitted(
     return data, rows, chosen
 
 
-def _left_over(
-    data: Regression, rows: Sequence[Sequence[WhitenedRows]], chosen: Sequence[str], causes: Sequence[Cause]
-) -> list[str]:
-    """Describe what no cause explains."""
-    strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
-    apart = contradiction(rows)
-    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
-    return [
-        *strange,
-        *disagreements(data, chosen),
-        *([apart] if apart else []),
-        *(f"{name} may be something else" for name in unsure),
-    ]
-
-
-def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
-    """Describe an effect that is no term."""
-    if (late := f"{effect}.s") in LATE:
-        return f"{effect} by {1e3 * data.sizes(chosen)[late]:.0f} ms"
-    return f"{effect} (z = {data.z(chosen, effect):.1f})"
-
-
 def _errors(
     found: SensorComparison, rows: Sequence[Sequence[WhitenedRows]], data: Regression, chosen: Sequence[str]
 ) -> tuple[ChannelError, ...]:
@@ -171,11 +157,8 @@ def _chosen(data: Regression) -> list[str]:
     """Return the significant effects, the greatest first."""
     chosen: list[str] = []
     while len(chosen) < MOST:
-        open_ = [e for e in data.effects() if e not in chosen and is_plausible(data, chosen, e)]
-        best = max(open_, key=lambda e: data.nats([*chosen, e]), default="")
-        if not best or data.z(chosen, best) < STANDS_OUT_Z:
-            break
-        if data.held_out(chosen, best).sum() < CONFIRMED_NATS:
+        best = _next(data, chosen)
+        if not best:
             break
         chosen.append(best)
     for effect in list(chosen):
@@ -185,6 +168,17 @@ def _chosen(data: Regression) -> list[str]:
         best = max(open_, key=lambda e: data.nats([*rest, e]), default=effect)
         chosen[chosen.index(effect)] = best
     return chosen
+
+
+def _next(data: Regression, chosen: Sequence[str]) -> str:
+    """Return the effect that explains most beside the chosen ones, among those that stand out and predict
+    held-out parts; empty where there is none."""
+    open_ = [e for e in data.effects() if e not in chosen and is_plausible(data, chosen, e)]
+    for effect in sorted(open_, key=lambda e: -data.nats([*chosen, e])):
+        stands_out = data.z(chosen, effect) >= STANDS_OUT_Z
+        if stands_out and data.held_out(chosen, effect).sum() >= CONFIRMED_NATS:
+            return effect
+    return ""
 
 
 def _extended(model: Model, causes: Sequence[Cause]) -> Model:

@@ -1,0 +1,123 @@
+"""Wrong axes: readings that are another axis than their own, or have a turned sign.
+
+A whitened comparison takes its noise from its own scatter, and readings of a wrong axis scatter. Here every
+assignment of axes and signs is tried. The changes of the reading over half a second, with the assignment
+undone, are correlated with those of the imu's integral.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.flight import Flight
+from slam.criticism.without_commands.inertial_consistency import Comparison, comparisons, near_floor
+from slam.criticism.without_commands.whitened_rows import ABOUT_S, FEWEST, NODE_S
+
+Array = NDArray[np.float64]
+
+CERTAIN_Z = 5.0
+"""Standard deviations by which another assignment must agree better than the right one."""
+WAYS = {
+    "attitude": ("roll", "pitch", "yaw"),
+    "velocity": ("velocity ahead", "velocity to the left"),
+    "height": ("height",),
+}
+INTEGRAL = {"attitude": "gyro", "velocity": "accelerometer", "height": "accelerometer"}
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """Axes and signs of a reading: component k of the motion is ``sign[k]`` times component ``axis[k]`` of
+    it."""
+
+    axis: tuple[int, ...]
+    sign: tuple[float, ...]
+
+
+def wrong_axes(flight: Flight) -> tuple[list[str], list[str]]:
+    """Describe the readings that are another axis than their own, and those of which the flight cannot show
+    whether they are."""
+    wrong, unknown = [], []
+    for kind, seen in comparisons(flight):
+        ways = WAYS[kind]
+        scores = _scores(seen, near_floor(flight), len(ways))
+        if not scores:
+            continue
+        right = Assignment(tuple(range(len(ways))), (1.0,) * len(ways))
+        best = max(scores, key=lambda a: scores[a])
+        if scores[best] - max(scores[right], 0.0) > CERTAIN_Z:
+            wrong += [_words(kind, k, best) for k in range(len(ways)) if _differs(best, k)]
+            if kind == "attitude":
+                break  # the other integrals go by the attitude
+            continue
+        for k, way in enumerate(ways):
+            turned = Assignment(right.axis, tuple(-1.0 if j == k else 1.0 for j in range(len(ways))))
+            if scores[right] - scores[turned] < CERTAIN_Z:
+                unknown.append(f"whether {way} reads its own axis")
+    return wrong, unknown
+
+
+def _differs(assignment: Assignment, k: int) -> bool:
+    return assignment.axis[k] != k or assignment.sign[k] < 0.0
+
+
+def _words(kind: str, k: int, found: Assignment) -> str:
+    """Describe what component k of the motion reads as."""
+    read, turned = WAYS[kind][found.axis[k]], " with its sign turned over" if found.sign[k] < 0.0 else ""
+    if found.axis[k] == k:
+        return f"{read} disagrees with the {INTEGRAL[kind]}, but agrees{turned}"
+    return f"{read} reads the {WAYS[kind][k]} that the {INTEGRAL[kind]} gives{turned}"
+
+
+def _scores(seen: Comparison, low_s: Array, count: int) -> dict[Assignment, float]:
+    """Return the agreement of every assignment with the integral, in standard deviations of no agreement."""
+    nodes = np.arange(seen.stamps_s[0] + ABOUT_S, seen.stamps_s[-1] - ABOUT_S, NODE_S)
+    begin, end = (np.searchsorted(seen.stamps_s, nodes + side) for side in (-ABOUT_S, ABOUT_S))
+    low = np.searchsorted(low_s, nodes + 2 * ABOUT_S) - np.searchsorted(low_s, nodes - 2 * ABOUT_S)
+    whole = (end - begin >= 2) & (low == 0)
+    kept = np.all([whole[k : len(whole) - seen.order + k] for k in range(seen.order + 1)], axis=0)
+    if kept.sum() < FEWEST:
+        return {}
+
+    def changes(signal: Array) -> Array:
+        total = np.vstack([np.zeros(count), np.cumsum(signal - signal.mean(axis=0), axis=0)])
+        means = (total[end] - total[begin]) / np.maximum(end - begin, 1)[:, None]
+        step = np.diff(means, n=seen.order, axis=0)[kept]
+        # Single jumps of a reading are no motion.
+        return np.asarray(np.clip(step, *np.quantile(step, [0.01, 0.99], axis=0)))
+
+    moved, own = changes(seen.integral), _rotated(seen.read, -seen.yaw)
+    # Neighbouring changes share a moment: they count as half.
+    rows = float(np.sqrt(kept.sum() / 2.0 / count))
+    scores = {}
+    for assignment in _assignments(count):
+        read = own[:, list(assignment.axis)] * np.array(assignment.sign)
+        correlation = _correlation(changes(_rotated(read, seen.yaw)), moved)
+        scores[assignment] = rows * float(np.sum(np.arctanh(np.clip(correlation, -0.99999, 0.99999))))
+    return scores
+
+
+def _assignments(count: int) -> Iterator[Assignment]:
+    for axis in permutations(range(count)):
+        for sign in product((1.0, -1.0), repeat=count):
+            yield Assignment(axis, sign)
+
+
+def _rotated(values: Array, yaw: Array) -> Array:
+    """Return horizontal values (n, 2) rotated by yaw angles (n,); others as they are."""
+    if values.shape[1] != 2:
+        return values
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * values[:, 0] - s * values[:, 1], s * values[:, 0] + c * values[:, 1]])
+
+
+def _correlation(a: Array, b: Array) -> Array:
+    """Return (components,) correlations of the columns of two tables."""
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    norms = np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))
+    return np.asarray((a * b).sum(axis=0) / np.maximum(norms, 1e-12))

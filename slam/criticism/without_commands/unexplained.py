@@ -1,0 +1,108 @@
+"""What no cause explains in flights without commands, and what these flights could not show.
+
+Such errors belong to no term: wrong axes, frozen, rounded or oscillating streams, an onset, a delay. Each is
+told with its channel, its shape, its time and its size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slam.core.flight import Flight
+from slam.criticism.cause import SURE, Cause
+from slam.criticism.without_commands.axes import wrong_axes
+from slam.criticism.without_commands.consistency import disagreements
+from slam.criticism.without_commands.effect_columns import LATE
+from slam.criticism.without_commands.onset import FEWEST_SEGMENTS, SEGMENT_S, onset
+from slam.criticism.without_commands.pictures import contradiction
+from slam.criticism.without_commands.regression import Regression
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.data_quality import stream_anomalies
+from slam.data_quality.channels import noise_ratio, streams_of
+from slam.data_quality.frozen import frozen
+from slam.simulation.terms import CATALOGUE
+
+NOISY = 3.0
+"""Least ratio of noise to the stated figure that is reported: half an order of magnitude."""
+COULD_NOT = "These flights could not show"
+
+
+def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+    """Return the flights without repeated ranges and speeds of frozen instruments, and descriptions of all
+    anomalies of streams."""
+    clean, told = [], []
+    for flight in flights:
+        told += [f"{_of(flight, flights)}{anomaly.words}" for anomaly in stream_anomalies(flight)]
+        for stream in streams_of(flight):
+            if (seen := frozen(stream)) is None:
+                continue
+            if stream.name == "sonar" and flight.sonar is not None:
+                range_m = np.where(seen.repeated, np.nan, flight.sonar.range_m)
+                flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))
+            elif stream.name == "velocity" and flight.velocity is not None:
+                v_m_s = np.where(seen.repeated[:, None], np.nan, flight.velocity.v_m_s)
+                flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
+        clean.append(flight)
+    return clean, told
+
+
+def axes_of(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:
+    """Return descriptions of wrong axes of all flights, and of axes that none of them shows."""
+    each = [wrong_axes(flight) for flight in flights]
+    wrong = [
+        f"{_of(f, flights)}{words}" for f, (told, _) in zip(flights, each, strict=True) for words in told
+    ]
+    hidden = [set(unknown) for _, unknown in each]
+    return wrong, sorted(set.intersection(*hidden)) if hidden else []
+
+
+def left_over(
+    data: Regression, rows: Sequence[Sequence[WhitenedRows]], chosen: Sequence[str], causes: Sequence[Cause]
+) -> list[str]:
+    """Describe what no cause explains in the comparisons."""
+    strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
+    apart, begun = contradiction(rows), onset(data, chosen)
+    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
+    return [
+        *strange,
+        *disagreements(data, chosen),
+        *([apart] if apart else []),
+        *([str(begun)] if begun is not None else []),
+        *(f"{name} may be something else" for name in unsure),
+    ]
+
+
+def not_shown(data: Regression, axes: Sequence[str], shown: Collection[str]) -> list[str]:
+    """Return a sentence on the errors that these flights could not show, whatever their size.
+
+    ``axes``: those of which no flight shows whether they are right. ``shown``: terms that have a smallest
+    detectable size.
+    """
+    lines = ["a constant offset of speed or height", *axes]
+    lines += [effect for effect in data.effects() if effect in CATALOGUE and effect not in shown]
+    if float(np.ptp(data.times_s)) < FEWEST_SEGMENTS * SEGMENT_S:
+        lines.append("an error that begins within a flight")
+    return [f"{COULD_NOT} {', '.join(lines)}."]
+
+
+def noise_of(flights: Sequence[Flight]) -> list[str]:
+    """Return a sentence on instruments whose readings scatter far more than the recording states."""
+    ratios: dict[str, float] = {}
+    for stream in (s for flight in flights for s in streams_of(flight)):
+        ratios[stream.name] = max(ratios.get(stream.name, 0.0), noise_ratio(stream))
+    lines = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if ratio > NOISY]
+    return [f"Noise from reading to reading is larger than stated: {', '.join(lines)}."] if lines else []
+
+
+def _of(flight: Flight, flights: Sequence[Flight]) -> str:
+    return f"{flight.name}: " if len(flights) > 1 else ""
+
+
+def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
+    """Describe an effect that is no term."""
+    if (late := f"{effect}.s") in LATE:
+        return f"{effect} by {1e3 * data.sizes(chosen)[late]:.0f} ms"
+    return f"{effect} (z = {data.z(chosen, effect):.1f})"

@@ -1,0 +1,32 @@
+"""Anomalies of whole streams: readings that freeze, that are rounded, or that oscillate at one frequency."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from slam.core.flight import Flight
+from slam.data_quality.channels import streams_of
+from slam.data_quality.frozen import frozen
+from slam.data_quality.lines import strongest_line
+from slam.data_quality.rounding import rounding
+
+
+@dataclass(frozen=True)
+class StreamAnomaly:
+    """One anomaly of a stream."""
+
+    stream: str
+    kind: str
+    """``frozen``, ``rounded`` or ``oscillating``."""
+    words: str
+    """Channel, shape, time and size, as a part of a sentence."""
+
+
+def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
+    """Return the anomalies of each stream of a flight."""
+    found = []
+    for stream in streams_of(flight):
+        for kind, look in (("frozen", frozen), ("rounded", rounding), ("oscillating", strongest_line)):
+            if (seen := look(stream)) is not None:
+                found.append(StreamAnomaly(stream.name, kind, str(seen)))
+    return found

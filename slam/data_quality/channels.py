@@ -1,0 +1,72 @@
+"""Channels of a flight's vehicle streams, each with its unit and the noise that the recording states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.flight import Flight
+
+Array = NDArray[np.float64]
+
+
+MAD = 0.6745
+"""Median of the absolute value of a standard normal variable."""
+FEWEST = 100
+
+
+@dataclass(frozen=True)
+class Stream:
+    """The readings of one instrument."""
+
+    name: str
+    stamps_s: Array
+    """(n,)."""
+    values: Array
+    """(n, channels)."""
+    channels: tuple[str, ...]
+    unit: str
+    noise_std: Array
+    """(channels,) standard deviation of one reading, as stated."""
+
+
+def noise_ratio(stream: Stream) -> float:
+    """Return the noise of single readings over the stated one, of the worst channel; 0 if nothing is stated.
+
+    The second difference of white noise has a standard deviation of sqrt(6) that of a reading (von Neumann,
+    1941), and motion is slow beside it. Repeated readings are left out.
+    """
+    finite = stream.values[np.isfinite(stream.values).all(axis=1)]
+    readings = finite[1:][np.any(np.diff(finite, axis=0) != 0.0, axis=1)]
+    if len(readings) < FEWEST:
+        return 0.0
+    second = np.diff(readings, n=2, axis=0)
+    std = np.median(np.abs(second), axis=0) / (MAD * np.sqrt(6.0))
+    stated = stream.noise_std > 0.0
+    return float(np.max(std[stated] / stream.noise_std[stated], initial=0.0))
+
+
+def streams_of(flight: Flight) -> list[Stream]:
+    """Return gyro, accelerometer, attitude, velocity and sonar, as far as the flight has them."""
+    found = []
+    if (imu := flight.imu) is not None and len(imu.stamps_s) > 1:
+        root = 1.0 / np.sqrt(max(float(np.median(np.diff(imu.stamps_s))), 1e-6))
+        for name, values, unit, density in (
+            ("gyro", imu.gyro_rad_s, "rad/s", imu.gyro_noise_density),
+            ("accel", imu.accel_m_s2, "m/s^2", imu.accel_noise_density),
+        ):
+            channels = tuple(f"{name}_{axis}" for axis in "xyz")
+            found.append(Stream(name, imu.stamps_s, values, channels, unit, np.full(3, density * root)))
+    if (attitude := flight.attitude) is not None:
+        std = np.array(attitude.noise_std_rad)
+        angles = ("roll", "pitch", "yaw")
+        found.append(Stream("attitude", attitude.stamps_s, attitude.roll_pitch_yaw_rad, angles, "rad", std))
+    if (velocity := flight.velocity) is not None:
+        std, ways = np.array(velocity.noise_std_m_s), ("velocity ahead", "velocity to the left")
+        found.append(Stream("velocity", velocity.stamps_s, velocity.v_m_s, ways, "m/s", std))
+    if (sonar := flight.sonar) is not None:
+        std = np.array([sonar.noise_std_m])
+        found.append(Stream("sonar", sonar.stamps_s, sonar.range_m[:, None], ("range",), "m", std))
+    return found

@@ -1,0 +1,72 @@
+"""Frozen readings: a stream that repeats its last reading for a while, and then goes on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.data_quality.channels import Stream
+
+Array = NDArray[np.float64]
+
+LOG_CHANCE = -20.0
+"""Logarithm of the greatest probability of a run of equal readings that counts, of about 10^5."""
+USUAL = 8.0
+"""Least length of a frozen run, in usual runs: slow sensors are logged several times a reading."""
+FEWEST_RUNS = 3
+"""Least number of frozen runs: a vehicle may stand on the floor before and after a flight."""
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """The frozen runs of a stream."""
+
+    stream: str
+    begin_s: Array
+    """(runs,)."""
+    lasts_s: Array
+    """(runs,)."""
+    share: float
+    """Share of the stream's readings."""
+    repeated: NDArray[np.bool_]
+    """(n,) readings that repeat the one before within a frozen run."""
+
+    def __str__(self) -> str:
+        return (
+            f"the {self.stream} repeats its reading {len(self.begin_s)} times for about "
+            f"{np.median(self.lasts_s):.2g} s, first at {self.begin_s[0]:.0f} s ({100 * self.share:.0f} % of "
+            "its readings)"
+        )
+
+
+def frozen(stream: Stream) -> Frozen | None:
+    """Return the frozen runs of a stream, or None.
+
+    A run is improbable if its length is, given how often successive readings are equal otherwise. Runs at one
+    value alone are no freeze: an instrument may stop at its limit.
+    """
+    finite = np.asarray(np.isfinite(stream.values).all(axis=1))
+    times_s, values = stream.stamps_s[finite], stream.values[finite]
+    if len(values) < 2:
+        return None
+    equal = np.all(values[1:] == values[:-1], axis=1)
+    edges = np.flatnonzero(np.concatenate([[True], ~equal, [True]]))
+    begin, length = edges[:-1], np.diff(edges)
+    # A slow sensor is logged several times a reading: its readings count, not the log's rows.
+    count = length / float(np.median(length))
+    short = count <= USUAL
+    share = float(np.sum(np.maximum(count[short] - 1.0, 0.0)) + 1.0) / float(np.sum(count[short]) + 1.0)
+    log_chance = np.log(len(values)) + (count - 1.0) * np.log(min(share, 0.9))
+    stuck = np.asarray(~short & (log_chance < LOG_CHANCE), dtype=np.bool_)
+    held = {tuple(reading) for reading in values[begin[stuck]].tolist()}
+    if int(stuck.sum()) < FEWEST_RUNS or len(held) < FEWEST_RUNS:
+        return None
+    repeated = np.zeros(len(finite), dtype=np.bool_)
+    of_finite = np.flatnonzero(finite)
+    for first, count in zip(begin[stuck], length[stuck], strict=True):
+        repeated[of_finite[first + 1 : first + count]] = True
+    last = begin[stuck] + length[stuck] - 1
+    lasts_s = times_s[last] - times_s[begin[stuck]]
+    return Frozen(stream.name, times_s[begin[stuck]], lasts_s, float(repeated.mean()), repeated)

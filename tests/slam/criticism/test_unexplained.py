@@ -1,0 +1,50 @@
+"""Errors that no term describes, in simulated flights without commands: told with their channel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.without_commands.axes import wrong_axes
+from slam.criticism.without_commands.onset import _break
+
+SHOWN = 400
+
+
+def segments(rng: np.random.Generator, jump: float, count: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """Scores and information of segments whose size jumps in the middle."""
+    information = rng.uniform(0.5, 2.0, count)
+    size = jump * (np.arange(count) >= count // 2)
+    return information * size + np.sqrt(information) * rng.normal(size=count), information
+
+
+def test_chance_hardly_makes_an_onset_and_a_jump_does():
+    rng = np.random.default_rng(1)
+    z = np.array([_break(*segments(rng, 0.0), 0.0)[2] for _ in range(SHOWN)])
+    # Andrews (1993), table I: 8.85 is the 5 % point of the square for one parameter.
+    assert np.mean(z > np.sqrt(8.85)) < 0.05
+    assert np.median(z) > 0.5
+    assert np.mean(z > 5.0) == 0.0
+    place, change, z_jump = _break(*segments(rng, 8.0), 0.0)
+    assert abs(place - 12) <= 1
+    assert change == pytest.approx(8.0, abs=1.5)
+    assert z_jump > 5.0
+
+
+def test_a_tolerance_hides_a_jump_below_it():
+    assert _break(*segments(np.random.default_rng(2), 8.0), 8.0)[2] < 1.5
+
+
+@pytest.mark.slow
+def test_wrong_axes_are_told_and_right_ones_are_not():
+    from tests.slam.criticism.test_without_commands import flights
+
+    for flight in flights():
+        assert wrong_axes(flight)[0] == []
+    flight = flights()[2]
+    swapped = replace(flight, velocity=replace(flight.velocity, v_m_s=flight.velocity.v_m_s[:, ::-1]))
+    turned = replace(flight, velocity=replace(flight.velocity, v_m_s=-flight.velocity.v_m_s))
+    assert any("velocity ahead reads the velocity to the left" in words for words in wrong_axes(swapped)[0])
+    assert any("its sign turned over" in words for words in wrong_axes(turned)[0])
