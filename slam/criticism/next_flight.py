@@ -33,7 +33,8 @@ from slam.simulation.model import Model
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
 DISTINGUISHED_SIGMA = 3.3
 """Separation at which two terms are distinguished in nineteen of twenty cases."""
-MOST_TIMES = 200
+MOST_TIMES = 3
+"""Greatest number of flights that are advised: a motion that has to be flown more often is no advice."""
 
 
 def next_flight(
@@ -96,20 +97,29 @@ def telling_flight(
 
     flights = list(MANOEUVRES)
     found = in_threads(Tally(progress, "next flight", len(flights)).counting(separation), flights)
-    # Separation grows as the root of the time flown.
-    took_s = np.array([stick_for([name]).duration_s for name in flights])
-    best = int(np.argmax(found / np.sqrt(took_s)))
-    return advice(first.name, second.name, f"fly {flights[best]!r}", float(found[best]))
+    took_s = [stick_for([name]).duration_s for name in flights]
+    return advice(first.name, second.name, [f"fly {name!r}" for name in flights], found, took_s)
 
 
-def advice(first: str, second: str, motion: str, sigma: float) -> str:
-    """Return the sentence for a ``motion`` (an instruction) that separates two terms by ``sigma`` each
-    time."""
-    times = int(np.ceil((DISTINGUISHED_SIGMA / max(sigma, 1e-3)) ** 2))
-    if times > MOST_TIMES:
-        return f"No manoeuvre of the list distinguishes {first} from {second}; another sensor is needed."
-    often = "once" if times == 1 else f"{times} times"
-    return f"To distinguish {first} from {second} {motion} {often}: {sigma:.1f} sigma a time."
+def advice(
+    first: str, second: str, motions: Sequence[str], sigma: Sequence[float], took_s: Sequence[float]
+) -> str:
+    """Return the sentence for the best of some ``motions`` (instructions), which separate two terms by
+    ``sigma`` each time and take ``took_s``.
+
+    The best is the quickest that needs few flights. Separation grows as the root of the time flown.
+    """
+    times = np.ceil((DISTINGUISHED_SIGMA / np.maximum(sigma, 1e-3)) ** 2)
+    if times.min() > MOST_TIMES:
+        best = int(np.argmax(sigma))
+        return (
+            f"No manoeuvre of the list distinguishes {first} from {second} in {MOST_TIMES} flights; another "
+            f"sensor is needed. The best is to {motions[best]}: {sigma[best]:.1f} sigma a time."
+        )
+    few = np.flatnonzero(times <= MOST_TIMES)
+    best = int(few[np.argmin(times[few] * np.array(took_s)[few])])
+    often = "once" if times[best] == 1 else f"{times[best]:.0f} times"
+    return f"To distinguish {first} from {second} {motions[best]} {often}: {sigma[best]:.1f} sigma a time."
 
 
 def _precision(name: str, other: Effect, parameters: FilterParameters) -> float:

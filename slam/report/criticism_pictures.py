@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_BARS = 12
+SHOWN_PROBABILITY = 0.005
+"""Least probability of a bar: below it two digits show 0.00."""
 CHECKS_A_ROW = 6
 COVARIATE_BINS, FEWEST_IN_BIN = 12, 3
 MOST_DOTS = 1500
@@ -78,14 +80,15 @@ _IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
 def ranking_picture(result: Criticism) -> bytes:
     """Draw bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
     always = [r for r in result.ranking if r.name in _IN_WORDS]
-    named = sorted((r for r in result.ranking if r not in always), key=lambda r: (-r.probability, -r.z))
+    chosen = {cause.name for cause in result.causes}
+    possible = [r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen]
+    named = sorted((r for r in possible if r not in always), key=lambda r: (-r.probability, -r.z))
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.2, 0.6 + 0.28 * len(shown)), dpi=160, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     names = [_IN_WORDS.get(r.name, _words(r.name)) for r in shown]
-    chosen = {cause.name for cause in result.causes}
     colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
     left.barh(names, [r.probability for r in shown], color=colours)
     left.set_xlim(0, 1)

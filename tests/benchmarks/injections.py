@@ -261,10 +261,13 @@ def findings(found: Criticism) -> set[str]:
 
 def answer(kind: Kind, size: float, before: Criticism, after: Criticism) -> str:
     """Return "named", "told", "listed" or "silent"."""
-    old = {cause.name: next(iter(cause.parameters.values())).value for cause in before.causes}
+    old = {cause.name: cause.parameters for cause in before.causes}
     for cause in after.causes:
-        moved = abs(next(iter(cause.parameters.values())).value - old.get(cause.name, np.inf))
-        if cause.name == kind.term and moved > abs(size) / 2.0:
+        earlier = old.get(cause.name, {})
+        moved = [
+            abs(p.value - earlier[n].value) if n in earlier else np.inf for n, p in cause.parameters.items()
+        ]
+        if cause.name == kind.term and max(moved) > abs(size) / 2.0:
             return "named"
     new = [part for part in findings(after) - findings(before) if any(word in part for word in kind.words)]
     later = abs(_delay_ms(kind, after) - _delay_ms(kind, before)) > 500.0 * abs(size)

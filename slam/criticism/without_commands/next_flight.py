@@ -71,10 +71,9 @@ def next_motion(
         return _separation(known, weight, size[own], first, beside) / wider / float(np.sqrt(_times(name)))
 
     names = [*MANOEUVRES, *HANDHELD_MOTIONS]
-    found = np.array(in_threads(Tally(progress, "next flight", len(names)).counting(separation), names))
-    best = int(np.argmax(found / np.sqrt([_took_s(name) for name in names])))
-    motion = f"fly {names[best]!r}" if names[best] in MANOEUVRES else f"{names[best]},"
-    return advice(first, second, motion, float(found[best]))
+    found = in_threads(Tally(progress, "next flight", len(names)).counting(separation), names)
+    motions = [f"fly {name!r}" if name in MANOEUVRES else f"{name}," for name in names]
+    return advice(first, second, motions, found, [_took_s(name) for name in names])
 
 
 def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[WhitenedRows]:

@@ -12,7 +12,7 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
-from slam.criticism.next_flight import telling_flight
+from slam.criticism.next_flight import advice, telling_flight
 from slam.criticism.search.effects import effects_for
 from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
@@ -60,3 +60,15 @@ def test_a_lag_is_distinguished_from_a_latency_with_the_lag_itself_free(monkeypa
     held = sigma(telling_flight(model, latency, replace(lag, relaxes=()), late, kinds))
     assert free < 0.8 * held
     assert sigma(telling_flight(model, lag, latency, np.array([0.05]), kinds)) > 1.0
+
+
+def test_the_quickest_of_the_motions_that_need_few_flights_is_advised():
+    motions, took_s = ["fly 'a'", "fly 'b'", "fly 'c'"], [10.0, 10.0, 60.0]
+    assert "fly 'b' once: 4.0 sigma" in advice("x", "y", motions, [2.0, 4.0, 9.0], took_s)
+    assert "fly 'a' 3 times: 2.0 sigma" in advice("x", "y", motions, [2.0, 1.0, 9.0], [10.0, 10.0, 90.0])
+
+
+def test_a_motion_that_would_be_flown_often_is_no_advice():
+    said = advice("x", "y", ["fly 'a'", "fly 'b'"], [0.6, 0.2], [10.0, 10.0])
+    assert said.startswith("No manoeuvre of the list distinguishes x from y in 3 flights")
+    assert "The best is to fly 'a': 0.6 sigma" in said
