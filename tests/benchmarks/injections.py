@@ -146,8 +146,13 @@ def _doubled(t: Array, x: Array, size: float) -> Array:
     return np.where(np.random.default_rng(0).uniform(size=len(t)) < size, 2.0 * x, x)
 
 
+def _mirrored(t: Array, x: Array, size: float) -> Array:
+    """Mirror the values about their median in a share of the flight at its end."""
+    return np.where(t > t[-1] - size * np.ptp(t), 2.0 * np.nanmedian(x) - x, x)
+
+
 ACCEL, GYRO = ("accel",), ("gyro",)
-TILT, SPEED = ("roll", "pitch", "yaw", "attitude"), ("velocity", "flow", "speed")
+TILT, SPEED = ("roll", "pitch", "yaw", "attitude"), ("velocity", "flow")
 RANGE = ("sonar", "range", "height")
 WHOLE = (0.5, 0.8, 1.0)
 KINDS = {
@@ -176,7 +181,7 @@ KINDS = {
     "velocity short": Kind(_velocity(_scaled), (-0.05, -0.1, -0.3), SPEED, "flow_scale"),
     "velocity long": Kind(_velocity(_scaled), (0.05, 0.1, 0.3), SPEED, "flow_scale"),
     "velocity late": Kind(_late("velocity"), (0.02, 0.04, 0.12), SPEED),
-    "velocity bias half-way": Kind(_velocity(_axis(0, _half_way)), (0.1, 0.3, 1.0), SPEED),
+    "velocity bias half-way": Kind(_velocity(_axis(0, _half_way)), (0.1, 0.3, 1.0), (*SPEED, "speed")),
     "velocity oscillates": Kind(_velocity(_oscillating), (0.05, 0.2, 0.5), SPEED),
     "velocity frozen": Kind(_velocity(_frozen), (0.2, 0.4, 0.6), SPEED),
     "velocity rounded": Kind(_velocity(_rounded), (0.02, 0.1, 0.3), SPEED),
@@ -185,7 +190,7 @@ KINDS = {
     "sonar frozen": Kind(_sonar(_frozen), (0.2, 0.4, 0.6), RANGE),
     "sonar rounded": Kind(_sonar(_rounded), (0.01, 0.03, 0.1), RANGE, "sonar_quantisation"),
     "sonar spikes": Kind(_sonar(_doubled), (0.005, 0.02, 0.1), RANGE, "sonar_spikes"),
-    "sonar turned over": Kind(_sonar(lambda t, x, size: 3.0 - size * x), WHOLE, RANGE),
+    "sonar turned over": Kind(_sonar(_mirrored), WHOLE, RANGE),
 }
 SHARE = 0.99
 """Share of the readings that a thinned recording keeps."""

@@ -1,4 +1,4 @@
-"""What no cause explains in flights without commands, and what these flights could not show.
+"""Findings that no cause explains in flights without commands, and errors that these flights could not show.
 
 Such errors belong to no term: wrong axes, frozen, rounded or oscillating streams, an onset, a delay. Each is
 told with its channel, its shape, its time and its size.
@@ -13,12 +13,13 @@ import numpy as np
 
 from slam.core.flight import Flight
 from slam.criticism.cause import SURE, Cause
+from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.axes import wrong_axes
 from slam.criticism.without_commands.consistency import disagreements
 from slam.criticism.without_commands.effect_columns import LATE
 from slam.criticism.without_commands.onset import FEWEST_SEGMENTS, SEGMENT_S, onset
 from slam.criticism.without_commands.pictures import contradiction
-from slam.criticism.without_commands.regression import Regression
+from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality import stream_anomalies
 from slam.data_quality.channels import noise_ratio, streams_of
@@ -75,14 +76,17 @@ def left_over(
     ]
 
 
-def not_shown(data: Regression, axes: Sequence[str], shown: Collection[str]) -> list[str]:
+def not_shown(data: Regression, axes: Sequence[str], shown: Collection[str], least_z: float) -> list[str]:
     """Return a sentence on the errors that these flights could not show, whatever their size.
 
     ``axes``: those of which no flight shows whether they are right. ``shown``: terms that have a smallest
-    detectable size.
+    detectable size. Delays show from ``least_z`` standard errors on, in nine of ten cases.
     """
     lines = ["a constant offset of speed or height", *axes]
     lines += [effect for effect in data.effects() if effect in CATALOGUE and effect not in shown]
+    for effect in (name.removesuffix(".s") for name in LATE if name in data.columns):
+        std = np.hypot(float(np.sqrt(data.covariance([effect])[1][0, 0])), TOLERANCE[effect])
+        lines.append(f"{effect} by less than {1e3 * (least_z + NINE_OF_TEN) * std:.0f} ms")
     if float(np.ptp(data.times_s)) < FEWEST_SEGMENTS * SEGMENT_S:
         lines.append("an error that begins within a flight")
     return [f"{COULD_NOT} {', '.join(lines)}."]

@@ -92,7 +92,7 @@ def criticise_without_commands(
     return Criticism(
         verdict=verdict,
         sentence=headline(finding),
-        details=(*details(finding), *noise_of(flights), *not_shown(data, unknown, seen)),
+        details=(*details(finding), *noise_of(flights), *not_shown(data, unknown, seen, STANDS_OUT_Z)),
         causes=causes,
         equivalence_set=equivalents or tuple(c.name for c in causes[:1]),
         remainder=remainder,
