@@ -18,7 +18,7 @@ FEWEST = 100
 
 
 @dataclass(frozen=True)
-class Stream:
+class InstrumentReadings:
     """The readings of one instrument."""
 
     name: str
@@ -32,7 +32,7 @@ class Stream:
     """(channels,) standard deviation of one reading, as stated."""
 
 
-def noise_ratio(stream: Stream) -> float:
+def noise_ratio(stream: InstrumentReadings) -> float:
     """Return the noise of single readings over the stated one, of the worst channel; 0 if nothing is stated.
 
     The second difference of white noise has a standard deviation of sqrt(6) that of a reading (von Neumann,
@@ -48,7 +48,7 @@ def noise_ratio(stream: Stream) -> float:
     return float(np.max(std[stated] / stream.noise_std[stated], initial=0.0))
 
 
-def streams_of(flight: Flight) -> list[Stream]:
+def streams_of(flight: Flight) -> list[InstrumentReadings]:
     """Return gyro, accelerometer, attitude, velocity and sonar, as far as the flight has them."""
     found = []
     if (imu := flight.imu) is not None and len(imu.stamps_s) > 1:
@@ -58,15 +58,21 @@ def streams_of(flight: Flight) -> list[Stream]:
             ("accel", imu.accel_m_s2, "m/s^2", imu.accel_noise_density),
         ):
             channels = tuple(f"{name}_{axis}" for axis in "xyz")
-            found.append(Stream(name, imu.stamps_s, values, channels, unit, np.full(3, density * root)))
+            found.append(
+                InstrumentReadings(name, imu.stamps_s, values, channels, unit, np.full(3, density * root))
+            )
     if (attitude := flight.attitude) is not None:
         std = np.array(attitude.noise_std_rad)
         angles = ("roll", "pitch", "yaw")
-        found.append(Stream("attitude", attitude.stamps_s, attitude.roll_pitch_yaw_rad, angles, "rad", std))
+        found.append(
+            InstrumentReadings("attitude", attitude.stamps_s, attitude.roll_pitch_yaw_rad, angles, "rad", std)
+        )
     if (velocity := flight.velocity) is not None:
         std, ways = np.array(velocity.noise_std_m_s), ("velocity ahead", "velocity to the left")
-        found.append(Stream("velocity", velocity.stamps_s, velocity.v_m_s, ways, "m/s", std))
+        found.append(InstrumentReadings("velocity", velocity.stamps_s, velocity.v_m_s, ways, "m/s", std))
     if (sonar := flight.sonar) is not None:
         std = np.array([sonar.noise_std_m])
-        found.append(Stream("sonar", sonar.stamps_s, sonar.range_m[:, None], ("range",), "m", std))
+        found.append(
+            InstrumentReadings("sonar", sonar.stamps_s, sonar.range_m[:, None], ("range",), "m", std)
+        )
     return found

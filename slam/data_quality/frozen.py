@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.data_quality.channels import Stream
+from slam.data_quality.channels import InstrumentReadings
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Frozen:
         )
 
 
-def frozen(stream: Stream) -> Frozen | None:
+def frozen(stream: InstrumentReadings) -> Frozen | None:
     """Return the frozen runs of a stream, or None.
 
     A run is improbable if its length is, given how often successive readings are equal otherwise. Runs at one

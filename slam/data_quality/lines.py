@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
-from slam.data_quality.channels import Stream
+from slam.data_quality.channels import InstrumentReadings
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Line:
         return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz by {self.amplitude:.2g} {self.unit}"
 
 
-def strongest_line(stream: Stream) -> Line | None:
+def strongest_line(stream: InstrumentReadings) -> Line | None:
     """Return the line with the greatest share of its channel's fast variance, or None."""
     found = []
     for name, column in zip(stream.channels, stream.values.T, strict=True):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam.data_quality.channels import Stream
+from slam.data_quality.channels import InstrumentReadings
 
 EXACT = 0.02
 """Greatest distance from a multiple of the step, as a share of it."""
@@ -28,7 +28,7 @@ class Rounding:
         return f"{self.channel} is rounded to steps of {self.step:.3g} {self.unit}{degrees}"
 
 
-def rounding(stream: Stream) -> Rounding | None:
+def rounding(stream: InstrumentReadings) -> Rounding | None:
     """Return the coarsest rounding of the stream's channels beyond its stated noise, or None.
 
     Rounding to a step q adds a standard deviation of q / sqrt(12) (Widrow, 1956).

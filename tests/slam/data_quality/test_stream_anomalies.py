@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.data_quality.channels import Stream
+from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.frozen import frozen
 from slam.data_quality.lines import strongest_line
 from slam.data_quality.rounding import rounding
@@ -15,16 +15,16 @@ from slam.data_quality.rounding import rounding
 RATE_HZ, STD = 50.0, 0.02
 
 
-def stream(seed: int = 0, repeats: int = 1) -> Stream:
+def stream(seed: int = 0, repeats: int = 1) -> InstrumentReadings:
     """Readings of a minute, each logged several times."""
     t = np.arange(3000) / RATE_HZ
     slow = np.column_stack([np.sin(0.5 * t), np.cos(0.3 * t)])
     values = slow + np.random.default_rng(seed).normal(0.0, STD, slow.shape)
     values = values[np.arange(len(t)) // repeats * repeats]
-    return Stream("velocity", t, values, ("ahead", "left"), "m/s", np.full(2, STD))
+    return InstrumentReadings("velocity", t, values, ("ahead", "left"), "m/s", np.full(2, STD))
 
 
-def freeze(healthy: Stream, lasts_s: float, every_s: float = 5.0) -> Stream:
+def freeze(healthy: InstrumentReadings, lasts_s: float, every_s: float = 5.0) -> InstrumentReadings:
     since = np.mod(healthy.stamps_s, every_s)
     begin = np.searchsorted(healthy.stamps_s, healthy.stamps_s - since)
     held = np.where(since[:, None] < lasts_s, healthy.values[begin], healthy.values)
