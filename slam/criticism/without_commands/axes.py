@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
-from slam.criticism.without_commands.inertial_consistency import InertialComparison, comparisons, near_floor
+from slam.criticism.without_commands.inertial_consistency import IntegralComparison, comparisons, near_floor
 from slam.criticism.without_commands.whitened_rows import ABOUT_S, FEWEST, NODE_S
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def _words(kind: str, k: int, found: Assignment) -> str:
     return f"{read} reads the {WAYS[kind][k]} that the {INTEGRAL[kind]} gives{turned}"
 
 
-def _scores(seen: InertialComparison, low_s: Array, count: int) -> dict[Assignment, float]:
+def _scores(seen: IntegralComparison, low_s: Array, count: int) -> dict[Assignment, float]:
     """Return the agreement of every assignment with the integral, in standard deviations of no agreement."""
     nodes = np.arange(seen.stamps_s[0] + ABOUT_S, seen.stamps_s[-1] - ABOUT_S, NODE_S)
     begin, end = (np.searchsorted(seen.stamps_s, nodes + side) for side in (-ABOUT_S, ABOUT_S))

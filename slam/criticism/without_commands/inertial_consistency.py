@@ -64,7 +64,7 @@ class _Imu:
 
 
 @dataclass(frozen=True)
-class InertialComparison:
+class IntegralComparison:
     """Readings of one kind and the integral of the imu, at the readings' own stamps."""
 
     stamps_s: Array
@@ -85,7 +85,7 @@ class InertialComparison:
         return self.read - self.integral
 
 
-def comparisons(flight: Flight) -> list[tuple[str, InertialComparison]]:
+def comparisons(flight: Flight) -> list[tuple[str, IntegralComparison]]:
     """Return every kind of comparison that the flight's streams allow."""
     flight = _with_finite_imu(flight)
     imu = _imu_of(flight)
@@ -174,7 +174,7 @@ def _imu_of(flight: Flight) -> _Imu | None:
     return _Imu(imu_s, gyro, accel, at_imu)
 
 
-def _attitude(flight: Flight, imu: _Imu) -> InertialComparison | None:
+def _attitude(flight: Flight, imu: _Imu) -> IntegralComparison | None:
     assert flight.attitude is not None
     known = np.isfinite(flight.attitude.roll_pitch_yaw_rad).all(axis=1)
     stamps = flight.attitude.stamps_s[known]
@@ -185,7 +185,7 @@ def _attitude(flight: Flight, imu: _Imu) -> InertialComparison | None:
         jumps = imu.at(stamps, _jumps(imu, turn))
         return {"attitude late.s": -imu.at(stamps, turn), BETWEEN_SAMPLES: jumps}
 
-    return InertialComparison(stamps, angles, imu.at(stamps, imu.integral(turn)), 1, angles[:, 2], others)
+    return IntegralComparison(stamps, angles, imu.at(stamps, imu.integral(turn)), 1, angles[:, 2], others)
 
 
 def _jumps(imu: _Imu, rate: Array) -> Array:
@@ -197,7 +197,7 @@ def _jumps(imu: _Imu, rate: Array) -> Array:
     return np.vstack([np.zeros(rate.shape[1]), np.cumsum(worth, axis=0)])
 
 
-def _velocity(flight: Flight, imu: _Imu) -> InertialComparison | None:
+def _velocity(flight: Flight, imu: _Imu) -> IntegralComparison | None:
     if flight.velocity is None:
         return None
     good = np.isfinite(flight.velocity.v_m_s).all(axis=1)
@@ -212,10 +212,10 @@ def _velocity(flight: Flight, imu: _Imu) -> InertialComparison | None:
         weighed = np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel)
         return {"velocity late.s": -imu.at(stamps, weighed)[:, :2]}
 
-    return InertialComparison(stamps, speed, imu.at(stamps, imu.integral(pull))[:, :2], 1, yaw, others)
+    return IntegralComparison(stamps, speed, imu.at(stamps, imu.integral(pull))[:, :2], 1, yaw, others)
 
 
-def _height(flight: Flight, imu: _Imu) -> InertialComparison | None:
+def _height(flight: Flight, imu: _Imu) -> IntegralComparison | None:
     if flight.sonar is None:
         return None
     good = np.isfinite(flight.sonar.range_m)
@@ -226,7 +226,7 @@ def _height(flight: Flight, imu: _Imu) -> InertialComparison | None:
     up = rotation_of(angles)[:, 2]
     height = read * (up @ flight.sonar.b_T_s[:3, 2])
     risen = imu.at(stamps, imu.integral(imu.integral(_acceleration(imu))[:, 2:]))
-    return InertialComparison(stamps, height[:, None], risen, 2, angles[:, 2])
+    return IntegralComparison(stamps, height[:, None], risen, 2, angles[:, 2])
 
 
 _COMPARISONS = {"attitude": _attitude, "velocity": _velocity, "height": _height}
