@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,6 +264,22 @@ class Estimate:
         ]
         ends = np.array(loops, dtype=np.int64).reshape(-1, 2)
         return table_html(f"Estimate {self.name}", rows) + trajectory_svg(self.w_T_b[:, :2, 3], ends)
+
+    def to_dataframe(self) -> Any:
+        """Return the keyframes as a ``pandas.DataFrame`` (`slam.core.data_frame`).
+
+        Raises ``InputError`` without pandas.
+        """
+        from slam.core.data_frame import keyframe_table
+
+        return keyframe_table(
+            stamps_ns=self.stamps_ns,
+            names=self.frame_names,
+            w_T_b=self.w_T_b,
+            covariances=self.covariances,
+            component=self.component,
+            metric=self.metric,
+        )
 
     @property
     def placed(self) -> NDArray[np.bool_]:
