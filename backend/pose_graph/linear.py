@@ -26,19 +26,31 @@ def jacobian(
 def linear_system(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, order: Index | None = None
 ) -> tuple[csc_array, NDArray[np.float64]]:
-    """Return the Jacobian, as `jacobian` does, and the right-hand side (rows,): minus the whitened errors."""
+    """Return the Jacobian, as `jacobian` does, and the right-hand side (rows,): minus the whitened errors.
+
+    Variables that no factor touches have columns of zeros.
+    """
     row, column, value = np.asarray(graph.linearize(values).sparseJacobian_())
-    size, count = values.dim(), int(row.max())
-    left = column <= size  # the last column is the right-hand side
+    size, count, last = values.dim(), int(row.max()), int(column.max())
+    left = column < last  # the last column is the right-hand side
     right = np.zeros(count)
     right[row[~left].astype(np.int64) - 1] = value[~left]
     at = column[left].astype(np.int64) - 1
+    if last <= size:  # gtsam leaves the columns of other variables out
+        at = _touched(graph, values)[at]
     if order is not None:
         place = np.empty(size, dtype=np.int64)
         place[order] = np.arange(size)
         at = place[at]
     matrix = csc_array((value[left], (row[left].astype(np.int64) - 1, at)), shape=(count, size))
     return matrix, right
+
+
+def _touched(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Index:
+    """Return the columns, among those of all variables, of the variables that a factor touches."""
+    keys = {key for k in range(graph.size()) for key in graph.at(k).keys()}  # noqa: SIM118
+    dims = sorted(values.dims().items())
+    return np.flatnonzero(np.repeat([key in keys for key, _ in dims], [width for _, width in dims]))
 
 
 def elimination_order(graph: gtsam.NonlinearFactorGraph, d: int) -> Index:

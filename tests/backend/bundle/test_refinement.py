@@ -195,3 +195,11 @@ def test_a_refinement_that_is_stopped_early_says_so(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr("backend.bundle.refinement.minimise_bundle", one_step)
     assert refine(made.measurements, made.start).not_converged == "1 iterations done"
+
+
+def test_a_keyframe_without_a_sensor_of_its_own_is_as_far_off_as_stated():
+    """Nothing but floor points ties every second camera."""
+    made = make(SURVEY, 0)
+    half = replace(made.measurements, positions=made.measurements.positions[1::2])
+    bundle = refine(half, made.start, made.floor_z_m)
+    assert errors_squared(made, bundle)[len(made.start) // 2] < chi2.ppf(0.9999, 6)
