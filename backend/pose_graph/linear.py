@@ -31,13 +31,13 @@ def linear_system(
     Variables that no factor touches have columns of zeros.
     """
     row, column, value = np.asarray(graph.linearize(values).sparseJacobian_())
-    size, count, last = values.dim(), int(row.max()), int(column.max())
-    left = column < last  # the last column is the right-hand side
+    size, count = values.dim(), int(row.max())
+    # gtsam leaves the columns of other variables out.
+    touched = np.arange(size) if graph.keys().size() == values.size() else _touched(graph, values)
+    left = column <= len(touched)  # the last column is the right-hand side
     right = np.zeros(count)
     right[row[~left].astype(np.int64) - 1] = value[~left]
-    at = column[left].astype(np.int64) - 1
-    if last <= size:  # gtsam leaves the columns of other variables out
-        at = _touched(graph, values)[at]
+    at = touched[column[left].astype(np.int64) - 1]
     if order is not None:
         place = np.empty(size, dtype=np.int64)
         place[order] = np.arange(size)
@@ -48,9 +48,9 @@ def linear_system(
 
 def _touched(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Index:
     """Return the columns, among those of all variables, of the variables that a factor touches."""
-    keys = {key for k in range(graph.size()) for key in graph.at(k).keys()}  # noqa: SIM118
+    keys = graph.keys()
     dims = sorted(values.dims().items())
-    return np.flatnonzero(np.repeat([key in keys for key, _ in dims], [width for _, width in dims]))
+    return np.flatnonzero(np.repeat([keys.count(key) > 0 for key, _ in dims], [width for _, width in dims]))
 
 
 def elimination_order(graph: gtsam.NonlinearFactorGraph, d: int) -> Index:
