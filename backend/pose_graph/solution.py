@@ -41,6 +41,8 @@ class Solution:
     unobserved: tuple[str, ...] = ()
     """Directions that nothing measures, by keyframes, and the pose that was fixed instead."""
     warnings: tuple[str, ...] = ()
+    contradictions: tuple[str, ...] = ()
+    """Sentences about rejected loops that agree with each other and contradict odometry."""
 
 
 _DETERMINED = 0.9

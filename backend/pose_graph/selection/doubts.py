@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.chains import chain_members
+from backend.pose_graph.selection.places import place_pairs
 from backend.pose_graph.selection.swap_search import removal_gains
 
 Array = NDArray[np.float64]
@@ -35,10 +36,12 @@ def has_dominant_loop(residual: Array, loops: Index, predictions: Array) -> bool
     return bool(decrease.max(initial=0.0) > (residual**2).sum() / 2)
 
 
-def doubtful_odometry(problem: Problem, kept: Mask) -> int | None:
-    """Return the trusted edge that more rejected loops span than kept ones, by the largest margin.
+def doubtful_odometry(problem: Problem, kept: Mask) -> Mask | None:
+    """Return the trusted edges (m,) over the step that more rejected loops span than kept ones.
 
     ``kept`` is (m,). One wrong step of odometry makes all true loops over it disagree, and none beside it.
+    Of the steps with the largest margin, it is the one that the fewest trusted edges span. All of those edges
+    are in doubt: if one alone lost its trust, the others would still carry the error past the loops.
     None if at each step the kept loops are as many as the rejected ones.
     """
     chain = np.empty(problem.count, dtype=np.int64)
@@ -46,12 +49,35 @@ def doubtful_odometry(problem: Problem, kept: Mask) -> int | None:
         chain[members] = number
     low, high = np.minimum(problem.i, problem.j), np.maximum(problem.i, problem.j)
     loops = ~problem.trusted & (chain[low] == chain[high])
-    margin = np.zeros(problem.count + 1, dtype=np.int64)
-    vote = np.where(kept, -1, 1)[loops]
-    np.add.at(margin, low[loops], vote)
-    np.add.at(margin, high[loops], -vote)
-    over = np.cumsum(margin)
-    steps = np.flatnonzero(problem.trusted & kept & (high - low == 1))
-    if len(steps) == 0 or over[low[steps]].max() <= 0:
+    over = _spanning(problem.count, low[loops], high[loops], np.where(kept, -1, 1)[loops])
+    trusted = problem.trusted & kept
+    count = _spanning(problem.count, low[trusted], high[trusted], np.ones_like(low[trusted]))
+    steps = low[trusted & (high - low == 1)]
+    if len(steps) == 0 or over[steps].max() <= 0:
         return None
-    return int(steps[np.argmax(over[low[steps]])])
+    step = steps[np.lexsort((count[steps], -over[steps]))[0]]
+    return np.asarray(problem.trusted & (low <= step) & (step < high))
+
+
+def contradiction(problem: Problem, doubted: Mask, agreeing: Mask) -> str:
+    """Return a sentence about rejected loops that agree with each other; empty if chance explains them.
+
+    ``agreeing`` (m,) are those loops, ``doubted`` (m,) the trusted edges that they contradict. Loops between
+    one pair of places may be false together, where a floor repeats; two pairs of places hardly are.
+    """
+    if len(np.unique(place_pairs(problem.i[agreeing], problem.j[agreeing]))) < 2:
+        return ""
+    first, last = problem.i[doubted], problem.j[doubted]
+    before, after = int(np.minimum(first, last).max()), int(np.maximum(first, last).min())
+    return (
+        f"{np.count_nonzero(agreeing)} loops agree with each other and contradict the odometry from"
+        f" {problem.name(before)} to {problem.name(after)}: odometry was believed, and may be what is wrong"
+    )
+
+
+def _spanning(count: int, low: Index, high: Index, vote: Index) -> Index:
+    """Return (count,) the sum of the votes of the edges over the step from each pose to the next."""
+    change = np.zeros(count + 1, dtype=np.int64)
+    np.add.at(change, low, vote)
+    np.add.at(change, high, -vote)
+    return np.cumsum(change)[:-1]

@@ -20,7 +20,7 @@ from backend.pose_graph.initialize import tree_edges
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import recheck_rejected
 from backend.pose_graph.selection.chains import chain_members
-from backend.pose_graph.selection.doubts import doubtful_odometry
+from backend.pose_graph.selection.doubts import contradiction, doubtful_odometry
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
@@ -47,6 +47,8 @@ class Selection:
     """(m,) innovations of the rejected edges, and residuals of the kept ones, in standard deviations."""
     is_complete: bool = True
     """False if the growth of the consistent set was cut off."""
+    contradiction: str = ""
+    """A sentence about rejected loops that agree with each other, or empty."""
 
 
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
@@ -95,8 +97,7 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         step = doubtful_odometry(doubting.problem, found.kept)
         if step is None:
             break
-        trusted = doubting.problem.trusted.copy()
-        trusted[step] = False
+        trusted = doubting.problem.trusted & ~step
         doubting = replace(gauge_fixed, problem=replace(gauge_fixed.problem, trusted=trusted))
         if not has_loops_on_odometry(doubting.problem):
             break
@@ -106,6 +107,9 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
             # Without that step too little is known: it stays.
             break
         if not _is_more_probable(gauge_fixed, other, found):
+            agreeing = other.kept & ~found.kept & ~gauge_fixed.problem.trusted
+            if other.fit.test.passed:
+                found = replace(found, contradiction=contradiction(gauge_fixed.problem, step, agreeing))
             break
         found = other
     return found

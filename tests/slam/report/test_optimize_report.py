@@ -169,6 +169,14 @@ def test_one_keyframe_is_enough_for_a_page():
     assert "1 / 1" in page(replace(estimate, relative_poses=(), loops=(), **single), made_flight()).text
 
 
+def test_cells_that_may_not_wrap_are_short():
+    """Cells of class ``n`` stay on one line: a long one pushes the table beyond the page."""
+    html = render(made_estimate(), summarise(made_estimate()), made_flight())
+    cells = re.findall(r'<td class="n">(.*?)</td>', html, re.DOTALL)
+    assert cells
+    assert max(len(re.sub(r"<.*?>|&[a-z#0-9]+;", "", cell)) for cell in cells) <= 40
+
+
 def test_figures_agree_with_the_estimate():
     estimate = made_estimate(sigma_m=0.006)
     facts = gather(estimate, made_flight())
