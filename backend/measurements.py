@@ -110,7 +110,7 @@ class FloorTracks:
     track: NDArray[np.int64]
     """(m,) number of the point, 0..t-1; each has two observations or more."""
     pixel: Array
-    """(m, 2) pixel coordinates: as recorded for the back end, undistorted as the front end joins them."""
+    """(m, 2) pixel coordinates as recorded, with the distortion of the lens."""
     std_px: Array
     """(m,) standard deviation of each coordinate."""
 

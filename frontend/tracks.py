@@ -64,8 +64,8 @@ def join_tracks(
 ) -> FloorTracks:
     """Join tracks from the inliers of all accepted registrations.
 
-    ``points``: points of each keyframe. A component with two features of one keyframe joins two different
-    points and is dropped.
+    ``points``: undistorted points of each keyframe; the tracks hold them as recorded. A component with two
+    features of one keyframe joins two different points and is dropped.
     """
     noise = _noise_of_keyframes(len(points), registrations)
     start = np.cumsum([0, *(len(p) for p in points)])
@@ -87,7 +87,8 @@ def join_tracks(
         mine = keyframe == k
         seen_from_k = points[k][chosen.feature[mine] - start[k]]
         pixel[mine], spread[mine] = seen_from_k.pixel, seen_from_k.spread
-    return FloorTracks(keyframe, track, pixel, noise[keyframe] * spread)
+    std_px = noise[keyframe] * spread / camera.magnification(pixel)
+    return FloorTracks(keyframe, track, camera.recorded(pixel), std_px)
 
 
 def _joined(start: NDArray[np.int64], registrations: Sequence[Registration]) -> _Observations:

@@ -1,6 +1,6 @@
 """The calibration that all pictures share: what is told of it, and what a refinement has estimated.
 
-Its numbers are (fx, fy, u0, v0, k1, k2, p1, p2, k3), in OpenCV's notation.
+Its numbers are (fx, fy, cx, cy, k1, k2, p1, p2, k3), in OpenCV's notation.
 """
 
 from __future__ import annotations

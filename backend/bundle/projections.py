@@ -1,6 +1,6 @@
 """Projection of floor points into pictures, with derivatives and Huber's weights: numba kernels.
 
-The nine numbers of a calibration are (fx, fy, u0, v0, k1, k2, p1, p2, k3), in OpenCV's notation. Poses are
+The nine numbers of a calibration are (fx, fy, cx, cy, k1, k2, p1, p2, k3), in OpenCV's notation. Poses are
 perturbed on the right, rotation first.
 
 Source: Brown 1966 (distortion); Hartley and Zisserman 2004, section 7.4; Huber 1964.
@@ -47,14 +47,25 @@ def _distorted(calibration: Array, x: float, y: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
+def distorted(calibration: Array, xy: Array) -> Array:
+    """Return recorded pixels (m, 2) of undistorted image coordinates (m, 2) over the focal length."""
+    fx, fy, cx, cy = calibration[:4]
+    pixel = np.empty((len(xy), 2))
+    for m in range(len(xy)):
+        xd, yd = _distorted(calibration, xy[m, 0], xy[m, 1])
+        pixel[m, 0], pixel[m, 1] = fx * xd + cx, fy * yd + cy
+    return pixel
+
+
+@njit(cache=True)
 def residual(f_T_c: Array, point: Array, calibration: Array, pixel: Array) -> tuple[float, float]:
     """Return projection minus measured pixel: twice the focal length for a point behind the camera."""
     x, y, z = _in_camera(f_T_c, point)
-    fx, fy, u0, v0 = calibration[:4]
+    fx, fy, cx, cy = calibration[:4]
     if z <= 0.0:
         return 2.0 * fx, 2.0 * fx
     xd, yd = _distorted(calibration, x / z, y / z)
-    return fx * xd + u0 - pixel[0], fy * yd + v0 - pixel[1]
+    return fx * xd + cx - pixel[0], fy * yd + cy - pixel[1]
 
 
 @njit(cache=True)
@@ -166,10 +177,10 @@ def undistorted(calibration: Array, pixel: Array) -> Array:
 
     Where the distortion folds the picture, so that no step improves, the recorded place is returned.
     """
-    fx, fy, u0, v0 = calibration[:4]
+    fx, fy, cx, cy = calibration[:4]
     found, J = np.empty((len(pixel), 2)), np.empty((2, 2))
     for m in range(len(pixel)):
-        xr, yr = (pixel[m, 0] - u0) / fx, (pixel[m, 1] - v0) / fy
+        xr, yr = (pixel[m, 0] - cx) / fx, (pixel[m, 1] - cy) / fy
         x, y = xr, yr
         for _ in range(_UNDISTORTION_STEPS):
             xd, yd = _distorted(calibration, x, y)

@@ -152,8 +152,9 @@ def refine(
         if last:
             break
         before = noise
-        factors, kept = estimate_inertial_noise(BundleOptimum(cost, at, minimum.structure, noise, used))
-        absorbed = absorbed_positions(BundleOptimum(cost, at, minimum.structure, noise, used))
+        optimum = BundleOptimum(cost, at, minimum.structure, noise, used)
+        factors, kept = estimate_inertial_noise(optimum)
+        absorbed = absorbed_positions(optimum)
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,33 +16,28 @@ from backend.bundle.graph import WORLD
 from backend.bundle.lens import CENTER, FOCAL, NAMES
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
+from backend.bundle.projections import CALIBRATION_SIZE, distorted
 from backend.bundle.reduced_system import LinearSystem
 
 Array = NDArray[np.float64]
 Kind = Literal["radial", "decentring", "principal point", "position offset"]
 
-_OF_LENS: Mapping[Kind, Callable[[Array, Array], list[tuple[Array, Array]]]] = {
-    "radial": lambda x, y: [(x * power, y * power) for power in (x**2 + y**2, (x**2 + y**2) ** 2)],
-    "decentring": lambda x, y: [(2 * x * y, x**2 + 3 * y**2), (3 * x**2 + y**2, 2 * x * y)],
-    "principal point": lambda x, y: [(np.ones_like(x), 0 * x), (0 * x, np.ones_like(x))],
-}
-"""Displacements at image points over the focal length, for each coefficient: k1 and k2; p1 and p2; the offset
-of the principal point over the focal length. Source: Brown 1966, in OpenCV's notation."""
-
-LENS_KINDS: tuple[Kind, ...] = tuple(_OF_LENS)
 _NUMBERS: Mapping[Kind, list[int]] = {
     "radial": [NAMES.index("k1"), NAMES.index("k2")],
     "decentring": [NAMES.index("p1"), NAMES.index("p2")],
     "principal point": [NAMES.index("cx"), NAMES.index("cy")],
 }
-"""Those numbers of the calibration."""
+"""Numbers of the calibration that each kind of error changes."""
+LENS_KINDS: tuple[Kind, ...] = tuple(_NUMBERS)
 _POSITION_ROWS = 3
 
 
 def lens_displacement(kind: Kind, coefficients: Array, xy: Array) -> Array:
     """Return by how much a lens error displaces image points ``xy`` (m, 2), both over the focal length."""
-    terms = zip(coefficients, _OF_LENS[kind](*xy.T), strict=True)
-    return np.asarray(sum(c * np.column_stack(term) for c, term in terms))
+    ideal = np.zeros(CALIBRATION_SIZE)
+    ideal[FOCAL] = 1.0
+    ideal[_NUMBERS[kind]] = coefficients
+    return distorted(ideal, np.ascontiguousarray(xy)) - xy
 
 
 @dataclass(frozen=True)

@@ -45,9 +45,7 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
     number[members] = np.arange(len(members))
     mine = number[tracks.keyframe] >= 0
     _, track = np.unique(tracks.track[mine], return_inverse=True)
-    camera, pixel = setup.camera, tracks.pixel[mine]
-    std_px = tracks.std_px[mine] / camera.magnification(pixel)
-    tracks = FloorTracks(number[tracks.keyframe[mine]], track, camera.recorded(pixel), std_px)
+    tracks = FloorTracks(number[tracks.keyframe[mine]], track, tracks.pixel[mine], tracks.std_px[mine])
     seen = np.bincount(tracks.keyframe, minlength=len(members))
     if len(members) < 2 or (seen < LEAST_SEEN).any():
         raise BackendError("some keyframes share too few floor points with others")
@@ -62,7 +60,7 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
         tracks=tracks,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
-        camera=_model(camera),
+        camera=_model(setup.camera),
     )
 
 

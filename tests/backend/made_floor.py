@@ -74,7 +74,7 @@ class Made:
     floor_z_m: float
     slope_rad: tuple[float, float]
     lens: np.ndarray
-    """(9,) true fx, fy, u0, v0, k1, k2, p1, p2, k3."""
+    """(9,) true fx, fy, cx, cy, k1, k2, p1, p2, k3."""
 
 
 def make(scene: Scene, seed: int) -> Made:
