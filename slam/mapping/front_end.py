@@ -45,7 +45,7 @@ class Observations:
     registrations: tuple[Registration, ...]
     """All that hold, links included."""
     refused: tuple[Registration, ...]
-    """Candidates that did not verify."""
+    """Candidates that did not verify, and the ``contradicted`` ones."""
     frames: int
     rejected: Counter[str]
     moving: int = 0
@@ -58,6 +58,8 @@ class Observations:
     """Frames between keyframes."""
     dropped: dict[int, str] = field(default_factory=dict)
     """Number of each frame that was not used -> reason."""
+    contradicted: frozenset[tuple[int, int]] = frozenset()
+    """Pairs (i, j) that verified, but that known poses or other pictures contradict."""
 
     def registered(self) -> list[list[IntermediateFrame]]:
         """Return, for each keyframe, the frames registered to it in tracking, in order.
@@ -87,7 +89,8 @@ class Observations:
             replace(r, reason=reasons[r.i, r.j]) for r in self.registrations if (r.i, r.j) in reasons
         )
         kept = tuple(r for r in self.registrations if (r.i, r.j) not in reasons)
-        return replace(self, registrations=kept, refused=(*self.refused, *taken))
+        contradicted = self.contradicted | {(r.i, r.j) for r in taken}
+        return replace(self, registrations=kept, refused=(*self.refused, *taken), contradicted=contradicted)
 
 
 class FrontEnd:

@@ -21,6 +21,10 @@ WIDENED_BY_TILT = 1.5
 """A tilted picture sees farther: the factor of a wide lens tilted by 15 degrees."""
 
 
+OUT_OF_REACH = "out of reach"
+"""First words of the reason for which a pair is not compared."""
+
+
 @dataclass(frozen=True)
 class SearchRadius:
     """Around each keyframe the circle that holds all that it may have seen."""
@@ -44,7 +48,7 @@ class SearchRadius:
         apart, most = self._apart(j, np.array([i]))
         m = unit(self.metric)
         return (
-            f"out of reach: {apart[0]:.2f} {m} apart by the poses so far, at most {most[0]:.2f} {m} allowed"
+            f"{OUT_OF_REACH}: {apart[0]:.2f} {m} apart by the poses so far, at most {most[0]:.2f} {m} allowed"
         )
 
     def _apart(self, j: int, rows: NDArray[np.int64]) -> tuple[Array, Array]:

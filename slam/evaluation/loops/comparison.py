@@ -8,7 +8,7 @@ poses.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from frontend.loops import signatures, verify
 from frontend.store import FeatureStore
 from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
-from slam.core.estimate import Estimate
+from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
 from slam.core.stage_timer import Stopwatch
@@ -28,7 +28,9 @@ from slam.evaluation.loops.curve import Curve, precision_recall
 from slam.evaluation.loops.methods import bags_of_words, colour_histogram
 from slam.evaluation.loops.reference import FALSE, TRUE, UNDECIDED, Pair, Reference, reference_of
 from slam.mapping.config import PipelineConfig
+from slam.mapping.front_end import Observations
 from slam.mapping.pipeline import optimize_with_observations
+from slam.mapping.search_radius import OUT_OF_REACH
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -36,6 +38,16 @@ Float32 = NDArray[np.float32]
 OURS, HISTOGRAM, WORDS, EXHAUSTIVE = "ours (VLAD)", "colour histogram", "bag of words", "exhaustive matching"
 MOST_KEYFRAMES = 250
 """Largest number of keyframes whose pairs are all registered; a longer flight is subsampled evenly."""
+
+
+_STAGES = (
+    "look alike or should overlap",
+    "within reach of the poses",
+    "a homography holds",
+    "where the poses can have it",
+    "in the map",
+)
+"""Stages that a candidate of the pipeline must pass, in order."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +175,7 @@ def evaluate_loops(
         pairs=len(pairs),
         neighbours=neighbours,
         methods=(*methods, score_exhaustive(inliers, labels)),
-        stages=_stages(estimate, reference),
+        stages=stages_of(estimate.loops, observations, reference),
         kept=tuple((v.i, v.j) for v in estimate.loops if v.verdict == "kept"),
         all_true_pairs=int((reference.labels(list(reference.overlap)) == TRUE).sum()),
         timing_s=clock.seconds,
@@ -265,18 +277,25 @@ def _inner(vectors: Float32, chosen: NDArray[np.int64], pairs: NDArray[np.int64]
     return np.asarray(table[a, b].astype(float))
 
 
-def _stages(estimate: Estimate, reference: Reference) -> tuple[Stage, ...]:
+def stages_of(
+    loops: Sequence[LoopVerdict], observations: Observations, reference: Reference
+) -> tuple[Stage, ...]:
     """Count the pipeline's candidates that remain after each stage; the last is the map."""
-    by_graph = ("disagrees", "its part of the graph")
-    came_through: dict[str, Callable[[str], bool]] = {
-        "look alike or should overlap": lambda reason: True,
-        "within reach of the poses": lambda reason: not reason.startswith("out of reach"),
-        "a homography holds": lambda reason: reason.startswith(("implausible", *by_graph)),
-        "where the poses can have it": lambda reason: reason.startswith(by_graph),
-    }
-    stages = []
-    for name, passed in came_through.items():
-        left = [(v.i, v.j) for v in estimate.loops if v.verdict == "kept" or passed(v.reason)]
-        stages.append(Stage(name, Counts.of(reference.labels(left))))
-    kept = [(v.i, v.j) for v in estimate.loops if v.verdict == "kept"]
-    return (*stages, Stage("in the map", Counts.of(reference.labels(kept))))
+    reason = {(r.i, r.j): r.reason for r in observations.refused}
+
+    def passed(v: LoopVerdict) -> int:
+        """Return the number of stages that a candidate passed."""
+        pair = (v.i, v.j)
+        if v.verdict == "kept":
+            return len(_STAGES)
+        if pair not in reason:  # the graph rejected it
+            return len(_STAGES) - 1
+        if pair in observations.contradicted:
+            return 3
+        return 1 if reason[pair].startswith(OUT_OF_REACH) else 2
+
+    reached = [(passed(v), (v.i, v.j)) for v in loops]
+    return tuple(
+        Stage(name, Counts.of(reference.labels([pair for count, pair in reached if count >= number])))
+        for number, name in enumerate(_STAGES, 1)
+    )

@@ -189,6 +189,7 @@ def test_refused_afterwards_is_refused_with_its_reason():
     assert (2, 3) not in {(r.i, r.j) for r in fewer.registrations}
     assert [(r.i, r.j, r.reason) for r in fewer.refused] == [(2, 3, "implausible: because")]
     assert len(fewer.registrations) + 1 == len(observations.registrations)
+    assert fewer.contradicted == {(2, 3)}
 
 
 def counted(count: int) -> tuple[Flight, list[int], list[threading.Thread]]:

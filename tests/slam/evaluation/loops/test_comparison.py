@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
@@ -13,9 +14,11 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+from frontend.registration import refused
 from slam.cli import app
 from slam.cli.output_folder import LOOPS_NAMES
 from slam.core.errors import InputError
+from slam.core.estimate import LoopVerdict
 from slam.core.flight import Flight
 from slam.evaluation.loops import LoopEvaluation, evaluate_loops
 from slam.evaluation.loops.comparison import (
@@ -26,9 +29,11 @@ from slam.evaluation.loops.comparison import (
     most_alike,
     score_exhaustive,
     score_method,
+    stages_of,
 )
-from slam.evaluation.loops.reference import FALSE, TRUE, UNDECIDED
+from slam.evaluation.loops.reference import FALSE, TRUE, UNDECIDED, Reference
 from slam.io.flight_folder import write_flight
+from slam.mapping.front_end import Observations
 from tests.slam.small_flight import flown, gps_of, only
 
 LAPS = {"cruise_m_s": 0.5, "way_points": ["A", "B", [1.5, 0.7], [0.3, 0.7], "A"], "laps": 3}
@@ -132,6 +137,25 @@ def test_the_most_alike_are_each_ones_own():
         mine = [m for m, pair in enumerate(pairs.tolist()) if k in pair]
         expected |= set(sorted(mine, key=lambda m: -likeness[m])[:3])
     assert set(np.flatnonzero(most_alike(likeness, pairs, 3))) == expected
+
+
+def test_each_candidate_is_counted_up_to_the_stage_that_rejected_it():
+    """Whatever the words: a gate says "implausible change of scale", and the graph that an edge agrees."""
+    far, gated = refused(0, 20, "out of reach: 9 m"), refused(1, 21, "implausible change of scale")
+    held = replace(refused(2, 22, ""), matches=np.ones((20, 2), np.int32))
+    observations = Observations(
+        store=None, frame_index=np.arange(40), stamps_s=np.arange(40.0), links=(None,) * 40,
+        registrations=(held,), refused=(far, gated), frames=40, rejected=Counter(),
+    ).without({(2, 22): "implausible: 3 m from where the poses put it"})  # fmt: skip
+    verdicts = [LoopVerdict(r.i, r.j, "rejected", r.reason) for r in observations.refused]
+    verdicts += [
+        LoopVerdict(3, 23, "rejected", "agrees, but too little is known of where it lies to trust it"),
+        LoopVerdict(4, 24, "rejected", "disagrees by 9.0 sigma"),
+        LoopVerdict(5, 25, "kept", ""),
+    ]
+    nowhere = Reference("truth", np.arange(40.0), np.zeros((40, 2)), {})
+    stages = stages_of(verdicts, observations, nowhere)
+    assert [stage.counts.false for stage in stages] == [6, 5, 4, 3, 1]
 
 
 @pytest.mark.slow
