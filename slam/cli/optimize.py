@@ -132,15 +132,11 @@ def _corrected(
 
 
 def _graph(source: Path, out: Path, screen: Screen) -> Results:
-    from backend.g2o import write_g2o
     from slam.cli.graph import solve_graph
     from slam.cli.output_folder import output_folder
-    from slam.cli.results import write_summary_and_report
-    from slam.io.estimate import write_estimate
+    from slam.cli.results import write_solution, write_summary_and_report
 
     with output_folder(out) as folder, screen.progress() as progress:
         estimate, solved = solve_graph(source, progress)
-        write_estimate(estimate, folder)
-        with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
-            write_g2o(stream, solved)
+        write_solution(folder, estimate, solved)
         return write_summary_and_report(folder, estimate, None)

@@ -21,6 +21,7 @@ from slam.report.facts import Facts, chain_on_result, gather
 from slam.report.optimize_report import Mosaics, write_report
 
 if TYPE_CHECKING:
+    from backend.pose_graph.graph import PoseGraph
     from slam.report.rasters.mosaic import MosaicFiles
 
 
@@ -53,13 +54,10 @@ def write_results(
     accuracy: tuple[FigureTable, ...] = (),
 ) -> Results:
     """Write trajectory, graph, mosaics, summary and report of a flight. Raises ``InputError``."""
-    from backend.g2o import write_g2o
     from backend.pose_graph.graph import build_pose_graph
     from slam.report.rasters.elevation import write_elevation
 
-    write_estimate(estimate, folder)
-    with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
-        write_g2o(stream, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
+    write_solution(folder, estimate, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     start = time.perf_counter()
     mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress)
     write_elevation(estimate, folder, made.ground.surface if made else None)
@@ -72,6 +70,15 @@ def write_results(
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
     return write_summary_and_report(folder, estimate, flight, mosaics, accuracy)
+
+
+def write_solution(folder: Path, estimate: Estimate, graph: PoseGraph) -> None:
+    """Write the files that need no pictures: trajectory, estimate, loops and graph. Raises ``InputError``."""
+    from backend.g2o import write_g2o
+
+    write_estimate(estimate, folder)
+    with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
+        write_g2o(stream, graph)
 
 
 def write_summary_and_report(
