@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.ekf import readings as kinds
-from backend.ekf.inputs import CloneMode, Readings, Series, VisualStep
+from backend.ekf.inputs import READINGS, CloneMode, Readings, Series, VisualStep
 from backend.ekf.records import FilterEvents
 from backend.errors import BackendError
 
@@ -29,7 +29,8 @@ def sort_events(readings: Readings, at_s: Array, clone: CloneMode) -> FilterEven
     for step in readings.steps:
         if step.j != step.i + 1 or not 0 <= step.i < len(at_s) - 1:
             raise BackendError(f"a step joins {step.i} and {step.j} of {len(at_s)}; steps join neighbours")
-    parts = [_from_series(number, held) for number, held in _series(readings) if held is not None]
+    series = {name: getattr(readings, field) for name, field in READINGS.items()}
+    parts = [_from_series(kinds.CHANNELS[name], held) for name, held in series.items() if held is not None]
     reached_s = at_s[[step.j for step in readings.steps]] if readings.steps else np.zeros(0)
     parts += [_without_values(kinds.STEP, reached_s), _without_values(kinds.OUTPUT, at_s)]
     clone_s = {"none": at_s[:0], "first": at_s[:1], "each": at_s}[clone]
@@ -47,20 +48,6 @@ def sort_events(readings: Readings, at_s: Array, clone: CloneMode) -> FilterEven
         row=row[order],
         step=np.array([step.i_T_j for step in readings.steps], dtype=float).reshape(-1, 4, 4),
         step_whitener=_whiteners(readings.steps),
-    )
-
-
-def _series(readings: Readings) -> tuple[tuple[int, Series | None], ...]:
-    return (
-        (kinds.GYRO, readings.gyro_rad_s),
-        (kinds.ACCEL, readings.accel_m_s2),
-        (kinds.ATTITUDE, readings.roll_pitch_yaw_rad),
-        (kinds.RANGE, readings.range_m),
-        (kinds.VELOCITY, readings.velocity_m_s),
-        (kinds.POSITION, readings.w_p_b_m),
-        (kinds.BAROMETER, readings.barometer_m),
-        (kinds.REST, readings.rest_m_s),
-        (kinds.STILL, readings.still_rad_s),
     )
 
 

@@ -82,6 +82,20 @@ class Readings:
         return Readings(**inside)
 
 
+READINGS = {
+    "gyro": "gyro_rad_s",
+    "accelerometer": "accel_m_s2",
+    "attitude": "roll_pitch_yaw_rad",
+    "range": "range_m",
+    "velocity": "velocity_m_s",
+    "position": "w_p_b_m",
+    "barometer": "barometer_m",
+    "rest": "rest_m_s",
+    "still": "still_rad_s",
+}
+"""Channel of the filter -> its field of ``Readings``."""
+
+
 @dataclass(frozen=True)
 class FilterModel:
     """Model of vehicle and instruments beyond white noise; values are standard deviations."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.ekf.inputs import FilterModel, InitialState, Readings, Series
+from backend.ekf.inputs import READINGS, FilterModel, InitialState, Readings, Series
 from slam.core.errors import InputError, one_line
 from slam.core.rotations import rotation_of
 from slam.inertial.instruments import (
@@ -35,17 +35,6 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
-
-FIELDS = {
-    "gyro": "gyro_rad_s",
-    "accelerometer": "accel_m_s2",
-    "attitude": "roll_pitch_yaw_rad",
-    "range": "range_m",
-    "velocity": "velocity_m_s",
-    "position": "w_p_b_m",
-    "barometer": "barometer_m",
-}
-"""Channel of the filter -> its field of ``Readings``."""
 
 _NEAR_S = 0.5
 """Largest distance in time from the start of a reading that determines the initial state."""
@@ -194,7 +183,7 @@ def _missing_streams(flight: Flight) -> str:
 
 def _adjusted(readings: Readings, adjustments: Adjustments) -> Readings:
     changed: dict[str, Any] = {}
-    for name, field_name in FIELDS.items():
+    for name, field_name in READINGS.items():
         series = getattr(readings, field_name)
         if series is not None and (name in adjustments.noise_factor or name in adjustments.delay_s):
             late_s, noise_factor = adjustments.delay_s.get(name, 0.0), adjustments.noise_factor.get(name, 1.0)

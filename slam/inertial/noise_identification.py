@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.ekf.inputs import Readings, VisualStep, renumber_steps
+from backend.ekf.inputs import READINGS, Readings, VisualStep, renumber_steps
 from backend.quantiles import chi_square_quantile
 from slam.core.progress import Progress, silent
-from slam.inertial.filter_input import FIELDS, Adjustments, FilterInput, filter_input
+from slam.inertial.filter_input import Adjustments, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def _best_candidate(
     candidates: tuple[float, ...],
 ) -> Adjustments:
     """Return ``found`` with the most likely value of one channel, if its gain is significant."""
-    if getattr(trial.nominal, FIELDS[name]) is None:
+    if getattr(trial.nominal, READINGS[name]) is None:
         return found
     before, best, gain, worse = trial.likelihood(trust, found), found, 0.0, 0
     for value in candidates:
@@ -160,7 +160,7 @@ class _Trial:
     def spread(self, name: str) -> float:
         """Return the standard deviation of a channel's readings over their noise, an upper limit of any
         error."""
-        series = getattr(self.nominal, FIELDS[name])
+        series = getattr(self.nominal, READINGS[name])
         return float(np.nanmax(np.nanstd(series.values, axis=0) / series.std))
 
     def likelihood(self, trust: InertialTrust, adjustments: Adjustments) -> float:
