@@ -107,16 +107,13 @@ class _Matched(_Tracked):
     def keyframe(self, last: _Matched | None) -> Keyframe:
         """Return the frame as a keyframe with the features on the floor only."""
         features, link = self.features, self.link
-        if self.on_floor.all() and (last is None or last.on_floor.all()):
-            return Keyframe(self.frame, features, link)
-        if link is not None and last is not None:
+        if link is not None and last is not None and not (self.on_floor.all() and last.on_floor.all()):
             i, j = link.matches.T
             kept = last.on_floor[i] & self.on_floor[j]
             number_i, number_j = np.cumsum(last.on_floor) - 1, np.cumsum(self.on_floor) - 1
             matches = np.column_stack([number_i[i[kept]], number_j[j[kept]]])
             link = replace(link, matches=matches.astype(i.dtype), elsewhere=link.elsewhere[:0])
-        on_floor = features[self.on_floor]
-        return Keyframe(self.frame, on_floor, link)
+        return Keyframe(self.frame, features if self.on_floor.all() else features[self.on_floor], link)
 
 
 class Tracker:
@@ -203,10 +200,8 @@ class Tracker:
                     number, number + 1, before, features, self.camera, self.homography, self.gates
                 )
             number, before = number + 1, features
-            if link is None or link.ok:
-                yield Keyframe(view.frame, features, link)
-            else:
-                yield Keyframe(view.frame, features, None, refused=link)
+            refused = link if link is not None and not link.ok else None
+            yield Keyframe(view.frame, features, None if refused is not None else link, refused)
 
     def _with_last_of_equal(self, usable: Iterable[View]) -> Iterator[View]:
         """Yield the last picture too where all are equal: together with the first it shows the one place."""
