@@ -12,6 +12,7 @@ decay to zero while their variance returns to the stationary one.
 from __future__ import annotations
 
 import math
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -26,19 +27,20 @@ discard_stale([*_EKF.glob("*.py"), _EKF.parent / "measurements.py"])
 
 (
     POS, VEL, ACC, ROT, RATE, GYRO_BIAS, ACCEL_BIAS, ATTITUDE_ERROR, RANGE_SCALE, RANGE_BIAS, VEL_SCALE,
-    VEL_ERROR, BARO_ZERO, GPS_ZERO, CLONE_POS, CLONE_ROT,
-) = (0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 26, 28, 30, 31, 32, 35)  # fmt: skip
+    VEL_ERROR, BARO_ZERO, GPS_ZERO, CLONE_POS, CLONE_ROT, SIZE,
+) = accumulate((0, 3, 3, 3, 3, 3, 3, 3, 3, 1, 1, 2, 2, 1, 1, 3, 3))  # fmt: skip
 """Index of each part of the error state: position, velocity, acceleration (world), attitude, body rate, gyro
 and accelerometer offset, error of the reported attitude, scale and offset of the range, scale and correlated
-error of the velocity, zero of the barometer, zero of the positions' height; the cloned pose."""
-SIZE_WITHOUT_CLONE, SIZE = 32, 38
-"""Dimension of the error state without and with the cloned pose."""
+error of the velocity, zero of the barometer, zero of the positions' height; the cloned pose; the dimension.
+Each number is the width of the part before it."""
+SIZE_WITHOUT_CLONE = CLONE_POS
+"""Dimension of the error state without the cloned pose."""
 (
     X_ROT, X_RATE, X_GYRO_BIAS, X_ACCEL_BIAS, X_ATTITUDE_ERROR, X_RANGE_SCALE, X_RANGE_BIAS, X_VEL_SCALE,
     X_VEL_ERROR, X_BARO_ZERO, X_GPS_ZERO, X_CLONE_POS, X_CLONE_ROT, STATE,
-) = (9, 13, 16, 19, 22, 25, 26, 27, 29, 31, 32, 33, 36, 40)  # fmt: skip
-"""Indices in the nominal state, where attitudes are quaternions (w, x, y, z), and its length; position,
-velocity and acceleration have the same indices as in the error state."""
+) = accumulate((9, 4, 3, 3, 3, 3, 1, 1, 2, 2, 1, 1, 3, 4))  # fmt: skip
+"""Indices in the nominal state, likewise, where attitudes are quaternions (w, x, y, z), and its length;
+position, velocity and acceleration have the same indices as in the error state."""
 
 (
     ACCEL_STD, ACCEL_TAU, RATE_STD, RATE_TAU, GYRO_WALK, BIAS_WALK, TILT_STD, TILT_TAU, YAW_WALK,
