@@ -39,7 +39,7 @@ from backend.measurements import RelativePose
 from backend.pose_graph.solution import RangeErrors
 from frontend.camera import Camera
 from slam.core.errors import InputError
-from slam.core.estimate import MAP_TRAJECTORIES, Estimate, LoopVerdict
+from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
 from slam.core.geodesy import GeoOrigin
 from slam.core.units import unit
 from slam.io.atomic import write_whole
@@ -184,6 +184,9 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "graph_error": float(estimate.graph_error),
         "iterations": int(estimate.iterations),
         "ways": list(estimate.trajectory_names),
+        "accuracy_basis": estimate.accuracy_basis,
+        "information_shares": {name: dict(shares) for name, shares in estimate.information_shares.items()},
+        "ground": None if estimate.ground is None else asdict(estimate.ground),
     }
 
 
@@ -314,6 +317,9 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         graph_error=float(record["graph_error"]),
         iterations=int(record["iterations"]),
         trajectory_names=_trajectory_names(record),
+        accuracy_basis=str(record.get("accuracy_basis", "")),
+        information_shares=_shares(record),
+        ground=_ground(record),
     )
 
 
@@ -325,6 +331,21 @@ def _scale_std(record: dict[str, Any]) -> float | None:
 def _range_errors(record: dict[str, Any]) -> RangeErrors | None:
     value = record.get("range_errors")
     return None if value is None else RangeErrors(**{key: float(value) for key, value in value.items()})
+
+
+def _shares(record: dict[str, Any]) -> dict[str, dict[str, float]]:
+    return {
+        str(direction): {str(name): float(share) for name, share in shares.items()}
+        for direction, shares in record.get("information_shares", {}).items()
+    }
+
+
+def _ground(record: dict[str, Any]) -> GroundFacts | None:
+    value = record.get("ground")
+    if value is None:
+        return None
+    pairs = {name: tuple(map(float, value[name])) for name in ("misregistration_px", "over_floor_px")}
+    return GroundFacts(**{**value, **pairs})
 
 
 def _trajectory_names(record: dict[str, Any]) -> tuple[str, str, str]:

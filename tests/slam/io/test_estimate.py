@@ -17,7 +17,7 @@ from numpy.lib import format as npy
 from backend.measurements import RelativePose
 from frontend.camera import Camera
 from slam.core.errors import InputError
-from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.estimate import Estimate, GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.io.estimate import loops_text, read_estimate, trajectory_text, write_estimate
 from tests.slam.evaluation.scene import estimate_of, smooth_poses
@@ -50,6 +50,11 @@ def full_estimate(seed=0, count=20) -> Estimate:
         timing_s={"solve": 0.1},
         warnings=("one", "two"),
         iterations=9,
+        accuracy_basis="one height sensor alone",
+        information_shares={"scale": {"sonar0": 0.75, "imu0": 0.25}},
+        ground=GroundFacts(
+            misregistration_px=(0.2, 0.5), over_floor_px=(0.3, 4.0), relief_share=0.1, highest_m=2.5
+        ),
         frame_names=tuple(f"bild ü {k}.jpg" for k in range(count)),
     )
 
