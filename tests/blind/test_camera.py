@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -17,18 +18,23 @@ from tests.blind.vehicle import HEALTHY
 
 OUTING = Outing(3, 0, ("square",), 6.0)
 SHOWN = [f for f in (*SEEN, *SEEN_STRANGE) if f.name not in ("flow_derotation", "dropped_frames")]
-GROUND = floor(np.random.default_rng(2))
+
+
+@cache
+def ground() -> NDArray[np.float32]:
+    return floor(np.random.default_rng(2))
 
 
 def shown(path, seed: int = 4) -> list[NDArray[np.uint8]]:
-    shots = pictures(path, 0, GROUND, np.random.default_rng(seed))
+    shots = pictures(path, 0, ground(), np.random.default_rng(seed))
     return [cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR) for _, jpeg in shots]
 
 
 def test_the_floor_has_no_edge() -> None:
     """Where it begins anew it changes no more than anywhere else."""
-    across = np.abs(GROUND[:, 0] - GROUND[:, -1]).mean()
-    assert across == pytest.approx(np.abs(np.diff(GROUND, axis=1)).mean(), rel=0.25)
+    levels = ground()
+    across = np.abs(levels[:, 0] - levels[:, -1]).mean()
+    assert across == pytest.approx(np.abs(np.diff(levels, axis=1)).mean(), rel=0.25)
 
 
 def test_a_point_of_the_floor_is_seen_where_a_pinhole_sees_it() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -22,9 +23,13 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 HEIGHT_M, GRAIN = 1.0, 3
-FLOOR = cv2.GaussianBlur(texture(np.random.default_rng(0), 640 * GRAIN, 520 * GRAIN), (0, 0), 2.0)
 HERE = body(0.0, 0.0, HEIGHT_M)
 """The keyframe's pose. Its picture is the middle of the floor, which has ``GRAIN`` pixels a pixel of it."""
+
+
+@cache
+def floor() -> Image:
+    return cv2.GaussianBlur(texture(np.random.default_rng(0), 640 * GRAIN, 520 * GRAIN), (0, 0), 2.0)
 
 
 def picture(w_T_b: Array, seed: int, camera: Camera = CAMERA, noise: float = 2.0) -> Image:
@@ -33,7 +38,7 @@ def picture(w_T_b: Array, seed: int, camera: Camera = CAMERA, noise: float = 2.0
     ideal = camera.undistort(np.column_stack([u.ravel(), v.ravel()]))
     there = transfer(true_homography(camera, HERE, w_T_b), ideal) + [160.0, 140.0]
     x, y = (there * GRAIN).astype(np.float32).T.reshape(2, *camera.size_px[::-1])
-    seen = cv2.remap(FLOOR, x, y, cv2.INTER_CUBIC) + np.random.default_rng(seed).normal(0, noise, x.shape)
+    seen = cv2.remap(floor(), x, y, cv2.INTER_CUBIC) + np.random.default_rng(seed).normal(0, noise, x.shape)
     return np.clip(np.rint(seen), 0, 255).astype(np.uint8)
 
 

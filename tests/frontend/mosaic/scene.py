@@ -41,7 +41,8 @@ class Floor:
 def smooth_floor(seed: int, size: int = 1000, texel_m: float = 0.01, blur: float = 3.0) -> Floor:
     """Grey levels 60 to 190 with detail of some texels."""
     rng = np.random.default_rng(seed)
-    octaves = [cv2.GaussianBlur(rng.normal(size=(size, size, 3)), (0, 0), s) * s for s in (blur, 10, 40)]
+    noise = (rng.normal(size=(size, size, 3)).astype(np.float32) for _ in range(3))
+    octaves = [cv2.GaussianBlur(n, (0, 0), s) * s for n, s in zip(noise, (blur, 10, 40), strict=True)]
     texture = sum(o / o.std() for o in octaves)
     texture = 125 + 65 * np.tanh(texture / 2)
     return Floor(texture.astype(np.uint8), texel_m)

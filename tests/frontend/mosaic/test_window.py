@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,25 +17,39 @@ from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, pose, smo
 
 Drawn = dict[tuple[int, int], RenderedTile]
 POSES = survey(3, rows=3, cols=6)
-VIEWS = [photograph(smooth_floor(1), CAMERA, T, 1) for T in POSES]
+
+
+@cache
+def views() -> list[np.ndarray]:
+    return [photograph(smooth_floor(1), CAMERA, T, 1) for T in POSES]
 
 
 def planned(poses: np.ndarray = POSES, gsd_m: float = 0.01, tile_px: int = 64) -> MosaicPlan:
     return dataclasses.replace(plan_mosaic(CAMERA, poses, FLOOR_Z_M, gsd_m), tile_px=tile_px)
 
 
-def drawn(plan: MosaicPlan, views=VIEWS, exposure: Exposure | None = None, old: Drawn | None = None) -> Drawn:
+def drawn(
+    plan: MosaicPlan,
+    shown: list[np.ndarray] | None = None,
+    exposure: Exposure | None = None,
+    old: Drawn | None = None,
+) -> Drawn:
     """Return all tiles by their position in the grid; those of ``old`` with the same fingerprint are kept."""
     known = {done.fingerprint: done.rgba for done in (old or {}).values()}
     done = render_tiles(
-        plan, Pictures(plan, views.__getitem__), exposure or Exposure.neutral(len(plan.views)),
+        plan, Pictures(plan, (shown or views()).__getitem__), exposure or Exposure.neutral(len(plan.views)),
         earlier=lambda tile, mark: known.get(mark),
     )  # fmt: skip
     return {(plan.first_row + d.tile.row, plan.first_col + d.tile.col): d for d in done}
 
 
+@cache
+def drawn_first() -> Drawn:
+    return drawn(planned())
+
+
 def test_unchanged_mosaic_renders_no_tile() -> None:
-    first = drawn(planned())
+    first = drawn_first()
     assert len(first) > 20
     assert not any(done.reused for done in first.values())
     again = drawn(planned(), old=first)
@@ -47,7 +62,7 @@ def test_unchanged_mosaic_renders_no_tile() -> None:
 def test_a_moved_picture_renders_only_the_tiles_that_it_affects(moved: int) -> None:
     poses = POSES.copy()
     poses[moved, 0, 3] += 0.02
-    first, plan = drawn(planned()), planned(poses)
+    first, plan = drawn_first(), planned(poses)
     again, whole = drawn(plan, old=first), drawn(plan)
     for place, done in again.items():
         np.testing.assert_array_equal(done.rgba, whole[place].rgba)
@@ -69,9 +84,9 @@ def test_a_moved_picture_renders_only_the_tiles_that_it_affects(moved: int) -> N
 
 def test_an_added_picture_keeps_the_tiles_that_it_does_not_affect() -> None:
     poses = np.concatenate([POSES, [pose(5.5, 0.0, 2.0)]])
-    views = [*VIEWS, photograph(smooth_floor(1), CAMERA, poses[-1], 1)]
-    first, plan = drawn(planned()), planned(poses)
-    again, whole = drawn(plan, views, old=first), drawn(plan, views)
+    longer = [*views(), photograph(smooth_floor(1), CAMERA, poses[-1], 1)]
+    first, plan = drawn_first(), planned(poses)
+    again, whole = drawn(plan, longer, old=first), drawn(plan, longer)
     assert sum(done.reused for done in again.values()) > 0.5 * len(first)
     for place, done in again.items():
         np.testing.assert_array_equal(done.rgba, whole[place].rgba)
@@ -79,8 +94,7 @@ def test_an_added_picture_keeps_the_tiles_that_it_does_not_affect() -> None:
 
 @pytest.mark.slow
 def test_a_change_of_shared_inputs_renders_all_tiles() -> None:
-    plan = planned()
-    first = drawn(plan)
+    plan, first = planned(), drawn_first()
     neutral = Exposure.neutral(len(plan.views))
     darker = dataclasses.replace(neutral, vignette=np.full((2, 3), 0.1))
     lens = dataclasses.replace(CAMERA, distortion=(1e-3, 0.0, 0.0, 0.0))
@@ -88,7 +102,7 @@ def test_a_change_of_shared_inputs_renders_all_tiles() -> None:
         drawn(planned(gsd_m=0.0101), old=first),
         drawn(dataclasses.replace(plan, camera=lens), old=first),
         drawn(plan, exposure=darker, old=first),
-        drawn(plan, [255 - view for view in VIEWS], old=first),
+        drawn(plan, [255 - view for view in views()], old=first),
         drawn(planned(tile_px=96), old=first),
     ):
         shown = [done for done in again.values() if done.rgba.any()]
@@ -96,14 +110,13 @@ def test_a_change_of_shared_inputs_renders_all_tiles() -> None:
 
 
 def test_gain_and_content_of_one_picture_affect_only_its_tiles() -> None:
-    plan = planned()
-    first = drawn(plan)
+    plan, first = planned(), drawn_first()
     gain = np.ones((len(plan.views), 3))
     gain[0, 1] = 1.01
     brighter = dataclasses.replace(Exposure.neutral(len(plan.views)), gain=gain)
     k = plan.views[0].k
-    views = [np.where(n == k, 255 - view, view) for n, view in enumerate(VIEWS)]
-    for again in (drawn(plan, exposure=brighter, old=first), drawn(plan, views, old=first)):
+    negative = [np.where(n == k, 255 - view, view) for n, view in enumerate(views())]
+    for again in (drawn(plan, exposure=brighter, old=first), drawn(plan, negative, old=first)):
         changed = {place for place, done in again.items() if (done.rgba != first[place].rgba).any()}
         rendered = {place for place, done in again.items() if not done.reused}
         assert changed <= rendered
