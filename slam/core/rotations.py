@@ -16,8 +16,17 @@ Array = NDArray[np.float64]
 def rotation_of(roll_pitch_yaw_rad: Array) -> Array:
     """Return rotations (..., 3, 3) from body to world for angles (..., 3) in radians."""
     angles = np.asarray(roll_pitch_yaw_rad, dtype=float)
-    rotation = Rotation.from_euler("ZYX", angles.reshape(-1, 3)[:, ::-1])
-    return np.asarray(rotation.as_matrix(), dtype=float).reshape(*angles.shape, 3)
+    # Written out: SciPy composes three quaternions, which takes twenty times as long for a whole stream.
+    (sr, sp, sy), (cr, cp, cy) = np.moveaxis(np.sin(angles), -1, 0), np.moveaxis(np.cos(angles), -1, 0)
+    rotations = np.empty((*angles.shape, 3))
+    rotations[..., 0, 0], rotations[..., 0, 1], rotations[..., 0, 2] = (
+        cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
+    )  # fmt: skip
+    rotations[..., 1, 0], rotations[..., 1, 1], rotations[..., 1, 2] = (
+        sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
+    )  # fmt: skip
+    rotations[..., 2, 0], rotations[..., 2, 1], rotations[..., 2, 2] = -sp, cp * sr, cp * cr
+    return rotations
 
 
 def roll_pitch_yaw_of(w_R_b: Array) -> Array:

@@ -73,8 +73,10 @@ class FisherInformation:
 
 
 class _Changed(NamedTuple):
-    """Derivatives of the innovations by each noise change: (events, 6, changes)."""
+    """Derivatives of the innovations by each noise change: (used + 1, changes), 0 in the last row."""
 
+    row: Ints
+    """(events, 6) row of each reading; -1, the last, where the plain run did not use it."""
     mean: Array
     log_variance: Array
 
@@ -116,7 +118,7 @@ def fisher_information(
 
     def one(k: int) -> tuple[list[_Summed], FilterPass]:
         beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
-        changed = _difference(plain[k], beside, steps) if beside else _unchanged(records[k])
+        changed = _difference(plain[k] if beside else None, beside, steps, len(records[k].times_s))
         run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None)
         rows = list(_segment_terms(records[k], run, changed, apart, weight))
         return rows + _sighted(records[k], parameters, perturbations, len(changes) + len(apart)), run.passed()
@@ -164,40 +166,42 @@ def _segment_terms(
     record: Record, run: Run, changed: _Changed, apart: Ints, weight: _VarianceWeight
 ) -> Iterator[_Summed]:
     """Yield information, score and log likelihood of each segment of a flight."""
-    moved, widened = changed.mean, changed.log_variance
     for rows in run.segments(SEGMENT_S):
         column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
-        shifted = moved[rows.events, column]
+        own = changed.row[rows.events, column]
+        shifted, widened = changed.mean[own], changed.log_variance[own]
         d, end = rows.sensitivity.shape[1], rows.sensitivity.shape[1] + widened.shape[-1]
-        traces = np.column_stack([rows.sensitivity, shifted, shifted[:, apart]])
-        spread = widened[rows.events, column] * weight.share[rows.channels, None]
+        traces = np.hstack([rows.sensitivity, shifted, shifted[:, apart]])
+        spread = widened * weight.share[rows.channels, None]
         score = rows.white @ traces
         information = traces.T @ traces
         excess = np.minimum(rows.white**2, CUT) - weight.expected[rows.channels]
-        score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened[rows.events, column]
-        information[d:end, d:end] += 0.5 * spread.T @ widened[rows.events, column]
+        score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened
+        information[d:end, d:end] += 0.5 * spread.T @ widened
         yield information, score, run.passed(rows.begin, rows.end).log_likelihood
 
 
-def _unchanged(record: Record) -> _Changed:
-    """Return the derivatives of no changes."""
-    none = np.zeros((len(record.times_s), 6, 0))
-    return _Changed(none, none)
-
-
-def _difference(plain: FilterPass, others: Sequence[FilterPass], steps: Array) -> _Changed:
+def _difference(
+    plain: FilterPass | None, others: Sequence[FilterPass], steps: Array, events: int
+) -> _Changed:
     """Return the differences of other runs from the plain one; 0 where a reading was not used in both."""
-    shape = (*plain.white.shape, len(others))
-    moved, widened = np.zeros(shape), np.zeros(shape)
+    row = np.full((events, 6), -1, dtype=np.int64)
+    if plain is None:
+        return _Changed(row, np.zeros((1, 0)), np.zeros((1, 0)))
+    used = np.flatnonzero(plain.status.ravel() == USED)
+    row.ravel()[used] = np.arange(len(used))
+    white, log_variance = plain.white.ravel()[used], plain.log_variance.ravel()[used]
+    near = PARTED * (1.0 + np.abs(white))
+    moved, widened = (np.zeros((len(used) + 1, len(others))) for _ in range(2))
     for k, other in enumerate(others):
-        used = (plain.status == USED) & (other.status == USED)
+        beside = other.white.ravel()[used]
         # Where one run uses an outlier that the other rejects, they differ for good, and the slope is
         # meaningless.
-        used &= np.abs(plain.white - other.white) < PARTED * (1.0 + np.abs(plain.white))
-        wider = other.log_variance[used] - plain.log_variance[used]
-        moved[used, k] = (plain.white[used] - other.white[used] * np.exp(0.5 * wider)) / steps[k]
-        widened[used, k] = wider / steps[k]
-    return _Changed(moved, widened)
+        both = (other.status.ravel()[used] == USED) & (np.abs(white - beside) < near)
+        wider = np.where(both, other.log_variance.ravel()[used] - log_variance, 0.0)
+        moved[:-1, k] = np.where(both, white - beside * np.exp(0.5 * wider), 0.0) / steps[k]
+        widened[:-1, k] = wider / steps[k]
+    return _Changed(row, moved, widened)
 
 
 def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> _VarianceWeight:

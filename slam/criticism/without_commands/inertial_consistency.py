@@ -52,6 +52,13 @@ class _Imu:
     accel: Array
     angles: Array
     """(n, 3) roll, pitch, yaw."""
+    w_R_b: Array
+    """(n, 3, 3) the same as rotations."""
+
+    @property
+    def w_accel(self) -> Array:
+        """(n, 3) specific force in the world."""
+        return np.asarray(np.einsum("nij,nj->ni", self.w_R_b, self.accel))
 
     def integral(self, rate: Array) -> Array:
         """Return the integral (n, k) of a rate (n, k)."""
@@ -136,8 +143,7 @@ def _traces(flight: Flight, imu: _Imu, kind: str, off: Array) -> dict[str, Array
 
 def _off(undone: Flight, imu: _Imu, term: Term, kind: str) -> Array:
     """Return the differences (n, components) of a flight without a term; ``imu`` is that with the term."""
-    changed = _imu_of(undone) if term.stream == "imu" else imu
-    assert changed is not None
+    changed = replace(imu, **_in_body_axes(undone)) if term.stream == "imu" else imu
     seen = _COMPARISONS[kind](undone, changed)
     assert seen is not None
     return seen.off
@@ -167,11 +173,17 @@ def _imu_of(flight: Flight) -> _Imu | None:
     if known.sum() < FEWEST or len(flight.imu.stamps_s) < FEWEST:
         return None
     turned, stamps = np.unwrap(angles[known], axis=0), flight.attitude.stamps_s[known]
-    b_R_s = flight.imu.b_T_s[:3, :3]
     imu_s = flight.imu.stamps_s
     at_imu = np.column_stack([np.interp(imu_s, stamps, column) for column in turned.T])
-    gyro, accel = flight.imu.gyro_rad_s @ b_R_s.T, flight.imu.accel_m_s2 @ b_R_s.T
-    return _Imu(imu_s, gyro, accel, at_imu)
+    return _Imu(imu_s, **_in_body_axes(flight), angles=at_imu, w_R_b=rotation_of(at_imu))
+
+
+def _in_body_axes(flight: Flight) -> dict[str, Array]:
+    """Return the readings (n, 3) of the imu. A term of the imu changes them, and neither stamps nor
+    attitude."""
+    assert flight.imu is not None
+    b_R_s = flight.imu.b_T_s[:3, :3]
+    return {"gyro": flight.imu.gyro_rad_s @ b_R_s.T, "accel": flight.imu.accel_m_s2 @ b_R_s.T}
 
 
 def _attitude(flight: Flight, imu: _Imu) -> IntegralComparison | None:
@@ -209,8 +221,7 @@ def _velocity(flight: Flight, imu: _Imu) -> IntegralComparison | None:
     pull = _acceleration(imu)
 
     def others() -> dict[str, Array]:
-        weighed = np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel)
-        return {"velocity late.s": -imu.at(stamps, weighed)[:, :2]}
+        return {"velocity late.s": -imu.at(stamps, imu.w_accel)[:, :2]}
 
     return IntegralComparison(stamps, speed, imu.at(stamps, imu.integral(pull))[:, :2], 1, yaw, others)
 
@@ -236,7 +247,7 @@ READ_AS = {"attitude": "attitude", "velocity": "velocity", "height": "sonar"}
 
 def _acceleration(imu: _Imu) -> Array:
     """Return (n, 3) acceleration in the world."""
-    return np.asarray(np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel) - [0.0, 0.0, GRAVITY_M_S2])
+    return np.asarray(imu.w_accel - [0.0, 0.0, GRAVITY_M_S2])
 
 
 def near_floor(flight: Flight) -> Array:

@@ -88,7 +88,7 @@ def _break(score: Array, information: Array, tolerance: float) -> tuple[int, flo
     count, whole = len(score), float(information.sum())
     if count < FEWEST_SEGMENTS or whole <= 0.0:
         return 0, 0.0, 0.0
-    best = (0, 0.0, 0.0)
+    at, change, greatest = 0, 0.0, 0.0
     for k in range(1, count):
         sides = (slice(0, k), slice(k, count))
         known = [float(information[side].sum()) for side in sides]
@@ -99,9 +99,8 @@ def _break(score: Array, information: Array, tolerance: float) -> tuple[int, flo
         for side, size, n in zip(sides, sizes, known, strict=True):
             off = score[side] - size * information[side]
             variance += max(float(np.sum(off**2)) * count / (count - 2), n) / n**2
-        change = sizes[1] - sizes[0]
-        t = abs(change) / np.sqrt(variance + tolerance**2)
-        z = float(-norm.ppf(max(float(student.sf(t, count - 2)), 1e-300)))
-        if z > best[2]:
-            best = (k, change, z)
-    return best
+        t = abs(sizes[1] - sizes[0]) / np.sqrt(variance + tolerance**2)
+        if t > greatest:
+            at, change, greatest = k, sizes[1] - sizes[0], t
+    z = float(-norm.ppf(max(float(student.sf(greatest, count - 2)), 1e-300)))
+    return at, change, z

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,7 @@ class Regression:
     """(n,) the same in minutes, 0 in the flight's middle."""
     by: str
     """Kind of held-out part: ``flight`` or ``segment``."""
+    _residuals: dict[tuple[str, ...], Array] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def wide(self) -> float:
@@ -85,6 +86,12 @@ class Regression:
         information[np.diag_indices(len(information))] *= 1.0 + RIDGE
         information[np.diag_indices(len(information))] += 1e-12
         return np.asarray(np.linalg.solve(information, table.T @ self.off[own])), information
+
+    def _residual(self, effects: tuple[str, ...]) -> Array:
+        """Return what some effects leave (n,) of the differences. A posterior compares each set with many."""
+        if effects not in self._residuals:
+            self._residuals[effects] = self.off - self.table(effects) @ self.fit(effects)[0]
+        return self._residuals[effects]
 
     def sizes(self, effects: Sequence[str], rows: NDArray[np.bool_] | None = None) -> Sizes:
         """Return the sizes by column."""
@@ -156,7 +163,7 @@ class Regression:
         errors are correlated, and the lead counts proportionally less. Otherwise minutes of one lasting error
         would decide between two effects with the same sensitivity.
         """
-        left = [self.off - self.table(e) @ self.fit(e)[0] for e in (effects, others)]
+        left = [self._residual(tuple(e)) for e in (effects, others)]
         nats = np.bincount(self.cluster, 0.5 * (left[1] ** 2 - left[0] ** 2))
         lead, variance = float(nats.sum()), len(nats) * float(nats.var())
         return lead * min(1.0, 2.0 * abs(lead) / max(variance, 1e-12))
