@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
 from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.simulation.terms import CATALOGUE
+
+Array = NDArray[np.float64]
 
 FEWEST_STRETCHES = 5
 BEYOND_CHANCE = 4.0
@@ -33,8 +36,9 @@ def disagreements(data: Regression, chosen: Sequence[str]) -> list[str]:
     ]
 
 
-def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list[str]:
-    """Describe the variation of one term between segments, with all others at their common sizes."""
+def varying_sizes(data: Regression, chosen: Sequence[str], effect: str) -> dict[str, Array]:
+    """Return column -> (segments,) sizes, of the parameters of a chosen term that vary between segments by
+    half of themselves, with all other terms at their common sizes."""
     size, _ = data.fit(chosen)
     own = data.columns_of(chosen, effect)
     rest = np.delete(np.arange(len(size)), own)
@@ -42,7 +46,7 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
     fits = [alone.fit([effect], data.cluster == k) for k in np.unique(data.cluster)]
     sizes = np.array([fit for fit, _ in fits])
     errors = np.sqrt([np.diag(np.linalg.inv(information)) for _, information in fits])
-    descriptions = []
+    varying = {}
     for k, name in enumerate(data.of(effect)):
         if is_square(name):
             continue  # a variance naturally differs from segment to segment
@@ -54,9 +58,17 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
         variance = float(np.var(found, ddof=1))
         scatter = float(np.sqrt(max(variance - chance, 0.0)))
         if variance > BEYOND_CHANCE * chance and scatter > LARGE * common:
-            unit = CATALOGUE[effect].parameter(name.rpartition(".")[2]).unit
-            off_deg = float(np.degrees(np.arctan(np.ptp(found) / GRAVITY_M_S2)))
-            like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
-            least, most = (in_catalogue(name, float(x)) for x in (found.min(), found.max()))
-            descriptions.append(f"{name} is {least:.2g} to {most:.2g} {unit} by segments of 10 s{like}")
+            varying[name] = found
+    return varying
+
+
+def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list[str]:
+    """Describe the variation of one term between segments."""
+    descriptions = []
+    for name, found in varying_sizes(data, chosen, effect).items():
+        unit = CATALOGUE[effect].parameter(name.rpartition(".")[2]).unit
+        off_deg = float(np.degrees(np.arctan(np.ptp(found) / GRAVITY_M_S2)))
+        like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
+        least, most = (in_catalogue(name, float(x)) for x in (found.min(), found.max()))
+        descriptions.append(f"{name} is {least:.2g} to {most:.2g} {unit} by segments of 10 s{like}")
     return descriptions

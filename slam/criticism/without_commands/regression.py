@@ -117,8 +117,13 @@ class Regression:
         begin = sum(len(self.of(e)) for e in effects[: list(effects).index(effect)])
         return np.arange(begin, begin + len(self.of(effect)))
 
-    def covariance(self, effects: Sequence[str]) -> tuple[Array, Array]:
-        """Return sizes and their cluster-robust covariance over segments, no less than that of white rows."""
+    def covariance(self, effects: Sequence[str], together: int | None = None) -> tuple[Array, Array]:
+        """Return sizes and their cluster-robust covariance over segments, no less than that of white rows.
+
+        With ``together`` parameters judged at once, by default all, a square distance by it is about
+        chi-square, as Hotelling's. With 1 it is that of an interval: Student's over the segments (``wide``),
+        however many others are fitted. Source: Bester, Conley and Hansen 2011.
+        """
         size, information = self.fit(effects)
         table = self.table(effects)
         left = self.off - table @ size
@@ -126,7 +131,7 @@ class Regression:
         np.add.at(scores, self.cluster, table * left[:, None])
         plain = np.linalg.inv(information)
         count = len(scores)
-        between = plain @ (scores.T @ scores) @ plain * count / max(count - len(size), 1)
+        between = plain @ (scores.T @ scores) @ plain * count / max(count - (together or len(size)), 1)
         wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))
         return size, np.asarray(plain * wider[:, None] * wider)
 

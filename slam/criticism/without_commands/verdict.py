@@ -23,6 +23,7 @@ from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.decision import CONFIRMED_NATS, is_unknown
 from slam.criticism.verdict.sentence import Finding, details, headline
 from slam.criticism.verdict.tables import ranked
+from slam.criticism.without_commands.consistency import varying_sizes
 from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.pictures import picture_errors
@@ -211,13 +212,17 @@ def _cause(
     probability: float,
     errors: tuple[ChannelError, ...],
 ) -> Cause:
-    size, covariance = data.covariance(chosen)
+    size, covariance = data.covariance(chosen, together=1)
     rest = [e for e in chosen if e != effect]
-    parameters = {}
+    parameters, varying = {}, varying_sizes(data, chosen, effect)
     for k, column in zip(data.columns_of(chosen, effect), data.of(effect), strict=True):
         parameter = CATALOGUE[effect].parameter(column.rpartition(".")[2])
         # The tolerance for integrals and the equation's own misfit are added to chance.
         std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
+        if column in varying:
+            # It is no mean of independent segments: another error comes and goes, and the interval holds
+            # the sizes of most segments.
+            std *= float(np.sqrt(len(varying[column])))
         half = float(np.hypot(data.wide * std, MISFIT * size[k]))
         value, low, high = (in_catalogue(column, float(size[k]) + x) for x in (0.0, -half, half))
         parameters[parameter.name] = Interval(value, parameter.unit, low, high)

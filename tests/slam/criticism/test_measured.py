@@ -64,7 +64,7 @@ def test_the_ar_drone_s_accelerometer_reads_too_little_upwards():
     # Against the motion capture, which criticism has not seen, its mean is 0.67 to 0.7 m/s^2 too low.
     up = found.causes[0].parameters["z"]
     assert up.low < -0.7 < -0.67 < up.high
-    assert up.high - up.low < 0.25  # other effects that the flight hardly shows are among its causes
+    assert up.high - up.low < 0.2
     # The attitude comes to lean by 9 deg against the motion capture's: to the side there is no such error.
     assert "accel_bias.y is -1.6 to -0.05" in found.remainder
     assert "like an attitude error of 9 deg" in found.remainder
