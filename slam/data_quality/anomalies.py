@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from slam.core.flight import Flight
 from slam.data_quality.channels import streams_of
-from slam.data_quality.frozen import frozen
+from slam.data_quality.frozen import Frozen, frozen
 from slam.data_quality.lines import strongest_line
 from slam.data_quality.rounding import rounding
 
@@ -20,6 +23,8 @@ class StreamAnomaly:
     """``frozen``, ``rounded`` or ``oscillating``."""
     words: str
     """Channel, shape, time and size, as a part of a sentence."""
+    repeated: NDArray[np.bool_] | None = None
+    """(n,) readings of a frozen stream that repeat the one before."""
 
 
 def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
@@ -28,5 +33,6 @@ def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
     for stream in streams_of(flight):
         for kind, look in (("frozen", frozen), ("rounded", rounding), ("oscillating", strongest_line)):
             if (seen := look(stream)) is not None:
-                found.append(StreamAnomaly(stream.name, kind, str(seen)))
+                repeated = seen.repeated if isinstance(seen, Frozen) else None
+                found.append(StreamAnomaly(stream.name, kind, str(seen), repeated))
     return found

@@ -7,13 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.robust import robust_std
 from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 
-
-MAD = 0.6745
-"""Median of the absolute value of a standard normal variable."""
 FEWEST = 100
 
 
@@ -43,7 +41,7 @@ def noise_ratio(stream: InstrumentReadings) -> float:
     if len(readings) < FEWEST:
         return 0.0
     second = np.diff(readings, n=2, axis=0)
-    std = np.median(np.abs(second), axis=0) / (MAD * np.sqrt(6.0))
+    std = np.array([robust_std(column) for column in second.T]) / np.sqrt(6.0)
     stated = stream.noise_std > 0.0
     return float(np.max(std[stated] / stream.noise_std[stated], initial=0.0))
 

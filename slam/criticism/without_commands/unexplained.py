@@ -23,7 +23,6 @@ from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality import stream_anomalies
 from slam.data_quality.channels import noise_ratio, streams_of
-from slam.data_quality.frozen import frozen
 from slam.simulation.terms import CATALOGUE
 
 NOISY = 3.0
@@ -36,15 +35,15 @@ def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
     anomalies of streams."""
     clean, told = [], []
     for flight in flights:
-        told += [f"{_of(flight, flights)}{anomaly.words}" for anomaly in stream_anomalies(flight)]
-        for stream in streams_of(flight):
-            if (seen := frozen(stream)) is None:
+        for anomaly in stream_anomalies(flight):
+            told.append(f"{_of(flight, flights)}{anomaly.words}")
+            if anomaly.repeated is None:
                 continue
-            if stream.name == "sonar" and flight.sonar is not None:
-                range_m = np.where(seen.repeated, np.nan, flight.sonar.range_m)
+            if anomaly.stream == "sonar" and flight.sonar is not None:
+                range_m = np.where(anomaly.repeated, np.nan, flight.sonar.range_m)
                 flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))
-            elif stream.name == "velocity" and flight.velocity is not None:
-                v_m_s = np.where(seen.repeated[:, None], np.nan, flight.velocity.v_m_s)
+            elif anomaly.stream == "velocity" and flight.velocity is not None:
+                v_m_s = np.where(anomaly.repeated[:, None], np.nan, flight.velocity.v_m_s)
                 flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
         clean.append(flight)
     return clean, told
