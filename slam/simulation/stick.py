@@ -7,7 +7,6 @@ So the flight is a smooth function of the latency.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +42,9 @@ class Stick:
     def at(self, times_s: Array, latency_s: float = 0.0) -> Array:
         """Return the delayed command (m, ``dynamics.COMMAND``) at given times; at a change the new value."""
         times = np.asarray(times_s, dtype=float)
+        values = np.vstack([np.zeros(4), self.values])
         k = np.searchsorted(self.stamps_s, times - latency_s, side="right")
-        return np.column_stack([self._held[k], self._discharge(times)])
+        return np.column_stack([values[k], _centred(values)[k], self._discharge(times)])
 
     def pushes_s(self, begin_s: float, end_s: float) -> tuple[tuple[float, float], ...]:
         """Return begin and end of each time between two moments in which forward or left is not 0."""
@@ -54,23 +54,14 @@ class Stick:
         pairs = edges[changes].reshape(-1, 2)
         return tuple((float(begin), float(end)) for begin, end in pairs if end > begin)
 
-    @cached_property
-    def _held(self) -> Array:
-        """(n + 1, 5) the stick and ``centred`` before the first stamp and from each stamp on."""
-        values = np.vstack([np.zeros(4), self.values])
-        return np.column_stack([values, _centred(values)])
-
-    @cached_property
-    def _sums(self) -> Array:
-        """(n, 5) integrals of ``_held`` from the first stamp to each."""
-        grown = self._held[1:-1] * np.diff(self.stamps_s)[:, None]
-        return np.vstack([np.zeros(5), np.cumsum(grown, axis=0)])
-
     def _integral(self, times_s: Array) -> Array:
-        """Return integrals (m, 5) of the stick and of ``centred`` from the first stamp."""
-        k = np.searchsorted(self.stamps_s, times_s, side="right")
-        before = np.maximum(k - 1, 0)
-        return np.asarray(self._sums[before] + self._held[k] * (times_s - self.stamps_s[before])[:, None])
+        """Return integrals (m, 5) of the stick and of ``centred``, from far before the first stamp."""
+        first, last = self.stamps_s[0] - 1e4, self.stamps_s[-1] + 1e5
+        nodes = np.concatenate([[first], self.stamps_s, [last]])
+        values = np.vstack([np.zeros(4), self.values])
+        height = np.column_stack([values, _centred(values)])
+        total = np.vstack([np.zeros(5), np.cumsum(height * np.diff(nodes)[:, None], axis=0)])
+        return np.column_stack([np.interp(times_s, nodes, column) for column in total.T])
 
     def _discharge(self, times_s: Array) -> Array:
         return np.clip((times_s - self.begin_s) / self.duration_s, 0.0, 1.0)
