@@ -45,12 +45,19 @@ def chi_square(problem: Problem, statistic: float) -> ChiSquare:
     ``statistic`` is the sum of the edges' squared whitened residuals. The degrees of freedom are those of
     the cycles, plus the rows of the unary factors up to the size of a spanning tree.
     """
-    d = problem.dof
-    tree = d * (problem.count - 1)
     rows = sum(unary.gaussian.dim() for unary in problem.unary_factors)
-    dof = d * len(problem.i) - tree + min(rows, tree)
+    return edges_test(problem.dof, problem.count, len(problem.i), rows, statistic)
+
+
+def edges_test(dof: int, poses: int, edges: int, unary_rows: int, statistic: float) -> ChiSquare:
+    """Test a sum of squared whitened residuals by the numbers of poses, edges and rows of unary factors.
+
+    ``dof`` is that of one pose: 3 or 6.
+    """
+    tree = dof * (poses - 1)
+    free = dof * edges - tree + min(unary_rows, tree)
     # A tree of edges always fits: its residuals are rounding errors.
-    return ChiSquare(statistic, dof, chi_square_quantile(CONFIDENCE, dof) if dof > 0 else np.inf)
+    return ChiSquare(statistic, free, chi_square_quantile(CONFIDENCE, free) if free > 0 else np.inf)
 
 
 def edge_limit(problem: Problem) -> float:

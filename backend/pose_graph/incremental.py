@@ -1,8 +1,11 @@
-"""Incremental estimation of a trajectory, keyframe by keyframe, with gtsam's ISAM2 and a log of all factors.
+"""Incremental estimation of a trajectory, keyframe by keyframe, with gtsam's ISAM2.
 
 Odometry is added at once, at constant cost. A loop makes ISAM2 solve everything between its ends again. Loops
-are therefore queued and added together, so rarely that 99 of 100 keyframes stay within the time budget. After
-an exception ISAM2 is unusable; it is rebuilt from the log.
+are therefore queued and added together, so rarely that 99 of 100 keyframes stay within the time budget.
+
+After loops were added, the edges must pass the chi-square test of the batch. If they fail, the batch selects
+among all edges received so far, those that it rejected before included. ISAM2 is rebuilt where its selection
+is another one, and after an exception, which makes ISAM2 unusable.
 """
 
 from __future__ import annotations
@@ -20,6 +23,8 @@ from backend.measurements import Attitude, Measurements, Position, RelativePose,
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.minimise import minimise
 from backend.pose_graph.problem import Problem, spatial_poses
+from backend.pose_graph.received import Received
+from backend.pose_graph.solve import solve
 from backend.pose_graph.unary_factors import aligned, jacobian
 
 Array = NDArray[np.float64]
@@ -42,22 +47,32 @@ class IncrementalUpdate:
     pending: int
     """Number of queued loops."""
     rejected: tuple[str, ...] = ()
-    """Messages about loops that could not be added, with the reason."""
+    """Messages about edges that were rejected or could not be added, with the reason."""
     rebuild_reason: str = ""
     """Reason for a rebuild of ISAM2; empty if there was none."""
 
 
 class Incremental:
-    """Estimator for keyframes 0, 1, 2, ...; a gauge prior fixes what the first one does not measure."""
+    """Estimator for keyframes 0, 1, 2, ...; a gauge prior fixes what the first one does not measure.
 
-    def __init__(self, budget_s: float = BUDGET_S) -> None:
+    ``loops_robust`` allows the rejection of edges if the chi-square test fails, as in `solve`.
+    """
+
+    def __init__(self, budget_s: float = BUDGET_S, loops_robust: bool = True) -> None:
         self.budget_s = budget_s
+        self.loops_robust = loops_robust
         self.count = 0
-        self._log = gtsam.NonlinearFactorGraph()
+        self._received = Received()
         self._start = gtsam.Values()
         self._isam = _isam("CHOLESKY")
         self._pending: list[RelativePose] = []
         self._cooldown = 0
+
+    @property
+    def rejected(self) -> tuple[RelativePose, ...]:
+        """The edges that are rejected at present; later loops may restore them."""
+        received = self._received
+        return tuple(e for e, kept in zip(received.edges, received.kept, strict=True) if not kept)
 
     def add(
         self,
@@ -86,16 +101,19 @@ class Incremental:
         )
         problem, keys = _renumbered(measured, number)
         _renumbered(Measurements(np.zeros(0), tuple(loops)), number)  # invalid loops are rejected now
-        factors = _factors(problem, keys)
+        edge_factors, unary = _edge_factors(problem, keys), _rekeyed(problem.unary_factor_graph(), keys)
+        gauge = gtsam.NonlinearFactorGraph()
         if anchor is None:
             start = _first_pose(problem, w_T_b)
-            factors.push_back(_gauge_prior(problem, start))
+            gauge = _gauge_prior(problem, start)
         else:
             start = self._predicted(anchor, number)
         values = gtsam.Values()
         values.insert(number, gtsam.Pose3(start))
         self._start.insert(number, gtsam.Pose3(start))
-        rebuild_reason, _ = self._update(factors, values)
+        self._received.add_edges(now, edge_factors)
+        self._received.add_keyframe(measured, unary, gauge)
+        rebuild_reason = self._update(_joined(edge_factors, unary, gauge), values)
         self.count += 1
         self._pending += loops
         rejected: tuple[str, ...] = ()
@@ -119,12 +137,15 @@ class Incremental:
             raise BackendError("there is no keyframe: nothing to settle")
         rebuild_reason, rejected = self._update_with_loops()
         self._start = self._isam.calculateEstimate()
-        self._rebuild(self._log)
+        if self.loops_robust:
+            again, more = self._select()
+            rebuild_reason, rejected = rebuild_reason or again, rejected + more
+        self._rebuild()
         return IncrementalUpdate(self.pose(self.count - 1), 0, rejected, rebuild_reason)
 
     def error(self) -> float:
-        """Return half the sum of squared whitened residuals of all added factors, with robust losses."""
-        return float(self._log.error(self._isam.calculateEstimate()))
+        """Return half the sum of squared whitened residuals of all kept factors, with robust losses."""
+        return float(self._received.graph().error(self._isam.calculateEstimate()))
 
     def _predicted(self, anchor: RelativePose, number: int) -> Array:
         if anchor.j == number:
@@ -132,43 +153,68 @@ class Incremental:
         return self.pose(anchor.j) @ np.linalg.inv(anchor.i_T_j)
 
     def _update_with_loops(self) -> tuple[str, tuple[str, ...]]:
+        """Add the queued loops; return the reason for a rebuild, and messages about rejected edges."""
         loops, self._pending = tuple(self._pending), []
-        begin = time.perf_counter()
+        if not loops:
+            return "", ()
+        begin, received = time.perf_counter(), self._received
         problem, keys = _renumbered(Measurements(np.zeros(0), loops), self.count)
-        rebuild_reason, rejected = self._update(_factors(problem, keys), gtsam.Values(), loops)
+        factors, before = _edge_factors(problem, keys), len(received.edges)
+        received.add_edges(loops, factors)
+        rejected: tuple[str, ...] = ()
+        try:
+            rebuild_reason = self._update(_joined(factors), gtsam.Values(), relinearize=True)
+        except BackendError as refusal:
+            received.select([*received.kept[:before], *[False] * len(loops)])
+            self._rebuild()
+            rebuild_reason = str(refusal)
+            rejected = tuple(f"the loop {e.i}-{e.j} was left out: {refusal}" for e in loops)
+        if self.loops_robust and not received.test(self._isam.calculateEstimate(), self.count).passed:
+            again, more = self._select()
+            rebuild_reason, rejected = rebuild_reason or again, rejected + more
         if time.perf_counter() - begin > self.budget_s:
             self._cooldown = _COOLDOWN_KEYFRAMES
         return rebuild_reason, rejected
 
-    def _update(
-        self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, loops: tuple[RelativePose, ...] = ()
-    ) -> tuple[str, tuple[str, ...]]:
-        """Return the reason for a rebuild of ISAM2, and messages about omitted loops."""
-        try:
-            self._isam.update(factors, values, force_relinearize=bool(loops))
-            self._log.push_back(factors)
-        except (RuntimeError, ValueError, IndexError) as error:
-            why = first_line(error)
-        else:
+    def _select(self) -> tuple[str, tuple[str, ...]]:
+        """Let the batch select among all edges; rebuild where its selection is another one."""
+        received = self._received
+        found = solve(received.measurements(self.count), covariances=False)
+        kept = found.edge_kept.tolist()
+        if kept == received.kept:
             return "", ()
-        with_factors = gtsam.NonlinearFactorGraph(self._log)
-        with_factors.push_back(factors)
-        try:
-            self._rebuild(with_factors)
-        except BackendError as refusal:
-            if not loops:
-                raise
-            self._rebuild(self._log)
-            return why, tuple(f"the loop {e.i}-{e.j} was left out: {refusal}" for e in loops)
-        self._log = with_factors
-        return why, ()
+        news = [
+            f"the {'loop' if e.kind == 'loop' else 'odometry'} {e.i}-{e.j} is rejected: {reason}"
+            for e, reason, now, was in zip(
+                received.edges, found.edge_reason, kept, received.kept, strict=True
+            )
+            if was and not now
+        ]
+        received.select(kept)
+        self._start = gtsam.Values()
+        for k, w_T in enumerate(found.w_T_b):
+            self._start.insert(k, gtsam.Pose3(w_T))
+        self._rebuild()
+        return "other edges agree", tuple(news)
 
-    def _rebuild(self, log: gtsam.NonlinearFactorGraph) -> None:
-        at = minimise(log, self._start).values
+    def _update(
+        self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, relinearize: bool = False
+    ) -> str:
+        """Add factors that were received; return the reason for a rebuild of ISAM2, or nothing."""
+        try:
+            self._isam.update(factors, values, force_relinearize=relinearize)
+        except (RuntimeError, ValueError, IndexError) as error:
+            self._rebuild()
+            return first_line(error)
+        return ""
+
+    def _rebuild(self) -> None:
+        graph = self._received.graph()
+        at = minimise(graph, self._start).values
         # Cholesky squares the condition number and may have failed on a long chain.
         fresh = _isam("QR")
         try:
-            fresh.update(log, at)
+            fresh.update(graph, at)
         except (RuntimeError, ValueError, IndexError) as error:
             raise BackendError(f"it cannot be built anew: {first_line(error)}") from error
         self._isam, self._start = fresh, at
@@ -205,13 +251,26 @@ def _renumbered(measured: Measurements, number: int) -> tuple[Problem, list[int]
     return from_measurements(local, None)[0], keys
 
 
-def _factors(problem: Problem, keys: list[int]) -> gtsam.NonlinearFactorGraph:
-    factors = problem.edge_factors()
-    factors.push_back(problem.unary_factor_graph())
+def _edge_factors(problem: Problem, keys: list[int]) -> list[gtsam.NonlinearFactor]:
+    return [factor.rekey([keys[k] for k in list(factor.keys())]) for factor in problem.single_factors()]
+
+
+def _rekeyed(factors: gtsam.NonlinearFactorGraph, keys: list[int]) -> gtsam.NonlinearFactorGraph:
     out = gtsam.NonlinearFactorGraph()
     for factor in (factors.at(k) for k in range(factors.size())):
         out.push_back(factor.rekey([keys[k] for k in list(factor.keys())]))
     return out
+
+
+def _joined(
+    edges: list[gtsam.NonlinearFactor], *more: gtsam.NonlinearFactorGraph
+) -> gtsam.NonlinearFactorGraph:
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in edges:
+        graph.push_back(factor)
+    for each in more:
+        graph.push_back(each)
+    return graph
 
 
 def _first_pose(problem: Problem, w_T_b: Array | None) -> Array:

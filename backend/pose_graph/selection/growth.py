@@ -68,7 +68,7 @@ def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) ->
     start = initial_poses(problem)
     problem = replace(problem, unary_factors=(fixed(0, start[0], problem.dimension),))
     own = GaugeFixedProblem(problem, problem.unary_factor_graph(), gauge_fixed.options)
-    grown = GrownSet(problem.trusted, start, True) if problem.trusted.all() else grow_from_odometry(own)
+    grown = _solved_odometry(own) if problem.trusted.all() else grow_from_odometry(own)
     noise = white_noise(own.rows, problem.dof, number)
     samples = sample_posterior(own.graph(grown.kept), problem.values(grown.w_T), problem.dof, noise)
     if samples is None:
@@ -76,6 +76,12 @@ def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) ->
             f"{format_keys(members.tolist(), whole.name)}: its odometry does not fix its poses"
         )
     return Chain(members, grown.w_T, samples)
+
+
+def _solved_odometry(own: GaugeFixedProblem) -> GrownSet:
+    """Return the solution of odometry alone: the initial guess may follow loops that are false."""
+    trusted = own.problem.trusted
+    return GrownSet(trusted, coarse_solver(own)(trusted, _chain_poses(own.problem)), True)
 
 
 def coarse_solver(gauge_fixed: GaugeFixedProblem) -> Solve:

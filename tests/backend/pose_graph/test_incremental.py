@@ -3,10 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend import se3
 from backend.errors import BackendError
+from backend.measurements import RelativePose
 from backend.pose_graph.incremental import Incremental, IncrementalUpdate
 from backend.pose_graph.solve import solve
-from tests.backend.synthetic import Made, flight
+from tests.backend.synthetic import LOOP_STD, Made, falsified, flight
 
 
 def _flown(made: Made, **options) -> tuple[Incremental, list[IncrementalUpdate]]:
@@ -17,6 +19,10 @@ def _flown(made: Made, **options) -> tuple[Incremental, list[IncrementalUpdate]]
         own = [tuple(s for s in kind if s.k == k) for kind in (m.attitudes, m.ranges, m.positions)]
         steps.append(live.add(edges, *own))
     return live, steps
+
+
+def _from_first(w_T: np.ndarray) -> np.ndarray:
+    return np.linalg.inv(w_T[0]) @ w_T
 
 
 @pytest.mark.parametrize("kind", ["plain", "attitude", "positions"])
@@ -30,10 +36,7 @@ def test_the_same_answer_as_the_batch(kind: str):
     live.settle()
     batch = solve(made.measurements, covariances=False, loops_robust=False)
     assert live.error() == pytest.approx(batch.error, rel=1e-3)
-    w_T = live.trajectory()
-    relative = np.linalg.inv(w_T[0]) @ w_T
-    expected = np.linalg.inv(batch.w_T_b[0]) @ batch.w_T_b
-    np.testing.assert_allclose(relative, expected, atol=3e-3)
+    np.testing.assert_allclose(_from_first(live.trajectory()), _from_first(batch.w_T_b), atol=3e-3)
     assert all(step.rebuild_reason == "" for step in steps)
 
 
@@ -57,6 +60,47 @@ def test_loops_are_queued_beyond_the_budget_and_added_at_the_end():
     assert live.error() == pytest.approx(batch.error, rel=1e-3)
     _, free = _flown(made, budget_s=np.inf)
     assert max(step.pending for step in free) == 0
+
+
+def test_false_loops_are_rejected_in_flight_as_by_the_batch():
+    """Every third loop is false; the flight is bent neither before the end nor after it."""
+    made, false = falsified(flight(6, n=40, loops=12), 4, seed=1)
+    live, steps = _flown(made, budget_s=np.inf)
+    before = live.trajectory()
+    live.settle()
+    batch = solve(made.measurements, covariances=False)
+    edges = made.measurements.relative_poses
+    wrong = {(edges[k].i, edges[k].j) for k in np.flatnonzero(~batch.edge_kept)}
+    assert wrong >= {(edges[k].i, edges[k].j) for k in np.flatnonzero(false)}
+    assert {(e.i, e.j) for e in live.rejected} == wrong
+    np.testing.assert_allclose(_from_first(live.trajectory()), _from_first(batch.w_T_b), atol=3e-3)
+    # Until the end at most the last loops are judged by fewer others.
+    off = _from_first(before)[:, :3, 3] - _from_first(batch.w_T_b)[:, :3, 3]
+    assert np.linalg.norm(off, axis=1).max() < 0.1
+    messages = [line for step in steps for line in step.rejected]
+    assert any("is rejected: disagrees by" in line for line in messages)
+    bent, _ = _flown(made, budget_s=np.inf, loops_robust=False)
+    off = _from_first(bent.trajectory())[:, :3, 3] - _from_first(batch.w_T_b)[:, :3, 3]
+    assert np.linalg.norm(off, axis=1).max() > 0.3
+
+
+def test_a_loop_that_was_rejected_comes_back_when_others_speak_for_it():
+    """Odometry has a step that is wrong: the first loop over it stands alone, and the next ones agree."""
+    made = flight(7, n=60, loops=0)
+    edges = list(made.measurements.relative_poses)
+    shift = se3.exp(np.array([[0, 0, 0, 5.0, 0, 0]]))[0]
+    edges[20] = replace(edges[20], i_T_j=edges[20].i_T_j @ shift)
+    for k in (2, 4, 6, 10, 12, 14, 22, 25, 28):
+        T = se3.inverse(made.truth[k]) @ made.truth[k + 30]
+        edges.append(RelativePose(k, k + 30, T, np.diag(LOOP_STD**2), "loop"))
+    made = Made(replace(made.measurements, relative_poses=tuple(edges)), made.truth)
+    live, steps = _flown(made, budget_s=np.inf)
+    assert any("the loop 2-32 is rejected" in line for step in steps for line in step.rejected)
+    live.settle()
+    # No loop tells the steps from 14 to 22 apart.
+    (rejected,) = live.rejected
+    assert rejected.kind == "odometry"
+    assert 14 <= rejected.i < 22
 
 
 class _Poisoned:

@@ -73,6 +73,28 @@ def test_loops_over_a_wrong_step_are_kept_where_several_edges_agree_on_it(seed: 
     assert solved.contradictions == ()
 
 
+@pytest.mark.parametrize(
+    "start",
+    [
+        "all edges",
+        pytest.param("odometry", marks=pytest.mark.slow),
+        pytest.param("bent", marks=pytest.mark.slow),
+    ],
+)
+def test_the_initial_guess_does_not_decide(start: str):
+    """A guess that follows loops and odometry at once bends both sides of the wrong step."""
+    made = _flight_with_a_wrong_step(0)
+    measured = made.measurements
+    odometry = tuple(e for e in measured.relative_poses if e.kind == "odometry")
+    guess = {
+        "odometry": lambda: solve(replace(measured, relative_poses=odometry), covariances=False).w_T_b,
+        "all edges": lambda: solve(measured, covariances=False, loops_robust=False).w_T_b,
+        "bent": lambda: made.truth @ se3.exp(np.linspace(0, 1, 60)[:, None] * [0, 0, 0.5, 3.0, 0, 0]),
+    }[start]()
+    solved = solve(measured, covariances=False, initial=guess)
+    assert np.array_equal(~solved.edge_kept, _over_the_step(measured))
+
+
 def test_as_many_edges_as_loops_are_believed_but_the_status_says_what_contradicts_them():
     """Six pairs of pictures against six loops: nothing decides, so that no answer is ok."""
     made = _flight_with_a_wrong_step(0, few=False)
