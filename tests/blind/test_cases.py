@@ -120,7 +120,11 @@ def strongest(name: str) -> dict[str, float]:
     return {**HEALTHY, **fault.apply(amplitude, dict(HEALTHY), np.random.default_rng(1))}
 
 
-@pytest.mark.parametrize("outing", OUTINGS, ids=lambda outing: outing.plans[0])
+@pytest.mark.parametrize(
+    "outing",
+    [OUTINGS[0], *(pytest.param(outing, marks=pytest.mark.slow) for outing in OUTINGS[1:])],
+    ids=lambda outing: outing.plans[0],
+)
 def test_every_effect_changes_what_is_read(outing):
     """At its largest far beyond the noise, where a plan that shows it is flown."""
     shown = [
@@ -228,7 +232,10 @@ def test_new_kinds_change_no_case_of_the_seeds_that_were_run():
     assert digest[:16] == "6c369f4c275d303c"
 
 
-@pytest.mark.parametrize(("f", "stream", "true"), [(0, "sonar0", heard), (1, "attitude0", None)])
+@pytest.mark.parametrize(
+    ("f", "stream", "true"),
+    [(0, "sonar0", heard), pytest.param(1, "attitude0", None, marks=pytest.mark.slow)],
+)
 def test_uneven_noise_grows_within_the_flight_and_stays_within_what_is_healthy(f, stream, true):
     knobs = nuisances_of(np.random.default_rng(3), uneven=True)
     outing = Outing(3, 2, ("two_heights", "reversing_steps"), 20.0)

@@ -41,7 +41,7 @@ def check_links(flight: SmallFlight, found: list[Keyframe], numbered: dict[int, 
         assert error < 6 * np.sqrt(keyframe.link.corner_covariance.diagonal().max()) + 0.5
 
 
-@pytest.mark.parametrize("min_overlap", [0.6, 0.8])
+@pytest.mark.parametrize("min_overlap", [pytest.param(0.6, marks=pytest.mark.slow), 0.8])
 def test_keyframes_keep_their_overlap_and_no_more_are_made_than_needed(
     flight: SmallFlight, min_overlap: float
 ) -> None:

@@ -109,7 +109,10 @@ def noisy(
     return Noisy(lifted, difference(i_T_j, pairs.i_T_j), covariance)
 
 
-@pytest.mark.parametrize("camera", [CAMERA, FISHY, LEANING, LEVER])
+@pytest.mark.parametrize(
+    "camera",
+    [CAMERA, LEVER, *(pytest.param(camera, marks=pytest.mark.slow) for camera in (FISHY, LEANING))],
+)
 @pytest.mark.parametrize(
     ("ratio", "noise_px", "attitude_std_rad", "height_std_ratio"),
     [

@@ -36,7 +36,15 @@ def synthetic(rng: np.random.Generator, count: int, wrong: float) -> tuple[Featu
     return Features(Points.alike(pixel_i), descriptor), Features(Points.alike(pixel_j), descriptor), H
 
 
-@pytest.mark.parametrize("kind", ["sift", "orb", "orb-teblid", "akaze"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "sift",
+        pytest.param("orb", marks=pytest.mark.slow),
+        "orb-teblid",
+        pytest.param("akaze", marks=pytest.mark.slow),
+    ],
+)
 def test_pictures_of_a_floor_register_where_the_poses_say(kind: FeatureKind) -> None:
     """Two real renderings, all kinds of features, within four of their own standard deviations."""
     floor = smooth_floor(2, size=900, texel_m=0.006, blur=1.2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from itertools import pairwise
 
 import cv2
@@ -36,11 +36,10 @@ class Flown:
 
     def w_T_c(self, t: float) -> np.ndarray:
         steps = np.linspace(0, t, 41)
+        turns = [self.turned(a, np.array([b - a]))[0] for a, b in pairwise(steps)]
         R = Rotation.from_rotvec(self.lean) * Rotation.from_euler("x", 180, degrees=True)
-        for a, b in pairwise(steps):
-            R = R * Rotation.from_rotvec(self.turned(a, np.array([b - a]))[0])
         pose = np.eye(4)
-        pose[:3, :3] = R.as_matrix()
+        pose[:3, :3] = reduce(np.matmul, Rotation.from_rotvec(turns).as_matrix(), R.as_matrix())
         pose[:3, 3] = [0, 0, 1.1] + self.speed * t + 0.5 * self.accel * t**2
         return pose
 

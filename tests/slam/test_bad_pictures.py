@@ -80,7 +80,7 @@ SLOW = pytest.mark.slow
         ),
         pytest.param(
             lambda load, k: load(k)[:120] if 30 <= k < 42 else load(k), "of another size than the camera's",
-            12, id="another size",
+            12, id="another size", marks=SLOW,
         ),
         pytest.param(
             lambda load, k: load(k).astype(np.uint16) if 30 <= k < 42 else load(k),

@@ -65,6 +65,7 @@ def test_an_accelerometer_that_contradicts_the_ranges_is_not_believed():
     assert estimate.instruments.accelerometer.scale == pytest.approx(2, rel=0.15)
 
 
+@pytest.mark.slow
 def test_without_attitude_the_pictures_alone_tell_the_tilt():
     flight = replace(flown(0), attitude=None)
     estimate = optimize(flight)
@@ -135,6 +136,7 @@ def test_pictures_stamped_late_do_not_shift_the_poses():
     assert evaluate(estimate, late).ate_m.rmse < 4e-3
 
 
+@pytest.mark.slow
 def test_gps_gives_place_heading_and_scale():
     """Absolute errors of the size that the fixes' own noise leaves, inside the covariance."""
     flight = replace(flown(0), sonar=None, attitude=None)

@@ -134,6 +134,7 @@ def test_the_citation_names_this_version():
     assert re.search(r"^## \[(\d[^\]]*)\]", changelog, re.MULTILINE)[1] == slam.__version__
 
 
+@pytest.mark.slow
 def test_a_recipe_is_found_in_an_empty_folder(wheel: Path, tmp_path: Path):
     code = (
         "from slam.simulation.recipe import load_recipe, shipped_recipes\n"

@@ -31,6 +31,8 @@ CASES = {
     "variables of other instruments": {"name": "gps over a slope", "free_lens": True, "more": True},
     "free lens, wild observations": {"name": UNKNOWN, "free_lens": True, "wild": 0.1},
 }
+LONGER = ("variables of other instruments", "free lens, wild observations")
+"""Cases whose optimum takes gtsam several seconds."""
 cases = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
 
 
@@ -103,7 +105,13 @@ def test_the_step_solves_the_normal_equations(case: dict) -> None:
         assert linear.error_after(step, damping) == pytest.approx(predicted, rel=1e-6)
 
 
-@cases
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=pytest.mark.slow if name in LONGER else (), id=name)
+        for name, case in CASES.items()
+    ],
+)
 def test_the_optimum_and_its_covariances_are_those_of_gtsam(case: dict) -> None:
     cost, at = posed(**case)
     found = minimise_bundle(cost, at, 100, 1e-13)

@@ -21,7 +21,7 @@ def test_height_uncertainty_of_a_sonar_includes_the_relief():
     assert rough.scale_std == pytest.approx(ROUGH.relief, rel=0.3)
 
 
-@pytest.mark.parametrize("relief", [0.0, 0.05])
+@pytest.mark.parametrize("relief", [pytest.param(0.0, marks=pytest.mark.slow), 0.05])
 def test_the_flat_floor_does_not_shrink_the_map(relief: float):
     """Points pulled to the floor must not pull the scale: ranges alone make it, without bias.
 

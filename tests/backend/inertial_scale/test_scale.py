@@ -249,7 +249,7 @@ def lagging(flight: Made, lag_s: float) -> Made:
     return replace(flight, readings=replace(readings, accel_m_s2=force))
 
 
-@pytest.mark.parametrize("lag_s", [-0.008, 0.012])
+@pytest.mark.parametrize("lag_s", [pytest.param(-0.008, marks=pytest.mark.slow), 0.012])
 def test_a_lag_of_the_accelerometer_is_found_and_moves_no_length(lag_s: float):
     flight = made(0, 25.0, 0.3)
     found = lagging(flight, lag_s).found

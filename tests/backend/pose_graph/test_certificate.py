@@ -97,7 +97,7 @@ def test_an_exact_graph_and_a_tree_are_certified():
     assert certify(tree, _placed(tree, w_T)).certified
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_no_poses_lie_below_the_bound(dimension: int):
     """From far starts, with noise beyond what can be certified: descents end above the bound, always."""
     made = graph(3, dimension, n=15, noise=15.0)
@@ -185,7 +185,15 @@ def test_parts_are_certified_by_themselves():
 
 
 @pytest.mark.skipif(FOLDER is None, reason="SLAM_DATA does not name the folder of measured data")
-@pytest.mark.parametrize("name", ["CSAIL", "intel", "parking-garage", "sphere2500"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "CSAIL",
+        "intel",
+        pytest.param("parking-garage", marks=pytest.mark.slow),
+        pytest.param("sphere2500", marks=pytest.mark.slow),
+    ],
+)
 def test_se_syncs_published_optimum_is_reached_and_certified(name: str):
     assert FOLDER is not None
     made = read_g2o(FOLDER / f"{name}.g2o")

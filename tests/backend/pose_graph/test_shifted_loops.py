@@ -33,7 +33,10 @@ def test_right_numbers_are_not_doubted(shape):
     assert solved(make(Scene(shape, 1, 1, 0.0, "random", 1)).graph).status == "ok"
 
 
-@pytest.mark.parametrize(("first", "second"), [(0, 1), (-1, 0), (1, 1)])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [(-1, 0), *(pytest.param(first, 1, marks=pytest.mark.slow) for first in (0, 1))],
+)
 def test_shifted_numbers_are_named_with_the_way_back(first, second):
     status = solved(shifted(make(Scene("laps", 1, 1, 0.0, "random", 1)).graph, first, second)).status
     assert f"first ends move by {-first:+d} vertices along it and their second ends by {-second:+d}" in status

@@ -37,7 +37,9 @@ def inner(rgba: np.ndarray, px: int = 3) -> np.ndarray:
     return cv2.erode(rgba[..., 3], np.ones((2 * px + 1, 2 * px + 1)), borderValue=0) > 0
 
 
-@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
+@pytest.mark.parametrize(
+    "camera", [pytest.param(CAMERA, marks=pytest.mark.slow, id="pinhole"), pytest.param(LENS, id="lens")]
+)
 def test_mosaic_of_noisy_pictures_is_the_floor_with_their_noise(camera: Camera) -> None:
     floor, poses, rng = smooth_floor(1), survey(2), np.random.default_rng(3)
     noise = 4.0

@@ -320,7 +320,7 @@ def test_debug_prints_the_traceback(graph, tmp_path, monkeypatch):
 
 def test_a_full_disk_is_one_line(graph, tmp_path):
     """A real refusal of the system, by a limit on the size of files, in a process of its own."""
-    assert shell("optimize", graph, "--out", tmp_path / "out").returncode == 0
+    assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
     before = (tmp_path / "out" / "summary.json").read_bytes()
 
     def limit() -> None:

@@ -17,6 +17,7 @@ from slam.cli import app
 from slam.core.flight import Flight, Imu
 from slam.io.flight_writer import write_flight
 from tests.slam.cli.test_cli import SQUARE
+from tests.slam.cli.test_flights import RECIPE
 
 LONG = {
     "demo", "optimize", "estimate", "evaluate", "locate", "loops", "simulate", "replay", "reproduce",
@@ -65,10 +66,11 @@ def test_progress_goes_to_standard_error_and_tables_to_standard_output(graph, tm
 
 
 def test_quiet_prints_nothing(graph, still, tmp_path):
+    (tmp_path / "tiny.toml").write_text(RECIPE.format(texture="plain"))
     for command in (
         ("optimize", graph, "--out", tmp_path / "map"),
         ("criticise", still, "--out", tmp_path / "verdict"),
-        ("simulate", "square", "--out", tmp_path / "flight"),
+        ("simulate", tmp_path / "tiny.toml", "--out", tmp_path / "flight"),
     ):
         result = run(*command, "--quiet")
         assert (result.stdout, result.stderr) == ("", "")

@@ -114,6 +114,7 @@ def test_a_landmarks_place_moves_as_its_gradient_says():
     np.testing.assert_allclose(gradient[k], numeric, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_of_a_flight():
     flight = flown()
     estimate, observations = optimize_with_observations(flight)

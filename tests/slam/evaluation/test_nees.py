@@ -131,7 +131,7 @@ def with_a_common_scale(seed, scale_std, std=0.02, count=60):
     return hat, truth, b_R_w @ P_w @ b_R_w.transpose(0, 2, 1)
 
 
-@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("told", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_band_allows_for_a_scale_that_all_poses_share(told):
     """Where the way turns, neighbours do not show that they err alike in it."""
     found = []

@@ -94,6 +94,7 @@ def test_the_papers_chain_drifts_a_little_and_starts_where_the_estimate_does(fli
     assert 0.001 < off.max() < 0.2
 
 
+@pytest.mark.slow
 def test_the_filters_map_is_near_and_no_picture_helps_it(flight, estimate):
     made = filtered(flight, estimate)
     assert [flight.frames.names[k] for k in made.frame_index] == list(made.frame_names)

@@ -108,20 +108,18 @@ def interpolated(flight, t):
     return flight.truth.w_T_b[before] @ se3.exp(step * (t * 100 - before))[0]
 
 
-def test_delay_is_identified():
+def test_delay_is_identified(navigation):
     late = identify_noise(made_flight(2, late_s=0.1)).adjustments.delay_s
     assert late["velocity"] == pytest.approx(0.1, abs=0.031)
-    assert set(identify_noise(made_flight(2)).adjustments.delay_s) == set()
+    assert set(navigation.inputs.adjustments.delay_s) == set()
 
 
-def test_instruments_without_correlated_errors_are_modelled_ideal():
-    inputs = identify_noise(made_flight(3))
-    assert inputs.model.tilt_error_rad == 0
-    assert inputs.model.velocity_error_m_s == 0
-    wandering = replace(made_flight(3).attitude, noise_std_rad=(1e-5,) * 3)
-    assert identify_noise(replace(made_flight(3), attitude=wandering)).model.tilt_error_rad > 0, (
-        "no credible noise"
-    )
+def test_instruments_without_correlated_errors_are_modelled_ideal(flight, navigation):
+    model = navigation.inputs.model
+    assert model.tilt_error_rad == 0
+    assert model.velocity_error_m_s == 0
+    wandering = replace(flight.attitude, noise_std_rad=(1e-5,) * 3)
+    assert identify_noise(replace(flight, attitude=wandering)).model.tilt_error_rad > 0, "no credible noise"
 
 
 def test_noise_above_nominal_is_identified(flight):
@@ -179,8 +177,18 @@ def test_command_writes_all_and_evaluate_reads_it(flight, tmp_path):
         app, ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "flight")]
     )
     assert compared.exit_code == 0, compared.output
-    again = CliRunner().invoke(app, ["estimate", str(tmp_path / "flight"), "--out", str(tmp_path / "out")])
-    assert again.exit_code == 0, "an earlier output is replaced"
+
+
+@pytest.mark.slow
+def test_command_replaces_an_earlier_output(flight, tmp_path):
+    write_flight(flight, tmp_path / "flight")
+    for rate_hz in ("2", "1"):
+        done = CliRunner().invoke(
+            app,
+            ["estimate", str(tmp_path / "flight"), "--out", str(tmp_path / "out"), "--rate", rate_hz],
+        )
+        assert done.exit_code == 0, done.output
+    assert np.diff(read_estimate(tmp_path / "out").stamps_s) == pytest.approx(1.0)
 
 
 def test_downweighted_readings_are_not_reported_as_rejected(flight, navigation):
@@ -232,8 +240,8 @@ def test_estimates_are_consistent_over_fifty_simulated_flights():
     assert low < np.mean(means) < high
 
 
-def test_correlated_error_is_identified_from_summed_innovations(flight):
-    assert identify_noise(flight).adjustments.noise_factor.get("range", 1.0) < 1.5
+def test_correlated_error_is_identified_from_summed_innovations(flight, navigation):
+    assert navigation.inputs.adjustments.noise_factor.get("range", 1.0) < 1.5
     rng = np.random.default_rng(0)
     sonar = flight.sonar
     # Half a second long the same few centimetres, in steps of less than the noise of one reading.

@@ -20,7 +20,7 @@ from slam.simulation.recipe import load_recipe
 PATH = Path("imu0/data.csv")
 
 
-@pytest.fixture(scope="module", params=["square", "pulses_010"])
+@pytest.fixture(scope="module", params=["square", pytest.param("pulses_010", marks=pytest.mark.slow)])
 def flight(request: pytest.FixtureRequest) -> Flight:
     return simulate(replace(load_recipe(request.param), camera=None), seed=2)
 

@@ -62,6 +62,7 @@ def test_keyframes_carry_the_stamps_and_names_of_their_frames():
     assert estimate.frame_names == tuple(flight.frames.names[k] for k in estimate.frame_index)
 
 
+@pytest.mark.slow
 def test_two_runs_give_the_same_bits():
     flight, one = normal()
     again = optimize(flown(0))

@@ -36,7 +36,8 @@ def over_a_floor(tiles: float) -> Flight:
     return replace(blind, velocity=replace(flight.velocity, scale_std=0.0))
 
 
-@pytest.mark.parametrize("tiles", [0.8, pytest.param(1.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("tiles", [0.8, 1.0])
 def test_a_floor_that_repeats_does_not_shorten_the_way_over_a_break(tiles: float):
     """A whole tile on, the first pictures pass for a hover over the last keyframe."""
     flight = over_a_floor(tiles)

@@ -154,7 +154,12 @@ def test_the_sentence_says_what_a_position_is_relative_to():
     ids=lambda change: "+".join(change) or "whole",
 )
 @pytest.mark.parametrize(
-    "flight", [made_flight(), made_flight(with_sonar=False), None], ids=["full", "bare", "graph"]
+    "flight",
+    [
+        pytest.param(made_flight(), id="full"),
+        pytest.param(made_flight(with_sonar=False), id="bare", marks=pytest.mark.slow),
+        pytest.param(None, id="graph"),
+    ],
 )
 def test_whatever_is_missing_a_page_comes_out(change, flight):
     made = page(replace(made_estimate(), **change), flight)

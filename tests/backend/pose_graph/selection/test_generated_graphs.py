@@ -68,7 +68,10 @@ def test_one_wrong_step_of_odometry_is_found_and_named(wrong: list[float]):
     assert error_m(solved.w_T_b, made) <= WITHIN * error_m(clean.w_T_b, made)
 
 
-@pytest.mark.parametrize("numbers", ["gap", "step", "symbols"])
+@pytest.mark.parametrize(
+    "numbers",
+    [pytest.param("gap", marks=pytest.mark.slow), pytest.param("step", marks=pytest.mark.slow), "symbols"],
+)
 def test_odometry_is_found_whatever_the_vertex_numbers_are(numbers: str):
     """Two robots; a missing number, a step of ten, and gtsam's symbols of two letters."""
     made = make(Scene("laps", 2, 2, 0.1, "random", 1))

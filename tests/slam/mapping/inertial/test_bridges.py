@@ -48,7 +48,7 @@ def bridged(seed: int, with_velocity: bool) -> tuple[Flight, Estimate]:
     return flight, optimize(flight)
 
 
-@pytest.mark.parametrize("with_velocity", [True, False])
+@pytest.mark.parametrize("with_velocity", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_stretch_without_features_leaves_one_map(with_velocity):
     flight, estimate = bridged(0, with_velocity)
     assert (estimate.component == 0).all()

@@ -18,6 +18,8 @@ from slam.core.flight import Flight, Frames, GeoOrigin
 from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
 
+COARSE_M = 0.03
+"""Metres a pixel where a test asks for no detail of the ground."""
 FILES = ["mosaic.pgw", "mosaic.png", "mosaic.tif", "mosaic_quality.png", "mosaic_quality.tif"]
 
 
@@ -92,7 +94,7 @@ def test_files_hold_the_floor_where_it_lies(tmp_path: Path) -> None:
 def test_georeferenced_with_an_origin(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     origin = GeoOrigin(52.0, 4.4, 3.0)
-    files = write_mosaic(dataclasses.replace(estimate, origin=origin), flight, tmp_path)
+    files = write_mosaic(dataclasses.replace(estimate, origin=origin), flight, tmp_path, COARSE_M)
     with rasterio.open(files.geotiff) as raster:
         assert raster.crs.to_dict()["proj"] == "aeqd"
         assert raster.crs.to_dict()["lat_0"] == 52.0
@@ -100,7 +102,7 @@ def test_georeferenced_with_an_origin(tmp_path: Path) -> None:
 
 def test_lengths_that_are_no_metres_are_not_called_so(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
-    files = write_mosaic(dataclasses.replace(estimate, metric=False), flight, tmp_path)
+    files = write_mosaic(dataclasses.replace(estimate, metric=False), flight, tmp_path, COARSE_M)
     assert files.quality is not None
     for path in (files.geotiff, files.quality):
         with rasterio.open(path) as raster:
@@ -112,7 +114,7 @@ def test_chain_beside_the_map_is_a_picture_alone(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     bent = estimate.w_T_b.copy()
     bent[:, 0, 3] += np.linspace(0, 2, len(bent))
-    made = write_mosaic(estimate, flight, tmp_path / "map")
+    made = write_mosaic(estimate, flight, tmp_path / "map", COARSE_M)
     picture = write_chain_picture(estimate, flight, tmp_path / "chain", bent, made.png_gsd_m)
     assert picture.name == "mosaic_chain.png"
     assert sorted(p.name for p in (tmp_path / "chain").iterdir()) == ["mosaic_chain.pgw", picture.name]
@@ -126,7 +128,7 @@ def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
     poses[2], component[2] = np.nan, -1
     component[3] = 1
     estimate = dataclasses.replace(estimate, w_T_b=poses, component=component)
-    files = write_mosaic(estimate, flight, tmp_path)
+    files = write_mosaic(estimate, flight, tmp_path, COARSE_M)
     assert files.left_out == {
         "in a part of the flight that is not tied to the largest": 1,
         "cannot be read": 1,
@@ -140,7 +142,7 @@ def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
         "7.png": "in a part of the flight that is not tied to the largest",
     }
     located = dataclasses.replace(estimate, origin=GeoOrigin(52.0, 4.4, 3.0))
-    assert sum(write_mosaic(located, flight, tmp_path).left_out.values()) == 3
+    assert sum(write_mosaic(located, flight, tmp_path, COARSE_M).left_out.values()) == 3
 
 
 def test_budget_is_kept_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,14 +156,14 @@ def test_budget_is_kept_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyP
     note = write_mosaic(without_metres, flight, tmp_path, gsd_m=None).note
     assert "heights/pixel" in note
     assert " m/pixel" not in note
-    asked = write_mosaic(estimate, flight, tmp_path, gsd_m=0.007)
-    assert asked.gsd_m == 0.007
+    asked = write_mosaic(estimate, flight, tmp_path, gsd_m=0.02)
+    assert asked.gsd_m == 0.02
     assert asked.note == ""
 
 
 def test_refusals_are_one_line_and_leave_earlier_files(tmp_path: Path) -> None:
     estimate, flight, frames = scene()
-    write_mosaic(estimate, flight, tmp_path)
+    write_mosaic(estimate, flight, tmp_path, COARSE_M)
     before = (tmp_path / "mosaic.tif").read_bytes()
     blind = dataclasses.replace(flight, frames=None)
     under = dataclasses.replace(estimate, floor_z_m=50.0)
@@ -187,5 +189,5 @@ def test_refusals_are_one_line_and_leave_earlier_files(tmp_path: Path) -> None:
 
 def test_same_input_gives_the_same_files(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
-    a, b = write_mosaic(estimate, flight, tmp_path / "a"), write_mosaic(estimate, flight, tmp_path / "b")
+    a, b = (write_mosaic(estimate, flight, tmp_path / n, COARSE_M) for n in "ab")
     assert cv2.imread(str(a.png), cv2.IMREAD_UNCHANGED).tobytes() == cv2.imread(str(b.png), -1).tobytes()

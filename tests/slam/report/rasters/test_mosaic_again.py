@@ -78,6 +78,7 @@ def test_a_file_that_is_not_as_it_was_written_gives_nothing(first: Path, tmp_pat
     assert content(tmp_path / "out") == content(first.parent)
 
 
+@pytest.mark.slow
 def test_an_edited_tile_is_rendered_again(first: Path, tmp_path: Path) -> None:
     path = tmp_path / "edited.tif"
     path.write_bytes(first.read_bytes())

@@ -42,7 +42,7 @@ def film_of(effects=CameraEffects(), world=PUZZLE, marks=(), model=MODEL, seed=0
     [
         CameraEffects(focal_eps=0.29),
         pytest.param(CameraEffects(focal_eps=-0.2), marks=pytest.mark.slow),
-        CameraEffects(radial_k1=0.3),
+        pytest.param(CameraEffects(radial_k1=0.3), marks=pytest.mark.slow),
         pytest.param(CameraEffects(radial_k1=-0.2), marks=pytest.mark.slow),
         pytest.param(CameraEffects(tilt_x_rad=0.08, tilt_y_rad=-0.05), marks=pytest.mark.slow),
         CameraEffects(focal_eps=0.1, radial_k1=-0.1, tilt_y_rad=0.05),

@@ -125,7 +125,7 @@ def test_each_pixel_shows_what_its_rays_meet_first(height_m, distortion, slope):
     assert len(checked) >= 7
 
 
-@pytest.mark.parametrize("k", range(5))
+@pytest.mark.parametrize("k", [0, 3, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 4))])
 def test_a_skin_lies_on_its_obstacle_like_paper(k):
     """Grey levels that grow along the skin come out where the oracle's ray meets it."""
     obstacle = (*OBSTACLES, *PYLONS)[k]
@@ -253,8 +253,22 @@ def surface_points(world):
     return np.vstack(points)
 
 
-@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.1, 0.05)])
-@pytest.mark.parametrize("beam_deg", [10.0, 25.0, 50.0])
+@pytest.mark.parametrize(
+    ("beam_deg", "slope"),
+    [
+        (25.0, (0.1, 0.05)),
+        *(
+            pytest.param(beam_deg, slope, marks=pytest.mark.slow)
+            for beam_deg, slope in (
+                (10.0, (0.0, 0.0)),
+                (50.0, (0.0, 0.0)),
+                (10.0, (0.1, 0.05)),
+                (50.0, (0.1, 0.05)),
+            )
+        ),
+        pytest.param(25.0, (0.0, 0.0), marks=pytest.mark.slow),
+    ],
+)
 def test_the_first_echo_is_that_of_the_nearest_surface_in_the_cone(beam_deg, slope):
     world = replace(GYM, slope=slope)
     points = surface_points(world)
