@@ -81,7 +81,7 @@ class ShiftTest:
 
 
 def shift_test(problem: Problem, w_T: Array) -> ShiftTest | None:
-    """Linearise all edges and the shifts of the loops at a solution; None if the system is singular."""
+    """Linearise all edges and the shifts of the loops at a solution; None if it is singular or overflows."""
     residual = problem.residuals(w_T)
     columns = [residual, *(_change(problem, w_T, residual, end) for end in (0, 1))]
     values = np.column_stack([each.ravel() for each in columns])
@@ -90,10 +90,13 @@ def shift_test(problem: Problem, w_T: Array) -> ShiftTest | None:
         factor = cholesky(csc_array(J.T @ J), "NATURAL")
     except RuntimeError:
         return None
-    projected = np.asarray(J.T @ values)
-    # What is left of each product once the poses have followed.
-    left = values.T @ values - projected.T @ factor.solve(projected)
-    left /= noise_scale(problem, np.ones(len(problem.i), dtype=bool), w_T) ** 2
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd residuals have no finite square
+        projected = np.asarray(J.T @ values)
+        # What is left of each product once the poses have followed.
+        left = values.T @ values - projected.T @ factor.solve(projected)
+        left /= noise_scale(problem, np.ones(len(problem.i), dtype=bool), w_T) ** 2
+    if not np.isfinite(left).all():
+        return None
     return ShiftTest(float(left[0, 0]), left[1:, 0], left[1:, 1:])
 
 

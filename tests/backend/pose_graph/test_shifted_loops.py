@@ -79,3 +79,10 @@ def test_a_vehicle_that_stands_still_has_no_shift_to_find():
         graph, ij_T=np.tile(np.eye(4), (len(graph.i), 1, 1)), poses=np.tile(np.eye(4), (120, 1, 1))
     )
     assert "first ends" not in solved(still).status
+
+
+def test_absurd_poses_give_no_test():
+    graph = make(Scene("laps", 1, 4, 0.0, "random", 1)).graph
+    far = solved(graph).w_T_b.copy()
+    far[:, :3, 3] *= 1e200
+    assert shift_test(from_pose_graph(graph), far) is None

@@ -27,6 +27,8 @@ FIELDS = (
 )
 """Columns of a subtitle: degrees and metres; focal length on 35 mm film."""
 
+_LONGEST_S = 100_000 * 3600.0
+"""Largest time of the five digits that subtitles have for hours. A date farther away is damaged."""
 _NUMBER = r"[-+]?\d+(?:[.,]\d+)?"
 _TIMES = re.compile(r"(?<!\d)(\d{1,5}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
 _DATE = re.compile(r"(\d{4})[-.](\d{1,2})[-.](\d{1,2})\s+(\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?")
@@ -75,7 +77,7 @@ class Subtitles:
 
 
 def parse_subtitles(text: str) -> Subtitles:
-    """Return the subtitles of a text; those without a time are left out."""
+    """Return the subtitles of a text; those without a time, or with an absurd one, are left out."""
     stamps, rows, decimals, dates, first_is_latitude = [], [], [], [], False
     begin: datetime | None = None
     for cue in _cues(text):
@@ -89,6 +91,8 @@ def parse_subtitles(text: str) -> Subtitles:
         elif date is not None and begin is not None:
             stamp = (date - begin).total_seconds()
         else:
+            continue
+        if abs(stamp) > _LONGEST_S:
             continue
         values, digits, latitude_first = _values(cue)
         stamps.append(stamp)

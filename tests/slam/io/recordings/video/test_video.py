@@ -19,6 +19,7 @@ from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from slam.io.recordings.video.mp4 import read_tracks
 from slam.io.recordings.video.pictures import packet_times
+from slam.io.recordings.video.subtitles import parse_subtitles
 from tests.slam.io.recordings.video.made_video import (
     SIZE_PX,
     file_of_samples,
@@ -332,3 +333,9 @@ def test_an_impossible_altitude_is_missing_and_told(tmp_path):
     flight = read(path)
     assert np.isnan(flight.gps.altitude_m).tolist() == [False, False, True, False]
     assert any("1 values of altitude beyond" in line for line in flight.warnings)
+
+
+def test_a_subtitle_whose_date_is_damaged_is_left_out():
+    cue = "{}\n2024-05-06 10:00:{:02d}\nGPS(8.5, 47.25, 400)\n\n"
+    text = cue.format(1, 1) + cue.format(2, 2).replace("2024", "9924") + cue.format(3, 3)
+    np.testing.assert_allclose(parse_subtitles(text).stamps_s, [0.0, 2.0])
