@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,8 @@ from slam.cli import options
 if TYPE_CHECKING:
     from slam.cli.console import Screen
     from slam.cli.results import MosaicOptions, Results
+    from slam.core.estimate import Estimate
+    from slam.core.figure_table import FigureTable
     from slam.core.flight import Flight
     from slam.core.progress import Progress
     from slam.io.recordings.choice import Request
@@ -25,12 +28,25 @@ _SOURCE = typer.Argument(
     "one camera over the same ground make one map.",
     show_default=False,
 )
+_INCREMENTAL = typer.Option(
+    "--incremental",
+    help="Also solve the pose graph keyframe by keyframe, as on board, and compare it with the batch.",
+)
 _GSD = typer.Option(
     metavar="M",
     min=1e-4,
     max=100.0,
     help="Metres per pixel of the mosaic; default: the resolution of the pictures.",
 )
+
+
+@dataclass(frozen=True)
+class _Job:
+    """What is done with flights beside the mosaic."""
+
+    settings: PipelineConfig
+    model: str | None
+    incremental: bool
 
 
 def optimize(
@@ -42,6 +58,7 @@ def optimize(
     config: Annotated[Path | None, options.CONFIG] = None,
     features: Annotated[FeatureKind | None, options.FEATURES] = None,
     model: Annotated[str | None, options.MODEL] = None,
+    incremental: Annotated[bool, _INCREMENTAL] = False,
     topic: Annotated[list[str] | None, options.TOPICS] = None,
     picture_rate: Annotated[float | None, options.PICTURE_RATE] = None,
     quiet: Annotated[bool, options.QUIET] = False,
@@ -60,9 +77,8 @@ def optimize(
     else:
         mosaics = MosaicOptions(mosaic, gsd, out)
         settings = options.pipeline_config(config, features)
-        results = _flights(
-            sources, options.request_of(topic, picture_rate), out, mosaics, settings, model, screen
-        )
+        job = _Job(settings, model, incremental)
+        results = _flights(sources, options.request_of(topic, picture_rate), out, mosaics, job, screen)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:
@@ -76,8 +92,7 @@ def _flights(
     request: Request,
     out: Path,
     mosaic: MosaicOptions,
-    settings: PipelineConfig,
-    model: str | None,
+    job: _Job,
     screen: Screen,
 ) -> Results:
     from slam.cli.output_folder import output_folder
@@ -85,10 +100,9 @@ def _flights(
     from slam.cli.source import open_flight
     from slam.cli.sources_table import show_sources
     from slam.core.join_flights import join_flights
-    from slam.mapping.pipeline import optimize as run
     from slam.simulation.model import load_model
 
-    instruments = load_model(model) if model is not None else None
+    instruments = load_model(job.model) if job.model is not None else None
     with output_folder(out) as folder, screen.progress() as progress:
         flights = []
         for source in sources:
@@ -98,9 +112,27 @@ def _flights(
                 screen.line(f"{source}: {kind}, imported on the fly")
             show_sources(flight, screen)
         if instruments is not None:
-            return _corrected(instruments, flights, folder, mosaic, settings, progress)
+            return _corrected(instruments, flights, folder, mosaic, job, progress)
         flight = join_flights(flights)
-        return write_results(folder, run(flight, settings, progress), flight, mosaic, progress)
+        estimate, tables = _mapped(flight, job, progress)
+        return write_results(folder, estimate, flight, mosaic, progress, tables)
+
+
+def _mapped(flight: Flight, job: _Job, progress: Progress) -> tuple[Estimate, tuple[FigureTable, ...]]:
+    """Return the map, and the table that ``--incremental`` asks for."""
+    from slam.core.heap import trim_heap
+    from slam.evaluation.keyframe_by_keyframe import keyframe_by_keyframe
+    from slam.mapping.pipeline import optimize_with_observations
+    from slam.report.accuracy import keyframe_by_keyframe_table
+
+    estimate, observations = optimize_with_observations(flight, job.settings, progress)
+    tables: tuple[FigureTable, ...] = ()
+    if job.incremental:
+        compared = keyframe_by_keyframe(flight, observations, job.settings, progress)
+        tables = (keyframe_by_keyframe_table(compared),)
+    del observations
+    trim_heap()
+    return estimate, tables
 
 
 def _corrected(
@@ -108,7 +140,7 @@ def _corrected(
     flights: list[Flight],
     folder: Path,
     mosaic: MosaicOptions,
-    settings: PipelineConfig,
+    job: _Job,
     progress: Progress,
 ) -> Results:
     """Map corrected readings; with truth, compare the map with that of the recorded readings."""
@@ -116,7 +148,6 @@ def _corrected(
     from slam.cli.results import write_results
     from slam.core.join_flights import join_flights
     from slam.evaluation.map_gain import can_be_compared, map_gain
-    from slam.mapping.pipeline import optimize as run
     from slam.report.accuracy import map_gain_table
     from slam.simulation.inverse import correct_flight
     from slam.simulation.model import save_model
@@ -124,11 +155,11 @@ def _corrected(
     save_model(model, folder / MODEL_NAME)
     results = [correct_flight(flight, model) for flight in flights]
     flight = join_flights([each.flight.with_warning(each.summary(model)) for each in results])
-    estimate, recorded = run(flight, settings, progress), join_flights(flights)
-    if not any(each.corrected_terms for each in results) or not can_be_compared(recorded):
-        return write_results(folder, estimate, flight, mosaic, progress)
-    gain = map_gain(recorded, flight, estimate, settings, progress)
-    return write_results(folder, estimate, flight, mosaic, progress, (map_gain_table([gain]),))
+    estimate, tables = _mapped(flight, job, progress)
+    recorded = join_flights(flights)
+    if any(each.corrected_terms for each in results) and can_be_compared(recorded):
+        tables = (map_gain_table([map_gain(recorded, flight, estimate, job.settings, progress)]), *tables)
+    return write_results(folder, estimate, flight, mosaic, progress, tables)
 
 
 def _graph(source: Path, out: Path, screen: Screen) -> Results:

@@ -26,22 +26,7 @@ def solve_pose_graph(
 ) -> Solution:
     """Solve for all keyframes that edges connect. Raises ``BackendError`` for a graph that is not finite."""
     trim_heap()  # what lifting all pairs has left
-    readings, heights = setup.readings, edges.heights
-    tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
-    attitudes, ranges = [], []
-    for k in tied:
-        std = np.append(readings.roll_pitch_std_rad[k], np.inf)
-        attitudes.append(Attitude(k, np.append(readings.roll_pitch_rad[k], 0.0), std))
-        fall = max(LEAST_FALL, float(np.cos(readings.roll_pitch_rad[k]).prod()))
-        height = float(heights.height_m[k])
-        ranges.append(SlantRange(k, height / fall, height * max(0.01, float(heights.log_std[k]))))
-    measurements = Measurements(
-        stamps_s=readings.stamps_s,
-        relative_poses=edges.relative_poses,
-        attitudes=tuple(attitudes),
-        ranges=tuple(ranges),
-        length_unit=unit(bool(heights.metric[tied].all())),
-    )
+    measurements = graph_measurements(edges, setup)
     plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
     if not edges.relative_poses:
         return plain
@@ -51,3 +36,23 @@ def solve_pose_graph(
         widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)
         measurements = replace(measurements, relative_poses=tuple(widened))
     return solve(measurements, initial=plain.w_T_b, covariances=covariances, on_step=on_step)
+
+
+def graph_measurements(edges: Edges, setup: Setup) -> Measurements:
+    """Return the measurements of the pose graph: edges, tilts, and the heights that scale the edges."""
+    readings, heights = setup.readings, edges.heights
+    tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
+    attitudes, ranges = [], []
+    for k in tied:
+        std = np.append(readings.roll_pitch_std_rad[k], np.inf)
+        attitudes.append(Attitude(k, np.append(readings.roll_pitch_rad[k], 0.0), std))
+        fall = max(LEAST_FALL, float(np.cos(readings.roll_pitch_rad[k]).prod()))
+        height = float(heights.height_m[k])
+        ranges.append(SlantRange(k, height / fall, height * max(0.01, float(heights.log_std[k]))))
+    return Measurements(
+        stamps_s=readings.stamps_s,
+        relative_poses=edges.relative_poses,
+        attitudes=tuple(attitudes),
+        ranges=tuple(ranges),
+        length_unit=unit(bool(heights.metric[tied].all())),
+    )

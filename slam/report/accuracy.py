@@ -15,6 +15,7 @@ from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe
     from slam.evaluation.map_gain import MapGain
     from slam.evaluation.score import Evaluation
 
@@ -75,6 +76,23 @@ def map_gain_table(gains: Sequence[MapGain]) -> FigureTable:
         nees = (f"{e.nees:.3g}" if np.isfinite(e.nees) else UNKNOWN for e in both)
         rows.append((f"{named}{_NEES}, 6 is right", *nees))
     return FigureTable("Gain of the model in the map", ("", "as recorded", "corrected"), tuple(rows))
+
+
+def keyframe_by_keyframe_table(found: KeyframeByKeyframe) -> FigureTable:
+    """Table of the incremental back end beside the batch."""
+    unit_of, ms = found.length_unit, 1e3 * found.seconds
+    times = f"{np.median(ms):.2g}, {np.percentile(ms, 99):.2g}, {ms.max():.2g}"
+    rejected = f"{found.rejected_in_flight}, {found.rejected_by_batch}"
+    rows = (
+        ("keyframes, loops", f"{len(ms)}, {found.loops}"),
+        ("time for a keyframe, median, 99 of 100, longest", f"{times} ms"),
+        ("edges rejected at the end of the flight, by the batch", rejected),
+        ("loops that waited at the end of the flight, to keep the time", str(found.waiting)),
+        ("RMS distance to the batch, each keyframe when it was added", f"{found.when_added:.3g} {unit_of}"),
+        ("the same, all keyframes at the end of the flight", f"{found.in_flight:.3g} {unit_of}"),
+        ("the same, after the final solve", f"{found.settled:.3g} {unit_of}"),
+    )
+    return FigureTable("The pose graph keyframe by keyframe, beside the batch", (), rows)
 
 
 def _length(metres: float) -> str:

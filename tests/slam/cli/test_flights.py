@@ -304,3 +304,12 @@ def test_after_a_kill_the_next_run_gets_the_same_result(flight, done, tmp_path):
     assert run("optimize", flight, "--out", tmp_path / "out", "--no-mosaic").exit_code == 0
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (done / "trajectory.tum").read_bytes()
     assert os.listdir(tmp_path) == ["out"], "what the killed run left is cleared away"
+
+
+@pytest.mark.slow
+def test_the_graph_keyframe_by_keyframe_is_in_the_table_and_in_the_report(flight, tmp_path):
+    result = run("optimize", flight, "--out", tmp_path / "out", "--no-mosaic", "--incremental")
+    assert result.exit_code == 0, result.stderr
+    for text in (result.stdout, (tmp_path / "out" / "report.html").read_text()):
+        assert "keyframe by keyframe" in text
+        assert "edges rejected at the end of the flight, by the batch" in text
