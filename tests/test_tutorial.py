@@ -22,7 +22,7 @@ def finished(tmp_path_factory) -> Path:
     name = re.search(r"Create the file `(\w+\.toml)`", text)[1]
     (home / name).write_text(re.search(r"```toml\n(.*?)```", text, re.DOTALL)[1])
     lines = [line for block in re.findall(r"```sh\n(.*?)```", text, re.DOTALL) for line in block.splitlines()]
-    assert len(lines) >= 9
+    assert len(lines) >= 8
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(home)
         for line in lines:
