@@ -42,7 +42,7 @@ _GSD = typer.Option(
 
 @dataclass(frozen=True)
 class _Job:
-    """What is done with flights beside the mosaic."""
+    """Settings of the work on flights, the mosaic apart."""
 
     settings: PipelineConfig
     model: str | None

@@ -52,6 +52,7 @@ def test_one_flight_is_held_out_by_segments(home, verdict):
     assert "Each segment in turn is held out" in (home / "criticism" / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_model_that_criticism_writes_simulates_and_replays(home, verdict, tmp_path):
     model = home / "criticism" / "extended.toml"
     size = verdict["causes"][0]["parameters"]["c"]["value"]

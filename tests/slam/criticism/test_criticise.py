@@ -148,6 +148,7 @@ def test_quadratic_drag_is_named_with_its_size():
     assert found.extended.value("quadratic_drag", "c") == pytest.approx(0.15, rel=0.25)
 
 
+@pytest.mark.slow
 def test_the_verdict_is_json_and_the_extended_model_can_be_read(tmp_path):
     from slam.cli.criticise import write_criticism
 

@@ -69,6 +69,7 @@ def test_perfect_poses_have_perfect_landmarks(flight, perfect):
         assert place == pytest.approx(flight.landmarks[name], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_map_too_large_by_a_percent_is_off_by_one(flight, perfect):
     grown = perfect.w_T_b.copy()
     grown[:, :3, 3] *= 1.01

@@ -156,6 +156,7 @@ def test_the_readme_names_every_key_of_a_recipe_and_a_model():
     assert "[std.NAME]" in text
 
 
+@pytest.mark.slow
 def test_the_readme_s_examples_fly_as_they_stand(tmp_path):
     text = RECIPES_PAGE.read_text(encoding="utf-8")
     examples = re.findall(r"`(\w+\.toml)`[^`]*```toml\n(.+?)```", text, re.DOTALL)

@@ -61,6 +61,7 @@ def test_a_plan_predicts_the_standard_deviation_of_each_term(filmed):
         assert 0.5 < ratio[name] < 2.0, name
 
 
+@pytest.mark.slow
 def test_rotations_distinguish_rolling_shutter_from_late_pictures(filmed, monkeypatch):
     record, matches, parameters = filmed
     for name in set(MANOEUVRES) - {TURNS}:

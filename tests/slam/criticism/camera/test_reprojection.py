@@ -86,7 +86,7 @@ def test_healthy_pictures_agree_with_the_path(
         ("focal_length.eps", 0.02),
         pytest.param("radial_distortion.k1", 0.04, marks=pytest.mark.slow),
         pytest.param("camera_tilt.y", 0.01, marks=pytest.mark.slow),
-        ("camera_time_offset.offset", 0.01),
+        pytest.param("camera_time_offset.offset", 0.01, marks=pytest.mark.slow),
         pytest.param("rolling_shutter.readout", 0.01, marks=pytest.mark.slow),
     ],
 )

@@ -51,6 +51,7 @@ def names_of(two):
     return sorted(e.name for e in two)
 
 
+@pytest.mark.slow
 def test_two_terms_that_hide_each_other_are_found_together(expansion):
     _, covariance = carrying(expansion, BOTH, np.zeros(2))
     sign = np.sign(covariance[0, 1])

@@ -56,6 +56,7 @@ def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows(
     assert posterior.probability["control_latency"] > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late_s", [pytest.param(0.03, marks=pytest.mark.slow), -0.01])
 def test_a_speed_that_comes_late_or_early_is_reported_as_that(late_s):
     model = at_lower_rates(load_model("nominal"))

@@ -37,6 +37,7 @@ def mended(turning):
     return optimize(askew(turning))
 
 
+@pytest.mark.slow
 def test_a_mount_that_two_instruments_say_leans_is_found_and_taken_out(turning, mended):
     found = mended.instruments.mount
     assert np.abs(np.array(found.tilt_rad) - ASKEW_RAD).max() < 4 * found.std_rad < 0.005

@@ -32,6 +32,7 @@ def flight():
     )
 
 
+@pytest.mark.slow
 def test_what_is_wrong_with_the_instruments_is_found_with_an_honest_deviation(flight):
     found = optimize(flight).instruments
     attitude = found.attitude

@@ -41,6 +41,7 @@ def test_nothing_changed_none_rendered(first: Path, tmp_path: Path) -> None:
     assert content(tmp_path) == content(first.parent)
 
 
+@pytest.mark.slow
 def test_a_moved_keyframe_gives_what_a_whole_rendering_gives(first: Path, tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     poses = estimate.w_T_b.copy()
