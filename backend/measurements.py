@@ -14,7 +14,8 @@ Only numpy is imported, so that the front end can use this module without the re
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -114,6 +115,14 @@ class FloorTracks:
     std_px: Array
     """(m,) standard deviation of each coordinate."""
 
+    def of_keyframes(self, members: Sequence[int], count: int) -> FloorTracks:
+        """Return the observations from some of ``count`` keyframes; keyframes and points are renumbered."""
+        number = np.full(count, -1, dtype=np.int64)
+        number[list(members)] = np.arange(len(members))
+        mine = number[self.keyframe] >= 0
+        _, track = np.unique(self.track[mine], return_inverse=True)
+        return FloorTracks(number[self.keyframe[mine]], track, self.pixel[mine], self.std_px[mine])
+
 
 @dataclass(frozen=True)
 class TrackedFrame:
@@ -209,3 +218,25 @@ class Measurements:
     def count(self) -> int:
         """Number of keyframes."""
         return len(self.stamps_s)
+
+    def of_keyframes(self, members: Sequence[int]) -> Measurements:
+        """Return the measurements of some keyframes alone, numbered in the order of ``members`` (m,).
+
+        What names another keyframe is left out. The readings of the IMU belong to no keyframe and stay.
+        """
+        number = {k: place for place, k in enumerate(members)}
+        return replace(
+            self,
+            stamps_s=self.stamps_s[list(members)],
+            relative_poses=tuple(
+                replace(e, i=number[e.i], j=number[e.j])
+                for e in self.relative_poses
+                if e.i in number and e.j in number
+            ),
+            tracks=None if self.tracks is None else self.tracks.of_keyframes(members, self.count),
+            names=tuple(self.names[k] for k in members) if self.names else (),
+            attitudes=tuple(replace(a, k=number[a.k]) for a in self.attitudes if a.k in number),
+            ranges=tuple(replace(r, k=number[r.k]) for r in self.ranges if r.k in number),
+            positions=tuple(replace(p, k=number[p.k]) for p in self.positions if p.k in number),
+            frames=tuple(replace(f, k=number[f.k]) for f in self.frames if f.k in number),
+        )

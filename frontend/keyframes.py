@@ -200,8 +200,8 @@ class Tracker:
                     number, number + 1, before, features, self.camera, self.homography, self.gates
                 )
             number, before = number + 1, features
-            refused = link if link is not None and not link.ok else None
-            yield Keyframe(view.frame, features, None if refused is not None else link, refused)
+            link, refused = (link, None) if link is None or link.ok else (None, link)
+            yield Keyframe(view.frame, features, link, refused)
 
     def _with_last_of_equal(self, usable: Iterable[View]) -> Iterator[View]:
         """Yield the last picture too where all are equal: together with the first it shows the one place."""

@@ -135,11 +135,10 @@ class Incremental:
         """Add all queued loops and solve the batch problem, without a time budget."""
         if self.count == 0:
             raise BackendError("there is no keyframe: nothing to settle")
-        rebuild_reason, rejected = self._update_with_loops()
+        rebuild_reason, rejected = self._add_queued_loops()
         self._start = self._isam.calculateEstimate()
         if self.loops_robust:
-            again, more = self._select()
-            rebuild_reason, rejected = rebuild_reason or again, rejected + more
+            rejected += self._select() or ()
         self._rebuild()
         return IncrementalUpdate(self.pose(self.count - 1), 0, rejected, rebuild_reason)
 
@@ -153,36 +152,44 @@ class Incremental:
         return self.pose(anchor.j) @ np.linalg.inv(anchor.i_T_j)
 
     def _update_with_loops(self) -> tuple[str, tuple[str, ...]]:
-        """Add the queued loops; return the reason for a rebuild, and messages about rejected edges."""
-        loops, self._pending = tuple(self._pending), []
-        if not loops:
-            return "", ()
-        begin, received = time.perf_counter(), self._received
-        problem, keys = _renumbered(Measurements(np.zeros(0), loops), self.count)
-        factors, before = _edge_factors(problem, keys), len(received.edges)
-        received.add_edges(loops, factors)
-        rejected: tuple[str, ...] = ()
-        try:
-            rebuild_reason = self._update(_joined(factors), gtsam.Values(), relinearize=True)
-        except BackendError as refusal:
-            received.select([*received.kept[:before], *[False] * len(loops)])
+        """Add the queued loops and test all edges; return the reason for a rebuild, and messages about
+        rejected edges."""
+        begin = time.perf_counter()
+        rebuild_reason, rejected = self._add_queued_loops()
+        test = self._received.test(self._isam.calculateEstimate(), self.count)
+        if self.loops_robust and not test.passed and (more := self._select()) is not None:
             self._rebuild()
-            rebuild_reason = str(refusal)
-            rejected = tuple(f"the loop {e.i}-{e.j} was left out: {refusal}" for e in loops)
-        if self.loops_robust and not received.test(self._isam.calculateEstimate(), self.count).passed:
-            again, more = self._select()
-            rebuild_reason, rejected = rebuild_reason or again, rejected + more
+            rebuild_reason, rejected = rebuild_reason or "other edges agree", rejected + more
         if time.perf_counter() - begin > self.budget_s:
             self._cooldown = _COOLDOWN_KEYFRAMES
         return rebuild_reason, rejected
 
-    def _select(self) -> tuple[str, tuple[str, ...]]:
-        """Let the batch select among all edges; rebuild where its selection is another one."""
+    def _add_queued_loops(self) -> tuple[str, tuple[str, ...]]:
+        """Return the reason for a rebuild, and messages about loops that cannot be added."""
+        loops, self._pending = tuple(self._pending), []
+        if not loops:
+            return "", ()
+        received = self._received
+        problem, keys = _renumbered(Measurements(np.zeros(0), loops), self.count)
+        factors, before = _edge_factors(problem, keys), len(received.edges)
+        received.add_edges(loops, factors)
+        try:
+            return self._update(_joined(factors), gtsam.Values(), relinearize=True), ()
+        except BackendError as refusal:
+            received.select([*received.kept[:before], *[False] * len(loops)])
+            self._rebuild()
+            return str(refusal), tuple(f"the loop {e.i}-{e.j} was left out: {refusal}" for e in loops)
+
+    def _select(self) -> tuple[str, ...] | None:
+        """Let the batch select among all edges, and start from its poses.
+
+        Return messages about the edges that are newly rejected; None if the selection stays.
+        """
         received = self._received
         found = solve(received.measurements(self.count), covariances=False)
         kept = found.edge_kept.tolist()
         if kept == received.kept:
-            return "", ()
+            return None
         news = [
             f"the {'loop' if e.kind == 'loop' else 'odometry'} {e.i}-{e.j} is rejected: {reason}"
             for e, reason, now, was in zip(
@@ -194,8 +201,7 @@ class Incremental:
         self._start = gtsam.Values()
         for k, w_T in enumerate(found.w_T_b):
             self._start.insert(k, gtsam.Pose3(w_T))
-        self._rebuild()
-        return "other edges agree", tuple(news)
+        return tuple(news)
 
     def _update(
         self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, relinearize: bool = False
@@ -239,15 +245,9 @@ def _renumbered(measured: Measurements, number: int) -> tuple[Problem, list[int]
     keys = sorted({number, *(k for e in measured.relative_poses for k in (e.i, e.j))})
     if keys[0] < 0:
         raise BackendError(f"a relative pose names keyframe {keys[0]}")
-    place = {key: k for k, key in enumerate(keys)}
-    local = Measurements(
-        stamps_s=np.zeros(len(keys)),
-        relative_poses=tuple(replace(e, i=place[e.i], j=place[e.j]) for e in measured.relative_poses),
-        attitudes=tuple(replace(a, k=place[a.k]) for a in measured.attitudes),
-        ranges=tuple(replace(r, k=place[r.k]) for r in measured.ranges),
-        positions=tuple(replace(p, k=place[p.k]) for p in measured.positions),
-        names=tuple(str(key) for key in keys),
-    )
+    # The times do not matter here.
+    local = replace(measured, stamps_s=np.zeros(number + 1)).of_keyframes(keys)
+    local = replace(local, names=tuple(str(key) for key in keys))
     return from_measurements(local, None)[0], keys
 
 

@@ -41,7 +41,7 @@ class Solution:
     unobserved: tuple[str, ...] = ()
     """Directions that nothing measures, by keyframes, and the pose that was fixed instead."""
     warnings: tuple[str, ...] = ()
-    contradictions: tuple[str, ...] = ()
+    disputed_odometry: tuple[str, ...] = ()
     """Sentences about rejected loops that agree with each other and contradict odometry."""
 
 

@@ -41,8 +41,8 @@ _GSD = typer.Option(
 
 
 @dataclass(frozen=True)
-class _Job:
-    """Settings of the work on flights, the mosaic apart."""
+class _FlightOptions:
+    """Options of flights, those of the mosaic apart."""
 
     settings: PipelineConfig
     model: str | None
@@ -77,8 +77,8 @@ def optimize(
     else:
         mosaics = MosaicOptions(mosaic, gsd, out)
         settings = options.pipeline_config(config, features)
-        job = _Job(settings, model, incremental)
-        results = _flights(sources, options.request_of(topic, picture_rate), out, mosaics, job, screen)
+        wanted = _FlightOptions(settings, model, incremental)
+        results = _flights(sources, options.request_of(topic, picture_rate), out, mosaics, wanted, screen)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:
@@ -92,7 +92,7 @@ def _flights(
     request: Request,
     out: Path,
     mosaic: MosaicOptions,
-    job: _Job,
+    wanted: _FlightOptions,
     screen: Screen,
 ) -> Results:
     from slam.cli.output_folder import output_folder
@@ -102,7 +102,7 @@ def _flights(
     from slam.core.join_flights import join_flights
     from slam.simulation.model import load_model
 
-    instruments = load_model(job.model) if job.model is not None else None
+    instruments = load_model(wanted.model) if wanted.model is not None else None
     with output_folder(out) as folder, screen.progress() as progress:
         flights = []
         for source in sources:
@@ -112,23 +112,25 @@ def _flights(
                 screen.line(f"{source}: {kind}, imported on the fly")
             show_sources(flight, screen)
         if instruments is not None:
-            return _corrected(instruments, flights, folder, mosaic, job, progress)
+            return _corrected(instruments, flights, folder, mosaic, wanted, progress)
         flight = join_flights(flights)
-        estimate, tables = _mapped(flight, job, progress)
+        estimate, tables = _mapped(flight, wanted, progress)
         return write_results(folder, estimate, flight, mosaic, progress, tables)
 
 
-def _mapped(flight: Flight, job: _Job, progress: Progress) -> tuple[Estimate, tuple[FigureTable, ...]]:
+def _mapped(
+    flight: Flight, wanted: _FlightOptions, progress: Progress
+) -> tuple[Estimate, tuple[FigureTable, ...]]:
     """Return the map, and the table that ``--incremental`` asks for."""
     from slam.core.heap import trim_heap
     from slam.evaluation.keyframe_by_keyframe import keyframe_by_keyframe
     from slam.mapping.pipeline import optimize_with_observations
     from slam.report.accuracy import keyframe_by_keyframe_table
 
-    estimate, observations = optimize_with_observations(flight, job.settings, progress)
+    estimate, observations = optimize_with_observations(flight, wanted.settings, progress)
     tables: tuple[FigureTable, ...] = ()
-    if job.incremental:
-        compared = keyframe_by_keyframe(flight, observations, job.settings, progress)
+    if wanted.incremental:
+        compared = keyframe_by_keyframe(flight, observations, wanted.settings, progress)
         tables = (keyframe_by_keyframe_table(compared),)
     del observations
     trim_heap()
@@ -140,7 +142,7 @@ def _corrected(
     flights: list[Flight],
     folder: Path,
     mosaic: MosaicOptions,
-    job: _Job,
+    wanted: _FlightOptions,
     progress: Progress,
 ) -> Results:
     """Map corrected readings; with truth, compare the map with that of the recorded readings."""
@@ -155,10 +157,10 @@ def _corrected(
     save_model(model, folder / MODEL_NAME)
     results = [correct_flight(flight, model) for flight in flights]
     flight = join_flights([each.flight.with_warning(each.summary(model)) for each in results])
-    estimate, tables = _mapped(flight, job, progress)
+    estimate, tables = _mapped(flight, wanted, progress)
     recorded = join_flights(flights)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):
-        tables = (map_gain_table([map_gain(recorded, flight, estimate, job.settings, progress)]), *tables)
+        tables = (map_gain_table([map_gain(recorded, flight, estimate, wanted.settings, progress)]), *tables)
     return write_results(folder, estimate, flight, mosaic, progress, tables)
 
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.measurements import Measurements, RelativePose
+from backend.measurements import Attitude, Measurements, RelativePose, SlantRange
 from backend.pose_graph.incremental import BUDGET_S, Incremental
 from backend.pose_graph.solve import solve
 from slam.core.flight import Flight
@@ -50,11 +50,15 @@ def keyframe_by_keyframe(
     flight: Flight, observations: Observations, config: PipelineConfig, progress: Progress = silent
 ) -> KeyframeByKeyframe:
     """Replay the pose graph of a mapped flight, of which ``optimize_with_observations`` gives the
-    observations."""
+    observations.
+
+    The heights are those of the recording: echoes of obstacles, which the map takes out, are among them.
+    """
     assert flight.camera is not None
     readings = KeyframeReadings.at(flight, observations.stamps_s, flight.geo_origin(), config)
     setup = Setup(flight.camera, readings, config)
-    return replay(graph_measurements(lift_edges(observations.registrations, setup), setup), progress)
+    measured, _ = graph_measurements(lift_edges(observations.registrations, setup), setup)
+    return replay(measured, progress)
 
 
 def replay(
@@ -65,18 +69,23 @@ def replay(
     Raises ``BackendError`` for measurements that cannot be solved.
     """
     order = list(_order(measured))
-    part = _renumbered(measured, order)
+    part = measured.of_keyframes(order)
     batch = solve(part, covariances=False)
     newest: list[list[RelativePose]] = [[] for _ in order]
     for edge in part.relative_poses:
         newest[max(edge.i, edge.j)].append(edge)
+    attitudes: list[list[Attitude]] = [[] for _ in order]
+    for attitude in part.attitudes:
+        attitudes[attitude.k].append(attitude)
+    ranges: list[list[SlantRange]] = [[] for _ in order]
+    for slant in part.ranges:
+        ranges[slant.k].append(slant)
     waiting = 0
     live, seconds, added = Incremental(budget_s), np.zeros(len(order)), np.empty((len(order), 4, 4))
     for k, edges in enumerate(newest):
         progress("keyframes", k, len(order))
-        own = (tuple(a for a in part.attitudes if a.k == k), tuple(r for r in part.ranges if r.k == k))
         begin = time.perf_counter()
-        update = live.add(tuple(edges), *own)
+        update = live.add(tuple(edges), tuple(attitudes[k]), tuple(ranges[k]))
         seconds[k] = time.perf_counter() - begin
         waiting = update.pending
         # Relative to the first keyframe: its pose may change with each new one.
@@ -115,19 +124,6 @@ def _order(measured: Measurements) -> Iterator[int]:
                     placed.add(now)
                     yield now
                     waiting += sorted(other for other in beside[now] if other < k)
-
-
-def _renumbered(measured: Measurements, order: list[int]) -> Measurements:
-    number = {k: place for place, k in enumerate(order)}
-    return replace(
-        measured,
-        stamps_s=measured.stamps_s[order],
-        relative_poses=tuple(
-            replace(e, i=number[e.i], j=number[e.j]) for e in measured.relative_poses if e.i in number
-        ),
-        attitudes=tuple(replace(a, k=number[a.k]) for a in measured.attitudes if a.k in number),
-        ranges=tuple(replace(r, k=number[r.k]) for r in measured.ranges if r.k in number),
-    )
 
 
 def _apart(w_T: Array, other: Array) -> float:

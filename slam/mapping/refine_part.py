@@ -41,27 +41,23 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
 
     Raises ``BackendError`` if a keyframe shares too few floor points with others.
     """
-    number = np.full(len(setup.readings.stamps_s), -1, dtype=np.int64)
-    number[members] = np.arange(len(members))
-    mine = number[tracks.keyframe] >= 0
-    _, track = np.unique(tracks.track[mine], return_inverse=True)
-    tracks = FloorTracks(number[tracks.keyframe[mine]], track, tracks.pixel[mine], tracks.std_px[mine])
+    readings = setup.readings
+    tracks = tracks.of_keyframes(members.tolist(), len(readings.stamps_s))
     seen = np.bincount(tracks.keyframe, minlength=len(members))
     if len(members) < 2 or (seen < LEAST_SEEN).any():
         raise BackendError("some keyframes share too few floor points with others")
-    readings = setup.readings
     level = np.array([setup.config.trust.level_std_rad] * 2 + [np.inf])
     attitudes = readings.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
-    return Measurements(
-        readings.stamps_s[members],
-        attitudes=tuple(replace(a, k=int(number[a.k])) for a in attitudes if number[a.k] >= 0),
-        ranges=tuple(replace(r, k=int(number[r.k])) for r in readings.ranges if number[r.k] >= 0),
-        positions=tuple(replace(p, k=int(number[p.k])) for p in readings.positions if number[p.k] >= 0),
-        tracks=tracks,
+    whole = Measurements(
+        readings.stamps_s,
+        attitudes=attitudes,
+        ranges=readings.ranges,
+        positions=readings.positions,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
         camera=_model(setup.camera),
     )
+    return replace(whole.of_keyframes(members.tolist()), tracks=tracks)
 
 
 def _model(camera: Camera) -> PinholeModel:

@@ -26,20 +26,33 @@ def solve_pose_graph(
 ) -> Solution:
     """Solve for all keyframes that edges connect. Raises ``BackendError`` for a graph that is not finite."""
     trim_heap()  # what lifting all pairs has left
-    measurements = graph_measurements(edges, setup)
-    plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
+    measurements, plain = graph_measurements(edges, setup, on_step)
     if not edges.relative_poses:
         return plain
-    # A common tilt error makes all edges disagree slightly. That is no reason to reject an edge.
+    return solve(measurements, initial=plain.w_T_b, covariances=covariances, on_step=on_step)
+
+
+def graph_measurements(
+    edges: Edges, setup: Setup, on_step: Callable[[int, float], None] | None = None
+) -> tuple[Measurements, Solution]:
+    """Return the measurements of the pose graph, and their fit without rejection.
+
+    A common tilt error makes all edges disagree slightly. That is no reason to reject an edge: the
+    covariances of all edges grow by as much as their fit is typically off.
+    """
+    measurements = _stated_measurements(edges, setup)
+    plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
+    if not edges.relative_poses:
+        return measurements, plain
     typical = float(np.median(plain.edge_residual**2)) / chi_square_quantile(0.5, 6)
     if typical > 1.0:
         widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)
         measurements = replace(measurements, relative_poses=tuple(widened))
-    return solve(measurements, initial=plain.w_T_b, covariances=covariances, on_step=on_step)
+    return measurements, plain
 
 
-def graph_measurements(edges: Edges, setup: Setup) -> Measurements:
-    """Return the measurements of the pose graph: edges, tilts, and the heights that scale the edges."""
+def _stated_measurements(edges: Edges, setup: Setup) -> Measurements:
+    """Return the edges, the tilts, and the heights that scale the edges, with their stated covariances."""
     readings, heights = setup.readings, edges.heights
     tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
     attitudes, ranges = [], []

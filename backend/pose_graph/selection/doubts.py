@@ -59,7 +59,7 @@ def doubtful_odometry(problem: Problem, kept: Mask) -> Mask | None:
     return np.asarray(problem.trusted & (low <= step) & (step < high))
 
 
-def contradiction(problem: Problem, doubted: Mask, agreeing: Mask) -> str:
+def odometry_dispute(problem: Problem, doubted: Mask, agreeing: Mask) -> str:
     """Return a sentence about rejected loops that agree with each other; empty if chance explains them.
 
     ``agreeing`` (m,) are those loops, ``doubted`` (m,) the trusted edges that they contradict. Loops between

@@ -20,7 +20,7 @@ from backend.pose_graph.initialize import tree_edges
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import recheck_rejected
 from backend.pose_graph.selection.chains import chain_members
-from backend.pose_graph.selection.doubts import contradiction, doubtful_odometry
+from backend.pose_graph.selection.doubts import doubtful_odometry, odometry_dispute
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
@@ -47,8 +47,8 @@ class Selection:
     """(m,) innovations of the rejected edges, and residuals of the kept ones, in standard deviations."""
     is_complete: bool = True
     """False if the growth of the consistent set was cut off."""
-    contradiction: str = ""
-    """A sentence about rejected loops that agree with each other, or empty."""
+    disputed_odometry: str = ""
+    """A sentence about rejected loops that agree with each other against odometry, or empty."""
 
 
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
@@ -109,7 +109,8 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         if not _is_more_probable(gauge_fixed, other, found):
             agreeing = other.kept & ~found.kept & ~gauge_fixed.problem.trusted
             if other.fit.test.passed:
-                found = replace(found, contradiction=contradiction(gauge_fixed.problem, step, agreeing))
+                dispute = odometry_dispute(gauge_fixed.problem, step, agreeing)
+                found = replace(found, disputed_odometry=dispute)
             break
         found = other
     return found

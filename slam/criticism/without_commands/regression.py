@@ -117,11 +117,11 @@ class Regression:
         begin = sum(len(self.of(e)) for e in effects[: list(effects).index(effect)])
         return np.arange(begin, begin + len(self.of(effect)))
 
-    def covariance(self, effects: Sequence[str], together: int | None = None) -> tuple[Array, Array]:
+    def covariance(self, effects: Sequence[str], one_by_one: bool = False) -> tuple[Array, Array]:
         """Return sizes and their cluster-robust covariance over segments, no less than that of white rows.
 
-        With ``together`` parameters judged at once, by default all, a square distance by it is about
-        chi-square, as Hotelling's. With 1 it is that of an interval: Student's over the segments (``wide``),
+        A square distance of all parameters together by it is about chi-square, as Hotelling's. With
+        ``one_by_one`` it is that of the interval of each parameter: Student's over the segments (``wide``),
         however many others are fitted. Source: Bester, Conley and Hansen 2011.
         """
         size, information = self.fit(effects)
@@ -130,8 +130,8 @@ class Regression:
         scores = np.zeros((int(self.cluster.max()) + 1, len(size)))
         np.add.at(scores, self.cluster, table * left[:, None])
         plain = np.linalg.inv(information)
-        count = len(scores)
-        between = plain @ (scores.T @ scores) @ plain * count / max(count - (together or len(size)), 1)
+        count, judged = len(scores), 1 if one_by_one else len(size)
+        between = plain @ (scores.T @ scores) @ plain * count / max(count - judged, 1)
         wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))
         return size, np.asarray(plain * wider[:, None] * wider)
 

@@ -212,7 +212,7 @@ def _cause(
     probability: float,
     errors: tuple[ChannelError, ...],
 ) -> Cause:
-    size, covariance = data.covariance(chosen, together=1)
+    size, covariance = data.covariance(chosen, one_by_one=True)
     rest = [e for e in chosen if e != effect]
     parameters, varying = {}, varying_sizes(data, chosen, effect)
     for k, column in zip(data.columns_of(chosen, effect), data.of(effect), strict=True):
@@ -220,8 +220,8 @@ def _cause(
         # The tolerance for integrals and the equation's own misfit are added to chance.
         std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
         if column in varying:
-            # It is no mean of independent segments: another error comes and goes, and the interval holds
-            # the sizes of most segments.
+            # Another error comes and goes, so the segments are no independent measurements of one size. The
+            # interval must hold the sizes of most segments, not their mean.
             std *= float(np.sqrt(len(varying[column])))
         half = float(np.hypot(data.wide * std, MISFIT * size[k]))
         value, low, high = (in_catalogue(column, float(size[k]) + x) for x in (0.0, -half, half))

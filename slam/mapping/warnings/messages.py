@@ -83,7 +83,7 @@ def _reasons(
         # First, because instruments contradict a map that a lens has bent.
         systematic if is_in_status else "",
         *map_.warnings,
-        *map_.graph.contradictions,
+        *map_.graph.disputed_odometry,
         *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),

@@ -10,7 +10,7 @@ import pytest
 from backend import se3
 from backend.measurements import Measurements, RelativePose
 from backend.pose_graph.from_measurements import from_measurements
-from backend.pose_graph.selection.doubts import contradiction, doubtful_odometry
+from backend.pose_graph.selection.doubts import doubtful_odometry, odometry_dispute
 from backend.pose_graph.solve import solve
 from tests.backend.synthetic import LOOP_STD, ODOMETRY_STD, Made, flight
 
@@ -70,7 +70,7 @@ def test_loops_over_a_wrong_step_are_kept_where_several_edges_agree_on_it(seed: 
     assert np.array_equal(~solved.edge_kept, _over_the_step(made.measurements))
     off = np.linalg.norm(solved.w_T_b[:, :3, 3] - made.truth[:, :3, 3], axis=1)
     assert off.max() < 0.3
-    assert solved.contradictions == ()
+    assert solved.disputed_odometry == ()
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_as_many_edges_as_loops_are_believed_but_the_status_says_what_contradict
     made = _flight_with_a_wrong_step(0, few=False)
     solved = solve(made.measurements, covariances=False)
     assert np.array_equal(~solved.edge_kept[_loops(made.measurements)], OVER)
-    (said,) = solved.contradictions
+    (said,) = solved.disputed_odometry
     assert "6 loops agree with each other and contradict the odometry from keyframe" in said
     assert said in solved.status
 
@@ -111,5 +111,5 @@ def test_false_loops_between_one_pair_of_places_contradict_nothing():
     step = _over_the_step(made.measurements)
     row = (problem.i < 2) & ~problem.trusted
     assert np.count_nonzero(row) == 2
-    assert contradiction(problem, step, row) == ""
-    assert contradiction(problem, step, ~problem.trusted).startswith("10 loops agree with each other")
+    assert odometry_dispute(problem, step, row) == ""
+    assert odometry_dispute(problem, step, ~problem.trusted).startswith("10 loops agree with each other")

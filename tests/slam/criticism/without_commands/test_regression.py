@@ -30,7 +30,7 @@ def test_an_interval_covers_its_size_however_many_others_are_fitted(beside):
     for _ in range(DRAWS):
         varying = np.repeat(rng.standard_normal(SEGMENTS), ROWS)
         data = regression(columns, columns["effect0.x"] * varying + rng.standard_normal(SEGMENTS * ROWS))
-        size, covariance = data.covariance(effects, together=1)
+        size, covariance = data.covariance(effects, one_by_one=True)
         inside += abs(size[0]) < data.wide * np.sqrt(covariance[0, 0])
     print(f"{beside} others fitted: {inside / DRAWS:.3f} of the intervals hold the size")
     assert 0.93 < inside / DRAWS < 0.97
@@ -43,5 +43,5 @@ def test_parameters_that_are_judged_together_count_as_many_segments_less():
     varying = np.repeat(rng.standard_normal((SEGMENTS, 3)), ROWS, axis=0)
     off = np.sum(varying * np.column_stack(list(columns.values())), axis=1)
     data = regression(columns, off)
-    alone, together = (data.covariance(["effect"], count)[1] for count in (1, None))
+    alone, together = (data.covariance(["effect"], one_by_one)[1] for one_by_one in (True, False))
     np.testing.assert_allclose(np.diag(together) / np.diag(alone), 6.0 / 4.0)
