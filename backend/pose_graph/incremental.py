@@ -23,7 +23,7 @@ from backend.measurements import Attitude, Measurements, Position, RelativePose,
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.minimise import minimise
 from backend.pose_graph.problem import Problem, spatial_poses
-from backend.pose_graph.received import Received
+from backend.pose_graph.received_measurements import ReceivedMeasurements
 from backend.pose_graph.solve import solve
 from backend.pose_graph.unary_factors import aligned, jacobian
 
@@ -62,7 +62,7 @@ class Incremental:
         self.budget_s = budget_s
         self.loops_robust = loops_robust
         self.count = 0
-        self._received = Received()
+        self._received = ReceivedMeasurements()
         self._start = gtsam.Values()
         self._isam = _isam("CHOLESKY")
         self._pending: list[RelativePose] = []

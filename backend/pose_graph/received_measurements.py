@@ -11,7 +11,7 @@ from backend.measurements import Attitude, Measurements, Position, RelativePose,
 from backend.pose_graph.chi_square import ChiSquare, edges_test
 
 
-class Received:
+class ReceivedMeasurements:
     """Growing record; an edge that does not take part stays, since later loops may speak for it."""
 
     def __init__(self) -> None:
