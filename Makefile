@@ -10,7 +10,7 @@ demo: $(SETUP)
 	$(BIN)/slam demo --out out/demo
 
 test: $(SETUP)
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 check: lint types test
 

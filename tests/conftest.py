@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 
+import pytest
+
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Each worker has a core to itself: threads of linear algebra would wait for those of the other workers.
     # It is read when numpy is imported, which nothing has done yet.
@@ -14,3 +16,8 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 # would inherit that; from one that handles it they get the default.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the tutorial: the worker that ran the longest file last would finish alone."""
+    items.sort(key=lambda item: item.path.name != "test_tutorial.py")

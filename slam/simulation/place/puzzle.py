@@ -109,6 +109,8 @@ def _lay_loose_piece(tile: Image, side: float, rng: np.random.Generator) -> None
     for way, sign in zip((axes[0], axes[1], -axes[0], -axes[1]), signs, strict=True):
         knob = center + way * side * (0.5 + sign * 0.11)
         cv2.circle(mask, _px(knob), round(0.13 * side), 255 if sign > 0 else 0, -1)
-    tile[mask > 0] = colour
+    left, top, width, height = cv2.boundingRect(mask)
+    around = np.s_[top : top + height, left : left + width]
+    tile[around][mask[around] > 0] = colour
     outline, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(tile, outline, -1, rim_colour, 2, cv2.LINE_AA)

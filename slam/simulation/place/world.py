@@ -238,19 +238,25 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
     tile = puzzle_tile(round(world.tile_m / world.metres_per_px), rng)
     n = len(tile)
     margin = round(world.margin_m / world.metres_per_px)
-    rows, cols = (np.arange(size) - margin for size in (height, width))
-    inside = [
-        (index >= 0) & (index < round((high - low) / world.metres_per_px))
-        for index, low, high in ((rows, *world.extent_m[1::2]), (cols, *world.extent_m[::2]))
-    ]
-    texture = np.full((height, width, 3), SURROUND_BGR, np.uint8)
-    texture[np.ix_(*inside)] = tile[np.ix_(rows[inside[0]] % n, cols[inside[1]] % n)]
+    x0, y0, x1, y1 = world.extent_m
+    rows, cols = (round(side_m / world.metres_per_px) for side_m in (y1 - y0, x1 - x0))
+    texture = cv2.merge([np.full((height, width), shade, np.uint8) for shade in SURROUND_BGR])
+    inside = texture[margin : margin + rows, margin : margin + cols]
+    inside[:] = _repeated(tile, *inside.shape[:2])
     if world.repeat:
-        weathering = draw_weathering(n, n, world.metres_per_px, rng)[np.ix_(rows % n, cols % n)]
+        weathering = draw_weathering(n, n, world.metres_per_px, rng)
+        start = -margin % n
+        weathering = _repeated(np.roll(weathering, (-start, -start), (0, 1)), height, width)
     else:
         weathering = draw_weathering(height, width, world.metres_per_px, rng)
     apply_weathering(texture, weathering)
     return texture
+
+
+def _repeated(tile: Image, height: int, width: int) -> Image:
+    """Return (height, width, ...) pixels of a plane covered with a tile, which begins in its first corner."""
+    across = np.take(tile, np.arange(width) % tile.shape[1], axis=1)
+    return np.take(across, np.arange(height) % tile.shape[0], axis=0)
 
 
 def _paint_blank(
