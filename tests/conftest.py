@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 
@@ -21,3 +22,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with the tutorial: the worker that ran the longest file last would finish alone."""
     items.sort(key=lambda item: item.path.name != "test_tutorial.py")
+
+
+def pytest_collection_finish() -> None:
+    """Leave the thousands of collected tests out of each later collection of garbage."""
+    gc.collect()
+    gc.freeze()

@@ -19,7 +19,6 @@ Objects are never pickled, and pickled content is refused.
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import os
@@ -33,7 +32,6 @@ from typing import Any
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import RangeErrors
@@ -41,13 +39,12 @@ from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
 from slam.core.geodesy import GeoOrigin
-from slam.core.units import unit
 from slam.io.atomic import write_whole
+from slam.io.estimate_text import loops_text, trajectory_text
 from slam.io.files import brief
 
 Array = NDArray[np.float64]
 
-_NS = 1_000_000_000
 _LARGEST_EXPANSION = 20
 """Largest ratio of unpacked to file size. We store without compression, so a larger ratio is an attack."""
 _MIN_LIMIT_BYTES = 1 << 26
@@ -91,48 +88,6 @@ def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) 
     for name, content in contents.items():
         write_whole(out_dir / name, content)
     return tuple(out_dir / name for name in contents)
-
-
-def trajectory_text(estimate: Estimate) -> str:
-    """Return the placed keyframes as TUM lines: ``stamp tx ty tz qx qy qz qw`` of w_T_b, seconds with 9
-    decimals.
-
-    The stamps are written from integers, exact to the nanosecond. A keyframe that could not be placed has no
-    line here, but a row in estimate.npz.
-    """
-    placed = estimate.placed
-    lines = pose_lines(estimate.stamps_ns[placed], estimate.w_T_b[placed], estimate.metric)
-    return "\n".join(lines) + "\n"
-
-
-def pose_lines(stamps_ns: NDArray[np.int64], w_T_b: Array, metric: bool) -> list[str]:
-    """Return poses (n, 4, 4) as TUM lines, after a line that names the columns."""
-    lines = [f"# timestamp [s] tx ty tz [{unit(metric)}] qx qy qz qw of w_T_b"]
-    if len(w_T_b):
-        quaternions = Rotation.from_matrix(w_T_b[:, :3, :3]).as_quat()
-        for stamp_ns, position, q in zip(stamps_ns.tolist(), w_T_b[:, :3, 3], quaternions, strict=True):
-            numbers = " ".join(f"{v:.9f}" for v in position)
-            turn = " ".join(f"{v:.12f}" for v in q)
-            lines.append(f"{_seconds(stamp_ns)} {numbers} {turn}")
-    return lines
-
-
-def _seconds(stamp_ns: int) -> str:
-    whole, rest = divmod(abs(stamp_ns), _NS)
-    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
-
-
-def loops_text(estimate: Estimate) -> str:
-    """Return every loop candidate with its verdict and reason as CSV."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(["i", "j", "verdict", "reason", "stamp_i [ns]", "stamp_j [ns]"])
-    stamps_ns = estimate.stamps_ns
-    for loop in estimate.loops:
-        rows.writerow(
-            [loop.i, loop.j, loop.verdict, loop.reason, int(stamps_ns[loop.i]), int(stamps_ns[loop.j])]
-        )
-    return text.getvalue()
 
 
 def _pack(estimate: Estimate) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slam.io.estimate import pose_lines
+from slam.io.estimate_text import pose_lines
 from slam.io.exports.exported_map import ExportedMap
 
 

@@ -19,7 +19,8 @@ from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
-from slam.io.estimate import loops_text, read_estimate, trajectory_text, write_estimate
+from slam.io.estimate import read_estimate, write_estimate
+from slam.io.estimate_text import loops_text, trajectory_text
 from tests.slam.evaluation.scene import estimate_of, smooth_poses
 
 

@@ -19,7 +19,7 @@ from slam.core.flight import GeoOrigin
 from slam.core.plot_style import ground_labels
 from slam.core.summary import json_text, summarise
 from slam.core.units import length
-from slam.io.estimate import trajectory_text
+from slam.io.estimate_text import trajectory_text
 from slam.report.accuracy import FigureTable
 from slam.report.facts import chain_on_result, gather, sentence
 from slam.report.optimize_report import Mosaics, render, write_report
