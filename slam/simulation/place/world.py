@@ -240,7 +240,8 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
     margin = round(world.margin_m / world.metres_per_px)
     x0, y0, x1, y1 = world.extent_m
     rows, cols = (round(side_m / world.metres_per_px) for side_m in (y1 - y0, x1 - x0))
-    texture = cv2.merge([np.full((height, width), shade, np.uint8) for shade in SURROUND_BGR])
+    texture: Image = np.empty((height, width, 3), np.uint8)
+    texture[:] = cv2.merge([np.full((1, width), shade, np.uint8) for shade in SURROUND_BGR])
     inside = texture[margin : margin + rows, margin : margin + cols]
     inside[:] = _repeated(tile, *inside.shape[:2])
     if world.repeat:
@@ -256,7 +257,7 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
 def _repeated(tile: Image, height: int, width: int) -> Image:
     """Return (height, width, ...) pixels of a plane covered with a tile, which begins in its first corner."""
     across = np.take(tile, np.arange(width) % tile.shape[1], axis=1)
-    return np.take(across, np.arange(height) % tile.shape[0], axis=0)
+    return np.asarray(np.take(across, np.arange(height) % tile.shape[0], axis=0))
 
 
 def _paint_blank(
