@@ -55,15 +55,8 @@ class MapGain:
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of verdict.json and summary.json; figures that are not finite become null."""
-        return dict(
-            without_nan(
-                {
-                    "flight": self.flight,
-                    "before": dict(vars(self.before)),
-                    "after": dict(vars(self.after)),
-                }
-            )
-        )
+        errors = {"before": dict(vars(self.before)), "after": dict(vars(self.after))}
+        return dict(without_nan({"flight": self.flight, **errors}))
 
 
 def can_be_compared(flight: Flight) -> bool:

@@ -13,15 +13,7 @@ import numpy as np
 
 from slam.evaluation.association import poses_at
 from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
-from slam.experiments.experiment import (
-    SIMULATOR,
-    Conclusion,
-    Experiment,
-    Trial,
-    over_seeds,
-    text,
-    verdict,
-)
+from slam.experiments.experiment import SIMULATOR, Conclusion, Experiment, Trial, over_seeds, text, verdict
 from slam.experiments.maps import (
     CONSECUTIVE,
     GRAPH,
