@@ -67,6 +67,27 @@ def test_consecutive_clocks_are_kept_and_others_are_shifted_by_whole_seconds(two
         assert (np.diff(series.stamps_s) > 0).all()
 
 
+def test_each_of_three_flights_begins_after_the_one_before_it(two):
+    third = replace(flown(2), name="third")
+    joint = join_flights([*two, third])
+    lengths = [len(flight.frames) for flight in (*two, third)]
+    first, second, last = np.split(joint.frames.stamps_s, np.cumsum(lengths)[:-1])
+    assert first[-1] + PAUSE_S < second[0]
+    assert second[-1] + PAUSE_S < last[0]
+
+
+def test_a_landmark_that_two_flights_name_is_where_the_first_has_it(two):
+    a, b = two
+    there, elsewhere = np.array([1.0, 2.0, 0.0]), np.array([9.0, 9.0, 0.0])
+    joint = join_flights(
+        [replace(a, landmarks={"A": there}), replace(b, landmarks={"A": elsewhere, "B": elsewhere})]
+    )
+    assert {name: place.tolist() for name, place in joint.landmarks.items()} == {
+        "A": there.tolist(),
+        "B": elsewhere.tolist(),
+    }
+
+
 def test_pictures_and_read_errors_are_those_of_the_flights(two):
     a, b = two
     broken = seeing(b, lambda k: None)
