@@ -88,7 +88,7 @@ def refine_map(
         georeferenced=main.georeferenced if main else False,
         warnings=tuple(line for part in parts for line in part.warnings),
         remarks=tuple(line for part in parts for line in part.remarks),
-        stated_accuracy=tuple(part.stated_accuracy for part in parts if part.stated_accuracy),
+        stated_accuracy=tuple(found for part in parts for found in part.stated_accuracy),
         height_std_m=tuple(part.height_std_m for part in parts),
         inertial=main.inertial if main else None,
         clock=main.clock if main else None,
@@ -127,7 +127,7 @@ class MapPart:
     clock: PictureClock | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
-    stated_accuracy: Contradiction | None = None
+    stated_accuracy: tuple[Contradiction, ...] = ()
 
     @property
     def metric(self) -> bool:
@@ -188,7 +188,7 @@ class _Evidence:
             placed,
             warnings=(*placed.warnings, *messages.warnings),
             remarks=messages.remarks,
-            stated_accuracy=fixes.contradiction(agreement, placed.w_T_b),
+            stated_accuracy=tuple(fixes.contradictions(agreement, placed.w_T_b)),
         )
 
     def _refined_with_agreeing(

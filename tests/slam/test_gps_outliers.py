@@ -24,11 +24,14 @@ def survey() -> tuple[Flight, np.ndarray]:
     """Fourteen photographs of the small flight with positions, and where they were taken about ``ORIGIN``."""
     flight = flown(0)
     chosen = np.arange(0, 70, 5)
-    taken_s = flight.frames.stamps_s[chosen]
-    truth = flight.truth
-    place = np.column_stack([np.interp(taken_s, truth.stamps_s, truth.w_T_b[:, k, 3]) for k in range(3)])
     photos = photographs([(flight, int(k)) for k in chosen])
-    return replace(photos, epoch_ns=10**18), place
+    return replace(photos, epoch_ns=10**18), true_places(flight, chosen)
+
+
+def true_places(flight: Flight, chosen: np.ndarray) -> np.ndarray:
+    """Where some pictures (n,) of a simulated flight were taken, (n, 3)."""
+    truth, taken_s = flight.truth, flight.frames.stamps_s[chosen]
+    return np.column_stack([np.interp(taken_s, truth.stamps_s, truth.w_T_b[:, k, 3]) for k in range(3)])
 
 
 def with_positions(moved_m: np.ndarray, std_m: float = STD_M) -> Flight:
@@ -72,6 +75,64 @@ def test_a_selection_that_does_not_settle_is_told(monkeypatch):
     monkeypatch.setattr(Agreement, "same", lambda self, other: False)
     estimate = optimize(with_positions(np.zeros((14, 3))))
     assert any("still changed after 4 refinements" in line for line in estimate.warnings)
+
+
+@lru_cache
+def strip() -> tuple[Flight, np.ndarray]:
+    """Twelve photographs along one line, 30 m apart, and where they were taken about ``ORIGIN``."""
+    flight = flown(
+        0,
+        maneuver={"way_points": [[0.3, 0.3], [4.3, 0.3]], "cruise_m_s": 0.5},
+        landmarks={"A": [0.3, 0.3], "B": [4.3, 0.3]},
+        world={"extent_m": [0, 0, 4.6, 1.0]},
+    )
+    chosen = np.arange(8, 64, 5)
+    photos = photographs([(flight, int(k)) for k in chosen])
+    return replace(photos, epoch_ns=10**18), 100.0 * true_places(flight, chosen)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("moved", "m"),
+    [
+        ([0], [60, 0, 0]),
+        ([0, 1, 2], [60, 0, 0]),
+        ([4, 5, 6], [-60, 0, 0]),
+        ([9, 10, 11], [0, 60, 0]),
+        ([2, 6, 9], [60, 0, 0]),
+    ],
+)
+def test_tags_that_are_moved_alike_along_one_line_change_nothing(moved, m):
+    estimate, far_m, scale = along_the_strip(moved, m)
+    assert estimate.status == "ok"
+    assert far_m < 2.0
+    assert abs(scale - 1) < 0.02
+    (line,) = (line for line in estimate.warnings if "contradict the pictures" in line)
+    assert f"{len(moved)} of 12 fixes" in line
+    assert all(f"photo_{k:02}.jpg" in line for k in moved)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moved", [range(6, 12), range(0, 12, 2)])
+@pytest.mark.parametrize("m", [[60, 0, 0], [0, 60, 0]])
+def test_half_of_the_tags_moved_alike_are_told_and_leave_the_scale(moved, m):
+    """Which half is right nobody can tell; the map on both of them had a scale that was 24 % off."""
+    estimate, _, scale = along_the_strip(list(moved), m)
+    assert "6 of 12 fixes contradict the pictures" in estimate.status
+    assert "so many may be right and the others wrong" in estimate.status
+    assert abs(scale - 1) < 0.02
+
+
+def along_the_strip(moved: list[int], m: list[float]) -> tuple[Estimate, float, float]:
+    """The map of the strip with some tags moved, its RMS position error [m], and its scale."""
+    photos, place = strip()
+    fixes = place + np.random.default_rng(1).normal(0, [1.0, 1.0, 1.5], place.shape)
+    fixes[moved] += m
+    estimate = optimize(replace(photos, gps=Gps(photos.frames.stamps_s, *geodetic_from_enu(fixes, ORIGIN))))
+    there = enu_from_geodetic(*geodetic_from_enu(place, ORIGIN), estimate.origin)
+    here = estimate.w_T_b[:, :3, 3]
+    far_m = float(np.sqrt(np.mean(np.sum((here - there) ** 2, axis=1))))
+    return estimate, far_m, float(np.linalg.norm(here[-1] - here[0]) / np.linalg.norm(there[-1] - there[0]))
 
 
 @pytest.mark.slow

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from slam.mapping.gps.consensus import Agreement, exact_agreement, rough_agreement
 from slam.mapping.gps.fixes import Fixes, nearest
 from slam.mapping.gps.messages import FixMessages, fix_messages
-from slam.mapping.gps.stated_accuracy import Contradiction, FixesOnMap, stated_accuracy_contradiction
+from slam.mapping.gps.stated_accuracy import (
+    Contradiction,
+    FixesOnMap,
+    altitude_contradiction,
+    stated_accuracy_contradiction,
+)
 
 Array = NDArray[np.float64]
 
@@ -25,7 +30,8 @@ class FixComparison:
 
     def rough(self, w_T_b: Array, metric: bool) -> Agreement:
         """Compare with the level, unplaced poses ``w_T_b`` (m, 4, 4)."""
-        return rough_agreement(self.fixes.on_map(self.stamps_s, w_T_b), self.fixes.w_p_b_m, metric)
+        here_m = self.fixes.on_map(self.stamps_s, w_T_b)
+        return rough_agreement(here_m, self.fixes.w_p_b_m, metric, self.fixes.std_m)
 
     def exact(self, w_T_b: Array) -> Agreement:
         """Compare with the refined poses ``w_T_b`` (m, 4, 4)."""
@@ -36,11 +42,14 @@ class FixComparison:
         """Return remarks and warnings about the fixes."""
         return fix_messages(self.fixes, agreement)
 
-    def contradiction(self, agreement: Agreement, w_T_b: Array) -> Contradiction | None:
-        """Compare the accuracy that the receiver states with refined poses ``w_T_b`` (m, 4, 4)."""
-        if not self.fixes.stated:
-            return None
-        return stated_accuracy_contradiction(self._on_map(agreement, w_T_b), self.fixes.std_m)
+    def contradictions(self, agreement: Agreement, w_T_b: Array) -> list[Contradiction]:
+        """Compare the stated or assumed accuracy with refined poses ``w_T_b`` (m, 4, 4)."""
+        fixes, high = self.fixes, agreement.altitude_used & np.isfinite(agreement.off_m[:, 2])
+        found = (
+            stated_accuracy_contradiction(self._on_map(agreement, w_T_b), fixes.std_m, fixes.stated),
+            altitude_contradiction(agreement.off_m[high, 2], fixes.std_m[2], fixes.stated),
+        )
+        return [each for each in found if each is not None]
 
     def _on_map(self, agreement: Agreement, w_T_b: Array) -> FixesOnMap:
         used = agreement.used & np.isfinite(agreement.off_m[:, 0])

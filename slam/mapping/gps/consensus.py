@@ -2,8 +2,8 @@
 
 Before refinement the map's scale and heading are unknown and its shape is bent, so that fixes are compared up
 to a similarity of the plane, with a wide limit. Source: Rousseeuw and Leroy 1987, chapters 3 and 5 (least
-median of squares). After refinement the map stands where the fixes have put it, and the limit is that of the
-fixes' own noise.
+median of squares). Where no majority agrees, half of the fixes may (`slam.mapping.gps.agreeing_half`).
+After refinement the map stands where the fixes have put it, and the limit is that of the fixes' own noise.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import f_limit
+from slam.mapping.gps.agreeing_half import agreeing_half
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -60,7 +61,13 @@ class Agreement:
         return int((self.used & np.isfinite(self.off_m[:, 0])).sum())
 
 
-def rough_agreement(here_m: Array, there_m: Array, metric: bool, seed: int = 0) -> Agreement:
+def rough_agreement(
+    here_m: Array,
+    there_m: Array,
+    metric: bool,
+    nominal_std_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    seed: int = 0,
+) -> Agreement:
     """Compare the fixes ``there_m`` (n, 3) with a level, unplaced map ``here_m`` (n, 3) up to a similarity.
 
     ``metric``: whether the map's lengths are metres already. NaN marks what the map does not cover.
@@ -72,14 +79,12 @@ def rough_agreement(here_m: Array, there_m: Array, metric: bool, seed: int = 0) 
         return everything
     a = here_m[known, 0] + 1j * here_m[known, 1]
     b = there_m[known, 0] + 1j * there_m[known, 1]
-    fit = _least_median(a, b, metric, np.random.default_rng(seed))
+    fit = _similarity(a, b, metric, _nominal_limit(nominal_std_m), np.random.default_rng(seed))
     if fit is None:
         return everything
-    turn, shift = fit
+    turn, shift, limit_m = fit
     horizontal = b - turn * a - shift
-    distance = np.abs(horizontal)
-    std = _small_sample(len(known), 2) * float(_upper_median(distance)) / _MEDIAN_OF_RAYLEIGH
-    good = distance <= BENT_MAP * std
+    good = np.abs(horizontal) <= limit_m
     off = everything.off_m.copy()
     off[known, 0], off[known, 1] = horizontal.real, horizontal.imag
     rise = there_m[known, 2] - abs(turn) * here_m[known, 2]
@@ -96,6 +101,30 @@ def rough_agreement(here_m: Array, there_m: Array, metric: bool, seed: int = 0) 
     return Agreement(used, altitude_used, off)
 
 
+def _similarity(
+    a: NDArray[np.complex128],
+    b: NDArray[np.complex128],
+    metric: bool,
+    least_m: float,
+    rng: np.random.Generator,
+) -> tuple[complex, complex, float] | None:
+    """Return (turn, shift, limit) of ``b = turn a + shift``; outliers are beyond the limit."""
+    half = agreeing_half(a, b, metric, least_m, rng)
+    if half is not None:
+        return half
+    fit = _least_median(a, b, metric, rng)
+    if fit is None:
+        return None
+    turn, shift = fit
+    median_m = float(_upper_median(np.abs(b - turn * a - shift)))
+    return turn, shift, BENT_MAP * _small_sample(len(a), 2) * median_m / _MEDIAN_OF_RAYLEIGH
+
+
+def _nominal_limit(nominal_std_m: tuple[float, float, float]) -> float:
+    """Return the horizontal distance up to which a fix may lie from the map by its nominal deviations."""
+    return STATED_SIGMAS * float(np.hypot(*nominal_std_m[:2]) / np.sqrt(2))
+
+
 def exact_agreement(off_m: Array, nominal_std_m: tuple[float, float, float]) -> Agreement:
     """Compare fixes with a refined map that stands where they have put it.
 
@@ -106,8 +135,7 @@ def exact_agreement(off_m: Array, nominal_std_m: tuple[float, float, float]) -> 
     known = np.flatnonzero(np.isfinite(off_m[:, :2]).all(axis=1))
     if len(known) < LEAST_FIXES:
         return Agreement(used, altitude_used, off_m)
-    nominal = STATED_SIGMAS * float(np.hypot(*nominal_std_m[:2]) / np.sqrt(2))
-    used[known] = _within(np.linalg.norm(off_m[known, :2], axis=1), 2, nominal)
+    used[known] = _within(np.linalg.norm(off_m[known, :2], axis=1), 2, _nominal_limit(nominal_std_m))
     altitude_used &= used
     high = np.flatnonzero(np.isfinite(off_m[:, 2]) & used)
     if len(high) >= LEAST_FIXES:

@@ -32,6 +32,8 @@ class Fixes:
     """Whether the receiver states these deviations; else they are assumed."""
     names: tuple[str, ...]
     """Photograph or time of each fix, for messages."""
+    suspect: NDArray[np.bool_]
+    """(n,) whether the fix is out of reach of the other fixes (`slam.core.fix_check`)."""
 
     def __len__(self) -> int:
         return len(self.stamps_s)
@@ -41,7 +43,13 @@ class Fixes:
         w_p_b_m = self.w_p_b_m.copy()
         w_p_b_m[~altitude_used, 2] = np.nan
         names = tuple(name for name, keep in zip(self.names, used, strict=True) if keep)
-        return replace(self, stamps_s=self.stamps_s[used], w_p_b_m=w_p_b_m[used], names=names)
+        return replace(
+            self,
+            stamps_s=self.stamps_s[used],
+            w_p_b_m=w_p_b_m[used],
+            names=names,
+            suspect=self.suspect[used],
+        )
 
     def at(self, at_s: Array) -> tuple[Position, ...]:
         """Return the position of each keyframe at the times ``at_s`` (k,) that lies on or between fixes."""
@@ -73,8 +81,8 @@ class Fixes:
 
 def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
     """Return the fixes of a flight; None if it has none."""
-    gps = flight.gps
-    if gps is None or origin is None:
+    gps, check = flight.gps, flight.fix_check()
+    if gps is None or check is None or origin is None:
         return None
     known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
     w_p_b_m = enu_from_geodetic(
@@ -89,6 +97,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         std_m=gps.noise_std_m,
         stated=gps.noise_std_m != Gps.noise_std_m,
         names=flight.picture_names(stamps_s),
+        suspect=~check.consistent[known][order],
     )
 
 

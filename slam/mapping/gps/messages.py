@@ -12,8 +12,10 @@ from backend.quantiles import chi_square_limit
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.names import listed
 from slam.core.units import length
+from slam.mapping.gps.agreeing_half import LEAST_FIXES as LEAST_FOR_HALF
 from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, Agreement
 from slam.mapping.gps.fixes import Fixes
+from slam.mapping.gps.jumps import jumps
 
 Array = NDArray[np.float64]
 
@@ -63,7 +65,12 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
                 warnings.append(line + _DOUBT)
             else:
                 remarks.append(line)
-    return FixMessages(tuple(remarks), (*warnings, *_too_few(fixes, agreement, covered)))
+    warnings += [
+        *_too_few(fixes, agreement, covered),
+        *_used_suspects(fixes, agreement, covered),
+        *_jumps(fixes, agreement, covered),
+    ]
+    return FixMessages(tuple(remarks), tuple(warnings))
 
 
 def _too_many(outliers: int, count: int) -> bool:
@@ -99,16 +106,55 @@ def _step_line(fixes: Fixes, good: NDArray[np.int64], bad: NDArray[np.int64], st
 
 
 def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[str]:
-    """Return a warning where fixes contradict the pictures but are too few to tell which is wrong."""
-    off, n = agreement.off_m[covered, :2], int(covered.sum())
-    if not 2 < n < LEAST_FIXES:
+    """Return a warning where fixes contradict the pictures but are too few to tell which are wrong."""
+    used = covered & agreement.used
+    n = int(used.sum())
+    if not 2 < n < LEAST_FOR_HALF or not _exceed_nominal(fixes, agreement, used):
         return []
-    sums = float(np.sum((off / np.array(fixes.std_m[:2])) ** 2))
-    if sums < chi_square_limit(FALSE_ALARM, 2 * n - 4):
-        return []
-    names = ", ".join(name for name, here in zip(fixes.names, covered, strict=True) if here)
-    rms = float(np.sqrt(np.sum(off**2) / max(2 * n - 4, 1)))
+    names = ", ".join(name for name, here in zip(fixes.names, used, strict=True) if here)
+    rms = float(np.sqrt(np.sum(agreement.off_m[used, :2] ** 2) / (2 * n - 4)))
+    which = (
+        f"{LEAST_FIXES} to tell which is" if n < LEAST_FIXES else f"{LEAST_FOR_HALF} to tell which half is"
+    )
     return [
-        f"gps0: the {n} fixes contradict the pictures by {length(rms)}, and it takes {LEAST_FIXES} to tell "
-        f"which is wrong ({names}); scale and place of the map may be wrong"
+        f"gps0: the {n} fixes contradict the pictures by {length(rms)}, and it takes {which} wrong "
+        f"({names}); scale and place of the map may be wrong"
     ]
+
+
+def _used_suspects(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[str]:
+    """Return a warning where the noise hides whether fixes that contradict the other fixes are outliers."""
+    used = covered & agreement.used
+    suspects = np.flatnonzero(used & fixes.suspect)
+    if not len(suspects) or int(used.sum()) < 3 or not _exceed_nominal(fixes, agreement, used):
+        return []
+    rms = float(np.sqrt(np.mean(agreement.off_m[used, :2] ** 2)))
+    names = listed([fixes.names[k] for k in suspects], MOST_LISTED_FIXES)
+    return [
+        f"gps0: the map uses {len(suspects)} fixes out of reach of the others ({names}), because the fixes "
+        f"differ from it by {length(rms)} a horizontal axis anyway; if these are wrong, so are its scale and "
+        "place: check them"
+    ]
+
+
+def _jumps(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> list[str]:
+    """Return a warning where the fixes jump while the pictures show no such step."""
+    used = np.flatnonzero(covered & agreement.used)
+    found = jumps(agreement.off_m[used, :2], fixes.std_m)
+    if not len(found):
+        return []
+    step_m = np.linalg.norm(np.diff(agreement.off_m[used, :2], axis=0), axis=1)[found - 1]
+    steps = [
+        f"{length(step)} from {fixes.names[used[k - 1]]} to {fixes.names[used[k]]}"
+        for k, step in zip(found, step_m, strict=True)
+    ]
+    return [
+        f"gps0: the fixes jump against the pictures by {listed(steps, MOST_LISTED_FIXES)}: those before or "
+        "those after are wrong, and so may be scale, heading and place of the map; remove the wrong ones"
+    ]
+
+
+def _exceed_nominal(fixes: Fixes, agreement: Agreement, used: NDArray[np.bool_]) -> bool:
+    """Return whether the fixes ``used`` (n,), three at least, differ from the map by more than is nominal."""
+    squares = float(np.sum((agreement.off_m[used, :2] / np.array(fixes.std_m[:2])) ** 2))
+    return squares >= chi_square_limit(FALSE_ALARM, 2 * int(used.sum()) - 4)

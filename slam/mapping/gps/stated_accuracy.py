@@ -1,4 +1,4 @@
-"""Test of the accuracy that a GPS receiver states, on the differences between its fixes and the map.
+"""Test of the accuracy that a GPS receiver states, or that is assumed, on what its fixes differ from the map.
 
 The map's own errors have a pattern that errors of satellite positions lack. An error of the camera model is
 constant in the axes of the body, one of the lens bends the map smoothly, and one of the stamps follows the
@@ -23,7 +23,9 @@ _DOUBTED = {
     "place": "they vary smoothly over the map ({value}), as lens distortion makes them: the map's shape is "
     "doubted, not the GPS",
     "delay": "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the GPS",
-    "": "they have no pattern that camera, lens or clock would make: the stated accuracy is doubted",
+    "altitude": "altitudes that drift make such differences, and so does a map that is bent or tilted: "
+    "heights and slopes of the map are doubted",
+    "": "they have no pattern that camera, lens or clock would make: the {said} accuracy is doubted",
 }
 
 
@@ -46,7 +48,7 @@ class Pattern:
     """Pattern in the differences between fixes and map."""
 
     kind: str
-    """``body``, ``place``, ``delay``, or empty for none."""
+    """``body``, ``place``, ``delay``, ``altitude``, or empty for none."""
     share: float
     """Share of the squared differences that it explains."""
     value: str
@@ -55,37 +57,67 @@ class Pattern:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Fixes that differ from the map by far more than the receiver states."""
+    """Fixes that differ from the map by far more than the receiver states, or than is assumed of it."""
 
     differs: str
     """Sentence with the stated accuracy and the differences."""
     pattern: Pattern
+    stated: bool = True
 
     @property
     def warning(self) -> str:
         """The sentence, with what the pattern leaves in doubt."""
         value = f"{self.pattern.value}; {100 * self.pattern.share:.0f} % of the squares"
-        why = _DOUBTED[self.pattern.kind].format(value=value)
+        said = "stated" if self.stated else "assumed"
+        why = _DOUBTED[self.pattern.kind].format(value=value, said=said)
         return f"{self.differs}: {why}; the fixes count with what they differ by"
 
 
 def stated_accuracy_contradiction(
-    fixes: FixesOnMap, stated_std_m: tuple[float, float, float]
+    fixes: FixesOnMap, stated_std_m: tuple[float, float, float], stated: bool = True
 ) -> Contradiction | None:
-    """Return how the fixes differ from the map where it is by far more than they state; else None."""
-    n = len(fixes.off_m)
-    stated = float(np.hypot(*stated_std_m[:2]) / np.sqrt(2))
-    if n < LEAST_FIXES or stated <= 0:
+    """Return how the fixes differ from the map where it is by far more than they state; else None.
+
+    ``stated``: whether the receiver states these deviations; else they are assumed.
+    """
+    nominal = float(np.hypot(*stated_std_m[:2]) / np.sqrt(2))
+    std = _excess(fixes.off_m, 2 * len(fixes.off_m) - 4, nominal)
+    if std is None:
         return None
-    squares, dof = float(np.sum(fixes.off_m**2)), 2 * n - 4
-    std = float(np.sqrt(squares / dof))
-    if std < STATED_SIGMAS * stated or squares / stated**2 < chi_square_limit(FALSE_ALARM, dof):
-        return None
-    return Contradiction(
-        f"gps0: states {stated:.2g} m, but its fixes differ from the map by {std:.2g} m a horizontal axis "
-        f"({std / stated:.0f} sigmas)",
-        pattern(fixes),
+    differs = (
+        f"gps0: {_said(nominal, stated)}, but its fixes differ from the map by {std:.2g} m a horizontal axis "
+        f"({std / nominal:.0f} sigmas)"
     )
+    return Contradiction(differs, pattern(fixes), stated)
+
+
+def altitude_contradiction(up_m: Array, nominal: float, stated: bool = True) -> Contradiction | None:
+    """Return how altitudes differ from the map, ``up_m`` (n,), if by far more than ``nominal`` (m)."""
+    # The map's height and, in part, its slopes along and across follow from the altitudes.
+    std = _excess(up_m, len(up_m) - 3, nominal)
+    if std is None:
+        return None
+    differs = (
+        f"gps0: {_said(nominal, stated)} for altitudes, but they differ from the map by {std:.2g} m "
+        f"({std / nominal:.0f} sigmas)"
+    )
+    return Contradiction(differs, Pattern("altitude", 0.0, ""), stated)
+
+
+def _said(nominal: float, stated: bool) -> str:
+    return f"states {nominal:.2g} m" if stated else f"{nominal:.2g} m assumed"
+
+
+def _excess(off_m: Array, dof: int, nominal: float) -> float | None:
+    """Return the standard deviation of the differences of some fixes, (n, 2) or (n,), with ``dof`` degrees of
+    freedom, where it exceeds the nominal one by far; else None."""
+    if len(off_m) < LEAST_FIXES or nominal <= 0:
+        return None
+    squares = float(np.sum(off_m**2))
+    std = float(np.sqrt(squares / dof))
+    if std < STATED_SIGMAS * nominal or squares / nominal**2 < chi_square_limit(FALSE_ALARM, dof):
+        return None
+    return std
 
 
 def pattern(fixes: FixesOnMap) -> Pattern:

@@ -33,7 +33,7 @@ _ADVICE: Mapping[Kind, str] = {
     "position offset": "calibrate the camera, and refer the positions to its place and its clock",
 }
 _PATTERNS_OF_FIXES: Mapping[Kind, tuple[str, ...]] = {
-    "radial": ("place",),
+    "radial": ("place", "altitude"),
     "decentring": ("place",),
     "principal point": ("body",),
     "position offset": ("body", "delay"),

@@ -1,6 +1,7 @@
 """Messages about fixes: each by its name, with its distance, and whether the result may be wrong."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from slam.mapping.gps.messages import fix_messages
 
 def fixes(n):
     names = tuple(f"P{k:02}.jpg" for k in range(n))
-    return Fixes(2.0 * np.arange(n), np.zeros((n, 3)), (1.0, 1.0, 2.0), True, names)
+    return Fixes(2.0 * np.arange(n), np.zeros((n, 3)), (1.0, 1.0, 2.0), True, names, np.zeros(n, bool))
 
 
 def agreement(off_m, bad=(), bad_altitude=()):
@@ -80,3 +81,31 @@ def test_three_fixes_that_contradict_the_pictures_are_told_without_a_culprit(off
     if told:
         assert "P00.jpg, P01.jpg, P02.jpg" in warnings[0]
         assert "it takes 4 to tell which is wrong" in warnings[0]
+
+
+@pytest.mark.parametrize("n", [4, 6])
+def test_few_fixes_that_contradict_the_pictures_are_told_without_a_culprit(n):
+    """Half of them may be moved: any two fit the map exactly."""
+    off = np.zeros((n, 3))
+    off[:, 0] = 8.0 * (-1.0) ** np.arange(n)
+    (line,) = fix_messages(fixes(n), agreement(off)).warnings
+    assert "it takes 7 to tell which half is wrong (P00.jpg, P01.jpg" in line
+    assert fix_messages(fixes(n), agreement(noise(n))).warnings == ()
+
+
+@pytest.mark.parametrize(("noise_m", "told"), [(8.0, True), (0.5, False)])
+def test_fixes_out_of_reach_of_the_others_are_told_where_the_noise_hides_them(noise_m, told):
+    off = np.random.default_rng(1).normal(0, noise_m, (12, 3))
+    doubted = replace(fixes(12), suspect=np.arange(12) > 9)
+    warnings = fix_messages(doubted, agreement(off)).warnings
+    assert len(warnings) == told
+    if told:
+        assert "uses 2 fixes out of reach of the others (P10.jpg, P11.jpg)" in warnings[0]
+    assert fix_messages(fixes(12), agreement(off)).warnings == ()
+
+
+def test_a_jump_is_told_with_the_fixes_on_both_sides():
+    off = noise(12)
+    off[6:, 1] += 40.0
+    (line,) = fix_messages(fixes(12), agreement(off)).warnings
+    assert re.search("jump against the pictures by (39|40|41).* m from P05.jpg to P06.jpg", plain(line))

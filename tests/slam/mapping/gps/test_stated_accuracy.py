@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.mapping.gps.stated_accuracy import FixesOnMap, pattern, stated_accuracy_contradiction
+from slam.mapping.gps.stated_accuracy import (
+    FixesOnMap,
+    altitude_contradiction,
+    pattern,
+    stated_accuracy_contradiction,
+)
 
 STATED = (0.01, 0.01, 0.02)
 
@@ -74,3 +79,19 @@ def test_fixes_without_attitude_or_motion_are_no_trouble():
     made = fixes("", n=6)
     standing = FixesOnMap(made.off_m, np.zeros((6, 2)), np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 2)))
     assert "doubted" in stated_accuracy_warning(standing, STATED)
+
+
+def test_an_assumed_accuracy_is_told_as_one():
+    found = stated_accuracy_contradiction(fixes(""), STATED, stated=False)
+    assert found is not None
+    assert "gps0: 0.01 m assumed, but its fixes differ" in found.warning
+    assert "the assumed accuracy is doubted" in found.warning
+
+
+def test_altitudes_that_climb_while_the_map_does_not_are_told():
+    ramp = 10.0 * np.linspace(-5.5, 5.5, 12)
+    found = altitude_contradiction(ramp, 10.0, stated=False)
+    assert found is not None
+    assert "10 m assumed for altitudes, but they differ from the map by 40 m (4 sigmas)" in found.warning
+    assert altitude_contradiction(0.5 * ramp, 10.0) is None
+    assert altitude_contradiction(ramp[:3], 0.1) is None
