@@ -127,7 +127,10 @@ class InertialPart:
         found = self.biases(values).mean(axis=0)
         bias = ImuBias(found[:3], found[3:])
         delay_s = self.delay_s + float(values.atVector(IMU)[DELAY])
-        intervals = preintegrate(self.inertial, self.stamps_s - delay_s, bias, cut)
+        # Another delay may reach nodes beyond the readings, which have no velocity and no bias.
+        known = {(one.i, one.j) for one in self.intervals}
+        again = preintegrate(self.inertial, self.stamps_s - delay_s, bias, cut)
+        intervals = tuple(one for one in again if (one.i, one.j) in known)
         if not intervals:
             return None
         frames = self.frames.calibrated(values)

@@ -20,16 +20,20 @@ LEAST_FIXES = 7
 _FALSE_ALARM = 1e-5
 """Probability of the limit for one half. The best of all halves exceeds the limit in less than 0.1 % of the
 sets of fixes with Gaussian noise, with 7 to 75 fixes in a line or in lanes (1000 drawn sets each)."""
+_MOST_LEAN = 0.3
+"""Displacement in heights between two directions of flight by a camera that leans by 0.15 rad, three standard
+deviations of its mount. Lanes flown there and back are then halves that contradict each other."""
 _STARTS, _STEPS = 300, 6
 
 
 def agreeing_half(
-    a: Complex, b: Complex, metric: bool, least_m: float, rng: np.random.Generator
+    a: Complex, b: Complex, metric: bool, least_m: float, height: float, rng: np.random.Generator
 ) -> tuple[complex, complex, float] | None:
     """Return (turn, shift, limit) of ``b = turn a + shift`` for half of the fixes, and their limit.
 
     ``a`` (n,) are places on the map, ``b`` (n,) those of the fixes in metres. None unless all other fixes are
-    out of the noise of this half, and farther than ``least_m``.
+    out of the noise of this half, farther than ``least_m``, and farther than a leaning mount displaces a
+    camera at ``height`` on the map.
     """
     n, half = len(a), (len(a) + 1) // 2
     if n < LEAST_FIXES:
@@ -50,7 +54,8 @@ def agreeing_half(
         return None
     best = int(np.argmin(squares))
     left = 2 * half - (3 if metric else 4)
-    limit_m = max(float(np.sqrt(squares[best] / left * 2 * f_limit(_FALSE_ALARM, 2, left))), least_m)
+    noise_m = float(np.sqrt(squares[best] / left * 2 * f_limit(_FALSE_ALARM, 2, left)))
+    limit_m = max(noise_m, least_m, _MOST_LEAN * float(np.abs(turn[best, 0])) * height)
     if np.partition(distance[best], half)[half] <= limit_m:
         return None
     return complex(turn[best, 0]), complex(shift[best, 0]), limit_m

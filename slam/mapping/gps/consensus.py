@@ -79,7 +79,9 @@ def rough_agreement(
         return everything
     a = here_m[known, 0] + 1j * here_m[known, 1]
     b = there_m[known, 0] + 1j * there_m[known, 1]
-    fit = _similarity(a, b, metric, _nominal_limit(nominal_std_m), np.random.default_rng(seed))
+    rng, height = np.random.default_rng(seed), float(np.nanmedian(here_m[known, 2]))
+    fit = agreeing_half(a, b, metric, _nominal_limit(nominal_std_m), height, rng)
+    fit = fit or _majority(a, b, metric, rng)
     if fit is None:
         return everything
     turn, shift, limit_m = fit
@@ -101,17 +103,10 @@ def rough_agreement(
     return Agreement(used, altitude_used, off)
 
 
-def _similarity(
-    a: NDArray[np.complex128],
-    b: NDArray[np.complex128],
-    metric: bool,
-    least_m: float,
-    rng: np.random.Generator,
+def _majority(
+    a: NDArray[np.complex128], b: NDArray[np.complex128], metric: bool, rng: np.random.Generator
 ) -> tuple[complex, complex, float] | None:
     """Return (turn, shift, limit) of ``b = turn a + shift``; outliers are beyond the limit."""
-    half = agreeing_half(a, b, metric, least_m, rng)
-    if half is not None:
-        return half
     fit = _least_median(a, b, metric, rng)
     if fit is None:
         return None

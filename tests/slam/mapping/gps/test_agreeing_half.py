@@ -37,7 +37,9 @@ def test_gaussian_noise_is_no_half(n):
     for _ in range(100):
         world = survey(rng, n, in_line=True)
         here = as_complex(in_map_units(world, False))
-        assert agreeing_half(here, as_complex(world + rng.normal(0, STD, (n, 3))), False, 0.0, rng) is None
+        assert (
+            agreeing_half(here, as_complex(world + rng.normal(0, STD, (n, 3))), False, 0.0, 0.0, rng) is None
+        )
 
 
 def test_a_bent_map_has_no_half():
@@ -46,7 +48,10 @@ def test_a_bent_map_has_no_half():
     world = 500.0 * x + 0j
     noise = np.random.default_rng(0).normal(0, 0.01, (2, 60))
     here = world / 30.0 + 8j * x**2
-    assert agreeing_half(here, world + noise[0] + 1j * noise[1], False, 0.0, np.random.default_rng(1)) is None
+    assert (
+        agreeing_half(here, world + noise[0] + 1j * noise[1], False, 0.0, 0.0, np.random.default_rng(1))
+        is None
+    )
 
 
 def test_a_step_within_the_nominal_deviations_is_no_half():
@@ -54,11 +59,21 @@ def test_a_step_within_the_nominal_deviations_is_no_half():
     world = survey(np.random.default_rng(0), 20)
     fixes = world + np.random.default_rng(1).normal(0, 0.02, (20, 3))
     fixes[10:] += [3.0, 0, 0]
-    assert rough_agreement(in_map_units(world, True), fixes, True, (5.0, 5.0, 10.0)).used.all()
-    assert not rough_agreement(in_map_units(world, True), fixes, True, (0.02, 0.02, 0.04)).used.all()
+    low = world * [1.0, 1.0, 0.1]
+    assert rough_agreement(in_map_units(low, True), fixes, True, (5.0, 5.0, 10.0)).used.all()
+    assert not rough_agreement(in_map_units(low, True), fixes, True, (0.02, 0.02, 0.04)).used.all()
+
+
+def test_a_camera_that_leans_makes_no_halves_of_lanes_there_and_back():
+    """Its error is constant in the axes of the vehicle, which turns between the lanes."""
+    rng = np.random.default_rng(0)
+    world = survey(rng, 20)
+    fixes = world + rng.normal(0, 0.02, (20, 3))
+    fixes[:, 0] += np.where(np.arange(20) < 10, 0.7, -0.7)
+    assert rough_agreement(in_map_units(world, False), fixes, False, (0.02, 0.02, 0.04)).used.all()
 
 
 def test_places_without_motion_are_no_trouble():
     standing = np.zeros(9, complex)
-    assert agreeing_half(standing, standing, False, 1.0, np.random.default_rng(0)) is None
-    assert agreeing_half(standing, np.arange(9) + 0j, True, 1.0, np.random.default_rng(0)) is None
+    assert agreeing_half(standing, standing, False, 1.0, 0.0, np.random.default_rng(0)) is None
+    assert agreeing_half(standing, np.arange(9) + 0j, True, 1.0, 0.0, np.random.default_rng(0)) is None

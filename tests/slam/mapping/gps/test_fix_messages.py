@@ -107,5 +107,5 @@ def test_fixes_out_of_reach_of_the_others_are_told_where_the_noise_hides_them(no
 def test_a_jump_is_told_with_the_fixes_on_both_sides():
     off = noise(12)
     off[6:, 1] += 40.0
-    (line,) = fix_messages(fixes(12), agreement(off)).warnings
+    (line,) = fix_messages(replace(fixes(12), stated=False), agreement(off)).warnings
     assert re.search("jump against the pictures by (39|40|41).* m from P05.jpg to P06.jpg", plain(line))
