@@ -16,7 +16,7 @@ from backend.quantiles import f_limit
 Complex = NDArray[np.complex128]
 
 LEAST_FIXES = 7
-"""Of six, three agree by chance: two of them always fit a similarity."""
+"""Three of six agree by chance: two of them always fit a similarity."""
 _FALSE_ALARM = 1e-5
 """Probability of the limit for one half. The best of all halves exceeds the limit in less than 0.1 % of the
 sets of fixes with Gaussian noise, with 7 to 75 fixes in a line or in lanes (1000 drawn sets each)."""
