@@ -18,6 +18,16 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 GROUPS: list[frozenset[Path]] = []
 """Groups of files with which `discard_stale` has been called."""
+ALLOCATION_FREE: dict[str, Any] = {
+    "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"},
+    "_nrt": False, "no_cfunc_wrapper": True,
+}  # fmt: skip
+"""Options of kernels that allocate no arrays and count no references, which takes as long as their work. They
+also compile twice as fast. The Python caller must hold the arrays meanwhile. Sums may be reordered; NaN keeps
+its meaning, since it marks missing readings."""
+INNER: dict[str, Any] = ALLOCATION_FREE | {"no_cpython_wrapper": True}
+"""Options of such kernels that only kernels call: wrappers for Python take a fifth of the compile time. A
+call from Python ends the process."""
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:

@@ -1,14 +1,12 @@
 """Measurement models of the instruments: predicted reading and its Jacobian; numba kernels.
 
-Every function fills the Jacobian H (6, n) by the error state and returns the predicted reading. The caller
-forms the innovation and skips missing components.
+Every function fills in the predicted reading and its Jacobian H (6, n) by the error state. The caller forms
+the innovation and skips missing components.
 """
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
 
 from backend.ekf.motion import (
     ACC,
@@ -25,7 +23,6 @@ from backend.ekf.motion import (
     RANGE_SCALE,
     RATE,
     ROT,
-    STATE,
     VEL,
     VEL_ERROR,
     VEL_SCALE,
@@ -42,15 +39,31 @@ from backend.ekf.motion import (
     X_ROT,
     X_VEL_ERROR,
     X_VEL_SCALE,
+)
+from backend.ekf.rotations import (
     Array,
+    Matrix,
+    Vector,
+    added,
+    apply,
+    cross,
+    dot,
+    exponential,
     hat,
+    inner_kernel,
+    kernel,
     left_jacobian,
-    rotated,
+    multiply,
+    quaternion,
     rotation,
     rotation_vector,
+    scaled,
+    transpose,
+    vector,
+    write,
+    write_row,
 )
 from backend.measurements import GRAVITY_M_S2
-from backend.numba_cache import njit
 
 (PROPAGATE, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, OUTPUT, CLONE) = (
     range(13)
@@ -76,135 +89,123 @@ _MIN_COSINE = 0.2
 """Smallest usable cosine of a beam or a pitch: beyond it the prediction is singular."""
 
 
-@njit(cache=True)
-def predict(kind: int, x: Array, value: Array, model: Array, H: Array) -> tuple[Array, bool]:
-    """Return the predicted reading (6,) of an instrument, and whether it is valid in this state."""
+@kernel
+def predict(kind: int, x: Array, value: Array, model: Array, z: Array, H: Array) -> bool:
+    """Write the predicted reading of an instrument into z (6,); return whether it is valid in this state."""
     H[:] = 0.0
-    z = np.zeros(6)
-    valid = True
-    if kind == GYRO:
-        z[:3] = x[X_RATE : X_RATE + 3] + x[X_GYRO_BIAS : X_GYRO_BIAS + 3]
-        for k in range(3):
-            H[k, RATE + k] = H[k, GYRO_BIAS + k] = 1.0
-    elif kind == ACCEL:
+    z[:] = 0.0
+    if kind == ACCEL:
         _specific_force(x, z, H)
     elif kind == ATTITUDE:
-        valid = _attitude(x, value, z, H)
+        return _attitude(x, value, z, H)
     elif kind == RANGE:
-        valid = _range(x, model, z, H)
+        return _range(x, model, z, H)
     elif kind == VELOCITY:
-        valid = _heading_velocity(x, z, H)
-    elif kind == POSITION:
-        for k in range(3):
-            z[k] = x[k]
-            H[k, POS + k] = 1.0
-        z[2] += x[X_GPS_ZERO]
-        H[2, GPS_ZERO] = 1.0
+        return _heading_velocity(x, z, H)
     elif kind == BAROMETER:
         z[0] = x[2] + x[X_BARO_ZERO]
         H[0, POS + 2] = H[0, BARO_ZERO] = 1.0
+    elif kind == GYRO:
+        _add_states(x[X_RATE:], z, H[:, RATE:])
+        _add_states(x[X_GYRO_BIAS:], z, H[:, GYRO_BIAS:])
+    elif kind == POSITION:
+        _add_states(x[POS:], z, H[:, POS:])
+        z[2] += x[X_GPS_ZERO]
+        H[2, GPS_ZERO] = 1.0
     elif kind == REST:
-        for k in range(3):
-            z[k] = x[VEL + k]
-            H[k, VEL + k] = 1.0
+        _add_states(x[VEL:], z, H[:, VEL:])
     elif kind == STILL:
-        for k in range(3):
-            z[k] = x[X_RATE + k]
-            H[k, RATE + k] = 1.0
-    return z, valid
+        _add_states(x[X_RATE:], z, H[:, RATE:])
+    return True
 
 
-@njit(cache=True)
+@inner_kernel
+def _add_states(x: Array, z: Array, H: Array) -> None:
+    """Add three entries of the state to a reading; x and H begin with them."""
+    for k in range(3):
+        z[k] += x[k]
+        H[k, k] = 1.0
+
+
+@inner_kernel
 def _specific_force(x: Array, z: Array, H: Array) -> None:
     """Predict the specific force: ``R' (a + g) + offset``."""
-    R = rotation(x[X_ROT:X_RATE])
-    up = x[ACC : ACC + 3].copy()
-    up[2] += GRAVITY_M_S2
-    force = np.ascontiguousarray(R.T) @ up
-    z[:3] = force + x[X_ACCEL_BIAS : X_ACCEL_BIAS + 3]
-    H[:3, ACC : ACC + 3] = R.T
-    H[:3, ROT : ROT + 3] = hat(force)
-    for k in range(3):
-        H[k, ACCEL_BIAS + k] = 1.0
+    to_body = transpose(rotation(quaternion(x[X_ROT:])))
+    force = apply(to_body, (x[ACC], x[ACC + 1], x[ACC + 2] + GRAVITY_M_S2))
+    z[0], z[1], z[2] = force
+    write(to_body, 1.0, H[:, ACC:])
+    write(hat(force), 1.0, H[:, ROT:])
+    _add_states(x[X_ACCEL_BIAS:], z, H[:, ACCEL_BIAS:])
 
 
-@njit(cache=True)
-def angles(R: Array) -> Array:
-    """Return roll, pitch, yaw (3,) of ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
-    out = np.empty(3)
-    out[0] = math.atan2(R[2, 1], R[2, 2])
-    out[1] = math.asin(min(max(-R[2, 0], -1.0), 1.0))
-    out[2] = math.atan2(R[1, 0], R[0, 0])
-    return out
+@inner_kernel
+def angles(R: Matrix) -> Vector:
+    """Return roll, pitch, yaw of ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
+    pitch = math.asin(min(max(-R[2][0], -1.0), 1.0))
+    return math.atan2(R[2][1], R[2][2]), pitch, math.atan2(R[1][0], R[0][0])
 
 
-@njit(cache=True)
-def angle_rates(R: Array) -> Array:
-    """Return the derivatives (3, 3) of roll, pitch, yaw by a right perturbation of R."""
-    roll, pitch = math.atan2(R[2, 1], R[2, 2]), math.asin(min(max(-R[2, 0], -1.0), 1.0))
-    s, c, cp = math.sin(roll), math.cos(roll), math.cos(pitch)
-    t = math.sin(pitch) / cp
-    out = np.zeros((3, 3))
-    out[0, 0], out[0, 1], out[0, 2] = 1.0, s * t, c * t
-    out[1, 1], out[1, 2] = c, -s
-    out[2, 1], out[2, 2] = s / cp, c / cp
-    return out
+@inner_kernel
+def angle_rates(R: Matrix) -> Matrix:
+    """Return the derivatives of roll, pitch, yaw by a right perturbation of R."""
+    cp = math.sqrt(R[2][1] * R[2][1] + R[2][2] * R[2][2])
+    s, c, t = R[2][1] / cp, R[2][2] / cp, -R[2][0] / cp
+    return (1.0, s * t, c * t), (0.0, c, -s), (0.0, s / cp, c / cp)
 
 
-@njit(cache=True)
+@inner_kernel
 def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
     """Predict roll, pitch, yaw of ``Rz(yaw error) Exp(tilt error) R``, yaw within half a turn of the reading.
 
     The error of an attitude that is integrated from body rates is constant in world axes, not in body axes.
     It is observable when the vehicle turns, and when a wrong tilt converts body rate to yaw rate.
     """
-    R = rotation(x[X_ROT:X_RATE])
-    if math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _MIN_COSINE:
+    R = rotation(quaternion(x[X_ROT:]))
+    if R[2][1] * R[2][1] + R[2][2] * R[2][2] < _MIN_COSINE * _MIN_COSINE:
         return False
-    tilt = np.array([x[X_ATTITUDE_ERROR], x[X_ATTITUDE_ERROR + 1], 0.0])
-    own = rotation(rotated(np.array([1.0, 0.0, 0.0, 0.0]), tilt)) @ R
-    z[:3] = angles(own)
+    tilt = x[X_ATTITUDE_ERROR], x[X_ATTITUDE_ERROR + 1], 0.0
+    own = multiply(rotation(exponential(tilt)), R)
+    z[0], z[1], z[2] = angles(own)
     z[2] += x[X_ATTITUDE_ERROR + 2]
     for k in (0, 2):
         if math.isfinite(value[k]):
-            z[k] += 2 * math.pi * round((value[k] - z[k]) / (2 * math.pi))
+            z[k] += 2 * math.pi * math.floor((value[k] - z[k]) / (2 * math.pi) + 0.5)
     rates = angle_rates(own)
-    H[:3, ROT : ROT + 3] = rates
-    by_tilt = rates @ np.ascontiguousarray(own.T) @ left_jacobian(tilt)
-    H[:3, ATTITUDE_ERROR : ATTITUDE_ERROR + 2] = by_tilt[:, :2]
-    H[2, ATTITUDE_ERROR + 2] = 1.0
+    write(rates, 1.0, H[:, ROT:])
+    # The third column is that of the yaw error, which follows.
+    write(multiply(multiply(rates, transpose(own)), left_jacobian(tilt)), 1.0, H[:, ATTITUDE_ERROR:])
+    H[0, ATTITUDE_ERROR + 2], H[1, ATTITUDE_ERROR + 2], H[2, ATTITUDE_ERROR + 2] = 0.0, 0.0, 1.0
     return True
 
 
-@njit(cache=True)
+@inner_kernel
 def _range(x: Array, model: Array, z: Array, H: Array) -> bool:
     """Predict the range along the beam from the sensor: ``scale * height / cosine + offset``.
 
     The model holds the beam's direction and the sensor's position in body axes.
     """
-    beam, lever = model[MOTION : MOTION + 3], model[MOTION + 3 : MOTION + 6]
-    R = rotation(x[X_ROT:X_RATE])
-    cosine = -(R[2] * beam).sum()
-    height = x[2] + (R[2] * lever).sum()
+    beam, lever = vector(model[MOTION:]), vector(model[MOTION + 3 :])
+    up = rotation(quaternion(x[X_ROT:]))[2]
+    cosine, height = -dot(up, beam), x[2] + dot(up, lever)
     if cosine < _MIN_COSINE:
         return False
     slant, scale = height / cosine, 1 + x[X_RANGE_SCALE]
     z[0] = scale * slant + x[X_RANGE_BIAS]
     H[0, POS + 2] = scale / cosine
-    d_height, d_cosine = -(R[2] @ hat(lever)), R[2] @ hat(beam)
-    H[0, ROT : ROT + 3] = scale * (d_height - slant * d_cosine) / cosine
+    # A turn lifts the end of the beam, as seen along the beam.
+    write_row(cross(added(lever, scaled(slant, beam)), up), scale / cosine, H[0, ROT:])
     H[0, RANGE_SCALE], H[0, RANGE_BIAS] = slant, 1.0
     return True
 
 
-@njit(cache=True)
+@inner_kernel
 def _heading_velocity(x: Array, z: Array, H: Array) -> bool:
     """Predict horizontal velocity in yaw axes, forward and left, each with scale and correlated error."""
-    R = rotation(x[X_ROT:X_RATE])
-    cosine = math.sqrt(R[0, 0] ** 2 + R[1, 0] ** 2)
-    if cosine < _MIN_COSINE or math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _MIN_COSINE:
+    R = rotation(quaternion(x[X_ROT:]))
+    cosine = math.sqrt(R[0][0] * R[0][0] + R[1][0] * R[1][0])
+    if cosine < _MIN_COSINE or R[2][1] * R[2][1] + R[2][2] * R[2][2] < _MIN_COSINE * _MIN_COSINE:
         return False
-    c, s = R[0, 0] / cosine, R[1, 0] / cosine
+    c, s = R[0][0] / cosine, R[1][0] / cosine
     forward, left = c * x[VEL] + s * x[VEL + 1], -s * x[VEL] + c * x[VEL + 1]
     yaw = angle_rates(R)[2]
     for k in range(2):
@@ -213,43 +214,46 @@ def _heading_velocity(x: Array, z: Array, H: Array) -> bool:
         z[k] = scale * along + x[X_VEL_ERROR + k]
         H[k, VEL] = scale * (c if k == 0 else -s)
         H[k, VEL + 1] = scale * (s if k == 0 else c)
-        H[k, ROT : ROT + 3] = scale * turned_by * yaw
+        write_row(yaw, scale * turned_by, H[k, ROT:])
         H[k, VEL_SCALE + k], H[k, VEL_ERROR + k] = along, 1.0
     return True
 
 
-@njit(cache=True)
-def step_residual(x: Array, seen: Array, model: Array, H: Array) -> tuple[Array, bool]:
-    """Return the residual of a visual step ``seen`` (4, 4), the pose relative to the cloned one.
+@kernel
+def step_residual(x: Array, seen: Array, model: Array, out: Array, H: Array) -> bool:
+    """Write the residual (6,) of a visual step ``seen`` (4, 4), the pose relative to the cloned one.
 
     The step is that of body axes at the camera, whose position the model holds; its translation is in heights
-    of the cloned camera above the floor. The residual (6,), rotation first, is a right perturbation of the
-    predicted step. The second result is False if the clone has no height.
+    of the cloned camera above the floor. The residual, rotation first, is a right perturbation of the
+    predicted step. Return False if the clone has no height.
     """
     H[:] = 0.0
-    out = np.zeros(6)
-    lever = model[MOTION + 6 : MOTION + 9]
-    clone, now = rotation(x[X_CLONE_ROT:STATE]), rotation(x[X_ROT:X_RATE])
-    height = x[X_CLONE_POS + 2] + (clone[2] * lever).sum()
+    out[:] = 0.0
+    lever = vector(model[MOTION + 6 :])
+    clone, now = rotation(quaternion(x[X_CLONE_ROT:])), rotation(quaternion(x[X_ROT:]))
+    height = x[X_CLONE_POS + 2] + dot(clone[2], lever)
     if height < _MIN_HEIGHT_M:
-        return out, False
-    to_kept = np.ascontiguousarray(clone.T)
-    turn = to_kept @ now
-    back = np.ascontiguousarray(turn.T)
-    seen_from_body = to_kept @ (x[:3] - x[X_CLONE_POS:X_CLONE_ROT] + now @ lever)
-    moved = (seen_from_body - lever) / height
-    out[:3] = rotation_vector(back @ np.ascontiguousarray(seen[:3, :3]))
-    out[3:] = back @ (seen[:3, 3] - moved)
-    H[:3, ROT : ROT + 3] = np.eye(3)
-    H[:3, CLONE_ROT : CLONE_ROT + 3] = -back
-    to_now = np.ascontiguousarray(now.T) / height
-    H[3:, POS : POS + 3] = to_now
-    H[3:, CLONE_POS : CLONE_POS + 3] = -to_now
-    H[3:, ROT : ROT + 3] = -hat(lever) / height
-    H[3:, CLONE_ROT : CLONE_ROT + 3] = back @ hat(seen_from_body) / height
-    shorter = back @ moved / height
-    tipped = clone[2] @ hat(lever)
+        return False
+    to_clone, to_now = transpose(clone), transpose(now)
+    back = multiply(to_now, clone)
+    way = added(added(vector(x[POS:]), scaled(-1.0, vector(x[X_CLONE_POS:]))), apply(now, lever))
+    seen_from_body = apply(to_clone, way)
+    moved = scaled(1 / height, added(seen_from_body, scaled(-1.0, lever)))
+    turn = vector(seen[0]), vector(seen[1]), vector(seen[2])
+    seen_moved = seen[0, 3], seen[1, 3], seen[2, 3]
+    out[0], out[1], out[2] = rotation_vector(multiply(back, turn))
+    out[3], out[4], out[5] = apply(back, added(seen_moved, scaled(-1.0, moved)))
     for k in range(3):
-        H[3 + k, CLONE_POS + 2] -= shorter[k]
-        H[3 + k, CLONE_ROT : CLONE_ROT + 3] += shorter[k] * tipped
-    return out, True
+        H[k, ROT + k] = 1.0
+    write(back, -1.0, H[:, CLONE_ROT:])
+    write(to_now, 1 / height, H[3:, POS:])
+    write(to_now, -1 / height, H[3:, CLONE_POS:])
+    write(hat(lever), -1 / height, H[3:, ROT:])
+    write(multiply(back, hat(seen_from_body)), 1 / height, H[3:, CLONE_ROT:])
+    shorter, tipped = scaled(1 / height, apply(back, moved)), cross(clone[2], lever)
+    for k in range(3):
+        s = shorter[k]
+        H[3 + k, CLONE_POS + 2] -= s
+        for j in range(3):
+            H[3 + k, CLONE_ROT + j] += s * tipped[j]
+    return True

@@ -69,20 +69,25 @@ class FilterState(NamedTuple):
     """(kinds, 6) time since which each component fails its gate; infinite if it passes."""
 
 
-class LinearizedReading(NamedTuple):
-    """One reading, linearised for the update."""
+class FilterBuffers(NamedTuple):
+    """Buffers of the kernels; foremost one reading, linearised for the update."""
 
-    event: int
-    tape_row: int
-    """Index of the event within the block."""
-    kind: int
-    now_s: float
     innovation: Array
     """(6,) reading minus prediction at the linearisation point; NaN for a missing component."""
     H: Array
     """(6, n) Jacobian by the error state."""
     variance: Array
     """(6,) variance of the white noise."""
+    Ch: Array
+    """(n,) covariance of the state with one component."""
+    L: Array
+    """(6, 7) Cholesky factor of the covariance of a visual step's innovations, and these whitened."""
+    F: Array
+    """(MOVING, MOVING) transition of the moving part of the state."""
+    moved: Array
+    """(MOVING, n) buffer of the propagation."""
+    LC: Array
+    """(n, n) product of the adjoint L and a covariance."""
 
 
 class InnovationLog(NamedTuple):
@@ -115,7 +120,7 @@ class Tape(NamedTuple):
     """Inputs of the backward pass from each event of a block; empty if no such pass follows."""
 
     F: Array
-    """(b, 9, 3) coefficients of the transition to the event; zero if no time passed."""
+    """(b, MOVING, MOVING) transition to the event; zero if no time passed."""
     H: Array
     """(b, 6, n)."""
     K: Array

@@ -26,6 +26,7 @@ from backend.ekf import readings as kinds
 from backend.ekf.events import sort_events
 from backend.ekf.inputs import CloneMode, FilterModel, InitialState, Readings
 from backend.ekf.records import (
+    FilterBuffers,
     FilterEvents,
     FilterInputs,
     FilterOutputs,
@@ -114,7 +115,7 @@ class _SmootherRound:
         gates = Gates(component, step, float(model.patience_s))
         self.inputs = FilterInputs(events, linearization, _model_vector(model), gates)
         self.start = _initial_state(start, model, size)
-        self.log, self.size = log, size
+        self.log, self.size, self.work = log, size, _buffers(size)
 
     def ahead(self, found: StateRecords) -> list[_Block]:
         """Run the filter; return the checkpoint of each block. Raises ``BackendError``."""
@@ -135,7 +136,9 @@ class _SmootherRound:
         )
         for block in reversed(blocks):
             self._run(block, outputs)
-            ekf_backward.backward(y, L, block.first, block.last, self.inputs.events, found, outputs.tape)
+            ekf_backward.backward(
+                y, L, block.first, block.last, self.inputs.events, found, outputs.tape, self.work
+            )
             if not (np.isfinite(y).all() and np.isfinite(L).all()):
                 raise BackendError(
                     f"smoothed values are not finite at {block.now_s:.3f} s; smooth a part of the flight"
@@ -144,7 +147,9 @@ class _SmootherRound:
     def _run(self, block: _Block, outputs: FilterOutputs) -> tuple[float, FilterState]:
         """Return time and state after a block."""
         state = FilterState(*(figures.copy() for figures in block.state))
-        now_s, bad = ekf_forward.forward(block.first, block.last, block.now_s, state, self.inputs, outputs)
+        now_s, bad = ekf_forward.forward(
+            block.first, block.last, block.now_s, state, self.inputs, outputs, self.work
+        )
         if bad >= 0:
             self._raise_not_finite(bad)
         return now_s, state
@@ -185,7 +190,7 @@ def _empty_log(events: FilterEvents) -> InnovationLog:
 
 def _empty_tape(length: int, size: int) -> Tape:
     return Tape(
-        np.zeros((length, 9, 3)),
+        np.zeros((length, at.MOVING, at.MOVING)),
         np.zeros((length, 6, size)),
         np.zeros((length, 6, size)),
         np.zeros((length, 6)),
@@ -193,6 +198,19 @@ def _empty_tape(length: int, size: int) -> Tape:
         np.zeros(length, np.int64),
         np.zeros((length, at.STATE)),
         np.zeros((length, size, size)),
+    )
+
+
+def _buffers(size: int) -> FilterBuffers:
+    return FilterBuffers(
+        np.zeros(6),
+        np.zeros((6, size)),
+        np.zeros(6),
+        np.zeros(size),
+        np.zeros((6, 7)),
+        np.zeros((at.MOVING, at.MOVING)),
+        np.zeros((at.MOVING, size)),
+        np.zeros((size, size)),
     )
 
 
@@ -216,15 +234,15 @@ def _initial_state(start: InitialState, model: FilterModel, size: int) -> Filter
     x[at.X_CLONE_ROT] = 1.0
     std[:3] = [start.place_std_m, start.place_std_m, start.height_std_m]
     std[at.VEL : at.ACC] = start.velocity_std_m_s
-    std[at.ACC : at.ROT], std[at.RATE : at.GYRO_BIAS] = start.accel_std_m_s2, start.rate_std_rad_s
+    std[at.ACC : at.ROT], std[at.RATE : at.ATTITUDE_ERROR] = start.accel_std_m_s2, start.rate_std_rad_s
     std[at.GYRO_BIAS : at.ACCEL_BIAS] = model.gyro_offset_rad_s
-    std[at.ACCEL_BIAS : at.ATTITUDE_ERROR] = model.accel_offset_m_s2
+    std[at.ACCEL_BIAS : at.RANGE_SCALE] = model.accel_offset_m_s2
     tilt_error = model.tilt_error_rad if start.tilt_error_rad is None else start.tilt_error_rad
-    std[at.ATTITUDE_ERROR : at.RANGE_SCALE] = [tilt_error, tilt_error, start.yaw_zero_std_rad]
-    x[at.X_RANGE_SCALE], x[at.X_VEL_SCALE : at.X_VEL_ERROR] = start.range_scale, start.velocity_scale
+    std[at.ATTITUDE_ERROR : at.VEL_ERROR] = [tilt_error, tilt_error, start.yaw_zero_std_rad]
+    x[at.X_RANGE_SCALE], x[at.X_VEL_SCALE : at.X_BARO_ZERO] = start.range_scale, start.velocity_scale
     std[at.RANGE_SCALE], std[at.RANGE_BIAS] = model.range_scale, model.range_offset_m
-    std[at.VEL_SCALE : at.VEL_ERROR] = model.velocity_scale
-    std[at.VEL_ERROR : at.BARO_ZERO] = model.velocity_error_m_s
+    std[at.VEL_SCALE : at.BARO_ZERO] = model.velocity_scale
+    std[at.VEL_ERROR : at.GYRO_BIAS] = model.velocity_error_m_s
     std[at.BARO_ZERO], std[at.GPS_ZERO] = start.barometer_zero_std_m, start.position_zero_std_m
     C = np.diag(std**2)
     R = turn.as_matrix()

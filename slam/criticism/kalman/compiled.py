@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
-from backend.numba_cache import discard_stale, njit
+from backend.numba_cache import ALLOCATION_FREE, discard_stale, njit
 
 _ROOT = Path(__file__).parents[3]
 discard_stale(
@@ -19,12 +18,7 @@ discard_stale(
     ]
 )
 
-_OPTIONS: dict[str, Any] = {
-    "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"},
-}  # fmt: skip
-"""NaN keeps its meaning, since it marks missing readings."""
-kernel = njit(**_OPTIONS, _nrt=False)
-"""Decorator of kernels that allocate no arrays and count no references: counting took half the filter's time.
-The Python caller must hold the arrays meanwhile."""
-allocating_kernel = njit(**_OPTIONS)
+kernel = njit(**ALLOCATION_FREE)
+"""Decorator of kernels that allocate no arrays."""
+allocating_kernel = njit(**(ALLOCATION_FREE | {"_nrt": True}))
 """Decorator of kernels that may allocate arrays."""
