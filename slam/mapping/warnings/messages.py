@@ -23,6 +23,7 @@ from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.lost_pictures import NOTABLE_SHARE, lost_picture_warnings
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
+from slam.mapping.warnings.single_join import single_join_warnings
 from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
 
 
@@ -90,6 +91,7 @@ def _reasons(
         *contradictions(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), by_metres),
         clock_contradiction(map_.clock, context.clock),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
+        *single_join_warnings(flight, map_, context.bridges.join(map_.odometry or map_).component),
         *_placement_warnings(map_, not_placed),
         "" if by_metres else _scale_warning(flight, map_),
     ]

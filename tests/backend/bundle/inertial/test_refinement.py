@@ -70,3 +70,17 @@ def test_a_gyro_in_another_unit_or_sign_is_damaged(made, unit):
 def test_an_accelerometer_in_another_unit_or_sign_is_damaged(made, unit):
     readings = made.measurements.inertial.readings
     assert damage_of(made, replace(readings, accel_m_s2=unit * readings.accel_m_s2))
+
+
+@pytest.mark.slow
+def test_readings_that_another_delay_reaches_get_no_variables_of_their_own():
+    """By the first delay the readings begin after the first picture, and by the new one before it."""
+    made = make(InertialScene(gap_s=None, seconds=2.0), 0)
+    bundle = refine(made.measurements, made.start)
+    part, values = bundle.optimum.problem.inertial, bundle.optimum.values
+    assert part is not None
+    shorter = replace(part, intervals=part.intervals[1:])
+    again = shorter.reintegrated(values, np.ones(len(shorter.intervals), bool))
+    assert again is not None
+    assert [one.i for one in again.intervals] == [one.i for one in part.intervals[1:]]
+    assert {one.i for one in again.intervals} <= set(again.by_gain)

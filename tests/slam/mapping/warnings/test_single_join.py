@@ -1,0 +1,65 @@
+"""Parts of a map that one pair of pictures alone joins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.measurements import RelativePose
+from frontend.registration import Registration
+from slam.evaluation import evaluate
+from slam.mapping.lift_edges import Edges
+from slam.mapping.map import Map
+from slam.mapping.pipeline import optimize
+from slam.mapping.warnings.single_join import single_joins
+from tests.slam.mapping.inertial.test_bridges import one_way
+from tests.slam.mapping.made_map import made_map
+
+APART = np.array([0, 0, 0, 0, 1, 1, 1, 1])
+CHAINS = [(0, 1), (1, 2), (2, 3), (4, 5), (5, 6), (6, 7)]
+
+
+def with_pairs(pairs: list[tuple[int, int]]) -> Map:
+    """A map of eight keyframes in one part that accepted ``pairs`` join."""
+    whole = made_map(np.tile(np.eye(4), (8, 1, 1)), np.zeros(8, int))
+    none = np.zeros((0, 2), int)
+    registrations = tuple(Registration(i, j, "", none, np.eye(3), np.eye(8), 1.0, 0.5) for i, j in pairs)
+    return replace(
+        whole,
+        edges=Edges(registrations, (), whole.edges.heights),
+        graph=replace(whole.graph, edge_kept=np.ones(len(pairs), bool)),
+    )
+
+
+def test_one_pair_between_two_stretches_is_found():
+    assert single_joins(with_pairs([*CHAINS, (1, 6)]), APART) == [(1, 6, 4)]
+
+
+@pytest.mark.parametrize("more", [[(2, 7)], [(3, 4)]])
+def test_a_second_pair_or_a_link_confirms_it(more):
+    assert single_joins(with_pairs([*CHAINS, (1, 6), *more]), APART) == []
+
+
+def test_what_instruments_confirm_is_not_doubted():
+    pairs = with_pairs([*CHAINS, (1, 6)])
+    assert single_joins(pairs, np.zeros(8, int)) == []
+    bridge = RelativePose(3, 4, np.eye(4), np.eye(6), "inertial")
+    assert single_joins(replace(pairs, bridges=(bridge,)), APART) == []
+
+
+def test_links_and_single_keyframes_are_left_alone():
+    assert single_joins(with_pairs([*CHAINS, (3, 4)]), APART) == []
+    assert single_joins(with_pairs([*CHAINS[:5], (3, 4), (2, 7)]), np.array([0] * 7 + [-1])) == []
+
+
+@pytest.mark.slow
+def test_a_copy_of_the_floor_behind_a_stretch_without_features_is_doubted():
+    """No instrument measures the motion; the floor repeats after 3.2 m, and so far the map is off."""
+    flight = replace(one_way(0), velocity=None, imu=None)
+    estimate = optimize(flight)
+    found = evaluate(estimate, flight)
+    assert found.ate_m is not None
+    assert found.ate_m.max > 1.0
+    assert "one pair of pictures alone (1.67 s and 7.67 s) joins 8 keyframes" in estimate.status
