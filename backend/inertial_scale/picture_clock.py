@@ -158,7 +158,7 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
     """
     squares, n = residuals.squares, len(residuals.begin_s)
     variance = squares[:, :, int(turn_costs(squares).sum(axis=0).argmin())].mean(axis=1)
-    start = np.arange(LEAST_TURNS + 1, n - LEAST_TURNS)
+    start = np.arange(LEAST_TURNS + 1, n - LEAST_TURNS + 1)
     parted = start[residuals.begin_s[start] > residuals.end_s[start - 1]]
     stops, starts = np.concatenate([start - 1, parted]), np.concatenate([start, parted])
     # A turn that is left out would have cost as much as its three components have variances.

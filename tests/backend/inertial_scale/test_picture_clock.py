@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.inertial_scale.picture_clock import PictureClock, picture_clock
+from backend.inertial_scale.delay_residuals import DelayResiduals
+from backend.inertial_scale.picture_clock import LEAST_TURNS, PictureClock, clock_of, picture_clock
 from backend.measurements import InertialReadings
 
 IMU_S, PICTURE_S = 0.005, 0.2
@@ -66,6 +67,17 @@ def test_a_step_of_the_clock_is_found_with_its_time(step_s: float):
     assert before.delay_s == pytest.approx(0.03, abs=4 * before.std_s)
     assert after.delay_s == pytest.approx(0.03 + step_s, abs=4 * after.std_s)
     assert after.begin_s == pytest.approx(20.03 + step_s, abs=0.25)
+
+
+@pytest.mark.parametrize("turns", range(2 * LEAST_TURNS, 2 * LEAST_TURNS + 4))
+def test_the_fewest_turns_that_a_step_divides_are_enough(turns: int):
+    delays_s, begin_s = np.linspace(-0.5, 0.5, 101), 0.2 * np.arange(turns)
+    rng = np.random.default_rng(turns)
+    turn_rad = rng.normal(0, 0.1, (turns, 3))
+    off_rad = rng.normal(0, 1e-3, (turns, 1, 3)) + (delays_s - 0.1)[:, None] * turn_rad[:, None] / 0.2
+    clock = clock_of(DelayResiduals(delays_s, begin_s, begin_s + 0.2, turn_rad, off_rad))
+    assert clock is not None
+    assert len(clock.pieces) == 1
 
 
 def test_a_delay_is_known_across_chains_that_no_picture_links():
