@@ -20,7 +20,7 @@ GROUPS: list[frozenset[Path]] = []
 """Groups of files with which `discard_stale` has been called."""
 ALLOCATION_FREE: dict[str, Any] = {
     "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"},
-    "_nrt": False, "no_cfunc_wrapper": True,
+    "_nrt": False,
 }  # fmt: skip
 """Options of kernels that allocate no arrays and count no references, which takes as long as their work. They
 also compile twice as fast. The Python caller must hold the arrays meanwhile. Sums may be reordered; NaN keeps
@@ -36,6 +36,8 @@ def njit(**options: Any) -> Callable[[Function], Function]:
     The first happens in a container where the project is read-only and the user has no home folder. The
     environment variable ``NUMBA_CACHE_DIR`` can then name a folder.
     """
+
+    options = {"no_cfunc_wrapper": True} | options  # none is called from C, and they take time to compile
 
     def compiled(function: Function) -> Function:
         try:

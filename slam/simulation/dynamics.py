@@ -217,6 +217,12 @@ def rates(
 
 
 @njit(cache=True)
+def _copy(source: Array, into: Array) -> None:
+    for i in range(source.shape[0]):  # an assignment of arrays takes seconds to compile
+        into[i] = source[i]
+
+
+@njit(cache=True)
 def _rk4(
     state: Array,
     command: Array,
@@ -260,11 +266,11 @@ def integrate(start: Array, command: Array, noise: Array, parameters: Array, ste
     for j in range(members):
         commands = command[min(j, command.shape[0] - 1)]
         noises = noise[min(j, noise.shape[0] - 1)]
-        state[:] = start[j]
-        states[j, 0] = state
+        _copy(start[j], state)
+        _copy(state, states[j, 0])
         for k in range(steps):
             _rk4(state, commands[k], noises[k], noises[k + 1], parameters[j], step_s, work)
-            states[j, k + 1] = state
+            _copy(state, states[j, k + 1])
     return states
 
 
@@ -297,7 +303,7 @@ def read_out(states: Array, noise: Array, parameters: Array, moments: Moments) -
     work = np.empty((6, width))
     for i in range(count):
         k = node[i]
-        at[i] = states[k]
+        _copy(states[k], at[i])
         if past_s[i] > 0.0:
             # A partial step, not an interpolation: this is exact even if the stick jumps between two nodes.
             _rk4(at[i], average[i], noise[k], noise_at[i], parameters, past_s[i], work)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import inner_kernel
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, WIDTH
 from slam.criticism.kalman.record import Record
@@ -52,17 +52,10 @@ class Ar1Noise(NamedTuple):
     """(10, k) buffer."""
 
 
-def ar1_noise_for(
-    record: Record, parameters: FilterParameters, states: int, sensitivity: int
-) -> Ar1Noise | None:
-    """Return the stationary noises before the first sample, or None if all noises are white.
-
-    The kernels are compiled separately for None, so white noise costs no time and changes no digit.
-    """
+def ar1_noise_for(record: Record, parameters: FilterParameters, states: int, sensitivity: int) -> Ar1Noise:
+    """Return the stationary noises before the first sample; none where all noises are white."""
     colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
     channels = np.flatnonzero(colour)
-    if len(channels) == 0:
-        return None
     slot = np.full(len(CHANNELS), WHITE, dtype=np.int64)
     slot[channels] = np.arange(len(channels))
     variance = (record.noise_std * parameters.noise_factor)[channels] ** 2
@@ -84,7 +77,7 @@ def _samples(record: Record) -> Ints:
     return samples
 
 
-@kernel
+@inner_kernel
 def sample(noise: Ar1Noise, event: int, kind: int) -> None:
     """Propagate the noises of an instrument's channels to its next sample."""
     n, k = noise.cross.shape
@@ -104,7 +97,7 @@ def sample(noise: Ar1Noise, event: int, kind: int) -> None:
             noise.sensitivity[j, d] *= share
 
 
-@kernel
+@inner_kernel
 def covariance_with_reading(noise: Ar1Noise, j: int, row: Array, ph: Array) -> float:
     """Compute the covariances with a reading of row h (n,) and noise j.
 
@@ -126,7 +119,7 @@ def covariance_with_reading(noise: Ar1Noise, j: int, row: Array, ph: Array) -> f
     return float(added)
 
 
-@kernel
+@inner_kernel
 def correct_noise(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes: Array) -> None:
     """Correct the noises by an innovation ``miss`` of variance ``s_var``, and their sensitivities by its
     ``changes`` (m,)."""

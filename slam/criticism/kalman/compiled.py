@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from backend.numba_cache import ALLOCATION_FREE, discard_stale, njit
+from backend.numba_cache import ALLOCATION_FREE, INNER, discard_stale, njit
 
 _ROOT = Path(__file__).parents[3]
 discard_stale(
@@ -20,5 +20,7 @@ discard_stale(
 
 kernel = njit(**ALLOCATION_FREE)
 """Decorator of kernels that allocate no arrays."""
+inner_kernel = njit(**INNER)
+"""Decorator of such kernels that only kernels call."""
 allocating_kernel = njit(**(ALLOCATION_FREE | {"_nrt": True}))
 """Decorator of kernels that may allocate arrays."""

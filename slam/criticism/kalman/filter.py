@@ -22,7 +22,7 @@ from slam.criticism.kalman.arrays import (
     PredictedReading,
     Workspace,
 )
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import inner_kernel, kernel
 from slam.criticism.kalman.readings import (
     FIRST_CHANNEL,
     IMU,
@@ -54,7 +54,7 @@ third of E |t|, because the next reading shows the rest. Without it, gyros with 
 more about the axes that tilt than about yaw."""
 
 
-@kernel
+@inner_kernel
 def _spread_by_stamp(row: Array, rate: Array, noise: NoiseArrays) -> float:
     """Return the variance that an error t of the stamp adds to a reading with row ``row`` (n,).
 
@@ -71,7 +71,7 @@ def _spread_by_stamp(row: Array, rate: Array, noise: NoiseArrays) -> float:
     return noise.jitter_s * noise.jitter_s * slope * slope + OWN_SHARE * noise.jitter_s * kicked
 
 
-@kernel
+@inner_kernel
 def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate: Array) -> None:
     """Replace the rates of roll and pitch at an event by their means over the sonar's lag before it.
 
@@ -88,7 +88,7 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
         rate[i] = (states[event, i] - states[e, i] - part * (states[e + 1, i] - states[e, i])) / lag_s
 
 
-@kernel
+@inner_kernel
 def _take(
     event: int,
     given: KalmanInputs,
@@ -96,29 +96,25 @@ def _take(
     expected: PredictedReading,
     changes: PerturbationBuffers,
     written: KalmanOutputs,
-    coloured: Ar1Noise | None,
+    coloured: Ar1Noise,
 ) -> None:
     """Update the estimate with the channels of one event, one after the other."""
     events, noise = given.events, given.noise
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     expected.correction[:] = 0.0
-    if coloured is not None:
-        sample(coloured, event, kind)
+    sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         written.status[event, c] = IGNORED
         if not judged(event, c, given, expected):
             continue
         channel, value, row = FIRST_CHANNEL[kind] + c, events.values[event, c], expected.rows[c]
-        own_var, slot = noise.variance[channel], WHITE
-        if coloured is not None:
-            slot = coloured.slot[channel]
-            if slot != WHITE:
-                own_var = 0.0
-                value -= coloured.mean[slot]
+        own_var, slot = noise.variance[channel], coloured.slot[channel]
+        if slot != WHITE:
+            own_var = 0.0
+            value -= coloured.mean[slot]
         own_var += _spread_by_stamp(row, expected.rate, noise)
         s_var = own_var + innovation_variance(estimate.p, row, ph)
-        if coloured is not None:
-            s_var += covariance_with_reading(coloured, slot, row, ph)
+        s_var += covariance_with_reading(coloured, slot, row, ph)
         miss, std = innovation_of(kind, c, value, expected), math.sqrt(s_var)
         written.innovation[event, c] = miss / std
         written.log_variance[event, c] = math.log(s_var)
@@ -127,15 +123,14 @@ def _take(
             continue
         written.status[event, c] = USED
         if estimate.sensitivity.shape[1] > 0:
-            if coloured is not None and slot != WHITE:
+            if slot != WHITE:
                 for d in range(change.shape[0]):
                     changes.direct[c, d] += coloured.sensitivity[slot, d]
             correct_sensitivity(row, changes.direct[c], ph, s_var, estimate.sensitivity, change)
             for d in range(change.shape[0]):
                 written.sensitivity[written.rows[0], d] = change[d] / std
         written.rows[0] += 1
-        if coloured is not None:
-            correct_noise(coloured, ph, s_var, miss, change)
+        correct_noise(coloured, ph, s_var, miss, change)
         correct(miss, s_var, estimate, expected)
 
 
@@ -147,7 +142,7 @@ def run(
     estimate: KalmanState,
     room: Workspace,
     written: KalmanOutputs,
-    coloured: Ar1Noise | None,
+    coloured: Ar1Noise,
 ) -> None:
     """Filter the events ``begin`` to ``end``.
 
@@ -162,7 +157,7 @@ def run(
         first, last = events.first_step[e], events.first_step[e + 1]
         for s in range(first, last):
             predict(s, given, estimate, step, scratch)
-            if coloured is not None:
+            if coloured.cross.shape[1] > 0:
                 carry(step.matrix, coloured.cross, coloured.work)
             if traced:
                 carry(step.matrix, sensitivity, changes.work)

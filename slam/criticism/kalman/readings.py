@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import inner_kernel
 from slam.criticism.kalman.sensor_terms import READ_BY as READ_BY
 from slam.criticism.kalman.sensor_terms import SENSOR as SENSOR
 from slam.criticism.kalman.sensor_terms import reading_terms
@@ -80,7 +80,7 @@ ATTITUDE_DELAY, VELOCITY_DELAY = SENSOR.index("attitude.delay_s"), SENSOR.index(
 _imu_terms, _velocity_terms, _sonar_terms = (reading_terms(s) for s in ("imu", "velocity", "sonar"))
 
 
-@kernel
+@inner_kernel
 def _imu(state: Array, rate: Array, pole_s: float, share: float, out: Array) -> None:
     sr, cr, sp, cp = (
         math.sin(state[ROLL]),
@@ -101,7 +101,7 @@ def _imu(state: Array, rate: Array, pole_s: float, share: float, out: Array) -> 
     out[3], out[4], out[5] = cp * ahead - sp * az, cr * left + sr * down, cr * down - sr * left
 
 
-@kernel
+@inner_kernel
 def _range(state: Array, rate: Array, sensor: Array) -> float:
     """Return the range of the first echo, to first order in the beam's tilt and to second in the lag."""
     late = sensor[RANGE_LAG]
@@ -122,7 +122,7 @@ def _range(state: Array, rate: Array, sensor: Array) -> float:
     return float(height + sensor[SLANT] * (pencil - height))
 
 
-@kernel
+@inner_kernel
 def reading(
     kind: int,
     state: Array,

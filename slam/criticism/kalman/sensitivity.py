@@ -18,7 +18,7 @@ from slam.criticism.kalman.arrays import (
     Scratch,
     StepBuffers,
 )
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import inner_kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import NOISES, POLE, split_state
 from slam.simulation.dynamics import (
@@ -44,7 +44,7 @@ ON_CHANNEL = 100
 """Entries from here on are channels of instruments, not forces."""
 
 
-@kernel
+@inner_kernel
 def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -> None:
     """Add a signal to the ``noise`` (8,) or the ``command`` (6,)."""
     if entry < NOISES:
@@ -59,7 +59,7 @@ def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -
         noise[GUST_Y] += size * math.cos(yaw)
 
 
-@kernel
+@inner_kernel
 def _rate_change(
     state: Array,
     noise: Array,
@@ -95,7 +95,7 @@ def _rate_change(
             rate_change[entry, i] = (other[i] - rate[i]) / _INJECTED
 
 
-@kernel
+@inner_kernel
 def _change_over_step(h: float, slopes: Array, change: Array, moved: Array) -> None:
     """Write the change of the state over a step by a ``change`` (10,) of the rate to ``moved`` (10,)."""
     for i in range(MOVING):
@@ -105,7 +105,7 @@ def _change_over_step(h: float, slopes: Array, change: Array, moved: Array) -> N
         moved[i] = h * total
 
 
-@kernel
+@inner_kernel
 def force(
     s: int,
     given: KalmanInputs,
@@ -145,7 +145,7 @@ def force(
                 sensitivity[i, d] += added[i]
 
 
-@kernel
+@inner_kernel
 def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
     """Write the linear change of an IMU's readings by a ``change`` (10,) of the rate to ``read`` (6,)."""
     for c in range(WIDTH[IMU]):
@@ -155,7 +155,7 @@ def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
         read[c] = total
 
 
-@kernel
+@inner_kernel
 def direct_change(
     event: int,
     given: KalmanInputs,
@@ -206,7 +206,7 @@ def direct_change(
                 direct[c, d] = (out[c] - expected.reading[c]) * perturbations.scale[d]
 
 
-@kernel
+@inner_kernel
 def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
     """Propagate sensitivities (n, m) over a step in place; ``moved`` (10, m) is a buffer."""
     n, m = sensitivity.shape
@@ -232,7 +232,7 @@ def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
                 sensitivity[i, d] += x * sensitivity[i - BEHIND + BEFORE, d]
 
 
-@kernel
+@inner_kernel
 def correct_sensitivity(
     h: Array, direct: Array, ph: Array, s_var: float, sensitivity: Array, change: Array
 ) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import inner_kernel
 from slam.simulation.terms import CATALOGUE
 
 STREAMS = ("imu", "attitude", "velocity", "sonar")
@@ -37,11 +37,11 @@ def reading_terms(stream: str) -> Callable[..., None]:
     calls, space = [], dict[str, Any]()
     for term in CATALOGUE.values():
         if term.stream == stream and term.read is not None:
-            space[term.name] = kernel(term.read)
+            space[term.name] = inner_kernel(term.read)
             first = SENSOR.index(f"{term.name}.{term.parameters[0].name}")
             calls.append(f"    {term.name}(out, state, rate, elapsed, sensor, {first})")
     name = f"terms_of_{stream}"
     source = f"def {name}(out, state, rate, elapsed, sensor):\n" + "\n".join(calls or ["    pass"])
     exec(compile(source, __file__, "exec"), space)
-    joined: Callable[..., None] = kernel(space[name])
+    joined: Callable[..., None] = inner_kernel(space[name])
     return joined

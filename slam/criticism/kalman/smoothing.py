@@ -25,7 +25,7 @@ from slam.criticism.kalman.arrays import (
     PredictedReading,
     Workspace,
 )
-from slam.criticism.kalman.compiled import allocating_kernel, kernel
+from slam.criticism.kalman.compiled import allocating_kernel, inner_kernel, kernel
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.prepare import filter_inputs, initial_state, workspace_for
@@ -38,7 +38,7 @@ from slam.criticism.kalman.readings import (
     reading,
 )
 from slam.criticism.kalman.record import Record, in_order
-from slam.criticism.kalman.sensitivity import correct_sensitivity
+from slam.criticism.kalman.sensitivity import carry, correct_sensitivity
 from slam.criticism.kalman.steps import (
     correct,
     innovation_of,
@@ -196,30 +196,43 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
     return _Passed(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))
 
 
-@allocating_kernel
+@kernel
 def _forward(given: KalmanInputs, estimate: KalmanState, room: Workspace, passed: _Passed) -> None:
     """Filter all events in place and write the estimates around each event to ``passed``."""
     events, command, model = given.events, given.command, given.model
     step, expected, changes, scratch = room
-    state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
+    state, n = estimate.state, estimate.state.shape[0]
     for e in range(len(events.times_s)):
-        total = np.eye(state.shape[0])
+        moves = passed.moves[e]
+        for i in range(n):
+            for j in range(n):
+                moves[i, j] = 1.0 if i == j else 0.0
         for s in range(events.first_step[e], events.first_step[e + 1]):
             predict(s, given, estimate, step, scratch)
-            total = np.dot(step.matrix, total)
-        sensitivity[:] = np.dot(total, sensitivity)
-        passed.moves[e], passed.x_before[e] = total, state
-        passed.p_before[e], passed.t_before[e] = p, sensitivity
+            carry(step.matrix, moves, step.work)
+            carry(step.matrix, estimate.sensitivity, changes.work)
+        _write(estimate, passed.x_before[e], passed.p_before[e], passed.t_before[e])
         kind = events.kinds[e]
         if kind != _MOMENT:
             jacobian(state, command.at_events[0, e], model.parameters, expected.rate, step.slopes, scratch)
             measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
             _direct(e, given, state, expected, changes.direct, scratch.reading)
             _take(e, given, estimate, expected, changes)
-        passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, sensitivity
+        _write(estimate, passed.x_after[e], passed.p_after[e], passed.t_after[e])
 
 
-@kernel
+@inner_kernel
+def _write(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
+    """Write mean, covariance and sensitivities of an estimate into arrays."""
+    for i in range(len(x)):
+        x[i] = estimate.state[i]
+        for j in range(len(x)):
+            p[i, j] = estimate.p[i, j]
+        for d in range(t.shape[1]):
+            t[i, d] = estimate.sensitivity[i, d]
+
+
+@inner_kernel
 def _take(
     event: int,
     given: KalmanInputs,
@@ -245,7 +258,7 @@ def _take(
         correct(miss, s_var, estimate, expected)
 
 
-@kernel
+@inner_kernel
 def _direct(
     event: int, given: KalmanInputs, state: Array, expected: PredictedReading, direct: Array, out: Array
 ) -> None:
@@ -254,7 +267,8 @@ def _direct(
     model, perturbations = given.model, given.perturbations
     rate, parameters, pole_s = expected.rate, model.parameters, model.hold[POLE]
     for d in range(direct.shape[1]):
-        direct[:, d] = 0.0
+        for c in range(direct.shape[0]):
+            direct[c, d] = 0.0
         if (perturbations.instrument_mask[d] >> kind) & 1:
             reading(kind, state, rate, perturbations.sensor_of[d], parameters, pole_s, elapsed, out)
             for c in range(WIDTH[kind]):

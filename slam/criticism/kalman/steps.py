@@ -16,7 +16,7 @@ from slam.criticism.kalman.arrays import (
     Scratch,
     StepBuffers,
 )
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import inner_kernel
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     BEFORE,
@@ -81,7 +81,7 @@ STATES_READ = (
 """... and of the state itself, the noise's acceleration aside."""
 
 
-@kernel
+@inner_kernel
 def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
     """Return whether the gear may be hitting the floor. A vehicle that stands, or is commanded to climb, is
     excluded: its height is known."""
@@ -90,7 +90,7 @@ def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
     return bool(state[Z] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]))
 
 
-@kernel
+@inner_kernel
 def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffers, scratch: Scratch) -> None:
     """Predict state and covariance over step ``s``, in place, and keep the step's matrices in ``step``."""
     state, p, model = estimate.state, estimate.p, given.model
@@ -109,7 +109,7 @@ def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffer
             p[i, i] += CONTACT_NOISE**2 * h
 
 
-@kernel
+@inner_kernel
 def _add_latency_noise(
     state: Array,
     p: Array,
@@ -137,7 +137,7 @@ def _add_latency_noise(
             p[i, j] += late_var_s2 * (other[i] - rate[i]) * (other[j] - rate[j])
 
 
-@kernel
+@inner_kernel
 def measurement(
     kind: int,
     elapsed: float,
@@ -189,7 +189,7 @@ def measurement(
                 rows[c, BEHIND + i] -= fast * by_rate[c, VX + i]
 
 
-@kernel
+@inner_kernel
 def judged(event: int, c: int, given: KalmanInputs, expected: PredictedReading) -> bool:
     """Return whether channel c of an event is used.
 
@@ -213,7 +213,7 @@ def judged(event: int, c: int, given: KalmanInputs, expected: PredictedReading) 
     return True
 
 
-@kernel
+@inner_kernel
 def innovation_variance(p: Array, row: Array, ph: Array) -> float:
     """Write P h' into ``ph`` (n,) for a ``row`` h (n,) and return h P h'."""
     n = row.shape[0]
@@ -230,7 +230,7 @@ def innovation_variance(p: Array, row: Array, ph: Array) -> float:
     return total
 
 
-@kernel
+@inner_kernel
 def innovation_of(kind: int, c: int, value: float, expected: PredictedReading) -> float:
     """Return reading minus prediction, updated by the event's earlier channels; headings are wrapped."""
     miss = value - expected.reading[c]
@@ -241,7 +241,7 @@ def innovation_of(kind: int, c: int, value: float, expected: PredictedReading) -
     return float(miss)
 
 
-@kernel
+@inner_kernel
 def is_outlier(miss: float, std: float, channel: int, streak: Array) -> bool:
     """Return whether a reading is an outlier; ``streak[channel]`` counts successive ones."""
     if abs(miss) > GATE * std and streak[channel] < STREAK:
@@ -251,7 +251,7 @@ def is_outlier(miss: float, std: float, channel: int, streak: Array) -> bool:
     return False
 
 
-@kernel
+@inner_kernel
 def correct(miss: float, s_var: float, estimate: KalmanState, expected: PredictedReading) -> None:
     """Update state and covariance by an innovation ``miss`` of variance ``s_var``."""
     state, p, ph = estimate.state, estimate.p, expected.ph

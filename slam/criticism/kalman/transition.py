@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from slam.criticism.kalman.arrays import Array, ModelArrays, Scratch, StepBuffers
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import inner_kernel, kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, TARGET
 from slam.simulation.dynamics import (
     FADE,
@@ -56,7 +56,7 @@ _NUDGE = 1e-6
 """Step of the differences that make the Jacobian: the equations are smooth and in SI."""
 
 
-@kernel
+@inner_kernel
 def split_state(state: Array, full: Array, noise: Array) -> None:
     """Split the filter's state into the state and the noise that ``derivative`` takes."""
     for i in range(MOVING):
@@ -157,7 +157,7 @@ def decay(hold: Array, h: float, matrix: Array) -> None:
         matrix[i, i] = math.exp(-h / hold[GUST_TIME])
 
 
-@kernel
+@inner_kernel
 def stationary(hold: Array, axis: int) -> tuple[float, float]:
     """Return the variance of o, and that of w (also their covariance), on an axis."""
     std = hold[W_UP_STD] if axis == 2 else hold[W_STD]
@@ -182,7 +182,7 @@ def process_noise(hold: Array, matrix: Array, q: Array) -> None:
         q[i, i] = hold[GUST_STD] ** 2 * (1.0 - matrix[i, i] ** 2)
 
 
-@kernel
+@inner_kernel
 def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
     """Write the transition matrix (n, n) over h seconds: exact in the noises, otherwise to second order of
     ``slopes`` (10, n)."""
@@ -207,7 +207,7 @@ def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
                 matrix[i, j] += x * matrix[k, j]
 
 
-@kernel
+@inner_kernel
 def _times(matrix: Array, right: Array, product: Array) -> None:
     """Compute ``product`` = F ``right``, (n, n) all, for a sparse transition matrix F: each noise depends
     on itself alone, and w on o as well."""
@@ -233,7 +233,7 @@ def _times(matrix: Array, right: Array, product: Array) -> None:
                 product[i, j] += matrix[i, k] * right[k, j]
 
 
-@kernel
+@inner_kernel
 def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
     """P <- F P F' + L Q L', in place; through L half a step of the noise acts on the driven states."""
     n = p.shape[0]
@@ -265,7 +265,7 @@ def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
             p[j, i] = p[i, j]
 
 
-@kernel
+@inner_kernel
 def mean_step(
     h: float, state: Array, command: Array, model: ModelArrays, step: StepBuffers, scratch: Scratch
 ) -> None:

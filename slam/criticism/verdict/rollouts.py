@@ -125,6 +125,7 @@ def _noise_free_readings(
     state, noise = np.zeros(STATES), np.zeros(NOISES)
     for e in range(len(kinds)):
         derivative(at[e], commands[e], noise, parameters, rate)
-        state[:MOVING] = at[e, :MOVING]
+        for i in range(MOVING):  # an assignment of a slice takes seconds to compile
+            state[i] = at[e, i]
         reading(kinds[e], state, rate, sensor, parameters, pole_s, elapsed[e], predicted[e])
     return predicted
