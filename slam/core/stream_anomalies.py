@@ -65,7 +65,7 @@ def sonar_anomalies(sonar: Sonar) -> list[str]:
     known = np.isfinite(sonar.range_m)
     if not known.any():
         return ["sonar0: gives no range at all"]
-    stamps, ranges = sonar.stamps_s[known], sonar.range_m[known]
+    ranges = sonar.range_m[known]
     lines = []
     if negative := int((ranges <= 0).sum()):
         lines.append(f"sonar0: {negative} ranges are zero or negative")
@@ -76,25 +76,37 @@ def sonar_anomalies(sonar: Sonar) -> list[str]:
     around = np.maximum(ranges[:-2], ranges[2:])
     if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
         lines.append(f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?)")
-    at, lasted_s = _longest_repeat(stamps, ranges[:, None])
-    if lasted_s > 0:
-        lines.append(
-            f"sonar0: reads exactly {ranges[at]:g} m for {lasted_s:.1f} s from {stamps[at]:.1f} s "
-            "(stuck, or standing on the ground)"
-        )
+    if line := stuck_ranges(sonar):
+        lines.append(line)
     return lines
 
 
-def _longest_repeat(stamps_s: Array, values: Array) -> tuple[int, float]:
-    """Return where the longest run of equal readings (n, c) begins, and its duration in seconds; 0 where it
-    has too few readings or is too short."""
+def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> str:
+    """Return a line where ranges repeat exactly for long, and are this share of all at least; else empty."""
+    known = np.isfinite(sonar.range_m)
+    if not known.any():
+        return ""
+    stamps_s, range_m = sonar.stamps_s[known], sonar.range_m[known]
+    at, lasted_s, share = _longest_repeat(stamps_s, range_m[:, None])
+    if lasted_s == 0 or share < least_share:
+        return ""
+    return (
+        f"sonar0: reads exactly {range_m[at]:g} m for {lasted_s:.1f} s from {stamps_s[at]:.1f} s "
+        "(stuck, or standing on the ground)"
+    )
+
+
+def _longest_repeat(stamps_s: Array, values: Array) -> tuple[int, float, float]:
+    """Return where the longest run of equal readings (n, c) begins, its duration in seconds, and its share of
+    all readings; the duration is 0 where it has too few readings or is too short."""
     changed = (np.diff(values, axis=0) != 0).any(axis=1)
     edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(values)]])
     first, last = edges[:-1], edges[1:] - 1
     lasted_s = np.where(last - first + 1 >= STUCK_COUNT, stamps_s[last] - stamps_s[first], 0.0)
     longest = int(np.argmax(lasted_s))
     stuck = lasted_s[longest] > STUCK_S or len(first) == 1
-    return int(first[longest]), float(lasted_s[longest]) if stuck else 0.0
+    share = float(last[longest] - first[longest] + 1) / len(values)
+    return int(first[longest]), float(lasted_s[longest]) if stuck else 0.0, share
 
 
 def velocity_anomalies(velocity: Velocity) -> list[str]:
@@ -103,7 +115,7 @@ def velocity_anomalies(velocity: Velocity) -> list[str]:
     if not known.any():
         return []
     stamps_s, v_m_s = velocity.stamps_s[known], velocity.v_m_s[known]
-    at, lasted_s = _longest_repeat(stamps_s, v_m_s)
+    at, lasted_s, _ = _longest_repeat(stamps_s, v_m_s)
     if lasted_s == 0:
         return []
     return [

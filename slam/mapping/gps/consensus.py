@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.graph import BundleConfig
 from backend.quantiles import f_limit
 from slam.mapping.gps.agreeing_half import agreeing_half
 
@@ -28,7 +29,7 @@ STATED_SIGMAS = 3.0
 """No fix is an outlier that is so close to the map in the nominal standard deviations."""
 LEAST_FIXES = 4
 """With three fixes any one of them may be the wrong one: two always fit a similarity."""
-MOST_SLOPE = 0.15
+MOST_SLOPE = 3 * BundleConfig.slope_std_rad
 """Slope of the ground or tilt of the map before refinement: three standard deviations of its prior."""
 _PAIRS = 1000
 _MEDIAN_OF_RAYLEIGH, _MEDIAN_OF_NORMAL = 1.1774, 0.6745

@@ -12,8 +12,12 @@ from slam.core.estimate import MountTilt
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.names import listed
-from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies
-from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
+from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
+from slam.mapping.calibration.attitude_floor_tilt import (
+    AttitudeFloorTilt,
+    attitude_floor_tilt,
+    attitude_floor_tilt_warning,
+)
 from slam.mapping.calibration.camera_mount import mount_warning
 from slam.mapping.calibration.clock_offset import clock_contradiction, clock_warning
 from slam.mapping.context import Context
@@ -25,6 +29,9 @@ from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.single_join import single_join_warnings
 from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
+
+MOST_STUCK = 0.5
+"""Share of equal ranges from which on even a robust estimate of the height follows them."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +83,7 @@ def _reasons(
     context: Context, map_: Map, not_placed: dict[str, str], shared: SystematicErrors | None
 ) -> list[str]:
     """Return the reasons why a map may be wrong beyond its covariances."""
-    flight = context.flight
+    flight, tilt = context.flight, _tilt(context, map_)
     metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
     by_metres = metric or map_.georeferenced
     systematic, is_in_status = _systematic_warning(flight, map_, shared)
@@ -88,6 +95,8 @@ def _reasons(
         *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
+        attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
+        _stuck_ranges(flight, map_),
         *contradictions(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), by_metres),
         clock_contradiction(map_.clock, context.clock),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
@@ -146,14 +155,27 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
 def _instrument_warnings(
     context: Context, map_: Map, mount: MountTilt | None, shared: SystematicErrors | None
 ) -> list[str]:
-    lines = [mount_warning(mount, context.flight.camera_file), clock_warning(map_.clock, context.clock)]
-    if not map_.georeferenced and not context.flight.parts:
-        # Positions would have determined the slope of the ground.
-        poses = map_.of_main(map_.w_T_b)
-        tilt = attitude_floor_tilt(context.flight, map_.observations.stamps_s, poses)
-        lines.insert(0, attitude_floor_tilt_warning(tilt))
+    lines = [
+        attitude_floor_tilt_warning(_tilt(context, map_)),
+        mount_warning(mount, context.flight.camera_file),
+        clock_warning(map_.clock, context.clock),
+    ]
     systematic, is_in_status = _systematic_warning(context.flight, map_, shared)
     return [line for line in (*lines, "" if is_in_status else systematic) if line]
+
+
+def _tilt(context: Context, map_: Map) -> AttitudeFloorTilt | None:
+    """Return the tilt of the attitude against the floor; None where positions determine the slope."""
+    if map_.georeferenced or context.flight.parts:
+        return None
+    return attitude_floor_tilt(context.flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
+
+
+def _stuck_ranges(flight: Flight, map_: Map) -> str:
+    """Report a stuck height sensor that the scale of the map rests on."""
+    if flight.sonar is None or map_.bundle is None or map_.bundle.range_errors is None:
+        return ""
+    return stuck_ranges(flight.sonar, MOST_STUCK)
 
 
 def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> tuple[str, bool]:

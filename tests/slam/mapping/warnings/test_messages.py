@@ -1,0 +1,55 @@
+"""Instruments that the map must not be trusted with: the status names them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from slam import optimize
+from slam.core.flight import Sonar
+from slam.core.stream_anomalies import stuck_ranges
+from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
+from slam.mapping.warnings.messages import MOST_STUCK
+from tests.slam.small_flight import flown
+
+
+def ranges(stuck: int, count: int = 200) -> Sonar:
+    """Ten readings a second, of which the first ones are equal."""
+    range_m = 1.0 + np.random.default_rng(0).normal(0, 0.01, count)
+    range_m[:stuck] = 0.9
+    return replace(flown(0).sonar, stamps_s=0.1 * np.arange(count), range_m=range_m)
+
+
+@pytest.mark.parametrize(("stuck", "in_status"), [(10, False), (90, False), (110, True), (200, True)])
+def test_a_sonar_that_is_stuck_for_half_of_a_flight_carries_the_scale(stuck: int, in_status: bool) -> None:
+    sonar = ranges(stuck)
+    assert bool(stuck_ranges(sonar, MOST_STUCK)) == in_status
+    assert ("0.9 m" in stuck_ranges(sonar)) == (stuck >= 90)
+
+
+@pytest.mark.parametrize(
+    ("tilt_rad", "std_rad", "too_large"), [(0.1, 0.001, False), (0.2, 0.001, True), (0.2, 0.05, False)]
+)
+def test_ground_and_mounts_lean_only_so_far(tilt_rad: float, std_rad: float, too_large: bool) -> None:
+    found = AttitudeFloorTilt(np.array([tilt_rad, 0.0]), np.array([tilt_rad, 0.0]), std_rad, std_rad, 0.001)
+    assert found.is_too_large == too_large
+
+
+@pytest.mark.slow
+def test_a_stuck_sonar_is_in_the_status() -> None:
+    flight = flown(4)
+    stuck = replace(flight.sonar, range_m=np.full_like(flight.sonar.range_m, flight.sonar.range_m[5]))
+    estimate = optimize(replace(flight, sonar=stuck))
+    assert "sonar0: reads exactly" in estimate.status
+
+
+@pytest.mark.slow
+def test_a_mount_that_leans_far_is_in_the_status() -> None:
+    flight = flown(4)
+    b_T_c = flight.camera.b_T_c.copy()
+    b_T_c[:3, :3] = Rotation.from_euler("y", 20, degrees=True).as_matrix() @ b_T_c[:3, :3]
+    estimate = optimize(replace(flight, camera=replace(flight.camera, b_T_c=b_T_c)))
+    assert "attitude0 is tilted by" in estimate.status
