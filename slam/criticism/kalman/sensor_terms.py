@@ -34,7 +34,9 @@ def reading_terms(stream: str) -> Callable[..., None]:
 
     numba neither inlines nor caches a loop over functions. Therefore the calls are written out.
     """
-    calls, space = [], dict[str, Any]()
+    # Without a module's name, a cached kernel cannot be loaded by a process that compiles its caller.
+    space: dict[str, Any] = {"__name__": __name__}
+    calls = []
     for term in CATALOGUE.values():
         if term.stream == stream and term.read is not None:
             space[term.name] = inner_kernel(term.read)

@@ -252,3 +252,9 @@ def test_the_process_noise_near_the_floor_shows_no_height():
     rate, slopes = np.empty(12), np.empty((10, 19))
     jacobian(state, np.zeros(6), parameters.dynamics, rate, slopes, workspace_for(19, 0).scratch)
     assert not slopes[[0, 1, 2, 3, 4, 6, 7, 8, 9], 2].any()
+
+
+def test_joined_terms_are_of_a_module_so_that_another_process_can_load_them_from_the_cache():
+    from slam.criticism.kalman import sensor_terms
+
+    assert sensor_terms.reading_terms("imu").py_func.__module__ == sensor_terms.__name__
