@@ -18,7 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.inertial_scale.delay_residuals import DelayResiduals, delay_residuals, turn_costs
+from backend.inertial_scale.delay_residuals import (
+    DelayResiduals,
+    delay_residuals,
+    readings_between,
+    turn_costs,
+)
 from backend.inertial_scale.lag_profile import STEP_S, Signal, lag_profile
 from backend.inertial_scale.picture_clock import (
     GAIN_ERROR,
@@ -183,7 +188,9 @@ def _fit(turns: Turns, readings: InertialReadings, lag_s: float) -> _Fit | None:
     if len(moved.stamps_s) <= LEAST_TURNS:
         return None
     reach_s = _SEARCH_S + 0.5 * LARGEST_DRIFT * float(np.ptp(moved.stamps_s))
-    near = _during(readings, moved.stamps_s, 2 * reach_s)
+    near = readings_between(
+        readings, float(moved.stamps_s[0]) - 2 * reach_s, float(moved.stamps_s[-1]) + 2 * reach_s
+    )
     middle_s = 0.5 * float(moved.stamps_s[0] + moved.stamps_s[-1])
     residuals = _residuals(moved, near, reach_s)
     if residuals is None:
@@ -233,12 +240,6 @@ def _finer(turns: Turns, readings: InertialReadings, clock: PictureClock) -> tup
 def _residuals(turns: Turns, readings: InertialReadings, reach_s: float) -> DelayResiduals | None:
     found = delay_residuals(turns.stamps_s, turns.w_R_b, turns.chain, readings, reach_s)
     return found if found is not None and len(found.begin_s) >= LEAST_TURNS else None
-
-
-def _during(readings: InertialReadings, stamps_s: Array, margin_s: float) -> InertialReadings:
-    first, last = np.searchsorted(readings.stamps_s, [stamps_s[0] - margin_s, stamps_s[-1] + margin_s])
-    rows = slice(int(first), int(last))
-    return InertialReadings(readings.stamps_s[rows], readings.gyro_rad_s[rows], readings.accel_m_s2[rows])
 
 
 def _evidence(residuals: DelayResiduals) -> Array:

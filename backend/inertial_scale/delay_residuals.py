@@ -115,17 +115,39 @@ def delay_residuals(
     """
     if len(stamps_s) < 2:
         return None
-    lasts_s = float(stamps_s[-1] - stamps_s[0])
-    pauses_s = np.diff(stamps_s)
-    spacing_s = max(_SPACING_S, float(np.minimum(pauses_s, _LONGEST_TURN_S).sum()) / _MOST_TURNS)
     if longest_delay_s is None:
-        longest_delay_s = LONGEST_DELAY_S + float(pauses_s.max())
-    apart = np.unique(np.floor((stamps_s - stamps_s[0]) / spacing_s), return_index=True)[1]
-    stamps_s, attitude, chain = stamps_s[apart], Rotation.from_matrix(w_R_b[apart]), chain[apart]
-    longest_s = min(longest_delay_s, _SHARE * lasts_s)
-    steps = int(longest_s / step_s)
+        longest_delay_s = LONGEST_DELAY_S + float(np.diff(stamps_s).max())
+    lasts_s, rows = float(stamps_s[-1] - stamps_s[0]), thinned(stamps_s)
+    steps = int(min(longest_delay_s, _SHARE * lasts_s) / step_s)
     delays_s = np.arange(-steps, steps + 1, dtype=np.float64) * step_s
-    kept = _covered(stamps_s, readings.stamps_s, delays_s[-1]) & (chain[1:] == chain[:-1])
+    return residuals_at(delays_s, stamps_s[rows], w_R_b[rows], chain[rows], readings)
+
+
+def thinned(stamps_s: Array) -> NDArray[np.int64]:
+    """Return the rows of stamps (n,), sorted, that are so far apart and so few as the search needs them."""
+    if len(stamps_s) == 0:
+        return np.zeros(0, dtype=np.int64)
+    covered_s = float(np.minimum(np.diff(stamps_s), _LONGEST_TURN_S).sum())
+    spacing_s = max(_SPACING_S, covered_s / _MOST_TURNS)
+    return np.unique(np.floor((stamps_s - stamps_s[0]) / spacing_s), return_index=True)[1]
+
+
+def readings_between(readings: InertialReadings, begin_s: float, end_s: float) -> InertialReadings:
+    """Return the readings from ``begin_s`` to ``end_s``, with the next one on each side."""
+    first = max(int(np.searchsorted(readings.stamps_s, begin_s, side="right")) - 1, 0)
+    rows = slice(first, int(np.searchsorted(readings.stamps_s, end_s)) + 1)
+    return InertialReadings(readings.stamps_s[rows], readings.gyro_rad_s[rows], readings.accel_m_s2[rows])
+
+
+def residuals_at(
+    delays_s: Array, stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
+) -> DelayResiduals | None:
+    """Compare successive attitudes (n, 3, 3) with a gyro at the delays (g,), which are evenly spaced.
+
+    Only turns are kept that the gyro covers at every delay; None where there is none.
+    """
+    attitude = Rotation.from_matrix(w_R_b)
+    kept = _covered(stamps_s, readings.stamps_s, delays_s) & (chain[1:] == chain[:-1])
     if not kept.any():
         return None
     first, last = np.flatnonzero(kept), np.flatnonzero(kept) + 1
@@ -159,13 +181,13 @@ def mean_square(squares: Array) -> Array:
     return np.asarray(np.maximum(squares.mean(axis=-2), 1e-24))
 
 
-def _covered(stamps_s: Array, imu_s: Array, longest_s: float) -> NDArray[np.bool_]:
+def _covered(stamps_s: Array, imu_s: Array, delays_s: Array) -> NDArray[np.bool_]:
     """Return (n - 1,) whether the gyro has no gap between two successive pictures, whatever the delay."""
     gap = np.diff(imu_s) > _MAX_GAP_S
-    begin_s, end_s = stamps_s[:-1] - longest_s, stamps_s[1:] + longest_s
+    begin_s, end_s = stamps_s[:-1] - delays_s[-1], stamps_s[1:] - delays_s[0]
     whole = np.searchsorted(imu_s[1:][gap], begin_s) == np.searchsorted(imu_s[:-1][gap], end_s)
     inside = (begin_s >= imu_s[0]) & (end_s <= imu_s[-1])
-    return np.asarray(whole & inside & (np.diff(stamps_s) <= _LONGEST_TURN_S + longest_s))
+    return np.asarray(whole & inside & (np.diff(stamps_s) <= _LONGEST_TURN_S + delays_s[-1]))
 
 
 @dataclass(frozen=True)

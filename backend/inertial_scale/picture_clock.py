@@ -108,7 +108,7 @@ def clock_of(residuals: DelayResiduals, gain_error: float = GAIN_ERROR) -> Pictu
     if len(residuals.begin_s) < LEAST_TURNS:
         return None
     pieces = _pieces(residuals, float("-inf"), piece_of(residuals, float("-inf")))
-    if not _explained(residuals, pieces, gain_error):
+    if not explained(residuals, pieces, gain_error):
         return None
     return PictureClock(tuple(pieces), float(residuals.delays_s[-1]))
 
@@ -118,13 +118,13 @@ def piece_of(residuals: DelayResiduals, begin_s: float) -> ClockPiece:
     turn_cost = turn_costs(residuals.squares)
     delays_s, weight = grid_posterior(residuals.delays_s, turn_cost.sum(axis=0))
     mean_s = float(weight @ delays_s)
-    weight = grid_posterior(residuals.delays_s, _robust_cost(turn_cost))[1]
+    weight = grid_posterior(residuals.delays_s, robust_cost(turn_cost))[1]
     # A width below the step of the grid is not resolved.
     std_s = np.sqrt(weight @ (delays_s - mean_s) ** 2 + (delays_s[1] - delays_s[0]) ** 2 / 12)
     return ClockPiece(begin_s, mean_s, float(std_s))
 
 
-def _robust_cost(turn_cost: Array) -> Array:
+def robust_cost(turn_cost: Array) -> Array:
     """Return how much each delay (g,) costs more than the best one, from the costs (n, g) of the turns.
 
     Where turns, or blocks of time, disagree by more than the model implies, the difference is known no better
@@ -180,7 +180,7 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
     return int(stops[best]), int(starts[best])
 
 
-def _explained(residuals: DelayResiduals, pieces: list[ClockPiece], gain_error: float) -> bool:
+def explained(residuals: DelayResiduals, pieces: list[ClockPiece], gain_error: float) -> bool:
     """Return whether pictures and gyro turn by the same angles, bias apart.
 
     A wrong sign, axis or unit of the gyro leaves another ratio of the two at any delay; at a false delay of

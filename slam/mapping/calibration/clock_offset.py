@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
+from backend.inertial_scale.clock_windows import ClockDisagreement
 from backend.inertial_scale.picture_clock import ClockPiece, PictureClock
 from slam.core.estimate import ClockErrors, ClockSpan
 
@@ -112,6 +113,21 @@ def clock_contradiction(clock: PictureClock | None, taken_out: PictureClock) -> 
     return (
         f"{_offset(piece)}, or more, too much to correct: the instruments are read at wrong times; shift the "
         f"stamps in cam0/data.csv by {-1e3 * piece.delay_s:+.0f} ms and run again"
+    )
+
+
+def disagreement_warning(left: tuple[ClockDisagreement, ...]) -> str:
+    """Describe when and by how much the pictures' stamps are still wrong; empty where they are nowhere."""
+    if not left:
+        return ""
+    spans = [
+        f"{span.delay_s:+.3f} ± {span.std_s:.3f} s from {span.begin_s:.2f} to {span.end_s:.2f} s"
+        for span in left[:3]
+    ]
+    more = f" and in {len(left) - 3} more spans of time" if len(left) > 3 else ""
+    return (
+        f"the clock of cam0 differs from imu0's by {', '.join(spans)}{more} (a step or a drift), which is not "
+        "corrected: poses there may be wrong by more than is told; check the stamps in cam0/data.csv"
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.inertial_scale.clock_windows import ClockDisagreement, clock_disagreements
 from backend.inertial_scale.picture_clock import PictureClock, picture_clock
 from frontend.keyframes import IntermediateFrame
 from frontend.lift import LiftedPoses, lift
@@ -27,6 +28,15 @@ def tracked_clock(flight: Flight, observations: Observations, setup: Setup) -> P
     if readings is None:
         return None
     return picture_clock(*turned_attitudes(observations, setup), readings)
+
+
+def disagreements_left(
+    flight: Flight, observations: Observations, setup: Setup
+) -> tuple[ClockDisagreement, ...]:
+    """Return the times in which the pictures, stamped as the map has them, turn earlier or later than the
+    gyro says; none without a gyro."""
+    readings = inertial_readings(flight.imu)
+    return () if readings is None else clock_disagreements(*turned_attitudes(observations, setup), readings)
 
 
 def turned_attitudes(observations: Observations, setup: Setup) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -19,7 +19,12 @@ from slam.mapping.calibration.attitude_floor_tilt import (
     attitude_floor_tilt_warning,
 )
 from slam.mapping.calibration.camera_mount import mount_warning
-from slam.mapping.calibration.clock_offset import clock_contradiction, clock_warning
+from slam.mapping.calibration.clock_offset import (
+    clock_contradiction,
+    clock_warning,
+    disagreement_warning,
+)
+from slam.mapping.calibration.picture_turns import disagreements_left
 from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
@@ -98,7 +103,8 @@ def _reasons(
         attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
         _stuck_ranges(flight, map_),
         *contradictions(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), by_metres),
-        clock_contradiction(map_.clock, context.clock),
+        clock_contradiction(map_.clock, context.clock)
+        or disagreement_warning(disagreements_left(flight, map_.observations, context.setup)),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
         *single_join_warnings(flight, map_, context.bridges.join(map_.odometry or map_).component),
         *_placement_warnings(map_, not_placed),
