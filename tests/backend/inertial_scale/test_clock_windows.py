@@ -82,7 +82,7 @@ def test_one_clock_and_delays_that_do_not_matter_are_not_told():
 
 @pytest.mark.slow
 def test_a_right_clock_is_reported_no_more_often_than_chance_allows():
-    flights = 40
+    flights = 20
     told = sum(bool(left(seed, lambda t: 0.0 * t)) for seed in range(flights))
     assert binom.sf(told - 1, flights, FALSE_ALARM) > 1e-3
 
