@@ -60,7 +60,7 @@ class ClockDisagreement:
 def clock_disagreements(
     stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
 ) -> tuple[ClockDisagreement, ...]:
-    """Return the spans of time in which attitudes (n, 3, 3) at ``stamps_s`` (n,) have other times than a gyro.
+    """Return the spans of time in which attitudes (n, 3, 3) at ``stamps_s`` (n,) lie at others by a gyro.
 
     The stamps are sorted, and ``chain`` (n,) is that of ``picture_clock``. Delays below ``NOTABLE_S`` count
     as none. A flight without such delays has a span with the probability ``FALSE_ALARM`` at most.
@@ -100,7 +100,7 @@ def _windows(stamps_s: Array) -> list[slice]:
 def _shown(
     stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings, surely: float
 ) -> tuple[float, ClockDisagreement] | None:
-    """Return the disagreement of a window and the probability of such a one by chance, if below ``surely``."""
+    """Return the disagreement of a window and the probability of it by chance, if below ``surely``."""
     imu_s = readings.stamps_s
     lowest_s = max(-LONGEST_DELAY_S, float(stamps_s[-1] - imu_s[-1]))
     highest_s = min(LONGEST_DELAY_S, float(stamps_s[0] - imu_s[0]))
@@ -142,7 +142,11 @@ def _joined(found: list[tuple[float, ClockDisagreement]]) -> tuple[ClockDisagree
     spans: list[list[tuple[float, ClockDisagreement]]] = []
     for chance, shown in found:
         last = spans[-1] if spans else []
-        if last and shown.begin_s <= max(s.end_s for _, s in last) and last[-1][1].delay_s * shown.delay_s > 0:
+        if (
+            last
+            and shown.begin_s <= max(s.end_s for _, s in last)
+            and last[-1][1].delay_s * shown.delay_s > 0
+        ):
             last.append((chance, shown))
         else:
             spans.append([(chance, shown)])

@@ -126,8 +126,8 @@ def disagreement_warning(left: tuple[ClockDisagreement, ...]) -> str:
     ]
     more = f" and in {len(left) - 3} more spans of time" if len(left) > 3 else ""
     return (
-        f"the clock of cam0 differs from imu0's by {', '.join(spans)}{more} (a step or a drift), which is not "
-        "corrected: poses there may be wrong by more than is told; check the stamps in cam0/data.csv"
+        f"the clock of cam0 differs from imu0's by {', '.join(spans)}{more} (a step or a drift), which is "
+        "not corrected: poses there may be wrong by more than is told; check the stamps in cam0/data.csv"
     )
 
 
