@@ -1,4 +1,4 @@
-"""Where in a flight the pictures' clock still disagrees with the gyro's, after all delays were taken out.
+"""Spans of a flight in which the pictures' clock disagrees with the gyro's after all delays were taken out.
 
 The search for delays and steps (`picture_clock`) leaves out both ends of the flight, and knows no drift. Here
 each window of time is asked by itself whether some delay explains its turns better than none. A step near an
@@ -60,9 +60,9 @@ class ClockDisagreement:
 def clock_disagreements(
     stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
 ) -> tuple[ClockDisagreement, ...]:
-    """Return the spans of time in which attitudes (n, 3, 3) at ``stamps_s`` (n,) lie at others by a gyro.
+    """Return the spans of time in which a gyro contradicts the stamps (n,) of attitudes (n, 3, 3).
 
-    The stamps are sorted, and ``chain`` (n,) is that of ``picture_clock``. Delays below ``NOTABLE_S`` count
+    ``stamps_s`` is sorted, and ``chain`` (n,) is that of ``picture_clock``. Delays below ``NOTABLE_S`` count
     as none. A flight without such delays has a span with the probability ``FALSE_ALARM`` at most.
     """
     imu_s = readings.stamps_s
