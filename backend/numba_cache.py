@@ -1,4 +1,4 @@
-"""Invalidation of the numba cache.
+"""Compilation by numba: decorators of kernels, and invalidation of the cache.
 
 numba checks only a kernel's own file to decide whether its cached machine code is valid. It does not check
 the files of the kernels that are inlined: after a change there it would silently run the old code.
@@ -18,16 +18,11 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 GROUPS: list[frozenset[Path]] = []
 """Groups of files with which `discard_stale` has been called."""
-ALLOCATION_FREE: dict[str, Any] = {
+_OPTIONS: dict[str, Any] = {
     "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"},
-    "_nrt": False,
 }  # fmt: skip
-"""Options of kernels that allocate no arrays and count no references, which takes as long as their work. They
-also compile twice as fast. The Python caller must hold the arrays meanwhile. Sums may be reordered; NaN keeps
-its meaning, since it marks missing readings."""
-INNER: dict[str, Any] = ALLOCATION_FREE | {"no_cpython_wrapper": True}
-"""Options of such kernels that only kernels call: wrappers for Python take a fifth of the compile time. A
-call from Python ends the process."""
+"""Kernels release the interpreter's lock. Sums may be reordered. NaN keeps its meaning, since it marks
+missing readings."""
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:
@@ -54,6 +49,18 @@ def njit(**options: Any) -> Callable[[Function], Function]:
         return cast(Function, kernel)
 
     return compiled
+
+
+allocating_kernel = njit(**_OPTIONS)
+"""Decorator of kernels that may allocate arrays."""
+kernel = njit(**_OPTIONS, _nrt=False)
+"""Decorator of kernels that allocate no arrays and count no references. Counting takes as long as their work,
+and doubles the compile time. The Python caller must hold the arrays meanwhile."""
+inner_kernel = njit(**_OPTIONS, _nrt=False, no_cpython_wrapper=True)
+"""Decorator of such kernels that only kernels call: wrappers for Python take a fifth of the compile time. A
+call from Python ends the process."""
+inlined_kernel = njit(**_OPTIONS, _nrt=False, no_cpython_wrapper=True, inline="always")
+"""Decorator of such kernels that one kernel calls once, and that would be compiled again within it."""
 
 
 def discard_stale(sources: Iterable[Path]) -> int:

@@ -175,9 +175,9 @@ PACKAGES = {
     ),
     "backend": (
         ("errors", "measurements", "quantiles", "se3", "numba_cache"),
-        ("gauge", "sparse_cholesky"),
+        ("gauge", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),
-        ("bundle", "g2o"),
+        ("bundle", "g2o", "clocks"),
     ),
 }
 """Parts of a package from the bottom up. A part imports only parts of the rows above it in this table."""

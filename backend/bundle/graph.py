@@ -55,6 +55,10 @@ class BundleConfig:
     """Initial standard deviation of the floor's relief over the mean height."""
 
 
+LARGEST_SLOPE_RAD = 3 * BundleConfig.slope_std_rad
+"""Slope of the ground that is no error: three standard deviations of its prior."""
+
+
 @dataclass(frozen=True)
 class NoiseLevels:
     """Standard deviations estimated from the residuals."""

@@ -21,7 +21,8 @@ from backend.ekf.motion import (
 )
 from backend.ekf.readings import CLONE, OUTPUT
 from backend.ekf.records import FilterBuffers, FilterEvents, StateRecords, Tape
-from backend.ekf.rotations import Array, inner_kernel, kernel
+from backend.ekf.rotations import Array
+from backend.numba_cache import inner_kernel, kernel
 
 
 @kernel

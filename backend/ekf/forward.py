@@ -45,7 +45,8 @@ from backend.ekf.records import (
     StateRecords,
     Tape,
 )
-from backend.ekf.rotations import Array, inner_kernel, kernel, spliced_kernel
+from backend.ekf.rotations import Array
+from backend.numba_cache import inlined_kernel, inner_kernel, kernel
 
 
 @kernel
@@ -92,7 +93,7 @@ def forward(
     return now, -1
 
 
-@spliced_kernel
+@inlined_kernel
 def _process_reading(
     k: int,
     b: int,
@@ -116,7 +117,7 @@ def _process_reading(
                 _gate_and_update(k, kind, now, i, b, state, gates, log, tape, work)
 
 
-@spliced_kernel
+@inlined_kernel
 def _predict_reading(k: int, kind: int, x: Array, inputs: FilterInputs, work: FilterBuffers) -> bool:
     """Fill in innovation, Jacobian and noise; return whether the reading is predictable in this state.
 

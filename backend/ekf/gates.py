@@ -19,7 +19,8 @@ from backend.ekf.records import (
     Gates,
     InnovationLog,
 )
-from backend.ekf.rotations import Array, inner_kernel
+from backend.ekf.rotations import Array
+from backend.numba_cache import inner_kernel
 
 _REJECT_FACTOR = 4.0
 """A component whose squared innovation exceeds this multiple of its gate is rejected. For a smaller excess

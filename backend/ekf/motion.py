@@ -21,8 +21,6 @@ from backend.ekf.rotations import (
     compose,
     exponential,
     hat,
-    inner_kernel,
-    kernel,
     logarithm,
     quaternion,
     rotate,
@@ -31,6 +29,8 @@ from backend.ekf.rotations import (
     vector,
     write,
 )
+from backend.numba_cache import inner_kernel, kernel
+from backend.sparse_product import multiply_sparse
 
 (
     POS, VEL, ACC, ROT, RATE, ATTITUDE_ERROR, VEL_ERROR, GYRO_BIAS, ACCEL_BIAS, RANGE_SCALE, RANGE_BIAS,
@@ -203,7 +203,7 @@ def transform_covariance(F: Array, C: Array, work: Array) -> None:
     """
     n = len(C)
     for columns in (n, MOVING):
-        _multiply(F, C, columns, work)
+        multiply_sparse(F, C, MOVING, columns, work)
         for i in range(MOVING):
             for j in range(columns):
                 C[j, i] = work[i, j]
@@ -212,16 +212,3 @@ def transform_covariance(F: Array, C: Array, work: Array) -> None:
             C[j, i] = C[i, j]
         for j in range(MOVING, n):
             C[i, j] = C[j, i]
-
-
-@inner_kernel
-def _multiply(F: Array, right: Array, columns: int, product: Array) -> None:
-    """Write F times the first columns of ``right`` into ``product``. Most of F is zero."""
-    for i in range(MOVING):
-        for j in range(columns):
-            product[i, j] = 0.0
-        for k in range(MOVING):
-            f = F[i, k]
-            if f != 0.0:
-                for j in range(columns):
-                    product[i, j] += f * right[k, j]

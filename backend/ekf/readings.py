@@ -50,8 +50,6 @@ from backend.ekf.rotations import (
     dot,
     exponential,
     hat,
-    inner_kernel,
-    kernel,
     left_jacobian,
     multiply,
     quaternion,
@@ -64,6 +62,7 @@ from backend.ekf.rotations import (
     write_row,
 )
 from backend.measurements import GRAVITY_M_S2
+from backend.numba_cache import inner_kernel, kernel
 
 (PROPAGATE, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, OUTPUT, CLONE) = (
     range(13)

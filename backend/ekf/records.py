@@ -70,7 +70,7 @@ class FilterState(NamedTuple):
 
 
 class FilterBuffers(NamedTuple):
-    """Buffers of the kernels; foremost one reading, linearised for the update."""
+    """Buffers of the kernels. The first three hold one reading, linearised for the update."""
 
     innovation: Array
     """(6,) reading minus prediction at the linearisation point; NaN for a missing component."""

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.numba_cache import ALLOCATION_FREE, INNER, discard_stale, njit
+from backend.numba_cache import discard_stale, inner_kernel
 
 Array = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]
@@ -21,14 +21,7 @@ Matrix: TypeAlias = tuple[Vector, Vector, Vector]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
 _EKF = Path(__file__).parent
-discard_stale([*_EKF.glob("*.py"), _EKF.parent / "measurements.py"])
-
-kernel = njit(**ALLOCATION_FREE)
-"""Decorator of the kernels that Python calls."""
-inner_kernel = njit(**INNER)
-"""Decorator of the kernels that only kernels call."""
-spliced_kernel = njit(**INNER, inline="always")
-"""Decorator of inner kernels that one kernel calls once, and that would be compiled again within it."""
+discard_stale([*_EKF.glob("*.py"), _EKF.parent / "measurements.py", _EKF.parent / "sparse_product.py"])
 
 
 @inner_kernel

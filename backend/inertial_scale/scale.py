@@ -8,7 +8,7 @@ it would make the path look exact. Position and tilt errors of a pose are almost
 error displaces the camera by the height times that), so their joint covariance is used: otherwise a lever arm
 as long as the height would explain both, and most of the path. The levels of all noises are
 maximum-likelihood estimates. The poses are stamped by the clock of the readings
-(`backend.inertial_scale.picture_clock`).
+(`backend.clocks.picture_clock`).
 
 Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that err together; Harville 1977
 (JASA 72) for the likelihood of the noise.

@@ -11,7 +11,7 @@ Item = TypeVar("Item")
 Input = TypeVar("Input")
 Output = TypeVar("Output")
 
-COMPILING = "compile for this machine: once after an installation, a minute or two"
+COMPILING = "compile for this machine: once after an installation, about a minute"
 
 
 class Progress(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from backend.inertial_scale.picture_clock import PictureClock
+from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.core.progress import Progress

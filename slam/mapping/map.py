@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.refinement import Bundle
-from backend.inertial_scale.picture_clock import PictureClock
+from backend.clocks.picture_clock import PictureClock
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
+from backend.clocks.picture_clock import PictureClock
 from backend.errors import BackendError
-from backend.inertial_scale.picture_clock import PictureClock
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import FloorTracks, InertialReadings, Position
 from frontend.camera import Camera

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from backend.inertial_scale.picture_clock import PictureClock
+from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 
+from backend.numba_cache import inner_kernel, kernel
 from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, correct_noise, covariance_with_reading, sample
 from slam.criticism.kalman.arrays import (
     Array,
@@ -22,7 +23,6 @@ from slam.criticism.kalman.arrays import (
     PredictedReading,
     Workspace,
 )
-from slam.criticism.kalman.compiled import inner_kernel, kernel
 from slam.criticism.kalman.readings import (
     FIRST_CHANNEL,
     IMU,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.kalman.compiled import inner_kernel
+from backend.numba_cache import inner_kernel
 from slam.criticism.kalman.sensor_terms import READ_BY as READ_BY
 from slam.criticism.kalman.sensor_terms import SENSOR as SENSOR
 from slam.criticism.kalman.sensor_terms import reading_terms

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+from backend.numba_cache import inner_kernel
+from backend.sparse_product import multiply_sparse
 from slam.criticism.kalman.arrays import (
     Array,
     KalmanInputs,
@@ -18,7 +20,6 @@ from slam.criticism.kalman.arrays import (
     Scratch,
     StepBuffers,
 )
-from slam.criticism.kalman.compiled import inner_kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import NOISES, POLE, split_state
 from slam.simulation.dynamics import (
@@ -210,14 +211,7 @@ def direct_change(
 def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
     """Propagate sensitivities (n, m) over a step in place; ``moved`` (10, m) is a buffer."""
     n, m = sensitivity.shape
-    for i in range(MOVING):
-        for d in range(m):
-            moved[i, d] = 0.0
-        for k in range(n):
-            x = matrix[i, k]
-            if x != 0.0:
-                for d in range(m):
-                    moved[i, d] += x * sensitivity[k, d]
+    multiply_sparse(matrix, sensitivity, MOVING, m, moved)
     for i in range(MOVING):
         for d in range(m):
             sensitivity[i, d] = moved[i, d]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from backend.numba_cache import allocating_kernel, inner_kernel, kernel
 from slam.criticism.kalman.arrays import (
     Array,
     Ints,
@@ -25,7 +26,6 @@ from slam.criticism.kalman.arrays import (
     PredictedReading,
     Workspace,
 )
-from slam.criticism.kalman.compiled import allocating_kernel, inner_kernel, kernel
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.prepare import filter_inputs, initial_state, workspace_for

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from backend.numba_cache import inner_kernel
 from slam.criticism.kalman.arrays import (
     Array,
     KalmanInputs,
@@ -16,7 +17,6 @@ from slam.criticism.kalman.arrays import (
     Scratch,
     StepBuffers,
 )
-from slam.criticism.kalman.compiled import inner_kernel
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     BEFORE,

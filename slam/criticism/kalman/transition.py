@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
+from backend.numba_cache import inner_kernel, kernel
 from slam.criticism.kalman.arrays import Array, ModelArrays, Scratch, StepBuffers
-from slam.criticism.kalman.compiled import inner_kernel, kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, TARGET
 from slam.simulation.dynamics import (
     FADE,

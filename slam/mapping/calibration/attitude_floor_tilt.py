@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle.graph import BundleConfig
+from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.bundle.noise import autocorrelated_std
 from slam.core.flight import Flight
 from slam.core.rotations import rotation_of
@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 LEAST_KEYFRAMES = 8
 _NOTABLE_RAD = np.radians(2.0)
 """Smallest tilt that is reported: the zero of an attitude is seldom better than a degree."""
-LARGEST_RAD = 3 * BundleConfig.slope_std_rad
-"""Largest tilt with which a map may be right: three standard deviations of the slope of the ground."""
 SURE = 4.0
 """Significance of a reported tilt, in standard deviations."""
 CLEARLY = 2.0
@@ -59,7 +57,7 @@ class AttitudeFloorTilt:
     def is_too_large(self) -> bool:
         """Whether neither ground nor a usual mount lean so far, beyond the tilt's own uncertainty."""
         size, std = self.steadier
-        return size > LARGEST_RAD + SURE * std
+        return size > LARGEST_SLOPE_RAD + SURE * std
 
     @property
     def steadier(self) -> tuple[float, float]:

@@ -1,7 +1,7 @@
 """The time offset between camera and instruments: found with the map, and taken out of the pictures' stamps.
 
 The pictures show how the vehicle turned, and the gyro measured it: the offset is what makes both agree
-(`backend.inertial_scale.picture_clock`). All other instruments are assumed to share the gyro's clock.
+(`backend.clocks.picture_clock`). All other instruments are assumed to share the gyro's clock.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.inertial_scale.clock_windows import ClockDisagreement
-from backend.inertial_scale.picture_clock import ClockPiece, PictureClock
+from backend.clocks.picture_clock import ClockPiece, PictureClock
+from backend.clocks.windows import ClockDisagreement
 from slam.core.estimate import ClockErrors, ClockSpan
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle
-from backend.inertial_scale.picture_clock import PictureClock, picture_clock
+from backend.clocks.picture_clock import PictureClock, picture_clock
 from backend.inertial_scale.scale import InertialScale, NoScale, inertial_scale
 from backend.measurements import InertialReadings
 from frontend.camera import Camera

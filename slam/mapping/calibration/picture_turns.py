@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.inertial_scale.clock_windows import ClockDisagreement, clock_disagreements
-from backend.inertial_scale.picture_clock import PictureClock, picture_clock
+from backend.clocks.picture_clock import PictureClock, picture_clock
+from backend.clocks.windows import ClockDisagreement, clock_disagreements
 from frontend.keyframes import IntermediateFrame
 from frontend.lift import LiftedPoses, lift
 from slam.core.flight import Flight

@@ -8,35 +8,48 @@ has a wrong scale or heading, and one on either half has the right ones. Source:
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.quantiles import f_limit
 
 Complex = NDArray[np.complex128]
 
-LEAST_FIXES = 7
+LEAST_FOR_HALF = 7
 """Three of six agree by chance: two of them always fit a similarity."""
 _FALSE_ALARM = 1e-5
 """Probability of the limit for one half. The best of all halves exceeds the limit in less than 0.1 % of the
 sets of fixes with Gaussian noise, with 7 to 75 fixes in a line or in lanes (1000 drawn sets each)."""
-_MOST_LEAN = 0.3
-"""Displacement in heights between two directions of flight by a camera that leans by 0.15 rad, three standard
-deviations of its mount. Lanes flown there and back are then halves that contradict each other."""
+_MOST_LEAN = 2 * LARGEST_SLOPE_RAD
+"""Displacement in heights between two opposite directions of flight, by a camera that leans as far as the
+ground may slope. Lanes flown there and back are then halves that contradict each other."""
 _STARTS, _STEPS = 300, 6
+
+
+class SimilarityFit(NamedTuple):
+    """Similarity ``b = turn a + shift`` of the plane, as complex numbers."""
+
+    turn: complex
+    """Rotation and scale."""
+    shift: complex
+    limit_m: float
+    """Distance beyond which a fix is an outlier."""
 
 
 def agreeing_half(
     a: Complex, b: Complex, metric: bool, least_m: float, height: float, rng: np.random.Generator
-) -> tuple[complex, complex, float] | None:
-    """Return (turn, shift, limit) of ``b = turn a + shift`` for half of the fixes, and their limit.
+) -> SimilarityFit | None:
+    """Return the similarity of half of the fixes.
 
     ``a`` (n,) are places on the map, ``b`` (n,) those of the fixes in metres. None unless all other fixes are
     out of the noise of this half, farther than ``least_m``, and farther than a leaning mount displaces a
     camera at ``height`` on the map.
     """
     n, half = len(a), (len(a) + 1) // 2
-    if n < LEAST_FIXES:
+    if n < LEAST_FOR_HALF:
         return None
     i, j = np.triu_indices(n, 1)
     if len(i) > _STARTS:
@@ -58,7 +71,7 @@ def agreeing_half(
     limit_m = max(noise_m, least_m, _MOST_LEAN * float(np.abs(turn[best, 0])) * height)
     if np.partition(distance[best], half)[half] <= limit_m:
         return None
-    return complex(turn[best, 0]), complex(shift[best, 0]), limit_m
+    return SimilarityFit(complex(turn[best, 0]), complex(shift[best, 0]), limit_m)
 
 
 def _fitted(a: Complex, b: Complex, metric: bool) -> tuple[Complex, Complex]:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.graph import BundleConfig
+from backend.bundle.graph import LARGEST_SLOPE_RAD
 from backend.quantiles import f_limit
-from slam.mapping.gps.agreeing_half import agreeing_half
+from slam.mapping.gps.agreeing_half import SimilarityFit, agreeing_half
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -29,10 +29,8 @@ STATED_SIGMAS = 3.0
 """No fix is an outlier that is so close to the map in the nominal standard deviations."""
 LEAST_FIXES = 4
 """With three fixes any one of them may be the wrong one: two always fit a similarity."""
-MOST_SLOPE = 3 * BundleConfig.slope_std_rad
-"""Slope of the ground or tilt of the map before refinement: three standard deviations of its prior."""
 _PAIRS = 1000
-_MEDIAN_OF_RAYLEIGH, _MEDIAN_OF_NORMAL = 1.1774, 0.6745
+MEDIAN_OF_RAYLEIGH, _MEDIAN_OF_NORMAL = 1.1774, 0.6745
 
 
 @dataclass(frozen=True)
@@ -81,16 +79,16 @@ def rough_agreement(
     a = here_m[known, 0] + 1j * here_m[known, 1]
     b = there_m[known, 0] + 1j * there_m[known, 1]
     rng, height = np.random.default_rng(seed), float(np.nanmedian(here_m[known, 2]))
-    fit = agreeing_half(a, b, metric, _nominal_limit(nominal_std_m), height, rng)
+    # Where a majority agrees, there is no half: the next fix lies as near as those of the half.
+    fit = agreeing_half(a, b, metric, nominal_limit_m(nominal_std_m), height, rng)
     fit = fit or _majority(a, b, metric, rng)
     if fit is None:
         return everything
-    turn, shift, limit_m = fit
-    horizontal = b - turn * a - shift
-    good = np.abs(horizontal) <= limit_m
+    horizontal = b - fit.turn * a - fit.shift
+    good = np.abs(horizontal) <= fit.limit_m
     off = everything.off_m.copy()
     off[known, 0], off[known, 1] = horizontal.real, horizontal.imag
-    rise = there_m[known, 2] - abs(turn) * here_m[known, 2]
+    rise = there_m[known, 2] - abs(fit.turn) * here_m[known, 2]
     used = everything.used.copy()
     used[known[~good]] = False
     altitude_used = used.copy()
@@ -99,24 +97,24 @@ def rough_agreement(
         level, std = _shortest_half(rise[scored])
         off[known, 2] = rise - level
         middle = complex(np.median(b[good].real), np.median(b[good].imag))
-        reach = MOST_SLOPE * np.abs(b - middle)
+        reach = LARGEST_SLOPE_RAD * np.abs(b - middle)  # of the ground, or of the unrefined map
         altitude_used[known[~(np.abs(rise - level) <= BENT_MAP * std + reach) & np.isfinite(rise)]] = False
     return Agreement(used, altitude_used, off)
 
 
 def _majority(
     a: NDArray[np.complex128], b: NDArray[np.complex128], metric: bool, rng: np.random.Generator
-) -> tuple[complex, complex, float] | None:
-    """Return (turn, shift, limit) of ``b = turn a + shift``; outliers are beyond the limit."""
+) -> SimilarityFit | None:
+    """Return the least median of squares; outliers are beyond its limit."""
     fit = _least_median(a, b, metric, rng)
     if fit is None:
         return None
     turn, shift = fit
     median_m = float(_upper_median(np.abs(b - turn * a - shift)))
-    return turn, shift, BENT_MAP * _small_sample(len(a), 2) * median_m / _MEDIAN_OF_RAYLEIGH
+    return SimilarityFit(turn, shift, BENT_MAP * _small_sample(len(a), 2) * median_m / MEDIAN_OF_RAYLEIGH)
 
 
-def _nominal_limit(nominal_std_m: tuple[float, float, float]) -> float:
+def nominal_limit_m(nominal_std_m: tuple[float, float, float]) -> float:
     """Return the horizontal distance up to which a fix may lie from the map by its nominal deviations."""
     return STATED_SIGMAS * float(np.hypot(*nominal_std_m[:2]) / np.sqrt(2))
 
@@ -131,7 +129,7 @@ def exact_agreement(off_m: Array, nominal_std_m: tuple[float, float, float]) -> 
     known = np.flatnonzero(np.isfinite(off_m[:, :2]).all(axis=1))
     if len(known) < LEAST_FIXES:
         return Agreement(used, altitude_used, off_m)
-    used[known] = _within(np.linalg.norm(off_m[known, :2], axis=1), 2, _nominal_limit(nominal_std_m))
+    used[known] = _within(np.linalg.norm(off_m[known, :2], axis=1), 2, nominal_limit_m(nominal_std_m))
     altitude_used &= used
     high = np.flatnonzero(np.isfinite(off_m[:, 2]) & used)
     if len(high) >= LEAST_FIXES:
@@ -145,7 +143,7 @@ def _within(distance: Array, dimensions: int, least: float) -> Mask:
     The standard deviation starts from the median and is then that of the accepted distances.
     """
     n = len(distance)
-    median = _MEDIAN_OF_RAYLEIGH if dimensions == 2 else _MEDIAN_OF_NORMAL
+    median = MEDIAN_OF_RAYLEIGH if dimensions == 2 else _MEDIAN_OF_NORMAL
     # Half of the fixes, not one more: the other half may have their altitudes from another reference.
     half = float(np.partition(distance, (n - 1) // 2)[(n - 1) // 2])
     std = _small_sample(n, dimensions) * half / median

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import f_limit
+from slam.mapping.gps.consensus import MEDIAN_OF_RAYLEIGH, nominal_limit_m
 
 Array = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3
 """Probability that fixes with Gaussian noise show a jump."""
 LEAST_STEPS = 6
-_NOMINAL_SIGMAS = 3.0
-_MEDIAN_OF_RAYLEIGH = 1.1774
 
 
 def jumps(off_m: Array, nominal_std_m: tuple[float, float, float]) -> NDArray[np.int64]:
@@ -32,7 +31,7 @@ def jumps(off_m: Array, nominal_std_m: tuple[float, float, float]) -> NDArray[np
         return np.zeros(0, np.int64)
     # Along one line a wrong scale or heading adds the same to all steps.
     step_m = np.linalg.norm(steps_m - np.median(steps_m, axis=0), axis=1)
-    std_m = float(np.median(step_m)) / _MEDIAN_OF_RAYLEIGH
+    std_m = float(np.median(step_m)) / MEDIAN_OF_RAYLEIGH
     limit_m = std_m * np.sqrt(2 * f_limit(FALSE_ALARM / n, 2, n))
-    nominal_m = _NOMINAL_SIGMAS * float(np.hypot(*nominal_std_m[:2]))  # of a difference between two fixes
+    nominal_m = np.sqrt(2) * nominal_limit_m(nominal_std_m)  # of a difference between two fixes
     return 1 + np.flatnonzero(step_m > max(limit_m, nominal_m))

@@ -12,7 +12,7 @@ from backend.quantiles import chi_square_limit
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.names import listed
 from slam.core.units import length
-from slam.mapping.gps.agreeing_half import LEAST_FIXES as LEAST_FOR_HALF
+from slam.mapping.gps.agreeing_half import LEAST_FOR_HALF
 from slam.mapping.gps.consensus import FALSE_ALARM, LEAST_FIXES, Agreement
 from slam.mapping.gps.fixes import Fixes
 from slam.mapping.gps.jumps import jumps

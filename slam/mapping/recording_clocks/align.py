@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.inertial_scale.clock_alignment import ClockAlignment, align_turns
-from backend.inertial_scale.lag_profile import finer_lag, lag_profile
-from backend.inertial_scale.picture_clock import SURE
+from backend.clocks.alignment import ClockAlignment, align_turns
+from backend.clocks.lag_profile import finer_lag, lag_profile
+from backend.clocks.picture_clock import SURE
 from slam.core.errors import InputError
 from slam.mapping.recording_clocks.motion import RecordedMotion
 

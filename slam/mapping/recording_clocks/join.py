@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from backend.inertial_scale.picture_clock import SURE
+from backend.clocks.picture_clock import SURE
 from slam.core.errors import InputError
 from slam.core.flight import FIELD_BY_FOLDER, STREAMS, Flight
 from slam.core.progress import Progress, silent

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.inertial_scale.clock_alignment import Turns
-from backend.inertial_scale.delay_residuals import gyro_attitudes
-from backend.inertial_scale.lag_profile import Signal
-from backend.inertial_scale.picture_clock import GAIN_ERROR
+from backend.clocks.alignment import Turns
+from backend.clocks.delay_residuals import gyro_attitudes
+from backend.clocks.lag_profile import Signal
+from backend.clocks.picture_clock import GAIN_ERROR
 from backend.measurements import InertialReadings
 from slam.core.flight import Flight, Frames
 from slam.core.progress import Progress

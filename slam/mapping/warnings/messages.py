@@ -66,7 +66,8 @@ def messages(
     camera's mount, and lines about tests that were not possible.
     """
     flight, observations = context.flight, map_.observations
-    reasons = _reasons(context, map_, not_placed, shared)
+    tilt, systematic = _tilt(context, map_), _systematic_warning(flight, map_, shared)
+    reasons = _reasons(context, map_, not_placed, shared, systematic, tilt)
     lines = (
         *flight.warnings,
         *describe(flight).anomalies,
@@ -74,30 +75,41 @@ def messages(
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),
         *_moving(observations, shared),
-        *_instrument_warnings(context, map_, mount, shared),
+        attitude_floor_tilt_warning(tilt),
+        mount_warning(mount, flight.camera_file),
+        clock_warning(map_.clock, context.clock),
+        "" if systematic.is_in_status else systematic.line,
         *untested,
         *map_.remarks,
         *reasons,
         *map_.graph.warnings,
     )
-    # A line of the flight may be a reason too.
-    return Messages("; ".join(reasons) or "ok", tuple(dict.fromkeys(lines)))
+    # A line of the flight or of an instrument may be a reason too.
+    return Messages("; ".join(reasons) or "ok", tuple(dict.fromkeys(line for line in lines if line)))
 
 
 def _reasons(
-    context: Context, map_: Map, not_placed: dict[str, str], shared: SystematicErrors | None
+    context: Context,
+    map_: Map,
+    not_placed: dict[str, str],
+    shared: SystematicErrors | None,
+    systematic: _SystematicWarning,
+    tilt: AttitudeFloorTilt | None,
 ) -> list[str]:
     """Return the reasons why a map may be wrong beyond its covariances."""
-    flight, tilt = context.flight, _tilt(context, map_)
+    flight = context.flight
     metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
     by_metres = metric or map_.georeferenced
-    systematic, is_in_status = _systematic_warning(flight, map_, shared)
     lines = [
         # First, because instruments contradict a map that a lens has bent.
-        systematic if is_in_status else "",
+        systematic.line if systematic.is_in_status else "",
         *map_.warnings,
         *map_.graph.disputed_odometry,
-        *(found.warning for found in map_.stated_accuracy if not (systematic and explains(shared, found))),
+        *(
+            found.warning
+            for found in map_.stated_accuracy
+            if not (systematic.line and explains(shared, found))
+        ),
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
@@ -158,18 +170,6 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
     ]
 
 
-def _instrument_warnings(
-    context: Context, map_: Map, mount: MountTilt | None, shared: SystematicErrors | None
-) -> list[str]:
-    lines = [
-        attitude_floor_tilt_warning(_tilt(context, map_)),
-        mount_warning(mount, context.flight.camera_file),
-        clock_warning(map_.clock, context.clock),
-    ]
-    systematic, is_in_status = _systematic_warning(context.flight, map_, shared)
-    return [line for line in (*lines, "" if is_in_status else systematic) if line]
-
-
 def _tilt(context: Context, map_: Map) -> AttitudeFloorTilt | None:
     """Return the tilt of the attitude against the floor; None where positions determine the slope."""
     if map_.georeferenced or context.flight.parts:
@@ -184,13 +184,22 @@ def _stuck_ranges(flight: Flight, map_: Map) -> str:
     return stuck_ranges(flight.sonar, MOST_STUCK)
 
 
-def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> tuple[str, bool]:
-    """Return the warning, with the accuracies that the same errors contradict, and whether the status is not
-    ok for it."""
+@dataclass(frozen=True)
+class _SystematicWarning:
+    """Warning about errors that all pictures share; the line is empty where there are none."""
+
+    line: str = ""
+    is_in_status: bool = False
+
+
+def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> _SystematicWarning:
+    """Return the warning, with the accuracies that the same errors contradict."""
     assert flight.camera is not None
     height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
     line = systematic_warning(shared, flight.camera, height_m, map_.metric, flight.camera_file)
-    contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
     if not line:
-        return "", False
-    return line + "".join(contradicted), bool(contradicted) or is_outside_covariances(shared)
+        return _SystematicWarning()
+    contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
+    return _SystematicWarning(
+        line + "".join(contradicted), bool(contradicted) or is_outside_covariances(shared)
+    )

@@ -240,8 +240,7 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
     margin = round(world.margin_m / world.metres_per_px)
     x0, y0, x1, y1 = world.extent_m
     rows, cols = (round(side_m / world.metres_per_px) for side_m in (y1 - y0, x1 - x0))
-    texture: Image = np.empty((height, width, 3), np.uint8)
-    texture[:] = cv2.merge([np.full((1, width), shade, np.uint8) for shade in SURROUND_BGR])
+    texture = np.repeat(np.full((1, width, 3), SURROUND_BGR, np.uint8), height, axis=0)
     inside = texture[margin : margin + rows, margin : margin + cols]
     inside[:] = _repeated(tile, *inside.shape[:2])
     if world.repeat:

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.ekf import motion as at
 from backend.ekf import readings as kinds
+from tests.backend.ekf.test_motion import retracted
 
 BEAM, RANGE_AT, CAMERA_AT = (
     np.array([0.05, -0.1, -0.99]),
@@ -37,12 +38,6 @@ def residual(x, seen, H):
     out = np.empty(6)
     assert kinds.step_residual(x, seen, MODEL, out, H)
     return out
-
-
-def retracted(x, e):
-    y = np.empty(at.STATE)
-    at.retract(x, e, y)
-    return y
 
 
 def differences(predict, x):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.inertial_scale.picture_clock import ClockPiece, PictureClock
+from backend.clocks.picture_clock import ClockPiece, PictureClock
 from slam.evaluation import evaluate
 from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.inertial_scale.clock_alignment import AlignmentResult, Turns, align_turns
+from backend.clocks.alignment import AlignmentResult, Turns, align_turns
 from backend.measurements import InertialReadings
 
 IMU_S, PICTURE_S = 0.01, 0.1

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.inertial_scale.delay_residuals import (
+from backend.clocks.delay_residuals import (
     DelayResiduals,
     delay_residuals,
     turn_costs,
 )
-from backend.inertial_scale.grid_posterior import grid_posterior
+from backend.clocks.grid_posterior import grid_posterior
 from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]

@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.inertial_scale.delay_residuals import (
+from backend.clocks.delay_residuals import (
     DelayResiduals,
     delay_residuals,
     readings_between,
     turn_costs,
 )
-from backend.inertial_scale.lag_profile import STEP_S, Signal, lag_profile
-from backend.inertial_scale.picture_clock import (
+from backend.clocks.lag_profile import STEP_S, Signal, lag_profile
+from backend.clocks.picture_clock import (
     GAIN_ERROR,
     LEAST_TURNS,
     SURE,

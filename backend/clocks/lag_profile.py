@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from backend.inertial_scale.grid_posterior import grid_posterior
+from backend.clocks.grid_posterior import grid_posterior
 
 Array = NDArray[np.float64]
 

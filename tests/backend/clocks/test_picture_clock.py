@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.inertial_scale.delay_residuals import DelayResiduals
-from backend.inertial_scale.picture_clock import LEAST_TURNS, PictureClock, clock_of, picture_clock
+from backend.clocks.delay_residuals import DelayResiduals
+from backend.clocks.picture_clock import LEAST_TURNS, PictureClock, clock_of, picture_clock
 from backend.measurements import InertialReadings
 
 IMU_S, PICTURE_S = 0.005, 0.2

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr
 
-from backend.inertial_scale.delay_residuals import (
+from backend.clocks.delay_residuals import (
     GRID_STEP_S,
     LONGEST_DELAY_S,
     readings_between,
@@ -21,7 +21,7 @@ from backend.inertial_scale.delay_residuals import (
     thinned,
     turn_costs,
 )
-from backend.inertial_scale.picture_clock import (
+from backend.clocks.picture_clock import (
     GAIN_ERROR,
     NOTABLE_S,
     ClockPiece,
@@ -42,6 +42,9 @@ _FITTED = 7
 """Parameters of a window: bias and kind of noise of three axes, and the delay."""
 _SHORTEST_S = 1.0
 """Shortest window: turns of a vehicle last about so long."""
+_LARGEST_GAIN_ERROR = 0.5
+"""Largest share of the turns that a wrong clock may hide from the comparison at the stamps as they are. It is
+all of them where the gyro has a wrong sign, axis or unit."""
 _MOST = 40
 """Windows of a long flight; each end has shorter ones besides."""
 
@@ -63,13 +66,16 @@ def clock_disagreements(
     """Return the spans of time in which a gyro contradicts the stamps (n,) of attitudes (n, 3, 3).
 
     ``stamps_s`` is sorted, and ``chain`` (n,) is that of ``picture_clock``. Delays below ``NOTABLE_S`` count
-    as none. A flight without such delays has a span with the probability ``FALSE_ALARM`` at most.
+    as none. A flight without such delays has a span with the probability ``FALSE_ALARM`` at most. There is
+    none where the gyro contradicts the pictures in other ways: a turned axis may look like a delay.
     """
     imu_s = readings.stamps_s
     inside = (stamps_s >= imu_s[0]) & (stamps_s <= imu_s[-1])
     stamps_s, w_R_b, chain = stamps_s[inside], w_R_b[inside], chain[inside]
     rows = thinned(stamps_s)
     stamps_s, w_R_b, chain = stamps_s[rows], w_R_b[rows], chain[rows]
+    if not _is_related(stamps_s, w_R_b, chain, readings):
+        return ()
     windows = _windows(stamps_s)
     surely = FALSE_ALARM / max(len(windows), 1)
     found = [
@@ -78,6 +84,13 @@ def clock_disagreements(
         if (shown := _shown(stamps_s[rows], w_R_b[rows], chain[rows], readings, surely)) is not None
     ]
     return _joined(found)
+
+
+def _is_related(stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings) -> bool:
+    """Return whether the gyro shows most of the turns of the whole flight without any delay."""
+    residuals = residuals_at(GRID_STEP_S * np.arange(-2.0, 3.0), stamps_s, w_R_b, chain, readings)
+    none = ClockPiece(float("-inf"), 0.0, 0.0)
+    return residuals is not None and explained(residuals, [none], _LARGEST_GAIN_ERROR)
 
 
 def _windows(stamps_s: Array) -> list[slice]:

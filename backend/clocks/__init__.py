@@ -1,0 +1,1 @@
+"""Clocks of pictures and instruments: delays, steps and drift between them, from how the vehicle turned."""
