@@ -5,7 +5,6 @@ from __future__ import annotations
 import faulthandler
 import logging
 import os
-import signal
 import sys
 import warnings
 from typing import Annotated
@@ -24,6 +23,7 @@ from slam.cli.loops import loops
 from slam.cli.optimize import optimize
 from slam.cli.replay import replay
 from slam.cli.reproduce import reproduce
+from slam.cli.signals import end_by_signals
 from slam.cli.simulate import simulate
 from slam.cli.standard_streams import name_streams
 from slam.cli.supervisor import continue_in_child
@@ -104,8 +104,7 @@ def main() -> None:
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a missing cache of fonts is no error
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
-    # SystemExit lets output folders be cleaned up.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    end_by_signals()
     try:
         try:
             app()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import errno
 import os
+import signal
 import sys
 import tempfile
 import traceback
@@ -18,6 +19,7 @@ from typing import ParamSpec
 import typer
 
 from slam.cli.limits import check_limits
+from slam.cli.signals import INTERRUPTED, exit_code
 from slam.cli.supervisor import LESS_MEMORY
 from slam.core.errors import MORE_PROCESSES, InputError, explain, one_line
 
@@ -36,15 +38,19 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             check_limits()
             command(*args, **kwargs)
         except KeyboardInterrupt:
-            print("slam: interrupted; nothing was written", file=sys.stderr)
+            print(INTERRUPTED, file=sys.stderr)
             raise typer.Exit(130) from None
         except (typer.Exit, BrokenPipeError):
             raise
         except Exception as error:  # noqa: BLE001  the last place to catch an exception
             if show_traceback.get():
                 traceback.print_exc()
-            print_error(error)
-            raise typer.Exit(1) from None
+            code = exit_code()
+            if code == 128 + signal.SIGINT:
+                print(INTERRUPTED, file=sys.stderr)
+            elif code is None:
+                print_error(error)
+            raise typer.Exit(code or 1) from None
 
     return run
 

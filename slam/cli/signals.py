@@ -1,0 +1,52 @@
+"""Signals that end a run, also where a library loses the exception that they raise.
+
+Python raises ``KeyboardInterrupt`` or ``SystemExit`` in whatever code runs. In a callback of a library, such as
+numba's compiler, the exception is only printed, and the library then fails for another reason.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+from typing import NoReturn
+
+INTERRUPTED = "slam: interrupted; nothing was written"
+"""Message after Ctrl-C."""
+_AGAIN_S = 0.05
+"""Time after which a lost exception is raised again: callbacks of the compiler end within milliseconds."""
+
+_received: list[int] = []
+"""Signals that asked for the end of the run."""
+
+
+def end_by_signals() -> None:
+    """Let SIGINT raise ``KeyboardInterrupt`` and SIGTERM ``SystemExit``, so that output folders are cleaned up.
+
+    An exception that a library loses is raised again a moment later, and is not printed. A SIGINT that the
+    parent set to be ignored, as shells do for commands in the background, stays ignored.
+    """
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, _end)
+    signal.signal(signal.SIGTERM, _end)
+    signal.signal(signal.SIGALRM, lambda *_: _end(_received[-1], None))
+    sys.unraisablehook = _lost
+
+
+def exit_code() -> int | None:
+    """Return the exit code of a run that a signal asked to end; None where none did."""
+    return 128 + _received[-1] if _received else None
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    _received.append(number)
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt
+    sys.exit(128 + number)
+
+
+def _lost(unraisable: sys.UnraisableHookArgs) -> None:
+    if _received and issubclass(unraisable.exc_type, (KeyboardInterrupt, SystemExit)):
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+    else:
+        sys.__unraisablehook__(unraisable)

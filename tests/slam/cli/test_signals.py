@@ -1,0 +1,47 @@
+"""Ctrl-C and SIGTERM end a run, also where a library loses the exception that they raise."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+import typer
+
+from slam.cli import signals
+from slam.cli.guard import guarded
+
+CODES = [(signal.SIGINT, 130), (signal.SIGTERM, 143)]
+
+
+@pytest.mark.parametrize(("number", "code"), CODES)
+def test_an_exception_that_a_callback_loses_comes_again(number, code):
+    script = f"""
+import ctypes, os, sys, time
+from slam.cli.signals import end_by_signals
+end_by_signals()
+ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), {int(number)}))()
+try:
+    time.sleep(30)
+except KeyboardInterrupt:
+    sys.exit(130)"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], text=True, capture_output=True, check=False, timeout=20
+    )
+    assert (done.returncode, done.stderr) == (code, "")
+
+
+@pytest.mark.parametrize(("number", "code"), CODES)
+def test_an_error_that_follows_a_signal_is_not_reported(monkeypatch, capsys, number, code):
+    """The compiler of numba fails after a callback whose exception was lost."""
+    monkeypatch.setattr(signals, "_received", [number])
+
+    @guarded
+    def command() -> None:
+        raise RuntimeError("no compiled object yet")
+
+    with pytest.raises(typer.Exit) as left:
+        command()
+    assert left.value.exit_code == code
+    assert "internal error" not in capsys.readouterr().err
