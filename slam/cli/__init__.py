@@ -25,7 +25,7 @@ from slam.cli.replay import replay
 from slam.cli.reproduce import reproduce
 from slam.cli.signals import end_by_signals
 from slam.cli.simulate import simulate
-from slam.cli.standard_streams import name_streams
+from slam.cli.standard_streams import own_streams, show_libraries
 from slam.cli.supervisor import continue_in_child
 from slam.core.version import VERSION
 
@@ -90,6 +90,7 @@ def shared_options(
     """Set the options that all commands share."""
     show_traceback.set(debug)
     if debug and sys.__stderr__ is not None:
+        show_libraries()
         faulthandler.enable(sys.__stderr__)  # a crash in a library shows where it was
     _show_log(verbose)
 
@@ -100,7 +101,7 @@ def main() -> None:
     # Damaged pictures are counted and reported by us.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    name_streams()
+    own_streams()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a missing cache of fonts is no error
     if not sys.warnoptions:
         warnings.simplefilter("ignore")

@@ -1,8 +1,9 @@
-"""Standard output and error of the command line: a failed write names its stream."""
+"""Standard output and error of the command line: a failed write names its stream, and libraries are silent."""
 
 from __future__ import annotations
 
 import io
+import os
 import select
 import sys
 from typing import TYPE_CHECKING
@@ -12,24 +13,42 @@ if TYPE_CHECKING:
 
 STANDARD_OUTPUT = "standard output"
 """The name of standard output in error messages."""
+_DESCRIPTORS = (1, 2)
+"""Descriptors of standard output and error, to which libraries write."""
 
 
-def name_streams() -> None:
-    """Replace standard output and error, where they are files, by streams that report failed writes.
+def own_streams() -> None:
+    """Replace standard output and error, where they are files, by streams of slam alone that report failures.
 
     A letter that the terminal lacks is printed as ``?``. A failed write to standard output raises an
     ``OSError`` whose file name is ``STANDARD_OUTPUT``, so that no other file is blamed. A failed write to
     standard error is ignored: it holds progress and messages, and nobody reads them there.
+
+    Libraries write to the file descriptors 1 and 2: libtiff a line for each damaged picture, gtsam its own
+    warnings. These lead nowhere from now on, until ``show_libraries``.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout = _reopened(sys.stdout, _Output)
+        # The size of the terminal is asked from sys.__stdout__.
+        sys.stdout = sys.__stdout__ = _reopened(sys.stdout, _Output)
     if isinstance(sys.stderr, io.TextIOWrapper):
-        sys.stderr = _reopened(sys.stderr, _Messages)
+        sys.stderr = sys.__stderr__ = _reopened(sys.stderr, _Messages)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for descriptor in _DESCRIPTORS:
+        os.dup2(nowhere, descriptor)
+    if nowhere not in _DESCRIPTORS:
+        os.close(nowhere)
+
+
+def show_libraries() -> None:
+    """Let messages of libraries appear on standard error again."""
+    if sys.__stderr__ is not None:
+        for descriptor in _DESCRIPTORS:
+            os.dup2(sys.__stderr__.fileno(), descriptor)
 
 
 def _reopened(stream: io.TextIOWrapper, kind: type[io.FileIO]) -> io.TextIOWrapper:
     stream.flush()
-    raw = kind(stream.fileno(), "w", closefd=False)
+    raw = kind(os.dup(stream.fileno()), "w")
     return io.TextIOWrapper(
         io.BufferedWriter(raw),
         encoding=stream.encoding,
