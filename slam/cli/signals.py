@@ -1,7 +1,7 @@
 """Signals that end a run, also where a library loses the exception that they raise.
 
-Python raises ``KeyboardInterrupt`` or ``SystemExit`` in whatever code runs. In a callback of a library, such as
-numba's compiler, the exception is only printed, and the library then fails for another reason.
+Python raises ``KeyboardInterrupt`` or ``SystemExit`` in whatever code runs. In a callback of a library, such
+as numba's compiler, the exception is only printed, and the library then fails for another reason.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _received: list[int] = []
 
 
 def end_by_signals() -> None:
-    """Let SIGINT raise ``KeyboardInterrupt`` and SIGTERM ``SystemExit``, so that output folders are cleaned up.
+    """Let SIGINT raise ``KeyboardInterrupt`` and SIGTERM ``SystemExit``, which clean up output folders.
 
     An exception that a library loses is raised again a moment later, and is not printed. A SIGINT that the
     parent set to be ignored, as shells do for commands in the background, stays ignored.

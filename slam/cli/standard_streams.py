@@ -1,4 +1,4 @@
-"""Standard output and error of the command line: a failed write names its stream, and libraries are silent."""
+"""Standard output and error of the command line: a failed write names its stream; libraries are silent."""
 
 from __future__ import annotations
 
