@@ -29,9 +29,9 @@ def own_streams() -> None:
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         # The size of the terminal is asked from sys.__stdout__.
-        sys.stdout = sys.__stdout__ = _reopened(sys.stdout, _Output)
+        sys.stdout = sys.__stdout__ = _reopened(sys.stdout, _Output)  # type: ignore[misc]
     if isinstance(sys.stderr, io.TextIOWrapper):
-        sys.stderr = sys.__stderr__ = _reopened(sys.stderr, _Messages)
+        sys.stderr = sys.__stderr__ = _reopened(sys.stderr, _Messages)  # type: ignore[misc]
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for descriptor in _DESCRIPTORS:
         os.dup2(nowhere, descriptor)
