@@ -43,7 +43,7 @@ def locate(
     screen, request = Screen(quiet, as_json), request_of(topic, picture_rate)
     estimate = read_estimate(map_folder)
     flight = mapped_flight(map_folder, flights, request)
-    with output_folder(out) as folder, screen.progress() as progress:
+    with output_folder(out, [map_folder, *pictures]) as folder, screen.progress() as progress:
         relocalizer = Relocalizer(estimate, flight, progress=progress)
         found = []
         for done, path in enumerate(pictures, 1):

@@ -169,7 +169,7 @@ def _graph(source: Path, out: Path, screen: Screen) -> Results:
     from slam.cli.output_folder import output_folder
     from slam.cli.results import write_solution, write_summary_and_report
 
-    with output_folder(out) as folder, screen.progress() as progress:
+    with output_folder(out, [source]) as folder, screen.progress() as progress:
         estimate, solved = solve_graph(source, progress)
         write_solution(folder, estimate, solved)
         return write_summary_and_report(folder, estimate, None)

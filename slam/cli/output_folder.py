@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -130,14 +130,20 @@ _MAX_JSON_BYTES = 16 << 20
 
 
 @contextmanager
-def output_folder(target: str | Path) -> Iterator[Path]:
+def output_folder(target: str | Path, inputs: Sequence[Path] = ()) -> Iterator[Path]:
     """Provide an empty folder; it becomes ``target`` when the block ends without an error.
 
     An earlier output in ``target`` stays until the new one is complete. Raises ``InputError`` where
-    ``target`` is a file, holds something that slam did not write, is being written by another run, or cannot
-    be written. A line on standard error reports that the last run into ``target`` was killed.
+    ``target`` is a file, holds something that slam did not write or one of the ``inputs`` of the run, is
+    being written by another run, or cannot be written. A line on standard error reports that the last run
+    into ``target`` was killed.
     """
     target = _checked(Path(target))
+    for path in inputs:
+        if target in (real := Path(os.path.realpath(path)), *real.parents):
+            raise InputError(
+                f"{target}: --out would replace {str(path)!r}, which the command reads; choose another --out"
+            )
     _refuse_foreign(target, target)
     was_killed = is_working_folder(partial_path(target))  # or it still runs, and is refused below
     with atomic_folder(target, may_replace=lambda folder: _refuse_foreign(folder, target)) as folder:

@@ -21,6 +21,7 @@ from slam.cli.output_folder import (
 )
 from slam.core.errors import InputError, explain
 from slam.io.atomic import locked, partial_path
+from tests.slam.cli.test_cli import SQUARE, run
 
 
 def write_output(target: Path, text: str) -> None:
@@ -108,6 +109,26 @@ def test_a_file_and_the_current_folder_are_refused(tmp_path, monkeypatch):
         with pytest.raises(InputError, match="--out is"), output_folder(target):
             pytest.fail("the block must not run")
     assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_an_output_that_the_run_reads_is_not_replaced(target):
+    """A map from which pictures are located, or its graph.g2o."""
+    write_output(target, "old")
+    (target.parent / "link").symlink_to("out")
+    for read in (target, target / "loops.csv", target.parent / "link" / "loops.csv"):
+        with pytest.raises(InputError, match="which the command reads"), output_folder(target, [read]):
+            pass
+    with output_folder(target, [target.parent / "other" / "graph.g2o"]):
+        pass
+
+
+def test_a_graph_is_not_replaced_by_its_own_solution(tmp_path):
+    graph = tmp_path / "square.g2o"
+    graph.write_text(SQUARE)
+    assert run("optimize", graph, "--out", tmp_path / "map").exit_code == 0
+    written = (tmp_path / "map" / "summary.json").read_text()
+    assert run("optimize", tmp_path / "map" / "graph.g2o", "--out", tmp_path / "map").exit_code == 1
+    assert (tmp_path / "map" / "summary.json").read_text() == written
 
 
 def test_a_link_to_a_folder_stays_a_link(tmp_path):
