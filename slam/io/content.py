@@ -42,6 +42,9 @@ _SIGNATURES: tuple[tuple[int, bytes, str], ...] = (
 )
 """Offset, bytes and name with its article; the first that fits counts."""
 
+_READ = ("a PNG picture", "a JPEG picture", "a TIFF picture")
+"""Pictures that are read, unless they are damaged."""
+
 HEAD_BYTES = max(at + len(mark) for at, mark, _ in _SIGNATURES)
 """Number of first bytes that ``content_name`` needs."""
 
@@ -62,4 +65,8 @@ def unreadable_reason(path: Path) -> str:
             found = content_name(file.read(HEAD_BYTES))
     except OSError as error:
         return f"cannot be read ({error.strerror})"
-    return "not a readable picture" if not found or found.endswith("picture") else f"{found}, not a picture"
+    if not found or found in _READ:
+        return "not a readable picture"
+    if found.endswith("picture"):
+        return f"{found}, which is not read; convert it to JPEG with its tags"
+    return f"{found}, not a picture"

@@ -54,7 +54,8 @@ def chosen_band(bands: Sequence[str], wanted: str | None) -> str:
     """
     counts = Counter(bands)
     if wanted is not None:
-        found = next((b for b in counts if b.casefold() == canonical(wanted).casefold()), None)
+        name = canonical(f"band {wanted.strip()}" if wanted.strip().isdecimal() else wanted)
+        found = next((b for b in counts if b.casefold() == name.casefold()), None)
         if found is None:
             raise InputError(f"no photograph of band {wanted}; choose one of {', '.join(sorted(counts))}")
         return found

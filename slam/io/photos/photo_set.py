@@ -117,7 +117,8 @@ def _of_one_band(
         if band != chosen:
             left_out[f"another band, {band}"].append(photo.name)
     others = sorted(set(bands) - {chosen})
-    remark = f"band {chosen} is used; slam import --band reads another: {', '.join(others)}"
+    used = chosen if chosen.startswith("band ") else f"band {chosen}"
+    remark = f"{used} is used; slam import --band reads another: {', '.join(others)}"
     return [p for p, b in zip(photos, bands, strict=True) if b == chosen], (remark,) * bool(others)
 
 

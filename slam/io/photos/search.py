@@ -10,17 +10,24 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
 
+from slam.core.names import listed
 from slam.io.files import OUTPUT_MARKER, is_inside, refusal, shown
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff"})
+SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff"})
 NOT_READ = {
-    **dict.fromkeys((".heic", ".heif", ".avif", ".webp"), "convert them to JPEG with their tags"),
     **dict.fromkeys(
-        (".dng", ".arw", ".cr2", ".cr3", ".nef", ".orf", ".raf", ".rw2", ".raw"),
+        (".heic", ".heif", ".avif", ".webp", ".bmp", ".jp2", ".jxl"), "convert them to JPEG with their tags"
+    ),
+    **dict.fromkeys(
+        (
+            *(".dng", ".gpr", ".arw", ".cr2", ".cr3", ".nef", ".nrw", ".orf", ".raf", ".rw2", ".rwl", ".raw"),
+            *(".pef", ".srw", ".iiq", ".3fr", ".x3f"),
+        ),
         "develop them to JPEG or TIFF with their tags",
     ),
 }
 """Suffixes of pictures of cameras that are not read, and what to do."""
+_LINK_ADVICE = "give the folder that one leads to, or copy it into the folder"
 
 
 @dataclass(frozen=True)
@@ -52,8 +59,9 @@ def find_photos(folder: Path) -> FoundPhotos:
     files = sorted(_files(folder), key=lambda path: _natural(str(path.relative_to(folder))))
     paths = [path for path in files if _suffix(path) in SUFFIXES]
     others = [path for path in files if _suffix(path) in NOT_READ]
+    links = [shown(str(path.relative_to(folder))) for path in files if _is_folder_link(path)]
     if not paths:
-        raise _no_photos(folder, others)
+        raise _no_photos(folder, others, links)
     left_out: dict[str, list[str]] = defaultdict(list)
     for path in others:
         left_out[f"{_kind(path)} pictures are not read; {NOT_READ[_suffix(path)]}"].append(shown(path.name))
@@ -71,12 +79,14 @@ def find_photos(folder: Path) -> FoundPhotos:
             known |= marks
             photos.append((name, path))
             below += len(inner.parts) > 1
-    remarks = (f"{below} of {len(photos)} photographs are in subfolders",) if below else ()
-    return FoundPhotos(tuple(photos), left_out, remarks)
+    remarks = [f"{below} of {len(photos)} photographs are in subfolders"] if below else []
+    if links:
+        remarks.append(f"{len(links)} links to folders are not followed; {_LINK_ADVICE} ({listed(links)})")
+    return FoundPhotos(tuple(photos), left_out, tuple(remarks))
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """Yield all files that are not hidden; links to folders are not followed."""
+    """Yield all files that are not hidden, and links to folders, which are not followed."""
 
     def refuse(error: OSError) -> None:
         raise refusal(error.filename or folder, f"cannot be read ({error.strerror})", "check its permissions")
@@ -87,6 +97,11 @@ def _files(folder: Path) -> Iterator[Path]:
             continue
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         yield from (Path(root, name) for name in names if not name.startswith("."))
+        yield from filter(_is_folder_link, (Path(root, name) for name in folders))
+
+
+def _is_folder_link(path: Path) -> bool:
+    return path.is_symlink() and path.is_dir()
 
 
 def _marks(path: Path, compares_content: bool) -> set[object]:
@@ -101,7 +116,10 @@ def _marks(path: Path, compares_content: bool) -> set[object]:
     return marks
 
 
-def _no_photos(folder: Path, others: list[Path]) -> Exception:
+def _no_photos(folder: Path, others: list[Path], links: list[str]) -> Exception:
+    if not others and links:
+        what = f"no photographs in it, only links to folders, which are not followed ({listed(links)})"
+        return refusal(folder, what, _LINK_ADVICE)
     if not others:
         return refusal(
             folder, "no photographs in it", f"give a folder that holds {', '.join(sorted(SUFFIXES))} files"

@@ -189,6 +189,15 @@ def test_the_choice_among_bands():
     assert chosen_band(["Green"] * 9 + ["RGB"], None) == "Green"  # one stray colour photograph
     assert chosen_band(["Green"] * 9 + ["RGB"] * 5, None) == "RGB"
     assert chosen_band(["band 2", "band 1"], None) == "band 1"
+    assert chosen_band(["band 2", "band 1"], "2") == "band 2"
+
+
+def test_a_band_without_a_name_is_called_by_its_number(tmp_path):
+    flight = import_photos(fill(tmp_path, {"IMG_0001_1.tif": jpeg(), "IMG_0001_2.tif": jpeg()}))
+    assert any(
+        line.startswith("band 1 is used; slam import --band reads another: band 2")
+        for line in flight.warnings
+    )
 
 
 def test_mutated_tiffs_give_a_flight_or_a_refusal(tmp_path):

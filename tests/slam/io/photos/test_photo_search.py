@@ -45,8 +45,30 @@ def test_links_that_leave_the_folder_are_not_read(tmp_path):
     assert flight.frames.names == ("a.jpg",)
     assert warned(flight, "a link that leads out of the folder", "(out.jpg)")
     assert warned(flight, "the same file as another photograph", "(inside.jpg)")
+    assert warned(flight, "1 links to folders are not followed", "(folder)")
     (tmp_path / "link").symlink_to(folder, target_is_directory=True)
     assert import_photos(tmp_path / "link").frames.names == ("a.jpg",)
+
+
+def test_a_folder_with_nothing_but_a_link_to_photographs(tmp_path):
+    other = fill(tmp_path / "other", strip(2))
+    folder = fill(tmp_path / "photos", {"notes.txt": b""})
+    (folder / "DCIM").symlink_to(other, target_is_directory=True)
+    with pytest.raises(InputError, match=r"only links to folders, which are not followed \(DCIM\)"):
+        import_photos(folder)
+
+
+@pytest.mark.parametrize(
+    ("head", "kind"),
+    [
+        (b"\0\0\0\x18ftypheic", "a HEIC picture"),
+        (b"RIFFxxxxWEBP", "a WebP picture"),
+        (b"II+\0", "a BigTIFF picture"),
+    ],
+)
+def test_a_picture_of_another_kind_than_its_name_says_is_named(tmp_path, head, kind):
+    flight = import_photos(fill(tmp_path, strip(2) | {"x.jpg": head + bytes(99)}))
+    assert warned(flight, f"1 of 3 photographs left out: {kind}", "convert it to JPEG", "(x.jpg)")
 
 
 def test_a_name_that_is_not_utf_8_is_shown_with_escapes(tmp_path):
@@ -61,7 +83,13 @@ def test_a_name_that_is_not_utf_8_is_shown_with_escapes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "do"), [("a.HEIC", "convert them to JPEG"), ("a.dng", "develop them to JPEG or TIFF")]
+    ("name", "do"),
+    [
+        ("a.HEIC", "convert them to JPEG"),
+        ("a.bmp", "convert them to JPEG"),
+        ("a.dng", "develop them to JPEG or TIFF"),
+        ("a.GPR", "develop them to JPEG or TIFF"),
+    ],
 )
 def test_kinds_that_are_not_read_are_named(tmp_path, name, do):
     with pytest.raises(InputError, match=rf"are not read \(1 {name[2:].upper()}\); {do}"):
