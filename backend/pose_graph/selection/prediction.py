@@ -59,7 +59,7 @@ class LoopInnovations:
         """Return innovations (k, d) and covariances (k, d, d), conditioned on edge number ``one``."""
         covariance = self.covariance
         cross = self.spread @ self.spread[one].T / self.spread.shape[2]
-        gain = np.swapaxes(np.linalg.solve(covariance[one], np.swapaxes(cross, 1, 2)), 1, 2)
+        gain = np.swapaxes(solve_covariance(covariance[one], np.swapaxes(cross, 1, 2)), 1, 2)
         return self.residual - gain @ self.residual[one], covariance - gain @ np.swapaxes(cross, 1, 2)
 
     def subset(self, which: Index) -> LoopInnovations:
@@ -74,10 +74,33 @@ class LoopInnovations:
 
 
 def squared_mahalanobis(residual: Array, covariance: Array) -> Array:
-    """Return squared Mahalanobis distances (...,)."""
-    return np.asarray(
-        np.einsum("...a,...a->...", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
-    )
+    """Return squared Mahalanobis distances (k,) of residuals (k, d); see `solve_covariance`."""
+    found = np.einsum("...a,...a->...", residual, solve_covariance(covariance, residual[..., None])[..., 0])
+    wrong = found < 0
+    if wrong.any():
+        found[wrong] = (
+            residual[wrong] * _solve_by_axes(covariance[wrong], residual[wrong, :, None])[..., 0]
+        ).sum(-1)
+    return np.asarray(found)
+
+
+def solve_covariance(covariance: Array, right: Array) -> Array:
+    """Return the inverse covariances (..., d, d) of innovations times ``right`` (..., d, c).
+
+    Far along an uncertain heading, predictions are so uncertain beside the edge's own noise that the matrix
+    is singular in double precision.
+    """
+    try:
+        return np.asarray(np.linalg.solve(covariance, right))
+    except np.linalg.LinAlgError:
+        return _solve_by_axes(covariance, right)
+
+
+def _solve_by_axes(covariance: Array, right: Array) -> Array:
+    """Solve on the principal axes. The edge's own whitened noise is part of each: none is below 1."""
+    values, axes = np.linalg.eigh(covariance)
+    along = np.swapaxes(axes, -1, -2) @ right
+    return np.asarray(axes @ (along / np.maximum(values, 1.0)[..., None]))
 
 
 def chi_square_gate(d: int) -> float:

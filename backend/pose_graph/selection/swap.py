@@ -26,6 +26,7 @@ from backend.pose_graph.selection.prediction import (
     LoopInnovations,
     innovations,
     sample_posterior,
+    solve_covariance,
     whitened_spread,
 )
 from backend.pose_graph.selection.swap_search import SwapSearch
@@ -162,7 +163,7 @@ class _LocalSearch:
         inside = np.flatnonzero(current.kept & current.loops)
         if len(inside) <= _MAX_ACCEPTED:
             return inside
-        pull = np.linalg.solve(outside.covariance, outside.residual[..., None])[..., 0]
+        pull = solve_covariance(outside.covariance, outside.residual[..., None])[..., 0]
         pull = np.einsum("cds,cd->cs", outside.spread, pull) / samples.shape[2]
         strain = np.linalg.norm(whitened_spread(self.problem, current.w_T, samples, inside) @ pull.T, axis=1)
         return inside[np.argsort(-strain.max(axis=1))[:_MAX_ACCEPTED]]

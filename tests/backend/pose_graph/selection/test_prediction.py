@@ -16,6 +16,8 @@ from backend.pose_graph.selection.prediction import (
     log_volume,
     noise_scale,
     sample_posterior,
+    solve_covariance,
+    squared_mahalanobis,
     white_noise,
 )
 from backend.pose_graph.unary_factors import fixed
@@ -80,3 +82,16 @@ def test_residuals_of_exactly_zero_have_a_scale_above_zero(dimension: int) -> No
     samples = np.random.default_rng(0).normal(size=(30, problem.dof, 60))
     loops = innovations(at_rest, w_T, samples, np.flatnonzero(~problem.trusted))
     assert 1e-3 <= first_scale(loops, np.arange(len(loops.edges))) < 2e-2
+
+
+@pytest.mark.parametrize("corner", [1e20, 1.0 + 1e-9])
+def test_a_covariance_that_rounding_spoils_counts_the_edges_own_noise(corner: float) -> None:
+    """The matrix is singular in double precision, or has a negative eigenvalue."""
+    spoilt = np.array([[np.round(corner), corner], [corner, np.round(corner)]])
+    covariance, residual = np.array([spoilt, np.eye(2)]), np.array([[1.0, -1.0], [1.0, 2.0]])
+    np.testing.assert_allclose(squared_mahalanobis(residual, covariance), [2.0, 5.0], rtol=1e-6)
+
+
+def test_a_singular_covariance_is_inverted_on_its_axes() -> None:
+    found = solve_covariance(np.full((2, 2), 1e20), np.array([[1.0], [-1.0]]))
+    np.testing.assert_allclose(found, [[1.0], [-1.0]])
