@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from backend import se3
 from backend.errors import BackendError, format_ranges
-from backend.pose_graph.graph import PoseGraph, repeated_edges
+from backend.pose_graph.graph import MAX_INFORMATION, PoseGraph, repeated_edges, too_certain
 
 Array = NDArray[np.float64]
 
@@ -278,6 +278,12 @@ def _information(edge: _Block, dimension: int, name: str) -> Array:
     upper = np.triu_indices(d)
     matrix = np.zeros((len(edge.figures), d, d))
     matrix[:, upper[0], upper[1]] = matrix[:, upper[1], upper[0]] = edge.figures[:, -len(upper[0]) :]
+    huge = np.flatnonzero(too_certain(matrix))
+    if len(huge):
+        raise BackendError(
+            f"{name}:{edge.lines[huge[0]]}: the information is beyond {MAX_INFORMATION:.0e} ({len(huge)} such"
+            " edges), a deviation that no double resolves; state less"
+        )
     lowest = np.linalg.eigvalsh(matrix)
     bad = np.flatnonzero((lowest[:, 0] < -1e-9 * lowest[:, -1]) | (lowest[:, -1] <= 0))
     if len(bad):

@@ -17,6 +17,9 @@ Array = NDArray[np.float64]
 _NOT_RIGID = 1e-3
 _ZERO_EIGENVALUE = 1e-9
 """Eigenvalue of the information (scaled to unit diagonal) below which it counts as zero: files round."""
+MAX_INFORMATION = 1e20
+"""Limit of the information (rad^-2, m^-2): doubles do not resolve its deviation of 1e-10 m at 1000 km, and
+residuals would be errors of rounding."""
 _NO_INFORMATION = 1e-10
 """Information (rad^-2, m^-2) that counts as zero."""
 
@@ -138,6 +141,7 @@ def check(graph: PoseGraph) -> None:
         "joins a vertex to itself": graph.i == graph.j,
         "is not a finite rigid transform": ~_rigid(graph.ij_T),
         "has information that is not finite": ~np.isfinite(graph.information.sum(axis=(1, 2))),
+        f"has information beyond {MAX_INFORMATION:.0e}": too_certain(graph.information),
     }
     for what, which in bad.items():
         if which.any():
@@ -149,6 +153,11 @@ def check(graph: PoseGraph) -> None:
         raise BackendError(
             f"the pose of vertex {graph.ids[k]} is not rigid ({lost.sum()} such); mend or remove it"
         )
+
+
+def too_certain(information: Array) -> NDArray[np.bool_]:
+    """Return (m,) whether information matrices (m, d, d) have an element beyond `MAX_INFORMATION`."""
+    return np.asarray(np.abs(information).max(axis=(1, 2), initial=0) > MAX_INFORMATION)
 
 
 def _either(graph: PoseGraph, ends: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -19,6 +19,9 @@ Index = NDArray[np.int64]
 
 MIN_INFORMATION = 1e-10
 """Information (rad^-2, m^-2) that counts as none: a standard deviation of 100 km, or of 100 000 rad."""
+_LARGEST_ROOT = 0.9e8
+"""Square root of information below which gtsam's diagonal model is none of its constraints: those begin at a
+standard deviation of 1e-8."""
 
 
 @dataclass(frozen=True)
@@ -154,8 +157,10 @@ def spatial_poses(values: gtsam.Values) -> Array:
 
 def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
     """Return the noise model of each square-root information (m, d, d); one shared model if all are equal."""
-    # A zero on the diagonal means no information; gtsam's diagonal model would make it infinite.
-    positive = (np.diagonal(R, axis1=1, axis2=2) > 0).all(axis=1)
+    # Beyond these, gtsam's diagonal model is a constraint: no information would be infinite, and a deviation
+    # that counts as zero would enter the covariances as 1.
+    diagonal = np.diagonal(R, axis1=1, axis2=2)
+    positive = ((diagonal > 0) & (diagonal < _LARGEST_ROOT)).all(axis=1)
     smart = positive & (np.count_nonzero(R, axis=(1, 2)) == R.shape[1])
     make = gtsam.noiseModel.Gaussian.SqrtInformation
     if len(R) and np.ptp(R, axis=0).max() == 0:

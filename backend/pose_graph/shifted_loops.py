@@ -81,7 +81,10 @@ class ShiftTest:
 
 
 def shift_test(problem: Problem, w_T: Array) -> ShiftTest | None:
-    """Linearise all edges and the shifts of the loops at a solution; None if it is singular or overflows."""
+    """Linearise all edges and the shifts of the loops at a solution.
+
+    None if the system is singular, overflows, or is rounded away.
+    """
     residual = problem.residuals(w_T)
     columns = [residual, *(_change(problem, w_T, residual, end) for end in (0, 1))]
     values = np.column_stack([each.ravel() for each in columns])
@@ -94,8 +97,11 @@ def shift_test(problem: Problem, w_T: Array) -> ShiftTest | None:
         projected = np.asarray(J.T @ values)
         # What is left of each product once the poses have followed.
         left = values.T @ values - projected.T @ factor.solve(projected)
-        left /= noise_scale(problem, np.ones(len(problem.i), dtype=bool), w_T) ** 2
-    if not np.isfinite(left).all():
+        variance = noise_scale(problem, np.ones(len(problem.i), dtype=bool), w_T) ** 2
+        left /= variance
+        rounding = np.finfo(float).eps * (values**2).sum(axis=0).max() / variance
+    # Beside an edge of very high information, what is left is less than the error of rounding.
+    if not (np.isfinite(left).all() and rounding < 1):
         return None
     return ShiftTest(float(left[0, 0]), left[1:, 0], left[1:, 1:])
 

@@ -143,6 +143,7 @@ def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 -1"), ":3: vertex '-1'"),
         (PLANAR.replace("10 0 10\n", "-10 0 10\n"), ":3: the information matrix is not positive"),
         (PLANAR.replace("10 0 0 10 0 10", "0 0 0 0 0 0"), ":3: the information matrix is not positive"),
+        (PLANAR.replace("10 0 0 10 0 10", "10 0 0 10 0 1e100"), ":3: the information is beyond 1e"),
         (SPATIAL.replace("QUAT 0 1 1 0 0 0 0 0 1", "QUAT 0 1 1 0 0 0 0 0 0"), ":3: the quaternion is zero"),
         (
             SPATIAL.replace("QUAT 0 1 1 0 0 0 0 0 1", "QUAT 0 1 1 0 0 0 0 0 1e308"),

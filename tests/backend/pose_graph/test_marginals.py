@@ -109,7 +109,7 @@ def test_a_variance_beyond_the_limit_is_nan(std: float, known: bool):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("information", [1e12, 1e15])
+@pytest.mark.parametrize("information", [1e12, 1e15, 1e17])
 def test_an_edge_of_very_high_information_binds_two_poses_and_hides_nothing(
     dimension: int, information: float
 ):
