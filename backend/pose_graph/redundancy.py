@@ -39,7 +39,10 @@ def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
             sentences.append(_sentence(problem, members.tolist(), rejected, inside & solution.edge_kept))
             continue
         sentences += _bridge_sentences(problem, ends, trusted)
-        sentences += _one_place_sentence(problem, inside & ~problem.trusted, solution.edge_kept)
+        left_out = inside & problem.trusted & ~solution.edge_kept & ~_uninformative(solution)
+        sentences += _loose_end_sentence(problem, ends, left_out)
+        loops = inside & ~problem.trusted & ~_uninformative(solution)
+        sentences += _one_place_sentence(problem, loops, solution.edge_kept)
     return sentences
 
 
@@ -71,6 +74,35 @@ def _bridge_sentences(problem: Problem, ends: Index, trusted: Mask) -> list[str]
     return [f"one loop alone ({loop}) joins {who} to the rest, and no other edge checks it"]
 
 
+def _loose_end_sentence(problem: Problem, ends: Index, left_out: Mask) -> list[str]:
+    """Return a sentence if odometry is only checked by odometry that was ``left_out`` (m,).
+
+    Either may then be the wrong one: the fit is the same, and the poses between them differ.
+    """
+    if not left_out.any():
+        return []
+    whole = np.unique(
+        np.concatenate([ends, np.sort(np.column_stack([problem.i, problem.j])[left_out], axis=1)]), axis=0
+    )
+    number = whole[:, 0] * problem.count + whole[:, 1]
+    checked = np.delete(number, find_bridges(whole, problem.count))
+    loose = ends[find_bridges(ends, problem.count)]
+    loose = loose[np.isin(loose[:, 0] * problem.count + loose[:, 1], checked)]
+    if len(loose) == 0:
+        return []
+    i, j = loose[0].tolist()
+    e = int(np.argmax(left_out))
+    return [
+        f"{len(loose)} edges (the first is {problem.name(i)} to {problem.name(j)}) are checked only by"
+        f" odometry that was rejected (the first is {problem.name(problem.i[e])} to"
+        f" {problem.name(problem.j[e])}): either may be what is wrong"
+    ]
+
+
+def _uninformative(solution: Solution) -> Mask:
+    return np.array([reason == NO_INFORMATION for reason in solution.edge_reason], dtype=bool)
+
+
 def _one_place_sentence(problem: Problem, loops: Mask, kept: Mask) -> list[str]:
     """Return a sentence if all loops but those between one pair of places were rejected."""
     place = place_pairs(problem.i[loops], problem.j[loops])
@@ -95,8 +127,7 @@ def _sentence(problem: Problem, members: list[int], rejected: int, kept: Mask) -
 
 def rejected_odometry_warning(problem: Problem, solution: Solution) -> list[str]:
     """Return one warning about steps of odometry that were rejected; an empty list if there is none."""
-    wrong = np.flatnonzero(problem.trusted & ~solution.edge_kept)
-    wrong = wrong[[solution.edge_reason[e] != NO_INFORMATION for e in wrong.tolist()]]
+    wrong = np.flatnonzero(problem.trusted & ~solution.edge_kept & ~_uninformative(solution))
     if len(wrong) == 0:
         return []
     i, j = problem.i[wrong[0]], problem.j[wrong[0]]

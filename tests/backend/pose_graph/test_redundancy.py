@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from backend import se3
+from backend.g2o import read_g2o
 from backend.pose_graph.graph import PoseGraph, repeated_edges
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.redundancy import unchecked_components
 from backend.pose_graph.solve import solve_pose_graph
 from tests.backend.synthetic import graph
+from tests.slam.faults.made_graph import laps
 
 
 def walk(loops: list[tuple[int, int]], wrong: bool = False, n: int = 12) -> PoseGraph:
@@ -157,3 +160,45 @@ def test_edges_that_contradict_each_other_after_the_rejection_are_in_the_status(
     sharp = replace(made, information=100 * made.information)
     status = solve_pose_graph(sharp, loops_robust=False).status
     assert "the edges disagree more than their covariances allow" in status
+
+
+@pytest.mark.parametrize("at", [4, 5])
+def test_odometry_that_only_rejected_odometry_checks_is_named(at: int):
+    """No loop begins at vertex 5: which of the two edges there is wrong, no other edge tells."""
+    made = walk([(0, 4), (2, 6), (6, 11), (1, 9)])
+    solved = solve_pose_graph(made)
+    kept = solved.edge_kept.copy()
+    kept[at] = False
+    (sentence,) = unchecked_components(from_pose_graph(made), replace(solved, edge_kept=kept))
+    ends = [f"vertex {k} to vertex {k + 1}" for k in (9 - at, at)]
+    assert sentence == (
+        f"1 edges (the first is {ends[0]}) are checked only by odometry that was rejected (the first is"
+        f" {ends[1]}): either may be what is wrong"
+    )
+
+
+@pytest.mark.slow
+def test_odometry_beside_a_rejected_step_of_a_kilometre_is_not_ok(tmp_path: Path):
+    """The unit of one edge is wrong, and no loop begins at its end."""
+    laps(tmp_path / "laps.g2o", 100, 50)
+    made = read_g2o(tmp_path / "laps.g2o")
+    made.ij_T[20, :2, 3] *= 1000
+    solved = solve_pose_graph(made, covariances=False)
+    assert np.count_nonzero(~solved.edge_kept) == 1
+    assert "1 edges (the first is vertex " in solved.status
+    assert "are checked only by odometry that was rejected (the first is vertex " in solved.status
+
+
+def test_rejected_odometry_between_poses_with_loops_leaves_nothing_unchecked():
+    made = walk([(0, 5), (1, 6), (4, 6), (5, 7), (0, 11)])
+    solved = solve_pose_graph(made)
+    kept = solved.edge_kept.copy()
+    kept[5] = False
+    assert unchecked_components(from_pose_graph(made), replace(solved, edge_kept=kept)) == []
+
+
+def test_a_loop_without_information_is_no_rejected_one():
+    """Rejections beside loops of one place are a doubt, lost information is none."""
+    made = walk([(0, 11), (1, 11), (5, 8)])
+    made.information[-1] = 1e-100 * np.eye(3)
+    assert solve_pose_graph(made).status == "ok"
