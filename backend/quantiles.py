@@ -1,6 +1,6 @@
-"""Chi-square and F distributions, without the long import of scipy.stats.
+"""Chi-square, F and binomial distributions, without the long import of scipy.stats.
 
-Source: Abramowitz and Stegun 1964, sections 26.4 and 26.6 (both by the incomplete gamma and beta functions).
+Source: Abramowitz and Stegun 1964, sections 26.4 to 26.6 (by the incomplete gamma and beta functions).
 """
 
 from __future__ import annotations
@@ -36,3 +36,8 @@ def f_limit(probability: float, dof: float, dof_noise: float) -> float:
 def f_tail(value: float, dof: float, dof_noise: float) -> float:
     """Return the probability that the ratio of two independent variances exceeds a value, as `f_limit`."""
     return float(betainc(dof_noise / 2, dof / 2, dof_noise / (dof_noise + dof * value)))
+
+
+def binomial_tail(least: int, count: int, probability: float) -> float:
+    """Return the probability that at least ``least`` of ``count`` events happen, each of one probability."""
+    return float(betainc(least, count - least + 1, probability)) if least > 0 else 1.0

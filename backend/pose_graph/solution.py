@@ -42,7 +42,7 @@ class Solution:
     """Directions that nothing measures, by keyframes, and the pose that was fixed instead."""
     warnings: tuple[str, ...] = ()
     disputed_odometry: tuple[str, ...] = ()
-    """Sentences about rejected loops that agree with each other and contradict odometry."""
+    """Sentences about rejected loops that contradict odometry, or agree with odometry that was rejected."""
 
 
 _DETERMINED = 0.9

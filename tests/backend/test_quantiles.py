@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import pytest
-from scipy.stats import chi2, f
+from scipy.stats import binom, chi2, f
 
-from backend.quantiles import chi_square_limit, chi_square_quantile, chi_square_tail, f_limit, f_tail
+from backend.quantiles import (
+    binomial_tail,
+    chi_square_limit,
+    chi_square_quantile,
+    chi_square_tail,
+    f_limit,
+    f_tail,
+)
 
 
 @pytest.mark.parametrize("dof", [1, 2, 6, 37.5, 4000])
@@ -24,3 +31,8 @@ def test_ratio_of_variances(dof: float, dof_noise: float, probability: float) ->
     limit = f_limit(probability, dof, dof_noise)
     assert limit == pytest.approx(f.isf(probability, dof, dof_noise), rel=1e-6)
     assert f_tail(limit, dof, dof_noise) == pytest.approx(probability, rel=1e-6)
+
+
+@pytest.mark.parametrize("least", [0, 1, 3, 10])
+def test_number_of_events(least: int) -> None:
+    assert binomial_tail(least, 10, 0.01) == pytest.approx(binom.sf(least - 1, 10, 0.01), rel=1e-9)

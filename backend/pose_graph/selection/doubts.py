@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.chains import chain_members
 from backend.pose_graph.selection.places import place_pairs
+from backend.pose_graph.selection.prediction import SIGNIFICANCE
 from backend.pose_graph.selection.swap_search import removal_gains
+from backend.quantiles import binomial_tail
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -67,12 +69,33 @@ def odometry_dispute(problem: Problem, doubted: Mask, agreeing: Mask) -> str:
     """
     if len(np.unique(place_pairs(problem.i[agreeing], problem.j[agreeing]))) < 2:
         return ""
-    first, last = problem.i[doubted], problem.j[doubted]
-    before, after = int(np.minimum(first, last).max()), int(np.maximum(first, last).min())
     return (
         f"{np.count_nonzero(agreeing)} loops agree with each other and contradict the odometry from"
-        f" {problem.name(before)} to {problem.name(after)}: odometry was believed, and may be what is wrong"
+        f" {_span(problem, doubted)}: odometry was believed, and may be what is wrong"
     )
+
+
+def rejection_dispute(problem: Problem, doubted: Mask, agreeing: Mask, kept: Mask) -> str:
+    """Return a sentence about loops that were rejected with odometry; empty if the gate explains them.
+
+    ``agreeing`` (m,) are the loops that agreed with the ``doubted`` trusted edges (m,) while these were
+    believed, and ``kept`` (m,) the edges that are believed now. The gate rejects some true loops by chance.
+    False ones hardly agree with odometry by chance: that so many of them are lost speaks for it.
+    """
+    lost = int(np.count_nonzero(agreeing & ~kept))
+    if binomial_tail(lost, int(np.count_nonzero(agreeing)), SIGNIFICANCE) > SIGNIFICANCE:
+        return ""
+    return (
+        f"{lost} loops agree with the odometry from {_span(problem, doubted)}, and were rejected with it"
+        " because other loops contradict it: those may be what is wrong"
+    )
+
+
+def _span(problem: Problem, doubted: Mask) -> str:
+    """Return the poses between which all ``doubted`` edges (m,) lead."""
+    first, last = problem.i[doubted], problem.j[doubted]
+    before, after = int(np.minimum(first, last).max()), int(np.maximum(first, last).min())
+    return f"{problem.name(before)} to {problem.name(after)}"
 
 
 def _spanning(count: int, low: Index, high: Index, vote: Index) -> Index:

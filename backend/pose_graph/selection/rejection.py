@@ -20,7 +20,7 @@ from backend.pose_graph.initialize import tree_edges
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import recheck_rejected
 from backend.pose_graph.selection.chains import chain_members
-from backend.pose_graph.selection.doubts import doubtful_odometry, odometry_dispute
+from backend.pose_graph.selection.doubts import doubtful_odometry, odometry_dispute, rejection_dispute
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
@@ -48,7 +48,7 @@ class Selection:
     is_complete: bool = True
     """False if the growth of the consistent set was cut off."""
     disputed_odometry: str = ""
-    """A sentence about rejected loops that agree with each other against odometry, or empty."""
+    """Sentences about rejected loops that agree with each other, against odometry or with it, or empty."""
 
 
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
@@ -109,11 +109,19 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         if not _is_more_probable(gauge_fixed, other, found):
             agreeing = other.kept & ~found.kept & ~gauge_fixed.problem.trusted
             if other.fit.test.passed:
-                dispute = odometry_dispute(gauge_fixed.problem, step, agreeing)
-                found = replace(found, disputed_odometry=dispute)
+                found = _disputed(found, odometry_dispute(gauge_fixed.problem, step, agreeing))
             break
-        found = other
+        said = found.disputed_odometry
+        if found.fit.test.passed:
+            loops = found.kept & ~gauge_fixed.problem.trusted
+            said = rejection_dispute(gauge_fixed.problem, step, loops, other.kept) or said
+        found = _disputed(other, said)
     return found
+
+
+def _disputed(found: Selection, dispute: str) -> Selection:
+    said = [each for each in (found.disputed_odometry, dispute) if each]
+    return replace(found, disputed_odometry="; ".join(said))
 
 
 def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
