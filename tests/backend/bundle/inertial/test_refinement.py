@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import X as POSE
 
+from backend.bundle.factors import LOG_SCALE, WORLD_SIZE
+from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.refinement import refine
+from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
 from backend.measurements import InertialReadings
 from backend.quantiles import chi_square_limit
 from tests.backend.bundle.inertial.made_inertial import InertialScene, MadeInertial, altered, make
-from tests.backend.made_floor import nees
+from tests.backend.made_floor import CAMERA, NADIR, nees
 
 
 @pytest.fixture(scope="module")
@@ -72,13 +77,19 @@ def test_an_accelerometer_in_another_unit_or_sign_is_damaged(made, unit):
     assert damage_of(made, replace(readings, accel_m_s2=unit * readings.accel_m_s2))
 
 
-@pytest.mark.slow
 def test_readings_that_another_delay_reaches_get_no_variables_of_their_own():
     """By the first delay the readings begin after the first picture, and by the new one before it."""
     made = make(InertialScene(gap_s=None, seconds=2.0), 0)
-    bundle = refine(made.measurements, made.start)
-    part, values = bundle.optimum.problem.inertial, bundle.optimum.values
+    height_m, world = 1.2, np.zeros(WORLD_SIZE)
+    world[LOG_SCALE] = np.log(height_m)
+    f_T_c = made.start @ NADIR
+    f_T_c[:, :3, 3] /= height_m
+    poses, transform = gtsam.Values(), WorldTransform(world, NADIR)
+    for k, one in enumerate(f_T_c):
+        poses.insert(POSE(k), gtsam.Pose3(one))
+    part = InertialPart.of(made.measurements, CAMERA, poses, transform)
     assert part is not None
+    values = part.start(poses, transform)
     shorter = replace(part, intervals=part.intervals[1:])
     again = shorter.reintegrated(values, np.ones(len(shorter.intervals), bool))
     assert again is not None

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from slam.mapping.gps.comparison import FixComparison
+from slam.mapping.gps.fixes import Fixes
 from slam.mapping.gps.stated_accuracy import (
     FixesOnMap,
     altitude_contradiction,
@@ -95,3 +97,16 @@ def test_altitudes_that_climb_while_the_map_does_not_are_told():
     assert "10 m assumed for altitudes, but they differ from the map by 40 m (4 sigmas)" in found.warning
     assert altitude_contradiction(0.5 * ramp, 10.0) is None
     assert altitude_contradiction(ramp[:3], 0.1) is None
+
+
+@pytest.mark.parametrize("climb_m", [10.0, 0.0])
+def test_a_map_compares_altitudes_as_well_as_positions(climb_m):
+    place, w_R_b, _ = survey(np.random.default_rng(0), 12)
+    stamps_s = np.arange(12.0)
+    w_T_b = np.tile(np.eye(4), (12, 1, 1))
+    w_T_b[:, :3, :3], w_T_b[:, :2, 3] = w_R_b, place
+    w_p_b_m = w_T_b[:, :3, 3] + np.outer(climb_m * np.linspace(-5.5, 5.5, 12), [0, 0, 1])
+    fixes = Fixes(stamps_s, w_p_b_m, (1.0, 1.0, 10.0), False, ("fix",) * 12, np.zeros(12, bool))
+    comparison = FixComparison(fixes, stamps_s)
+    found = comparison.contradictions(comparison.exact(w_T_b), w_T_b)
+    assert [("altitudes" in each.warning) for each in found] == [True] * (climb_m > 0)
