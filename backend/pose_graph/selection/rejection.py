@@ -69,14 +69,7 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Sel
             return found
     # Odometry may be wrong too: then all edges are trusted alike.
     everything = np.ones_like(trusted)
-    kept, at = gnc_inliers(
-        problem,
-        gauge_fixed.priors,
-        fit.w_T,
-        everything,
-        gauge_fixed.options.on_step,
-        gauge_fixed.options.deadline,
-    )
+    kept, at = _gnc(gauge_fixed, fit.w_T, everything)
     other = _refit(gauge_fixed, kept, at, everything)
     if found is None or _is_more_probable(gauge_fixed, other, found):
         return other
@@ -85,9 +78,24 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Sel
 
 def _select(gauge_fixed: GaugeFixedProblem) -> Selection:
     """Select the loops that agree with the trusted edges."""
-    grown = grow_from_odometry(gauge_fixed)
-    found = _swap(gauge_fixed, _refit(gauge_fixed, grown.kept, grown.w_T, ~gauge_fixed.problem.trusted))
+    grown, trusted = grow_from_odometry(gauge_fixed), gauge_fixed.problem.trusted
+    found = _swap(gauge_fixed, _refit(gauge_fixed, grown.kept, grown.w_T, ~trusted))
+    if not (found.kept & ~trusted).any():
+        # Odometry that drifts far predicts no loop sharply. All loops at once may still have one consistent
+        # fit. That of fewer than half of them may be false loops that are consistent with each other.
+        kept, w_T = _gnc(gauge_fixed, found.fit.w_T, ~trusted)
+        other = _refit(gauge_fixed, kept, w_T, ~trusted)
+        agreeing = np.count_nonzero(other.kept & ~trusted)
+        if 2 * agreeing >= np.count_nonzero(~trusted) and _is_more_probable(gauge_fixed, other, found):
+            found = other
     return replace(found, is_complete=grown.is_complete)
+
+
+def _gnc(gauge_fixed: GaugeFixedProblem, w_T: Array, candidate: Mask) -> tuple[Mask, Array]:
+    options = gauge_fixed.options
+    return gnc_inliers(
+        gauge_fixed.problem, gauge_fixed.priors, w_T, candidate, options.on_step, options.deadline
+    )
 
 
 def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:

@@ -29,6 +29,7 @@ def error_m(w_T: np.ndarray, made: MadeGraph) -> float:
         Scene("laps", 1, 1, 0.6, "consistent", 0),
         Scene("eights", 1, 2, 0.3, "random", 0),
         Scene("lawn mower", 1, 2, 0.6, "consistent", 0),
+        Scene("lawn mower", 1, 2, 0.5, "random", 100),
         Scene("laps", 2, 4, 0.25, "consistent", 0),
     ],
     ids=lambda scene: scene.label,
