@@ -9,6 +9,8 @@ SETUP = $(VENV)/.ready
 demo: $(SETUP)
 	$(BIN)/slam demo --out out/demo
 
+# Tests start many commands: each reads the modules that an earlier one has compiled.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(SETUP)
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 

@@ -48,9 +48,9 @@ def test_healthy_instruments_agree_whatever_moves_the_vehicle():
     ("term", "parameter", "size"),
     [
         ("gyro_bias", "z", 0.006),
-        ("gyro_scale", "eps", 0.03),
+        pytest.param("gyro_scale", "eps", 0.03, marks=pytest.mark.slow),
         ("accel_bias", "z", 0.15),
-        ("flow_scale", "eps", 0.12),
+        pytest.param("flow_scale", "eps", 0.12, marks=pytest.mark.slow),
         ("sonar_lag", "T", 0.12),
     ],
 )

@@ -37,7 +37,7 @@ def test_a_mirrored_lamp_is_found_with_its_strength(strength):
 @pytest.mark.parametrize(
     "terms",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.slow),
         pytest.param({"floor_steps": {"height": 0.3, "share": 0.15}}, marks=pytest.mark.slow),
         {"moving_objects": {"count": 40.0}},
         pytest.param({"exposure_variation": {"gain": 0.1, "gamma": 0.2, "tau": 0.5}}, marks=pytest.mark.slow),

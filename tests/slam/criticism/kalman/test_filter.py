@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
@@ -114,10 +115,17 @@ def far_from_jumps(record):
     return (since < 0) | (since > 0.006)
 
 
+@lru_cache
+def healthy_record(*plan):
+    """A flight of a plan without noise."""
+    model = at_lower_rates(load_model("nominal"))
+    return record_of(simulate_flight(silent(model), stick_for(plan), 5, maker=model))
+
+
 def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     """Noise-free flights with and without: how far the innovations' change is from so often the trace."""
     model = at_lower_rates(load_model("nominal"))
-    healthy = record_of(simulate_flight(silent(model), stick_for(plan), 5, maker=model))
+    healthy = healthy_record(*plan)
     changed = record_of(simulate_flight(silent(ill), stick_for(plan), 5, maker=model))
     # The first guess is taken from the readings; here it shall be the same.
     changed = replace(changed, start=healthy.start)
@@ -140,7 +148,7 @@ def test_the_sensitivity_to_a_term_is_that_of_the_simulator(term, parameter, ste
     model = at_lower_rates(load_model("nominal"))
     size = step if term != "active_braking" else 0.05
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
-    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, maker=model))
+    record = healthy_record(*PLAN)
     column = f"{term}.{parameter}"
     known = [d for e in effects_for([record], filter_parameters_of(model)) for d in e.perturbations]
     direction = next(d for d in known if d.name == column)
