@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
 import select
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -22,21 +23,21 @@ def own_streams() -> None:
 
     A letter that the terminal lacks is printed as ``?``. A failed write to standard output raises an
     ``OSError`` whose file name is ``STANDARD_OUTPUT``, so that no other file is blamed. A failed write to
-    standard error is ignored: it holds progress and messages, and nobody reads them there.
+    standard error is ignored: it holds progress and messages, and nobody reads them there. What is written to
+    a stream that the shell closed is dropped.
 
     Libraries write to the file descriptors 1 and 2: libtiff a line for each damaged picture, gtsam its own
     warnings. These lead nowhere from now on, until ``show_libraries``.
     """
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        # The size of the terminal is asked from sys.__stdout__.
-        sys.stdout = sys.__stdout__ = _reopened(sys.stdout, _Output)  # type: ignore[misc]
-    if isinstance(sys.stderr, io.TextIOWrapper):
-        sys.stderr = sys.__stderr__ = _reopened(sys.stderr, _Messages)  # type: ignore[misc]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    # The size of the terminal is asked from sys.__stdout__.
+    sys.stdout = sys.__stdout__ = _own(sys.stdout, _Output)  # type: ignore[misc]
+    sys.stderr = sys.__stderr__ = _own(sys.stderr, _Messages)  # type: ignore[misc]
+    opened = os.open(os.devnull, os.O_WRONLY)
+    nowhere = _above(opened)
+    os.close(opened)
     for descriptor in _DESCRIPTORS:
         os.dup2(nowhere, descriptor)
-    if nowhere not in _DESCRIPTORS:
-        os.close(nowhere)
+    os.close(nowhere)
 
 
 def show_libraries() -> None:
@@ -46,16 +47,24 @@ def show_libraries() -> None:
             os.dup2(sys.__stderr__.fileno(), descriptor)
 
 
-def _reopened(stream: io.TextIOWrapper, kind: type[io.FileIO]) -> io.TextIOWrapper:
+def _own(stream: TextIO | None, kind: type[io.FileIO]) -> TextIO:
+    if stream is None:  # closed by the shell (>&-): nobody wants to read it
+        return open(os.devnull, "w", encoding="utf-8")
+    if not isinstance(stream, io.TextIOWrapper):
+        return stream
     stream.flush()
-    raw = kind(os.dup(stream.fileno()), "w")
     return io.TextIOWrapper(
-        io.BufferedWriter(raw),
+        io.BufferedWriter(kind(_above(stream.fileno()), "w")),
         encoding=stream.encoding,
         errors="replace",
         line_buffering=stream.line_buffering,
         write_through=stream.write_through,
     )
+
+
+def _above(descriptor: int) -> int:
+    """Return a copy of a descriptor with a number beyond the standard ones, of which one may be free."""
+    return fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, max(_DESCRIPTORS) + 1)
 
 
 class _Output(io.FileIO):
