@@ -30,8 +30,8 @@ def own_streams() -> None:
     warnings. These lead nowhere from now on, until ``show_libraries``.
     """
     # The size of the terminal is asked from sys.__stdout__.
-    sys.stdout = sys.__stdout__ = _own(sys.stdout, _Output)  # type: ignore[misc]
-    sys.stderr = sys.__stderr__ = _own(sys.stderr, _Messages)  # type: ignore[misc]
+    sys.stdout = sys.__stdout__ = _own(sys.stdout, _Output)  # type: ignore[assignment, misc]
+    sys.stderr = sys.__stderr__ = _own(sys.stderr, _Messages)  # type: ignore[assignment, misc]
     opened = os.open(os.devnull, os.O_WRONLY)
     nowhere = _above(opened)
     os.close(opened)

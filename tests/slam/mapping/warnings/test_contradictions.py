@@ -68,6 +68,21 @@ def test_pictures_in_another_order_are_reported(flight: Flight):
     )
 
 
+@pytest.mark.parametrize("keyframes", [8, 12])
+def test_stretches_of_few_keyframes_are_compared_too(flight: Flight, keyframes: int):
+    """A map of nine keyframes from pictures in the reverse order was ok."""
+    stretches = [np.arange(begin, begin + 0.6 * keyframes, 0.6) for begin in np.arange(2.0, 40.0, 4.0)]
+    found = 0
+    for at_s in stretches:
+        at = np.searchsorted(flight.truth.stamps_s, at_s)
+        stamps_s, poses = flight.truth.stamps_s[at], flight.truth.w_T_b[at]
+        assert contradictions(flight, stamps_s, poses, True) == []
+        found += any(
+            line.startswith("velocity0") for line in contradictions(flight, stamps_s, poses[::-1], True)
+        )
+    assert found >= 0.7 * len(stretches), "round a corner the way back looks alike"
+
+
 def test_one_instrument_that_contradicts_leaves_the_camera_undoubted(flight: Flight):
     turned = flight.velocity.v_m_s * [1.0, -1.0]
     lines = told(replace(flight, velocity=replace(flight.velocity, v_m_s=-turned)))
