@@ -10,7 +10,7 @@ import math
 
 from backend.numba_cache import inner_kernel, kernel
 from slam.criticism.kalman.arrays import Array, ModelArrays, Scratch, StepBuffers
-from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, TARGET
+from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, TARGET
 from slam.simulation.dynamics import (
     FADE,
     GEAR,
@@ -208,29 +208,24 @@ def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
 
 
 @inner_kernel
-def _times(matrix: Array, right: Array, product: Array) -> None:
-    """Compute ``product`` = F ``right``, (n, n) all, for a sparse transition matrix F: each noise depends
-    on itself alone, and w on o as well."""
+def _times(matrix: Array, right: Array, product: Array, lower: bool) -> None:
+    """Compute ``product`` = F ``right``, (n, n) all, or its lower triangle, for a sparse transition matrix F:
+    each noise depends on itself alone, and w on o as well."""
     n = right.shape[0]
     for i in range(n):
-        x = matrix[i, i]
-        for j in range(STATES):
+        x, columns = matrix[i, i], i + 1 if lower else n
+        for j in range(columns):
             product[i, j] = x * right[i, j]
         if i < MOVING:
             for k in range(n):
                 x = matrix[i, k]
                 if x != 0.0 and k != i:
-                    for j in range(STATES):
+                    for j in range(columns):
                         product[i, j] += x * right[k, j]
         elif BEHIND <= i < GUST:
             x = matrix[i, i - BEHIND + BEFORE]
-            for j in range(STATES):
+            for j in range(columns):
                 product[i, j] += x * right[i - BEHIND + BEFORE, j]
-    for j in range(STATES, n):
-        for i in range(n):
-            product[i, j] = 0.0
-            for k in range(n):
-                product[i, j] += matrix[i, k] * right[k, j]
 
 
 @inner_kernel
@@ -238,11 +233,11 @@ def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
     """P <- F P F' + L Q L', in place; through L half a step of the noise acts on the driven states."""
     n = p.shape[0]
     matrix, q, slopes, work = step.matrix, step.q, step.slopes, step.work
-    _times(matrix, p, work)
+    _times(matrix, p, work, False)
     for i in range(n):
         for j in range(n):
             p[j, i] = work[i, j]
-    _times(matrix, p, work)
+    _times(matrix, p, work, True)
     for i in range(n):
         for j in range(i + 1):
             p[i, j] = work[i, j]
