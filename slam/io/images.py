@@ -24,7 +24,7 @@ from slam.core.flight import Image
 from slam.io.content import content_name
 from slam.io.levels import Levels, Raw, levels_of, range_of
 from slam.io.tiff import MAGIC as TIFF_MAGIC
-from slam.io.tiff import gdal_pixels, tiff_header
+from slam.io.tiff import gdal_pixels, tiff_header, unusual_tiff
 
 MAX_PIXELS = 89_000_000
 """Largest number of pixels, just below the limit at which Pillow reports a decompression bomb."""
@@ -121,11 +121,17 @@ def _eight_bit(pixels: Raw, is_integer: bool, levels: Levels | None) -> Image:
 
 
 def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
-    """Return the levels for all pictures, from a sample of them, and add a note about them.
+    """Return the levels for all pictures, from a sample of them. Notes are added about them and what is left.
 
     The result is None if no picture of the sample has more than 8 bits. Unreadable pictures are ignored, as
     they are counted when they are loaded.
     """
+    samples = 0
+    for k in sample_of(len(paths)):
+        with contextlib.suppress(UnreadableImageError):
+            samples = max(samples, _header(paths[k]).samples)
+    if samples > 4:
+        notes.append(f"pictures have {samples} samples a pixel: the first alone is read")
     return levels_of_sample(_deep_pictures(paths), notes)
 
 
@@ -172,6 +178,8 @@ class _Header:
     is_deep: bool = False
     """Whether Pillow alone does not read all of its pixels: more than 8 bits or, in a TIFF, than four
     samples."""
+    samples: int = 3
+    """Number of samples of a pixel of a TIFF."""
 
 
 def _header(path: Path) -> _Header:
@@ -214,7 +222,7 @@ def _tiff_header(path: Path) -> _Header:
         raise UnreadableImageError("truncated")
     if header.decoded_bytes > MAX_BYTES:
         raise UnreadableImageError(f"needs more than {MAX_BYTES >> 20} MB")
-    return _Header(header.size_px, header.bits > 8 or header.samples > 4)
+    return _Header(header.size_px, header.bits > 8 or header.samples > 4, header.samples)
 
 
 def _jpeg_size(head: bytes) -> tuple[int, int]:
@@ -257,6 +265,8 @@ def _decoded(data: bytes, is_deep: bool) -> tuple[Raw, bool]:
         raise
     except Exception as e:  # Pillow and GDAL raise any exception for a damaged file
         reason = "truncated" if "truncated" in str(e).lower() else "damaged"
+        if data.startswith(TIFF_MAGIC):
+            reason = unusual_tiff(data) or reason
         raise UnreadableImageError(reason) from e
 
 

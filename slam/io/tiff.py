@@ -6,6 +6,7 @@ ones included, which Pillow refuses or shortens. Source: Adobe, TIFF 6.0 (1992),
 
 from __future__ import annotations
 
+import io
 import warnings
 from dataclasses import dataclass
 from typing import IO
@@ -21,6 +22,12 @@ XMP_TAG = 700
 """Tag of an XMP packet."""
 
 _WIDTH, _HEIGHT, _BITS, _SAMPLES = 256, 257, 258, 277
+_COMPRESSION, _SAMPLE_FORMAT = 259, 339
+_COMPRESSIONS = {1, 2, 3, 4, 5, 6, 7, 8, 32773, 32946, 34925, 50000}
+"""Those that Pillow reads: none, three kinds of fax, LZW, two of JPEG, Deflate, PackBits, Deflate, LZMA and
+Zstandard."""
+_COMPLEX = {5, 6}
+"""Formats of a sample with a real and an imaginary part, of integers and of floating point."""
 _STRIPS_AND_TILES = ((273, 279), (324, 325))
 """Tags of the offsets and byte counts."""
 
@@ -60,6 +67,17 @@ def tiff_header(file: IO[bytes]) -> TiffHeader:
     bits = max(map(int, _values(tags.get(_BITS, 1))))
     decoded_bytes = width * height * min(samples, 3) * -(-bits // 8)
     return TiffHeader((width, height), bits, samples, decoded_bytes, max(ends), exif)
+
+
+def unusual_tiff(data: bytes) -> str:
+    """Return why a whole TIFF is not read although it is sound; empty for one of a usual kind."""
+    try:
+        tags = tiff_header(io.BytesIO(data)).exif
+    except Exception:  # noqa: BLE001  Pillow raises any exception for a damaged file
+        return ""
+    if (method := tags.get(_COMPRESSION, 1)) not in _COMPRESSIONS:
+        return f"a TIFF of a compression that is not read (tag 259: {method})"
+    return "a TIFF of complex numbers" if {*_values(tags.get(_SAMPLE_FORMAT))} & _COMPLEX else ""
 
 
 def gdal_pixels(data: bytes) -> tuple[Raw, bool]:

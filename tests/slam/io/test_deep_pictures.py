@@ -1,6 +1,7 @@
 """Pictures of more than 8 bits, integers and floats, as PNG and TIFF."""
 
 import contextlib
+import struct
 import warnings
 
 import cv2
@@ -136,6 +137,27 @@ def test_of_more_than_four_samples_the_first_is_read(tmp_path):
     many = np.dstack([GREY, *[GREY // 2] * 4])
     np.testing.assert_array_equal(read(tmp_path, tiff(many)), GREY)
     np.testing.assert_array_equal(read(tmp_path, tiff(many.astype(np.uint16) << 8)), GREY)
+
+
+def test_samples_that_are_not_read_are_told(tmp_path):
+    (tmp_path / "a.tif").write_bytes(tiff(np.dstack([GREY] * 5)))
+    notes = []
+    assert common_levels([tmp_path / "a.tif"], notes) is None
+    assert notes == ["pictures have 5 samples a pixel: the first alone is read"]
+
+
+def test_a_sound_tiff_of_a_kind_that_is_not_read_is_not_called_damaged(tmp_path):
+    whole = tiff(GREY)
+    entry = struct.pack("<HHIHH", 259, 3, 1, 1, 0)
+    assert entry in whole
+    webp = whole.replace(entry, struct.pack("<HHIHH", 259, 3, 1, 50001, 0))
+    for data, reason in (
+        (webp, r"a TIFF of a compression that is not read \(tag 259: 50001\)"),
+        (tiff(GREY.astype(np.complex64)), "a TIFF of complex numbers"),
+    ):
+        (tmp_path / "a.tif").write_bytes(data)
+        with pytest.raises(UnreadableImageError, match=reason):
+            read_image(tmp_path / "a.tif")
 
 
 def test_a_big_tiff_is_named(tmp_path):
