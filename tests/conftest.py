@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import os
 import signal
-from pathlib import Path
 
 import pytest
 
@@ -21,19 +20,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the tutorial: the worker that ran the longest file last would finish alone.
-
-    It compiles most kernels. The tests that need many of them come last, so that no other worker compiles
-    them at the same time.
-    """
-    late = [Path(__file__).parent / name for name in ("backend", "blind")]
-
-    def turn(item: pytest.Item) -> int:
-        if item.path.name == "test_tutorial.py":
-            return 0
-        return 2 if any(folder in item.path.parents for folder in late) else 1
-
-    items.sort(key=turn)
+    """Begin with the tutorial: the worker that ran the longest file last would finish alone."""
+    items.sort(key=lambda item: item.path.name != "test_tutorial.py")
 
 
 def pytest_collection_finish() -> None:

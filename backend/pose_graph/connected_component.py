@@ -54,7 +54,7 @@ class SolvedComponent:
     doubts: tuple[str, ...]
     """Reasons why the result may be wrong, as sentences."""
     warnings: tuple[str, ...]
-    disputed_odometry: str
+    disputed_odometry: tuple[str, ...]
     """A sentence about rejected loops that agree with each other against odometry, or empty."""
 
 
@@ -71,13 +71,14 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     expensive = expensive and has_loops_on_odometry(problem)
     fit = None if expensive else least_squares_fit(gauge_fixed, kept, start)
     found: SolutionCovariances | None = None
-    doubtful, complete, dispute = fit is None, True, ""
+    doubtful, complete = fit is None, True
+    disputes: tuple[str, ...] = ()
     if fit is not None and options.loops_robust:
         doubtful, found = _is_doubtful(gauge_fixed, fit)
     if fit is None or doubtful:
         selected = reject_outliers(gauge_fixed, fit)
         kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
-        complete, dispute = selected.is_complete, selected.disputed_odometry
+        complete, disputes = selected.is_complete, selected.disputed_odometry
     minimum, w_T, contradictions = fit.minimum, fit.w_T, _contradictions(problem, fit)
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
@@ -97,9 +98,9 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         converged=minimum.converged,
         held=held,
         open=still_open,
-        doubts=tuple(s for s in (*contradictions, dispute, "" if complete else _cut_off(problem)) if s),
+        doubts=tuple(s for s in (*contradictions, *disputes, "" if complete else _cut_off(problem)) if s),
         warnings=(*_warnings(problem, fit), *contradictions),
-        disputed_odometry=dispute,
+        disputed_odometry=disputes,
     )
 
 

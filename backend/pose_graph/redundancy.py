@@ -40,7 +40,7 @@ def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
             continue
         sentences += _bridge_sentences(problem, ends, trusted)
         left_out = inside & problem.trusted & ~solution.edge_kept & ~_uninformative(solution)
-        sentences += _loose_end_sentence(problem, ends, left_out)
+        sentences += _unchecked_odometry_sentence(problem, ends, left_out)
         loops = inside & ~problem.trusted & ~_uninformative(solution)
         sentences += _one_place_sentence(problem, loops, solution.edge_kept)
     return sentences
@@ -74,28 +74,25 @@ def _bridge_sentences(problem: Problem, ends: Index, trusted: Mask) -> list[str]
     return [f"one loop alone ({loop}) joins {who} to the rest, and no other edge checks it"]
 
 
-def _loose_end_sentence(problem: Problem, ends: Index, left_out: Mask) -> list[str]:
+def _unchecked_odometry_sentence(problem: Problem, ends: Index, left_out: Mask) -> list[str]:
     """Return a sentence if odometry is only checked by odometry that was ``left_out`` (m,).
 
-    Either may then be the wrong one: the fit is the same, and the poses between them differ.
+    Either may then be the wrong one: the fit is the same, and the poses between them differ. Such edges are
+    bridges of the kept graph, and none of the graph with the edges that were left out.
     """
     if not left_out.any():
         return []
-    whole = np.unique(
-        np.concatenate([ends, np.sort(np.column_stack([problem.i, problem.j])[left_out], axis=1)]), axis=0
-    )
-    number = whole[:, 0] * problem.count + whole[:, 1]
-    checked = np.delete(number, find_bridges(whole, problem.count))
-    loose = ends[find_bridges(ends, problem.count)]
-    loose = loose[np.isin(loose[:, 0] * problem.count + loose[:, 1], checked)]
-    if len(loose) == 0:
+    rejected = np.column_stack([problem.i, problem.j])[left_out]
+    whole = np.unique(np.concatenate([ends, np.sort(rejected, axis=1)]), axis=0)
+    still = set(map(tuple, whole[find_bridges(whole, problem.count)].tolist()))
+    alone = [(i, j) for i, j in ends[find_bridges(ends, problem.count)].tolist() if (i, j) not in still]
+    if not alone:
         return []
-    i, j = loose[0].tolist()
-    e = int(np.argmax(left_out))
+    (i, j), (k, m) = alone[0], rejected[0].tolist()
     return [
-        f"{len(loose)} edges (the first is {problem.name(i)} to {problem.name(j)}) are checked only by"
-        f" odometry that was rejected (the first is {problem.name(problem.i[e])} to"
-        f" {problem.name(problem.j[e])}): either may be what is wrong"
+        f"{len(alone)} edges (the first is {problem.name(i)} to {problem.name(j)}) are checked only by"
+        f" odometry that was rejected (the first is {problem.name(k)} to {problem.name(m)}): either may be"
+        " what is wrong"
     ]
 
 

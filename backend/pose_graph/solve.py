@@ -166,7 +166,7 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
         status=_status(parts, unplaced, converged, warnings),
         unobserved=tuple(unobserved),
         warnings=tuple(warnings),
-        disputed_odometry=tuple(part.disputed_odometry for part in parts if part.disputed_odometry),
+        disputed_odometry=tuple(line for part in parts for line in part.disputed_odometry),
     )
 
 

@@ -25,7 +25,7 @@ from slam.cli.replay import replay
 from slam.cli.reproduce import reproduce
 from slam.cli.signals import end_by_signals
 from slam.cli.simulate import simulate
-from slam.cli.standard_streams import own_streams, show_libraries
+from slam.cli.standard_streams import separate_streams, show_libraries
 from slam.cli.supervisor import continue_in_child
 from slam.core.version import VERSION
 
@@ -101,7 +101,7 @@ def main() -> None:
     # Damaged pictures are counted and reported by us.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    own_streams()
+    separate_streams()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a missing cache of fonts is no error
     if not sys.warnoptions:
         warnings.simplefilter("ignore")

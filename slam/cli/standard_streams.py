@@ -18,8 +18,8 @@ _DESCRIPTORS = (1, 2)
 """Descriptors of standard output and error, to which libraries write."""
 
 
-def own_streams() -> None:
-    """Replace standard output and error, where they are files, by streams of slam alone that report failures.
+def separate_streams() -> None:
+    """Separate the standard output and error of slam, where they are files, from those of libraries.
 
     A letter that the terminal lacks is printed as ``?``. A failed write to standard output raises an
     ``OSError`` whose file name is ``STANDARD_OUTPUT``, so that no other file is blamed. A failed write to

@@ -28,6 +28,8 @@ from slam.io.tiff import gdal_pixels, tiff_header, unusual_tiff
 
 MAX_PIXELS = 89_000_000
 """Largest number of pixels, just below the limit at which Pillow reports a decompression bomb."""
+_MOST_SAMPLES = 4
+"""Largest number of samples of a pixel that Pillow reads: three colours and transparency."""
 MAX_BYTES = 1 << 29
 HEADER_BYTES = 1 << 18
 """Number of bytes that contain the EXIF, XMP and maker's blocks that precede the size in a JPEG."""
@@ -121,17 +123,12 @@ def _eight_bit(pixels: Raw, is_integer: bool, levels: Levels | None) -> Image:
 
 
 def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
-    """Return the levels for all pictures, from a sample of them. Notes are added about them and what is left.
+    """Return the levels for all pictures, from a sample of them, and add notes about them.
 
     The result is None if no picture of the sample has more than 8 bits. Unreadable pictures are ignored, as
     they are counted when they are loaded.
     """
-    samples = 0
-    for k in sample_of(len(paths)):
-        with contextlib.suppress(UnreadableImageError):
-            samples = max(samples, _header(paths[k]).samples)
-    if samples > 4:
-        notes.append(f"pictures have {samples} samples a pixel: the first alone is read")
+    notes += _unread_samples(paths)
     return levels_of_sample(_deep_pictures(paths), notes)
 
 
@@ -160,6 +157,15 @@ def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[str]) -> 
     return levels
 
 
+def _unread_samples(paths: Sequence[Path]) -> list[str]:
+    """Return a note if a sample of the pictures has more samples a pixel than are read."""
+    most = 0
+    for k in sample_of(len(paths)):
+        with contextlib.suppress(UnreadableImageError):
+            most = max(most, _header(paths[k]).of_samples)
+    return [f"pictures have {most} samples a pixel: the first alone is read"] if most else []
+
+
 def _deep_pictures(paths: Sequence[Path]) -> Iterator[tuple[Raw, bool]]:
     for k in sample_of(len(paths)):
         with contextlib.suppress(UnreadableImageError):
@@ -178,8 +184,8 @@ class _Header:
     is_deep: bool = False
     """Whether Pillow alone does not read all of its pixels: more than 8 bits or, in a TIFF, than four
     samples."""
-    samples: int = 3
-    """Number of samples of a pixel of a TIFF."""
+    of_samples: int = 0
+    """Number of samples of a pixel of which the first alone is read; 0 where all are read."""
 
 
 def _header(path: Path) -> _Header:
@@ -222,7 +228,8 @@ def _tiff_header(path: Path) -> _Header:
         raise UnreadableImageError("truncated")
     if header.decoded_bytes > MAX_BYTES:
         raise UnreadableImageError(f"needs more than {MAX_BYTES >> 20} MB")
-    return _Header(header.size_px, header.bits > 8 or header.samples > 4, header.samples)
+    of_samples = header.samples if header.samples > _MOST_SAMPLES else 0
+    return _Header(header.size_px, header.bits > 8 or of_samples > 0, of_samples)
 
 
 def _jpeg_size(head: bytes) -> tuple[int, int]:

@@ -76,11 +76,10 @@ class LoopInnovations:
 def squared_mahalanobis(residual: Array, covariance: Array) -> Array:
     """Return squared Mahalanobis distances (k,) of residuals (k, d); see `solve_covariance`."""
     found = np.einsum("...a,...a->...", residual, solve_covariance(covariance, residual[..., None])[..., 0])
-    wrong = found < 0
-    if wrong.any():
-        found[wrong] = (
-            residual[wrong] * _solve_by_axes(covariance[wrong], residual[wrong, :, None])[..., 0]
-        ).sum(-1)
+    spoilt = found < 0  # by rounding, of a matrix that is nearly singular
+    if spoilt.any():
+        off, solved = residual[spoilt], _solve_by_axes(covariance[spoilt], residual[spoilt, :, None])
+        found[spoilt] = np.einsum("ka,ka->k", off, solved[..., 0])
     return np.asarray(found)
 
 

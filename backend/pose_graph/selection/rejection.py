@@ -47,8 +47,8 @@ class Selection:
     """(m,) innovations of the rejected edges, and residuals of the kept ones, in standard deviations."""
     is_complete: bool = True
     """False if the growth of the consistent set was cut off."""
-    disputed_odometry: str = ""
-    """Sentences about rejected loops that agree with each other, against odometry or with it, or empty."""
+    disputed_odometry: tuple[str, ...] = ()
+    """Sentences about rejected loops that agree with each other, against odometry or with it."""
 
 
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
@@ -100,7 +100,7 @@ def _gnc(gauge_fixed: GaugeFixedProblem, w_T: Array, candidate: Mask) -> tuple[M
 
 def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
     """Select again without the step of odometry that is most in doubt, as long as the evidence grows."""
-    doubting = gauge_fixed
+    doubting, lost, believed = gauge_fixed, "", ""
     while time.monotonic() < gauge_fixed.options.deadline:
         step = doubtful_odometry(doubting.problem, found.kept)
         if step is None:
@@ -117,19 +117,13 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         if not _is_more_probable(gauge_fixed, other, found):
             agreeing = other.kept & ~found.kept & ~gauge_fixed.problem.trusted
             if other.fit.test.passed:
-                found = _disputed(found, odometry_dispute(gauge_fixed.problem, step, agreeing))
+                believed = odometry_dispute(gauge_fixed.problem, step, agreeing)
             break
-        said = found.disputed_odometry
         if found.fit.test.passed:
             loops = found.kept & ~gauge_fixed.problem.trusted
-            said = rejection_dispute(gauge_fixed.problem, step, loops, other.kept) or said
-        found = _disputed(other, said)
-    return found
-
-
-def _disputed(found: Selection, dispute: str) -> Selection:
-    said = [each for each in (found.disputed_odometry, dispute) if each]
-    return replace(found, disputed_odometry="; ".join(said))
+            lost = rejection_dispute(gauge_fixed.problem, step, loops, other.kept) or lost
+        found = other
+    return replace(found, disputed_odometry=tuple(each for each in (lost, believed) if each))
 
 
 def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:

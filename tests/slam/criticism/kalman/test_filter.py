@@ -186,7 +186,7 @@ def test_the_sensitivity_to_a_tilt_limit_is_that_of_the_simulator(monkeypatch):
     """Over the whole step from no limit at all to one that cuts a little: more would be outliers at first."""
     monkeypatch.setattr(effects_module, "TILT_LIMITS", (0.98,))
     model = vehicle_with()
-    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, maker=model))
+    record = healthy_record(*PLAN)
     known = [
         d
         for e in effects_for([record], filter_parameters_of(model))
