@@ -20,7 +20,7 @@ from scipy.linalg import blas, lapack
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import splu
 
-from backend.numba_cache import discard_stale, njit
+from backend.compilation import discard_stale, njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.numba_cache import discard_stale, inlined_kernel
+from backend.compilation import discard_stale, inlined_kernel
 
 Array = NDArray[np.float64]
 

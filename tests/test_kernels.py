@@ -1,6 +1,6 @@
 """What numba does not see: every kernel's cache is discarded with all files whose code is compiled into it.
 
-`backend.numba_cache.discard_stale` has to be told those files. Here they are read from the source.
+`backend.compilation.discard_stale` has to be told those files. Here they are read from the source.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-COMPILED = "backend.numba_cache"
+COMPILED = "backend.compilation"
 
 
 @dataclass
@@ -123,7 +123,7 @@ for name in sys.argv[1:]:
     for loaded in [each for each in sys.modules if each.split(".")[0] in ("backend", "frontend", "slam")]:
         del sys.modules[loaded]
     importlib.import_module(name)
-    groups = importlib.import_module("backend.numba_cache").GROUPS
+    groups = importlib.import_module("backend.compilation").GROUPS
     found[name] = [sorted(map(str, group)) for group in groups]
 print(json.dumps(found))
 """
@@ -154,11 +154,11 @@ def test_each_kernel_is_discarded_with_all_that_is_compiled_into_it():
 
 
 A = (
-    "from backend.numba_cache import njit\nfrom slam.b import B\n\n"
+    "from backend.compilation import njit\nfrom slam.b import B\n\n"
     "@njit(cache=True)\ndef f(x):\n    return {}\n"
 )
-B = "from backend.numba_cache import njit\nfrom slam.c import C\n\n@njit()\ndef B(x):\n    return x * C"
-OWN_OPTIONS = "from backend.numba_cache import njit\nB = njit(cache=True, nogil=True)"
+B = "from backend.compilation import njit\nfrom slam.c import C\n\n@njit()\ndef B(x):\n    return x * C"
+OWN_OPTIONS = "from backend.compilation import njit\nB = njit(cache=True, nogil=True)"
 
 
 @pytest.mark.parametrize(

@@ -174,7 +174,7 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
-        ("errors", "measurements", "quantiles", "se3", "numba_cache"),
+        ("errors", "measurements", "quantiles", "se3", "compilation"),
         ("gauge", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),
         ("bundle", "g2o", "clocks"),

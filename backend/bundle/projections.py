@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.numba_cache import discard_stale, njit
+from backend.compilation import discard_stale, njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

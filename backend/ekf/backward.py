@@ -9,6 +9,7 @@ Source: Bierman 1973, "Fixed interval smoothing with discrete measurements".
 
 from __future__ import annotations
 
+from backend.compilation import inner_kernel, kernel
 from backend.ekf.forward import record_state
 from backend.ekf.motion import (
     CLONE_POS,
@@ -22,7 +23,6 @@ from backend.ekf.motion import (
 from backend.ekf.readings import CLONE, OUTPUT
 from backend.ekf.records import FilterBuffers, FilterEvents, StateRecords, Tape
 from backend.ekf.rotations import Array
-from backend.numba_cache import inner_kernel, kernel
 
 
 @kernel

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 
+from backend.compilation import inlined_kernel, inner_kernel, kernel
 from backend.ekf.gates import bias_index, covariances_with, gate_component, gate_visual_step
 from backend.ekf.motion import (
     CLONE_POS,
@@ -46,7 +47,6 @@ from backend.ekf.records import (
     Tape,
 )
 from backend.ekf.rotations import Array
-from backend.numba_cache import inlined_kernel, inner_kernel, kernel
 
 
 @kernel

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 
+from backend.compilation import inner_kernel
 from backend.ekf.motion import ATTITUDE_ERROR, BARO_ZERO, GPS_ZERO, RANGE_BIAS, VEL_ERROR
 from backend.ekf.readings import ATTITUDE, BAROMETER, POSITION, RANGE, STEP, VELOCITY
 from backend.ekf.records import (
@@ -20,7 +21,6 @@ from backend.ekf.records import (
     InnovationLog,
 )
 from backend.ekf.rotations import Array
-from backend.numba_cache import inner_kernel
 
 _REJECT_FACTOR = 4.0
 """A component whose squared innovation exceeds this multiple of its gate is rejected. For a smaller excess

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from itertools import accumulate
 
+from backend.compilation import inner_kernel, kernel
 from backend.ekf.rotations import (
     Array,
     Matrix,
@@ -29,7 +30,6 @@ from backend.ekf.rotations import (
     vector,
     write,
 )
-from backend.numba_cache import inner_kernel, kernel
 from backend.sparse_product import multiply_sparse
 
 (

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from backend.compilation import inner_kernel, kernel
 from backend.ekf.motion import (
     ACC,
     ACCEL_BIAS,
@@ -62,7 +63,6 @@ from backend.ekf.rotations import (
     write_row,
 )
 from backend.measurements import GRAVITY_M_S2
-from backend.numba_cache import inner_kernel, kernel
 
 (PROPAGATE, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, OUTPUT, CLONE) = (
     range(13)

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.numba_cache import discard_stale, inner_kernel
+from backend.compilation import discard_stale, inner_kernel
 
 Array = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]

@@ -28,7 +28,7 @@ def silent(stage: str, done: int, total: int) -> None:
 @contextmanager
 def show_compilation(progress: Progress) -> Iterator[None]:
     """Report when the block has to wait for the compilation of kernels; cached kernels need none."""
-    from backend.numba_cache import compiling
+    from backend.compilation import compiling
 
     with compiling(lambda done: progress(COMPILING, int(done), 1)):
         yield

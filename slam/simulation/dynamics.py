@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.compilation import discard_stale, njit
 from backend.measurements import GRAVITY_M_S2
-from backend.numba_cache import discard_stale, njit
 from slam.simulation.state import HOLD_X as HOLD_X
 from slam.simulation.state import HOLD_Y as HOLD_Y
 from slam.simulation.state import PITCH as PITCH

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from backend.numba_cache import discard_stale
+from backend.compilation import discard_stale
 
 _ROOT = Path(__file__).parents[3]
 # Before any kernel is loaded: numba would run cached code of older sources.

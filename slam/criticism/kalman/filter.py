@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from backend.numba_cache import inner_kernel, kernel
+from backend.compilation import inner_kernel, kernel
 from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, correct_noise, covariance_with_reading, sample
 from slam.criticism.kalman.arrays import (
     Array,

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.compilation import inner_kernel
 from backend.measurements import GRAVITY_M_S2
-from backend.numba_cache import inner_kernel
 from slam.criticism.kalman.sensor_terms import READ_BY as READ_BY
 from slam.criticism.kalman.sensor_terms import SENSOR as SENSOR
 from slam.criticism.kalman.sensor_terms import reading_terms

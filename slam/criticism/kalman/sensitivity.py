@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from backend.numba_cache import inner_kernel
+from backend.compilation import inner_kernel
 from backend.sparse_product import multiply_sparse
 from slam.criticism.kalman.arrays import (
     Array,

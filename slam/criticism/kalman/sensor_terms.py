@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from backend.numba_cache import inner_kernel
+from backend.compilation import inner_kernel
 from slam.simulation.terms import CATALOGUE
 
 STREAMS = ("imu", "attitude", "velocity", "sonar")

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from backend.numba_cache import allocating_kernel, inner_kernel, kernel
+from backend.compilation import allocating_kernel, inner_kernel, kernel
 from slam.criticism.kalman.arrays import (
     Array,
     Ints,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from backend.numba_cache import inner_kernel, kernel
+from backend.compilation import inner_kernel, kernel
 from slam.criticism.kalman.arrays import Array, ModelArrays, Scratch, StepBuffers
 from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, TARGET
 from slam.simulation.dynamics import (

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.numba_cache import allocating_kernel
+from backend.compilation import allocating_kernel
 from slam.criticism.cause import ChannelError
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole

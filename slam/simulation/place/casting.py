@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.numba_cache import discard_stale, njit
+from backend.compilation import discard_stale, njit
 from slam.simulation.place.obstacles import (
     BASE,
     COS,

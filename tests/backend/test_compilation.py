@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numba
 
-from backend.numba_cache import compiling, discard_stale, njit
+from backend.compilation import compiling, discard_stale, njit
 
 
 def made(folder: Path, name: str, source_s: float, cached_s: float) -> Path:
