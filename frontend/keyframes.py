@@ -54,6 +54,8 @@ class Keyframe:
     """Registration to the previous keyframe (i = previous, j = this); None where tracking restarted."""
     refused: Registration | None = None
     """A rejected registration to the previous keyframe."""
+    image: Image | None = None
+    """Its picture, where frames are tracked."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,8 @@ class _Matched(_Tracked):
             number_i, number_j = np.cumsum(last.on_floor) - 1, np.cumsum(self.on_floor) - 1
             matches = np.column_stack([number_i[i[kept]], number_j[j[kept]]])
             link = replace(link, matches=matches.astype(i.dtype), elsewhere=link.elsewhere[:0])
-        return Keyframe(self.frame, features if self.on_floor.all() else features[self.on_floor], link)
+        on_floor = features if self.on_floor.all() else features[self.on_floor]
+        return Keyframe(self.frame, on_floor, link, image=self.view.image)
 
 
 class Tracker:
@@ -128,15 +131,15 @@ class Tracker:
         config: KeyframeConfig,
         masks: Masks = lambda frame: None,
         known: Callable[[int], Features | None] = lambda frame: None,
+        look_ahead: bool = True,
     ) -> None:
         """``masks`` returns the mask of a frame number; 0 marks pixels to ignore. ``known`` returns the
-        features of its whole picture, if they were extracted before."""
+        features of its whole picture, if they were extracted before. ``look_ahead``: see `Views`."""
         self.camera, self.extractor = camera, extractor
         self.homography, self.gates, self.config = homography, gates, config
         self._known = known
         self._corners = camera.undistort(camera.corners_px)
-        self._views = Views(self._extract, masks, camera.size_px)
-        self._unsettled = 0
+        self._views, self._unsettled = Views(self._extract, masks, camera.size_px, look_ahead), 0
         self._template: tuple[int, FlowTemplate] | None = None
         self.rejected: Counter[str] = Counter()
         self.dropped: dict[int, str] = {}
@@ -145,6 +148,8 @@ class Tracker:
         self.moving: set[int] = set()
         """Frames with a motion other than that of the floor."""
         self.passed: list[IntermediateFrame] = []
+        self.newest: IntermediateFrame | None = None
+        """The newest frame that is registered to a keyframe."""
 
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Yield keyframes in order of time."""
@@ -180,7 +185,7 @@ class Tracker:
                     last, number, failures = self._first(view), number + 1, 0
                     yield last.keyframe(None)
                 continue
-            failures, best = 0, tracked
+            failures, best, self.newest = 0, tracked, tracked.passed()
         if best is not None and last is not None:
             settled = self._settled(number, best, last)
             if settled is not None:

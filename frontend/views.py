@@ -57,8 +57,12 @@ Extract = Callable[[View], Features]
 class Views:
     """Source of views. While ``ahead`` is set, features are extracted before they are asked for."""
 
-    def __init__(self, extract: Extract, masks: Masks, size_px: tuple[int, int]) -> None:
+    def __init__(
+        self, extract: Extract, masks: Masks, size_px: tuple[int, int], look_ahead: bool = True
+    ) -> None:
+        """Without ``look_ahead`` no picture waits for the ones after it, as in flight."""
         self._extract, self._masks, self._size_px, self.ahead = extract, masks, size_px, False
+        self._look_ahead = look_ahead
 
     def each(self, images: Iterable[Image | None]) -> Iterator[tuple[int, View | str]]:
         """Yield the number and the view of each picture, or the reason for having none."""
@@ -66,14 +70,15 @@ class Views:
         before: Image | None = None
         width, height = self._size_px
         at_once = SEARCHED_AT_ONCE if width * height <= MOST_PX else 1
+        waiting = at_once if self._look_ahead else 0
         with ThreadPoolExecutor(at_once) as pool:
             for frame, image in enumerate(images):
                 view = self._view(frame, image, before)
-                if self.ahead and isinstance(view, View):
+                if self.ahead and waiting and isinstance(view, View):
                     view.extract_ahead(pool)
                 before = image if image is not None else before
                 coming.append((frame, view))
-                if len(coming) > at_once:
+                if len(coming) > waiting:
                     yield coming.popleft()
             yield from coming
 

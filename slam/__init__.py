@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from slam.io.estimate import read_estimate, write_estimate
     from slam.io.flight_folder import read_flight, write_flight
     from slam.mapping.config import PipelineConfig
+    from slam.mapping.live.mapper import LiveMapper
     from slam.mapping.pipeline import optimize
     from slam.mapping.relocation import Relocalizer, relocalize
     from slam.simulation import simulate
@@ -33,6 +34,7 @@ _MODULES = {
     "Evaluation": "slam.evaluation",
     "Flight": "slam.core.flight",
     "InputError": "slam.core.errors",
+    "LiveMapper": "slam.mapping.live.mapper",
     "PipelineConfig": "slam.mapping.config",
     "Relocalizer": "slam.mapping.relocation",
     "criticise": "slam.criticism",
@@ -56,6 +58,7 @@ __all__ = [
     "Evaluation",
     "Flight",
     "InputError",
+    "LiveMapper",
     "PipelineConfig",
     "Relocalizer",
     "__version__",

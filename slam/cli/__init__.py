@@ -18,6 +18,7 @@ from slam.cli.evaluate import evaluate
 from slam.cli.export import export
 from slam.cli.flights import import_flight, info
 from slam.cli.guard import guarded, print_error, show_traceback
+from slam.cli.live import live
 from slam.cli.locate import locate
 from slam.cli.loops import loops
 from slam.cli.optimize import optimize
@@ -40,6 +41,7 @@ app = typer.Typer(
 for name, command in (
     ("demo", demo),
     ("optimize", optimize),
+    ("live", live),
     ("estimate", estimate),
     ("evaluate", evaluate),
     ("locate", locate),

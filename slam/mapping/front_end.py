@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Extractor, Features, FeatureUnavailableError
-from frontend.keyframes import IntermediateFrame, Tracker
+from frontend.keyframes import IntermediateFrame, Keyframe, Tracker
 from frontend.loops import overlapping, propose_loops, verify
 from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation
 from frontend.registration import Registration, overlap, refused, register
@@ -93,6 +93,25 @@ class Observations:
         return replace(self, registrations=kept, refused=(*self.refused, *taken), contradicted=contradicted)
 
 
+class TrackedPictures:
+    """The result of one pass over the frames: keyframes, in the order in which the tracker yields them."""
+
+    def __init__(self, tracker: Tracker) -> None:
+        self.tracker, self.store = tracker, FeatureStore()
+        self.frame_index: list[int] = []
+        self.links: list[Registration | None] = []
+        self.refused: list[Registration] = []
+        self.failures: dict[int, str] = {}
+        """Frames without a picture, with the reason."""
+
+    def add(self, keyframe: Keyframe) -> None:
+        """Keep the next keyframe."""
+        self.store.append(keyframe.features)
+        self.frame_index.append(keyframe.frame)
+        self.links.append(keyframe.link)
+        self.refused += [keyframe.refused] if keyframe.refused is not None else []
+
+
 class FrontEnd:
     """The front end with its settings for one flight."""
 
@@ -114,46 +133,49 @@ class FrontEnd:
         except FeatureUnavailableError as error:
             raise InputError(str(error)) from None
 
+    def tracker(self, masks: Masks = no_masks, look_ahead: bool = True) -> Tracker:
+        """Return the tracker of one pass over the frames; ``look_ahead`` as in `frontend.views.Views`."""
+        return Tracker(
+            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks,
+            self.earlier.features, look_ahead,
+        )  # fmt: skip
+
     def track(self, masks: Masks = no_masks) -> Observations:
         """Go through the frames once: mask, track, gate, keyframe."""
-        flight = self.flight
+        flight, tracked = self.flight, TrackedPictures(self.tracker(masks))
         assert flight.frames is not None
-        tracker = Tracker(
-            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks,
-            self.earlier.features,
-        )  # fmt: skip
-        store, frame_index, links, refused = FeatureStore(), [], [], []
         images = read_ahead(flight, self.progress)
-        found = tracker.every(images) if flight.all_keyframes else tracker.keyframes(images)
-        for keyframe in found:
-            store.append(keyframe.features)
-            frame_index.append(keyframe.frame)
-            links.append(keyframe.link)
-            refused += [keyframe.refused] if keyframe.refused is not None else []
-        index = np.array(frame_index, dtype=np.int64)
-        if masks is no_masks:
+        tracker = tracked.tracker
+        for keyframe in tracker.every(images) if flight.all_keyframes else tracker.keyframes(images):
+            tracked.add(keyframe)
+        tracked.failures |= {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
+        return self.observations(tracked, masked=masks is not no_masks)
+
+    def observations(self, tracked: TrackedPictures, masked: bool = False) -> Observations:
+        """Return what tracking found."""
+        flight, tracker = self.flight, tracked.tracker
+        assert flight.frames is not None
+        index = np.array(tracked.frame_index, dtype=np.int64)
+        if not masked:
             # Features on moving objects were removed.
-            whole = {frame: k for k, frame in enumerate(frame_index) if frame not in tracker.moving}
-            self.work = EarlierPass(store, whole)
-        kept = tuple(link for link in links if link is not None)
+            whole = {frame: k for k, frame in enumerate(tracked.frame_index) if frame not in tracker.moving}
+            self.work = EarlierPass(tracked.store, whole)
         # A picture is that of its middle row.
         frame_stamps_s = flight.frames.stamps_s + 0.5 * self.camera.readout_s
-        stamps_s = frame_stamps_s[index] if len(index) else np.empty(0)
-        failures = {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
         return Observations(
-            store=store,
+            store=tracked.store,
             frame_index=index,
-            stamps_s=stamps_s,
-            links=tuple(links),
-            registrations=kept,
-            refused=tuple(refused),
+            stamps_s=frame_stamps_s[index] if len(index) else np.empty(0),
+            links=tuple(tracked.links),
+            registrations=tuple(link for link in tracked.links if link is not None),
+            refused=tuple(tracked.refused),
             frames=tracker.frames,
-            rejected=_with_reasons(tracker.rejected, failures),
+            rejected=_with_reasons(tracker.rejected, tracked.failures),
             moving=len(tracker.moving),
             frame_stamps_s=frame_stamps_s,
             camera_stamps_s=frame_stamps_s,
             passed=tuple(tracker.passed),
-            dropped=tracker.dropped | failures,
+            dropped=tracker.dropped | tracked.failures,
         )
 
     def register(

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 _LOWEST = 0.05
 """Minimum body height as a fraction of the camera height: lengths scale with the body height."""
+LEAST_HEIGHT_STD = 0.01
+"""Least relative standard deviation of a height by the rangefinder: ranges wander by about a percent."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def _heights(
         np.maximum(lifted.log_ratio_std[good], 1e-3),
         k[above],
         np.log(camera_m[above]),
-        np.maximum(std[above] / camera_m[above], 0.01),
+        np.maximum(std[above] / camera_m[above], LEAST_HEIGHT_STD),
     )
     body_m = agreed.height_m - level_up @ b_p_c
     return replace(agreed, height_m=np.maximum(body_m, _LOWEST * agreed.height_m))

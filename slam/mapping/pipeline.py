@@ -19,7 +19,7 @@ from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.floor_visibility import without_horizon_frames
-from slam.mapping.front_end import Observations
+from slam.mapping.front_end import Observations, TrackedPictures
 from slam.mapping.map import Map
 from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.stages import (
@@ -51,15 +51,21 @@ def optimize(
 
 
 def optimize_with_observations(
-    flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
+    flight: Flight,
+    config: PipelineConfig = PipelineConfig(),
+    progress: Progress = silent,
+    tracked: TrackedPictures | None = None,
 ) -> tuple[Estimate, Observations]:
-    """Return the estimate and the front end's observations: features, and registrations of keyframes."""
+    """Return the estimate and the front end's observations: features, and registrations of keyframes.
+
+    ``tracked``: the result of tracking the flight's pictures, if that is done already.
+    """
     check_flight(flight)
     camera = _camera(flight)
     flight, job = without_horizon_frames(flight, camera), Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):
-        context, refined = _map_without_obstacles(job, flight)
+        context, refined = _map_without_obstacles(job, flight, tracked)
         matched = match_overlaps(context, refined)
         refined = refine(context, solve_again(context, matched), with_inertia=True)
         context, refined = self_calibrate(context, matched, refined)
@@ -71,16 +77,20 @@ def optimize_with_observations(
 
 
 def _first_map(
-    job: Job, flight: Flight, masks: Masks, earlier: EarlierPass | None = None
+    job: Job,
+    flight: Flight,
+    masks: Masks,
+    earlier: EarlierPass | None = None,
+    tracked: TrackedPictures | None = None,
 ) -> tuple[Context, Map]:
-    context, observations = track(job, flight, masks, earlier)
+    context, observations = track(job, flight, masks, earlier, tracked)
     return context, refine(context, close_loops(context, odometry(context, observations)))
 
 
-def _map_without_obstacles(job: Job, flight: Flight) -> tuple[Context, Map]:
+def _map_without_obstacles(job: Job, flight: Flight, tracked: TrackedPictures | None) -> tuple[Context, Map]:
     """Map the flight, mask the obstacles that the sonar finds on this map, and map it again."""
     masked: Obstacles | None = None
-    context, refined = _first_map(job, flight, no_masks)
+    context, refined = _first_map(job, flight, no_masks, tracked=tracked)
     unmasked = context.front_end.work
     for _ in range(MOST_PASSES):
         poses, stamps_s = refined.of_main(refined.over_floor_T_b), refined.observations.stamps_s

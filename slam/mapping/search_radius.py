@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from backend.measurements import RelativePose
 from backend.pose_graph.heights import HeightEstimate
 from backend.pose_graph.solution import Solution
+from frontend.camera import Camera
 from slam.core.units import unit
 from slam.mapping.config import LoopConfig
 from slam.mapping.setup import Setup
@@ -102,14 +103,19 @@ def implausible_edges(
     }
 
 
+def view_radius(camera: Camera) -> float:
+    """Return the radius of the circle that holds all that a camera sees, over its height."""
+    corner = camera.rays(camera.undistort(camera.corners_px))
+    return WIDENED_BY_TILT * float(np.linalg.norm(corner[:, :2], axis=1).max())
+
+
 def search_radius(setup: Setup, heights: HeightEstimate, known: Solution) -> SearchRadius:
     """Compute the circle around each keyframe that holds all that it may have seen."""
     height_m = heights.height_m
     covariances = known.covariances
     if covariances is None:
         covariances = np.full((len(height_m), 6, 6), np.nan)
-    corner = setup.camera.rays(setup.camera.undistort(setup.camera.corners_px))
-    view_m = WIDENED_BY_TILT * float(np.linalg.norm(corner[:, :2], axis=1).max()) * height_m
+    view_m = view_radius(setup.camera) * height_m
     std_m = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
     return SearchRadius(
         w_p_b=known.w_T_b[:, :3, 3],

@@ -14,7 +14,8 @@ from backend.quantiles import chi_square_quantile
 from slam.core.heap import trim_heap
 from slam.core.units import unit
 from slam.mapping.floor_visibility import LEAST_FALL
-from slam.mapping.lift_edges import Edges
+from slam.mapping.keyframe_readings import KeyframeReadings
+from slam.mapping.lift_edges import LEAST_HEIGHT_STD, Edges
 from slam.mapping.setup import Setup
 
 
@@ -57,11 +58,10 @@ def _stated_measurements(edges: Edges, setup: Setup) -> Measurements:
     tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
     attitudes, ranges = [], []
     for k in tied:
-        std = np.append(readings.roll_pitch_std_rad[k], np.inf)
-        attitudes.append(Attitude(k, np.append(readings.roll_pitch_rad[k], 0.0), std))
+        attitudes.append(tilt_of(readings, k, k))
         fall = max(LEAST_FALL, float(np.cos(readings.roll_pitch_rad[k]).prod()))
         height = float(heights.height_m[k])
-        ranges.append(SlantRange(k, height / fall, height * max(0.01, float(heights.log_std[k]))))
+        ranges.append(SlantRange(k, height / fall, height * max(LEAST_HEIGHT_STD, float(heights.log_std[k]))))
     return Measurements(
         stamps_s=readings.stamps_s,
         relative_poses=edges.relative_poses,
@@ -69,3 +69,9 @@ def _stated_measurements(edges: Edges, setup: Setup) -> Measurements:
         ranges=tuple(ranges),
         length_unit=unit(bool(heights.metric[tied].all())),
     )
+
+
+def tilt_of(readings: KeyframeReadings, k: int, number: int) -> Attitude:
+    """Return roll and pitch of keyframe ``k`` as a measurement of pose ``number``, without the heading."""
+    angles = np.append(readings.roll_pitch_rad[k], 0.0)
+    return Attitude(number, angles, np.append(readings.roll_pitch_std_rad[k], np.inf))

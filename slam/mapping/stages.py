@@ -21,7 +21,7 @@ from slam.mapping.calibration.picture_turns import tracked_clock
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
-from slam.mapping.front_end import FrontEnd, Observations
+from slam.mapping.front_end import FrontEnd, Observations, TrackedPictures
 from slam.mapping.inertial.fusion import fuse_parts
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
@@ -35,16 +35,20 @@ from slam.mapping.tracking_gaps import without_false_links
 
 
 def track(
-    job: Job, flight: Flight, masks: Masks, earlier: EarlierPass | None = None
+    job: Job,
+    flight: Flight,
+    masks: Masks,
+    earlier: EarlierPass | None = None,
+    tracked: TrackedPictures | None = None,
 ) -> tuple[Context, Observations]:
     """Track the pictures, select keyframes, and register each to its neighbours.
 
-    ``earlier``: work on the same pictures without masks. Raises ``InputError`` where fewer than two pictures
-    are usable.
+    ``earlier``: work on the same pictures without masks. ``tracked``: pictures that are tracked already.
+    Raises ``InputError`` where fewer than two pictures are usable.
     """
     front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier)
     with job.timer("track"):
-        observations = front_end.track(masks)
+        observations = front_end.observations(tracked) if tracked else front_end.track(masks)
         clock = clock_correction(_tracked_clock(flight, job, observations))
         observations = observations.stamped_by(clock.delays_at)
         if job.camera.readout_s > 0:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe
     from slam.evaluation.map_gain import MapGain
     from slam.evaluation.score import Evaluation
+    from slam.mapping.live.mapper import LiveState
 
 _NEES = "squared errors over covariances (mean NEES)"
 
@@ -162,3 +163,18 @@ def _share(value: float) -> str:
 
 def _spread(rmse: float, largest: float) -> str:
     return f"{length(rmse)} RMSE, {length(largest)} largest"
+
+
+def live_table(state: LiveState, error: float, metric: bool) -> FigureTable:
+    """Return the figures of a map in flight: ``error`` is that of `slam.evaluation.live_error`."""
+    ms = 1000 * np.percentile(state.latency_s, [50, 95, 100]) if len(state.latency_s) else np.full(3, np.nan)
+    apart = length(error, metric) if np.isfinite(error) else UNKNOWN
+    rows = (
+        ("pictures", f"{state.pictures}"),
+        ("dropped: they arrived while an earlier one was waiting", f"{state.dropped}"),
+        ("arrival to tracked: median, 95 %, largest [ms]", " / ".join(f"{x:.0f}" for x in ms)),
+        ("keyframes placed", f"{state.placed} of {state.keyframes}"),
+        ("loops; edges rejected at the end", f"{state.loops}; {state.rejected}"),
+        ("live positions from those of the final map, RMS", apart),
+    )
+    return FigureTable("In flight", (), rows)

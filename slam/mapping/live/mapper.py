@@ -1,0 +1,228 @@
+"""`LiveMapper`: a map that grows with every picture, and the post-flight map after the last one."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.errors import BackendError
+from frontend.keyframes import Keyframe
+from slam.core.errors import InputError
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Image
+from slam.core.progress import Progress, silent
+from slam.mapping.config import PipelineConfig
+from slam.mapping.floor_visibility import without_horizon_frames
+from slam.mapping.front_end import FrontEnd, TrackedPictures
+from slam.mapping.keyframe_readings import KeyframeReadings
+from slam.mapping.live.graph import LiveGraph
+from slam.mapping.live.loops import LiveLoops
+from slam.mapping.live.recording import LiveRecording
+from slam.mapping.pipeline import optimize_with_observations
+
+Array = NDArray[np.float64]
+
+LATE = "late: it arrived while earlier pictures were processed"
+"""Reason for which a picture is dropped."""
+
+
+@dataclass(frozen=True)
+class LiveState:
+    """What a live map knows at one moment."""
+
+    pictures: int
+    """Pictures that were given, the dropped ones included."""
+    dropped: int
+    """Pictures that another one replaced before they were tracked."""
+    keyframes: int
+    """Keyframes in the graph."""
+    waiting: int
+    """Keyframes whose loops are still searched."""
+    placed: int
+    """Keyframes that are joined to the first."""
+    loops: int
+    rejected: int
+    """Edges of the pose graph that are rejected at present."""
+    stamp_s: float
+    """Time of the newest picture that is placed; NaN before the first."""
+    w_T_b: Array | None
+    """(4, 4) pose of that picture over the floor at 0; None before the first."""
+    latency_s: Array
+    """(m,) time from the arrival of each tracked picture until it was tracked."""
+
+
+class LiveMapper:
+    """Track pictures as they arrive, in threads of its own, so that `add` returns at once.
+
+    One thread tracks. The other one searches the loops of each keyframe and solves the graph, so that a
+    picture waits for neither. A picture that arrives while an earlier one still waits replaces it; the
+    earlier one is dropped and counted. The poses are relative to the first keyframe, over the floor at z = 0,
+    in metres where ranges are known. GPS, IMU and obstacles enter after the flight, in `finish`.
+    """
+
+    def __init__(self, flight: Flight, config: PipelineConfig = PipelineConfig()) -> None:
+        """``flight`` has the camera. Streams that it has are read at the times of the pictures; the readings
+        that are given to `add` stand in for streams that it lacks. Raises ``InputError`` without a camera."""
+        if flight.camera is None:
+            raise InputError(f"{flight.name}: no camera; a live map needs Flight(name, camera=...)")
+        self._config, self._camera = config, flight.camera
+        self._recording = LiveRecording(without_horizon_frames(flight, flight.camera))
+        front_end = FrontEnd(flight, flight.camera, config, silent)
+        self._tracked = TrackedPictures(front_end.tracker(look_ahead=False))
+        self._loops = LiveLoops(self._tracked.store, front_end)
+        self._graph, self._graph_lock = LiveGraph(flight.camera, config), threading.Lock()
+        self._latency_s: list[float] = []
+        self._arrival = threading.Condition()
+        self._waiting: tuple[int, Image | None, float] | None = None
+        self._ended = False
+        self._mapping = ThreadPoolExecutor(1, "live map")
+        self._jobs: list[Future[None]] = []
+        self._tracking = ThreadPoolExecutor(1, "live tracking")
+        self._jobs.append(self._tracking.submit(self._track))
+
+    def add(
+        self,
+        image: Image | None,
+        stamp_s: float,
+        roll_pitch_yaw_rad: Array | None = None,
+        range_m: float | None = None,
+        wait: bool = False,
+    ) -> None:
+        """Take the next picture (h, w) or (h, w, 3), with the attitude (3,) and slant range at its time.
+
+        Without a picture (None) the frame counts as dropped. ``wait`` waits until the picture before is
+        tracked, so that none is dropped. Raises ``InputError`` where the stamps do not increase, and what the
+        threads raised.
+        """
+        number = self._recording.add(stamp_s, roll_pitch_yaw_rad, range_m)
+        with self._arrival:
+            while wait and self._waiting is not None and not self._jobs[0].done():
+                self._arrival.wait()
+            self._raise_errors()
+            if self._waiting is not None:
+                self._tracked.failures[self._waiting[0]] = LATE
+            if image is None:
+                self._tracked.failures[number] = LATE
+            self._waiting = number, None if image is None else image.copy(), time.perf_counter()
+            self._arrival.notify_all()
+
+    def refresh(self, flight: Flight) -> None:
+        """Read the instruments from another state of the flight, whose streams have grown since."""
+        self._recording.refresh(without_horizon_frames(flight, self._camera))
+
+    def state(self) -> LiveState:
+        """Return what is known now."""
+        with self._graph_lock:
+            poses, loops, rejected = self._graph.poses(), self._graph.loops, self._graph.rejected
+            newest = self._tracked.tracker.newest
+            pose = None if newest is None else self._graph.frame_pose(newest)
+        placed = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
+        frame = newest.frame if newest is not None else -1
+        if pose is None and len(placed):
+            frame, pose = self._tracked.frame_index[placed[-1]], poses[placed[-1]]
+        return LiveState(
+            pictures=len(self._recording),
+            dropped=len(self._tracked.failures),
+            keyframes=len(poses),
+            waiting=len(self._tracked.frame_index) - len(poses),
+            placed=len(placed),
+            loops=loops,
+            rejected=rejected,
+            stamp_s=np.nan if pose is None else self._recording.stamp_s(frame),
+            w_T_b=pose,
+            latency_s=np.array(self._latency_s),
+        )
+
+    def keyframes(self) -> tuple[NDArray[np.int64], Array]:
+        """Return the frame numbers (n,) and the current poses (n, 4, 4) of the keyframes; NaN where not
+        placed."""
+        with self._graph_lock:
+            poses = self._graph.poses()
+        return np.array(self._tracked.frame_index[: len(poses)], dtype=np.int64), poses
+
+    def picture(self, frame: int) -> Image | None:
+        """Return the picture of a keyframe by its frame number; None for another frame."""
+        return self._recording.picture(frame)
+
+    def flight(self) -> Flight:
+        """Return the flight so far, for example for `slam.report.rasters.mosaic.write_mosaic`.
+
+        If it was given without pictures, it has those of the keyframes, as long as this mapper exists.
+        """
+        return self._recording.flight()
+
+    def finish(self, progress: Progress = silent) -> Estimate:
+        """End the flight and return the post-flight map of the pictures that were tracked.
+
+        Raises ``InputError`` as `slam.optimize` does, and what the threads raised.
+        """
+        self.close()
+        self._raise_errors()
+        return optimize_with_observations(self.flight(), self._config, progress, self._tracked)[0]
+
+    def close(self) -> None:
+        """End the flight: wait until the last picture is in the map."""
+        with self._arrival:
+            self._ended = True
+            self._arrival.notify_all()
+        self._tracking.shutdown()
+        self._mapping.shutdown()
+
+    def __enter__(self) -> LiveMapper:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+        self._recording.close()
+
+    def _raise_errors(self) -> None:
+        for job in self._jobs:
+            if job.done():
+                job.result()
+        self._jobs = [self._jobs[0], *(job for job in self._jobs[1:] if not job.done())]
+
+    def _track(self) -> None:
+        try:
+            for keyframe in self._tracked.tracker.keyframes(self._images()):
+                self._tracked.add(keyframe)
+                self._jobs.append(self._mapping.submit(self._map, keyframe))
+        finally:
+            with self._arrival:
+                self._waiting = None
+                self._arrival.notify_all()
+
+    def _images(self) -> Iterator[Image | None]:
+        """Yield every picture, None for those that were dropped; wait for the next one."""
+        done = 0
+        while True:
+            with self._arrival:
+                while self._waiting is None and not self._ended:
+                    self._arrival.wait()
+                if self._waiting is None:
+                    yield from [None] * (len(self._recording) - done)
+                    return
+                (number, image, arrived_s), self._waiting = self._waiting, None
+                self._arrival.notify_all()
+            yield from [None] * (number - done)
+            yield image
+            done = number + 1
+            if image is not None:
+                self._latency_s.append(time.perf_counter() - arrived_s)
+
+    def _map(self, keyframe: Keyframe) -> None:
+        """Add a keyframe to the graph with its registrations."""
+        stamp_s = self._recording.stamp_s(keyframe.frame) + 0.5 * self._camera.readout_s
+        readings = KeyframeReadings.at(self._recording.recent(), np.array([stamp_s]), None, self._config)
+        self._recording.keep(keyframe)
+        found = self._loops.of_newest(keyframe, stamp_s, self._graph.poses())
+        try:
+            with self._graph_lock:
+                self._graph.add(readings, found)
+        except BackendError as error:
+            raise InputError(f"{self._recording.name}: the live map ends here: {error}") from error

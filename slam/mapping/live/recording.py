@@ -1,0 +1,113 @@
+"""What arrives in flight: stamps, pictures of keyframes, attitudes and ranges, as a `Flight`."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.keyframes import Keyframe
+from slam.core.errors import InputError
+from slam.core.flight import AttitudeSeries, Flight, Frames, Image, Sonar
+
+Array = NDArray[np.float64]
+
+_RECENT = 100
+"""Readings that are looked at for a keyframe: it is one of the last pictures."""
+
+
+class LiveRecording:
+    """Stamps and readings that were given, beside the streams of a flight that has them already.
+
+    Pictures of keyframes are kept in a temporary folder: only one thread may read those of the flight.
+    """
+
+    def __init__(self, flight: Flight) -> None:
+        self.name = flight.name
+        self._flight, self._lock = flight, threading.Lock()
+        self._stamps_s: list[float] = []
+        self._attitudes: list[tuple[float, Array]] = []
+        self._ranges: list[tuple[float, float]] = []
+        self._folder = tempfile.TemporaryDirectory(prefix="slam-live-")
+
+    def __len__(self) -> int:
+        return len(self._stamps_s)
+
+    def stamp_s(self, frame: int) -> float:
+        """Return the time of a frame."""
+        return self._stamps_s[frame]
+
+    def add(self, stamp_s: float, roll_pitch_yaw_rad: Array | None, range_m: float | None) -> int:
+        """Keep what arrived and return the number of the frame. Raises ``InputError`` for a stamp that is
+        not after the one before."""
+        with self._lock:
+            if self._stamps_s and not stamp_s > self._stamps_s[-1]:
+                raise InputError(
+                    f"{self.name}: the picture at {stamp_s} s is not after the one before, at "
+                    f"{self._stamps_s[-1]} s; give pictures in the order of their times"
+                )
+            number = len(self._stamps_s)
+            self._stamps_s.append(float(stamp_s))
+            if roll_pitch_yaw_rad is not None:
+                self._attitudes.append((stamp_s, np.asarray(roll_pitch_yaw_rad, dtype=float)))
+            if range_m is not None:
+                self._ranges.append((stamp_s, float(range_m)))
+            return number
+
+    def refresh(self, flight: Flight) -> None:
+        """Take another state of the flight, whose streams have grown."""
+        with self._lock:
+            self._flight = flight
+
+    def keep(self, keyframe: Keyframe) -> None:
+        """Keep the picture of a keyframe. Raises ``InputError`` where the disk refuses it."""
+        assert keyframe.image is not None
+        fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+        if not cv2.imwrite(str(self._path(keyframe.frame)), keyframe.image, fast):
+            raise InputError(f"{self._folder.name}: cannot be written; free space for temporary files")
+
+    def picture(self, frame: int) -> Image | None:
+        """Return the picture of a keyframe; None for another frame."""
+        path = self._path(frame)
+        return cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.exists() else None
+
+    def close(self) -> None:
+        """Delete the pictures."""
+        self._folder.cleanup()
+
+    def recent(self) -> Flight:
+        """Return the flight with the newest readings."""
+        with self._lock:
+            return self._with_readings(-_RECENT)
+
+    def flight(self) -> Flight:
+        """Return the flight with all readings, and with the frames that were given.
+
+        Without pictures of its own it has those of the keyframes, until `close`.
+        """
+        with self._lock:
+            flight, stamps_s = self._with_readings(0), np.array(self._stamps_s)
+        if flight.frames is None:
+            names = tuple(f"{stamp_s:.3f} s" for stamp_s in stamps_s.tolist())
+            return replace(flight, frames=Frames(stamps_s, names, self.picture))
+        names = flight.frames.names[: len(stamps_s)]
+        return replace(flight, frames=replace(flight.frames, stamps_s=stamps_s, names=names))
+
+    def _path(self, frame: int) -> Path:
+        return Path(self._folder.name) / f"{frame:08d}.png"
+
+    def _with_readings(self, begin: int) -> Flight:
+        """Return the flight with the readings from number ``begin`` on, in place of streams it lacks."""
+        flight = self._flight
+        if flight.attitude is None and self._attitudes:
+            stamps, angles = zip(*self._attitudes[begin:], strict=True)
+            flight = replace(flight, attitude=AttitudeSeries(np.array(stamps), np.array(angles)))
+        if flight.sonar is None and self._ranges:
+            stamps, ranges = zip(*self._ranges[begin:], strict=True)
+            flight = replace(flight, sonar=Sonar(np.array(stamps), np.array(ranges)))
+        return flight
