@@ -84,16 +84,17 @@ def test_modules_named_by_a_page_exist(name):
     [
         # The README's example, which a test of its own runs, is the same job.
         pytest.param(0, "rmse=", marks=pytest.mark.slow),
-        (1, r"\A(ok, error 0|.*e-)"),
-        (2, r"\[3\."),
-        (3, r"\Aregistered with \d+ inliers[^$]*\(8, 8\)"),
+        (1, r"\A12 \(\d+, 4, 4\)"),
+        (2, r"\A(ok, error 0|.*e-)"),
+        (3, r"\[3\."),
+        (4, r"\Aregistered with \d+ inliers[^$]*\(8, 8\)"),
     ],
 )
 def test_the_library_examples_run(number, prints, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
     examples = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    assert len(examples) == 4
+    assert len(examples) == 5
     with contextlib.redirect_stdout(io.StringIO()) as out:
         exec(compile(examples[number], "docs/library.md", "exec"), {})
     assert re.search(prints, out.getvalue())

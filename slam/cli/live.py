@@ -120,7 +120,7 @@ def _follow(mapper: LiveMapper, folder: Path, idle_s: float, progress: Progress)
     """Give the pictures of a growing flight folder as they appear, and return the flight at its end."""
     from slam.io.flight_folder import read_flight
 
-    given, newest_s = 0, time.perf_counter()
+    given, newest_s, behind = 0, time.perf_counter(), True
     while True:
         begin = time.perf_counter()
         flight = read_flight(folder)
@@ -131,9 +131,11 @@ def _follow(mapper: LiveMapper, folder: Path, idle_s: float, progress: Progress)
             image = frames.load(given)
             if image is None and given + 1 == count and begin - newest_s < idle_s:
                 break  # it may still be written
-            mapper.add(image, float(frames.stamps_s[given]))
+            # What was there before this command began is no reason to drop pictures.
+            mapper.add(image, float(frames.stamps_s[given]), wait=behind)
             given, newest_s = given + 1, time.perf_counter()
             progress("live", given, 0)
+        behind = False
         if time.perf_counter() - newest_s > idle_s:
             return flight
         time.sleep(max(_POLL_S, time.perf_counter() - begin))

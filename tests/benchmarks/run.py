@@ -46,6 +46,7 @@ TITLES = {
     "false_loops": "Standard pose graphs with false loops",
     "selection_matrix": "Generated pose graphs with false loops",
     "incremental": "Incremental back end",
+    "live": "Live map at the pace of the camera",
     "flow": "Optical flow on rendered pairs",
     "front_end": "Front end",
     "side_by_side": "Side by side on the demo's keyframes",

@@ -34,7 +34,7 @@ LATE = "late: it arrived while earlier pictures were processed"
 
 @dataclass(frozen=True)
 class LiveState:
-    """What a live map knows at one moment."""
+    """State of a live map at one moment."""
 
     pictures: int
     """Pictures that were given, the dropped ones included."""

@@ -1,4 +1,4 @@
-"""What arrives in flight: stamps, pictures of keyframes, attitudes and ranges, as a `Flight`."""
+"""Stamps, pictures of keyframes, attitudes and ranges that arrive in flight, as a `Flight`."""
 
 from __future__ import annotations
 

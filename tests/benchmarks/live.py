@@ -1,0 +1,79 @@
+"""A live map at the pace of the camera: pictures that are used, latency, and the map after the last one."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from slam import simulate
+from slam.core.flight import Flight
+from slam.evaluation import evaluate
+from slam.evaluation.live_error import live_error
+from slam.io.flight_folder import read_flight
+from slam.io.flight_writer import write_flight
+from slam.mapping.live.mapper import LiveMapper
+from slam.mapping.pipeline import optimize
+from slam.simulation.recipe import load_recipe
+from tests.benchmarks.measured import folder
+from tests.benchmarks.metric import Metric, at_least, at_most, reported
+
+MOST_LATENCY_MS, MOST_WORSE = 150.0, 1.2
+FAST = {"size_px": (640, 480), "rate_hz": 30.0}
+SEED = 0
+
+
+def measure() -> list[Metric]:
+    """Fly the recorded AR.Drone at its 15 pictures a second, and the square at 640 x 480 and 30."""
+    with tempfile.TemporaryDirectory() as name:
+        fast = Path(name) / "fast"
+        recipe = load_recipe("square")
+        write_flight(
+            simulate(replace(recipe, camera=replace(recipe.camera, **FAST)), SEED), fast
+        )  # pictures of a simulation are rendered when they are read
+        return [
+            *_flown("hybrid, 15 pictures/s", read_flight(folder("flights/ardrone2-hybrid")), 1.0),
+            *_flown("640 x 480, 30 pictures/s", read_flight(fast), 0.9),
+        ]
+
+
+def _flown(title: str, flight: Flight, least_used: float) -> list[Metric]:
+    with LiveMapper(flight) as mapper:
+        _fly(mapper, flight)
+        mapper.close()
+        state, (frames, w_T_b) = mapper.state(), mapper.keyframes()
+        estimate = mapper.finish()
+    pictures = len(flight.frames) if flight.frames is not None else 0
+    late_ms, median_ms = 1e3 * np.percentile(state.latency_s, [95, 50])
+    after, whole = evaluate(estimate, flight), evaluate(optimize(flight), flight)
+    apart_m = live_error(frames, w_T_b, estimate)
+    errors = f"{1e3 * after.ate_m.rmse:.2f} over {1e3 * whole.ate_m.rmse:.2f} mm"
+    return [
+        at_least(
+            f"{title}: share of pictures used", 1 - state.dropped / pictures, "", least_used,
+            f"{state.dropped} of {pictures} dropped",
+        ),
+        at_most(
+            f"{title}: arrival to tracked, 95th percentile", late_ms, "ms", MOST_LATENCY_MS,
+            f"median {median_ms:.0f} ms",
+        ),
+        at_most(
+            f"{title}: position error after the last picture over the post-flight one",
+            after.ate_m.rmse / whole.ate_m.rmse, "x", MOST_WORSE, errors,
+        ),
+        reported(f"{title}: live positions from the final ones, RMS", apart_m, "m"),
+    ]  # fmt: skip
+
+
+def _fly(mapper: LiveMapper, flight: Flight) -> None:
+    """Give each picture at its time."""
+    assert flight.frames is not None
+    stamps_s, begin = flight.frames.stamps_s, time.perf_counter()
+    for k, stamp_s in enumerate(stamps_s.tolist()):
+        early_s = begin + (stamp_s - stamps_s[0]) - time.perf_counter()
+        if early_s > 0:
+            time.sleep(early_s)
+        mapper.add(flight.frames.load(k), stamp_s)

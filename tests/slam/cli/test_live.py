@@ -1,0 +1,89 @@
+"""``slam live``."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import pytest
+from typer.testing import CliRunner
+
+from slam.cli import app
+from slam.io.flight_writer import write_flight
+from tests.slam.small_flight import flown, only, photographs
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("live") / "flight"
+    write_flight(only(flown(0), range(36)), path)
+    return path
+
+
+def grown(whole: Path, growing: Path) -> None:
+    """Append the second half of the pictures to a flight that has the first half."""
+    rows = (whole / "mav0/cam0/data.csv").read_text().splitlines(keepends=True)
+    half = len(rows) // 2
+    for row in rows[half:]:
+        name = row.strip().split(",")[1]
+        shutil.copy(whole / "mav0/cam0/data" / name, growing / "mav0/cam0/data" / name)
+        with (growing / "mav0/cam0/data.csv").open("a") as table:
+            table.write(row)
+        time.sleep(0.01)
+
+
+def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path):
+    growing, out, preview = tmp_path / "growing", tmp_path / "out", tmp_path / "preview.png"
+    shutil.copytree(recorded, growing)
+    table = growing / "mav0/cam0/data.csv"
+    rows = table.read_text().splitlines(keepends=True)
+    half = len(rows) // 2
+    table.write_text("".join(rows[:half]))
+    for row in rows[half:]:
+        (growing / "mav0/cam0/data" / row.strip().split(",")[1]).unlink()
+    writer = threading.Thread(target=grown, args=(recorded, growing))
+    writer.start()
+    command = [
+        "live",
+        str(growing),
+        "--out",
+        str(out),
+        "--follow",
+        "1.5",
+        "--no-mosaic",
+        "--preview",
+        str(preview),
+    ]
+    result = CliRunner().invoke(app, [*command, "--json"])
+    writer.join()
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    assert summary["frames"] == len(rows) - 1
+    assert (out / "trajectory.tum").exists()
+    assert "In flight" in (out / "report.html").read_text()
+    assert cv2.imread(str(preview)).std() > 20
+
+
+@pytest.mark.slow
+def test_a_recording_is_replayed_at_its_pace(recorded, tmp_path):
+    begin = time.perf_counter()
+    result = CliRunner().invoke(app, ["live", str(recorded), "--out", str(tmp_path / "out"), "--speed", "2"])
+    assert result.exit_code == 0, result.output
+    assert time.perf_counter() - begin > 2.2  # of pictures over 4.4 s
+    assert "In flight" in result.stdout
+
+
+def test_what_cannot_be_flown_is_refused(recorded, tmp_path):
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, ["live", str(recorded), "--out", str(out), "--preview", "a.tif"])
+    assert result.exit_code == 1
+    assert "end the name with .png or .jpg" in result.stderr
+    write_flight(photographs([(flown(0), k) for k in (0, 10)]), tmp_path / "photos")
+    result = CliRunner().invoke(app, ["live", str(tmp_path / "photos"), "--out", str(out)])
+    assert result.exit_code == 1
+    assert "use slam optimize" in result.stderr
+    assert not out.exists()

@@ -1,0 +1,129 @@
+"""Pictures that arrive one by one: poses at once, and the post-flight map at the end."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam import LiveMapper
+from slam.core.errors import InputError
+from slam.core.flight import Flight
+from slam.evaluation.association import poses_at
+from slam.mapping.live.mapper import LATE
+from slam.mapping.pipeline import optimize
+from tests.slam.small_flight import flown, only
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return only(flown(0), range(42))
+
+
+@pytest.fixture(scope="module")
+def mapped(flight):
+    """State, keyframes and final map of the flight, of which no picture is dropped."""
+    with LiveMapper(flight) as mapper:
+        for k, stamp_s in enumerate(flight.frames.stamps_s.tolist()):
+            mapper.add(flight.frames.load(k), stamp_s, wait=True)
+        mapper.close()
+        return mapper.state(), mapper.keyframes(), mapper.finish()
+
+
+def off_m(flight: Flight, frames: np.ndarray, w_T_b: np.ndarray) -> np.ndarray:
+    """Distances of the positions of frames from the true ones, both relative to the first."""
+    truth = poses_at(flight.truth, flight.frames.stamps_s[frames])
+    moved = np.linalg.inv(w_T_b[0]) @ w_T_b, np.linalg.inv(truth[0]) @ truth
+    return np.linalg.norm(moved[0][:, :3, 3] - moved[1][:, :3, 3], axis=1)
+
+
+def test_every_picture_is_placed_while_the_flight_goes_on(flight, mapped):
+    state, (frames, w_T_b), _ = mapped
+    assert (state.pictures, state.dropped, state.waiting) == (len(flight.frames), 0, 0)
+    assert state.placed == state.keyframes == len(frames) > 4
+    assert len(state.latency_s) == state.pictures
+    assert off_m(flight, frames, w_T_b).max() < 0.05
+    assert state.stamp_s == flight.frames.stamps_s[-1]
+    last = np.array([w_T_b[0], state.w_T_b])
+    assert off_m(flight, np.array([frames[0], len(flight.frames) - 1]), last).max() < 0.05
+
+
+def test_the_final_map_is_that_of_the_whole_recording(flight, mapped):
+    *_, final = mapped
+    whole = optimize(flight)
+    np.testing.assert_array_equal(final.frame_index, whole.frame_index)
+    np.testing.assert_allclose(final.w_T_b, whole.w_T_b, atol=1e-12)
+
+
+def test_readings_may_be_given_with_each_picture(flight):
+    bare = Flight("bare", camera=flight.camera)
+    angles = flight.attitude.roll_pitch_yaw_rad
+    with LiveMapper(bare) as mapper:
+        for k, stamp_s in enumerate(flight.frames.stamps_s[:24].tolist()):
+            near = int(np.argmin(np.abs(flight.attitude.stamps_s - stamp_s)))
+            height = int(np.argmin(np.abs(flight.sonar.stamps_s - stamp_s)))
+            mapper.add(flight.frames.load(k), stamp_s, angles[near], flight.sonar.range_m[height], wait=True)
+        final = mapper.finish()
+        shown = mapper.flight().frames.load(int(final.frame_index[1]))
+        assert mapper.flight().frames.load(int(final.frame_index[1]) + 1) is None
+    assert final.metric
+    assert off_m(flight, final.frame_index, final.w_T_b).max() < 0.03
+    np.testing.assert_array_equal(shown, flight.frames.load(int(final.frame_index[1])))
+
+
+def test_without_ranges_lengths_are_heights(flight):
+    bare = Flight("bare", camera=flight.camera)
+    with LiveMapper(bare) as mapper:
+        for k, stamp_s in enumerate(flight.frames.stamps_s[:12].tolist()):
+            mapper.add(flight.frames.load(k), stamp_s, wait=True)
+        mapper.close()
+        _, w_T_b = mapper.keyframes()
+    assert len(w_T_b) > 1
+    np.testing.assert_allclose(w_T_b[:, 2, 3], 1.0, atol=0.2)
+
+
+def test_a_picture_that_comes_too_early_replaces_the_one_that_waits(flight, monkeypatch):
+    gate, images = threading.Event(), LiveMapper._images
+
+    def held(mapper):
+        gate.wait()
+        yield from images(mapper)
+
+    monkeypatch.setattr(LiveMapper, "_images", held)
+    with LiveMapper(flight) as mapper:
+        for k, stamp_s in enumerate(flight.frames.stamps_s[:3].tolist()):
+            mapper.add(flight.frames.load(k), stamp_s)
+        assert mapper.state().dropped == 2
+        gate.set()
+        for k, stamp_s in list(enumerate(flight.frames.stamps_s.tolist()))[3:20]:
+            mapper.add(flight.frames.load(k), stamp_s, wait=True)
+        final = mapper.finish()
+    assert final.rejected[LATE] == 2
+    assert final.frames == 20
+    assert final.frame_index[0] == 2
+
+
+def test_pictures_must_come_in_order(flight):
+    with LiveMapper(flight) as mapper:
+        mapper.add(flight.frames.load(0), 5.0)
+        with pytest.raises(InputError, match=r"at 5.0 s is not after the one before, at 5.0 s"):
+            mapper.add(flight.frames.load(1), 5.0)
+
+
+def test_a_flight_without_a_camera_is_refused(flight):
+    with pytest.raises(InputError, match="no camera; a live map needs"):
+        LiveMapper(replace(flight, camera=None))
+
+
+@pytest.mark.parametrize("part", ["LiveLoops.of_newest", "LiveGraph.add"])
+def test_an_error_of_a_thread_reaches_the_caller(flight, monkeypatch, part):
+    def broken(*_):
+        raise OSError(28, "No space left on device", "/somewhere")
+
+    monkeypatch.setattr(f"slam.mapping.live.mapper.{part}", broken)
+    with LiveMapper(flight) as mapper:
+        mapper.add(flight.frames.load(0), 0.0, wait=True)
+        with pytest.raises(OSError, match="No space left"):
+            mapper.finish()
