@@ -233,14 +233,14 @@ def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
     """P <- F P F' + L Q L', in place; through L half a step of the noise acts on the driven states."""
     n = p.shape[0]
     matrix, q, slopes, work = step.matrix, step.q, step.slopes, step.work
-    _times(matrix, p, work, False)
-    for i in range(n):
-        for j in range(n):
-            p[j, i] = work[i, j]
-    _times(matrix, p, work, True)
-    for i in range(n):
-        for j in range(i + 1):
-            p[i, j] = work[i, j]
+    for lower in (False, True):  # one call: with constants, the product would be compiled twice
+        _times(matrix, p, work, lower)
+        for i in range(n):
+            for j in range(i + 1 if lower else n):
+                if lower:
+                    p[i, j] = work[i, j]
+                else:
+                    p[j, i] = work[i, j]
     for k in range(TARGET, n):
         for j in range(TARGET, n):
             x = q[k, j]
