@@ -76,7 +76,8 @@ def live(
     screen = Screen(quiet, as_json)
     settings = options.pipeline_config(config, None)
     with output_folder(out) as folder, screen.progress() as progress:
-        flight, _ = open_flight(source, progress, options.request_of(topic, picture_rate))
+        request = options.request_of(topic, picture_rate)
+        flight = open_flight(source, progress, request)[0] if follow is None else _begun(source, follow)
         if flight.all_keyframes:
             raise InputError(f"{source}: photographs have no times in flight; use slam optimize")
         with LiveMapper(flight, settings) as mapper:
@@ -114,6 +115,25 @@ def _replay(mapper: LiveMapper, flight: Flight, speed: float, progress: Progress
         image = frames.load(k) if k + 1 == len(stamps_s) or late_s < next_s else None
         mapper.add(image, stamp_s)
         progress("live", k + 1, len(stamps_s))
+
+
+def _begun(folder: Path, idle_s: float) -> Flight:
+    """Return a growing flight once it has a picture, or after ``idle_s``. Raises ``InputError`` where it
+    cannot be read then."""
+    from slam.core.errors import InputError
+    from slam.io.flight_folder import read_flight
+
+    begin = time.perf_counter()
+    while True:
+        in_time = time.perf_counter() - begin < idle_s
+        try:
+            flight = read_flight(folder)
+            if flight.camera is not None or not in_time:
+                return flight
+        except InputError:
+            if not in_time:
+                raise
+        time.sleep(_POLL_S)
 
 
 def _follow(mapper: LiveMapper, folder: Path, idle_s: float, progress: Progress) -> Flight:

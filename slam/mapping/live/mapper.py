@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from backend.errors import BackendError
 from frontend.keyframes import Keyframe
-from slam.core.errors import InputError
+from slam.core.arguments import check_flight
+from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Image
 from slam.core.progress import Progress, silent
@@ -69,10 +70,11 @@ class LiveMapper:
     def __init__(self, flight: Flight, config: PipelineConfig = PipelineConfig()) -> None:
         """``flight`` has the camera. Streams that it has are read at the times of the pictures; the readings
         that are given to `add` stand in for streams that it lacks. Raises ``InputError`` without a camera."""
+        check_flight(flight)
         if flight.camera is None:
-            raise InputError(f"{flight.name}: no camera; a live map needs Flight(name, camera=...)")
+            raise InputError(f"{flight.name}: no camera in this flight, so no live map; {NO_CAMERA}")
         self._config, self._camera = config, flight.camera
-        self._recording = LiveRecording(without_horizon_frames(flight, flight.camera))
+        self._recording = LiveRecording(flight)
         front_end = FrontEnd(flight, flight.camera, config, silent)
         self._tracked = TrackedPictures(front_end.tracker(look_ahead=False))
         self._loops = LiveLoops(self._tracked.store, front_end)
@@ -97,8 +99,8 @@ class LiveMapper:
         """Take the next picture (h, w) or (h, w, 3), with the attitude (3,) and slant range at its time.
 
         Without a picture (None) the frame counts as dropped. ``wait`` waits until the picture before is
-        tracked, so that none is dropped. Raises ``InputError`` where the stamps do not increase, and what the
-        threads raised.
+        tracked, so that none is dropped. Raises ``InputError`` where the stamps do not increase, and for
+        readings of another shape, and what the threads raised.
         """
         number = self._recording.add(stamp_s, roll_pitch_yaw_rad, range_m)
         with self._arrival:
@@ -114,7 +116,7 @@ class LiveMapper:
 
     def refresh(self, flight: Flight) -> None:
         """Read the instruments from another state of the flight, whose streams have grown since."""
-        self._recording.refresh(without_horizon_frames(flight, self._camera))
+        self._recording.refresh(flight)
 
     def state(self) -> LiveState:
         """Return what is known now."""
@@ -218,7 +220,8 @@ class LiveMapper:
     def _map(self, keyframe: Keyframe) -> None:
         """Add a keyframe to the graph with its registrations."""
         stamp_s = self._recording.stamp_s(keyframe.frame) + 0.5 * self._camera.readout_s
-        readings = KeyframeReadings.at(self._recording.recent(), np.array([stamp_s]), None, self._config)
+        recent = without_horizon_frames(self._recording.recent(), self._camera)
+        readings = KeyframeReadings.at(recent, np.array([stamp_s]), None, self._config)
         self._recording.keep(keyframe)
         found = self._loops.of_newest(keyframe, stamp_s, self._graph.poses())
         try:

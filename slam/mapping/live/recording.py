@@ -44,7 +44,12 @@ class LiveRecording:
 
     def add(self, stamp_s: float, roll_pitch_yaw_rad: Array | None, range_m: float | None) -> int:
         """Keep what arrived and return the number of the frame. Raises ``InputError`` for a stamp that is
-        not after the one before."""
+        not after the one before, and for an attitude that is not three angles."""
+        angles = None if roll_pitch_yaw_rad is None else np.asarray(roll_pitch_yaw_rad, dtype=float)
+        if angles is not None and angles.shape != (3,):
+            raise InputError(f"{self.name}: roll_pitch_yaw_rad has shape {angles.shape}; give three angles")
+        if not np.isfinite(stamp_s):
+            raise InputError(f"{self.name}: the stamp of a picture is {stamp_s}; give seconds")
         with self._lock:
             if self._stamps_s and not stamp_s > self._stamps_s[-1]:
                 raise InputError(
@@ -53,8 +58,8 @@ class LiveRecording:
                 )
             number = len(self._stamps_s)
             self._stamps_s.append(float(stamp_s))
-            if roll_pitch_yaw_rad is not None:
-                self._attitudes.append((stamp_s, np.asarray(roll_pitch_yaw_rad, dtype=float)))
+            if angles is not None:
+                self._attitudes.append((stamp_s, angles))
             if range_m is not None:
                 self._ranges.append((stamp_s, float(range_m)))
             return number
@@ -109,5 +114,7 @@ class LiveRecording:
             flight = replace(flight, attitude=AttitudeSeries(np.array(stamps), np.array(angles)))
         if flight.sonar is None and self._ranges:
             stamps, ranges = zip(*self._ranges[begin:], strict=True)
-            flight = replace(flight, sonar=Sonar(np.array(stamps), np.array(ranges)))
+            # The limits of the instrument are not known here: whoever gives a range has judged it.
+            unlimited = Sonar(np.array(stamps), np.array(ranges), min_range_m=0.0, max_range_m=np.inf)
+            flight = replace(flight, sonar=unlimited)
         return flight

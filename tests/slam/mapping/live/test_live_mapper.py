@@ -112,9 +112,20 @@ def test_pictures_must_come_in_order(flight):
             mapper.add(flight.frames.load(1), 5.0)
 
 
+@pytest.mark.parametrize(
+    ("stamp_s", "angles", "words"),
+    [(np.nan, None, "the stamp of a picture is nan"), (1.0, [0.0, 0.0], r"shape \(2,\); give three angles")],
+)
+def test_readings_of_another_kind_are_refused(flight, stamp_s, angles, words):
+    with LiveMapper(flight) as mapper, pytest.raises(InputError, match=words):
+        mapper.add(flight.frames.load(0), stamp_s, angles)
+
+
 def test_a_flight_without_a_camera_is_refused(flight):
-    with pytest.raises(InputError, match="no camera; a live map needs"):
+    with pytest.raises(InputError, match="no camera in this flight, so no live map"):
         LiveMapper(replace(flight, camera=None))
+    with pytest.raises(TypeError, match="expected Flight"):
+        LiveMapper("my_flight")
 
 
 @pytest.mark.parametrize("part", ["LiveLoops.of_newest", "LiveGraph.add"])
