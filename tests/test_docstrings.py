@@ -5,18 +5,12 @@ from __future__ import annotations
 import ast
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 FRAGMENTS = {"Of", "By", "Times", "What", "Who", "Where", "Beyond", "Beside"}
 """A docstring that begins with one of these words is no sentence."""
-
-
-def sources() -> Iterator[tuple[str, ast.Module]]:
-    """Name and syntax tree of every source file."""
-    for package in ("slam", "frontend", "backend"):
-        for path in sorted((ROOT / package).rglob("*.py")):
-            yield path.relative_to(ROOT).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
 
 
 def docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
@@ -36,9 +30,23 @@ def fragments(tree: ast.Module) -> list[tuple[int, str]]:
     return [(line, word) for line, word in first if word in FRAGMENTS]
 
 
+def public_classes(tree: ast.Module) -> list[str]:
+    return [n.name for n in tree.body if isinstance(n, ast.ClassDef) and not n.name.startswith("_")]
+
+
+@cache
+def findings() -> dict[str, tuple[list[tuple[int, str]], list[str]]]:
+    """Name of every source file -> the fragments in it and its public classes; each is parsed once."""
+    found = {}
+    for package in ("slam", "frontend", "backend"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            found[path.relative_to(ROOT).as_posix()] = fragments(tree), public_classes(tree)
+    return found
+
+
 def test_no_docstring_begins_with_a_fragment():
-    found = {name: wrong for name, tree in sources() if (wrong := fragments(tree))}
-    assert found == {}
+    assert {name: wrong for name, (wrong, _) in findings().items() if wrong} == {}
 
 
 def test_a_fragment_is_seen():
@@ -48,8 +56,7 @@ def test_a_fragment_is_seen():
 
 def test_public_class_names_are_unique():
     homes = defaultdict(list)
-    for name, tree in sources():
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                homes[node.name].append(name)
+    for name, (_, classes) in findings().items():
+        for public in classes:
+            homes[public].append(name)
     assert {name: files for name, files in homes.items() if len(files) > 1} == {}

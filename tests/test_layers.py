@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -20,13 +21,18 @@ ALLOWED = {
 HEAVY = ("gtsam", "gtsam_unstable", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba")
 
 
-def imported(source: str, package: str) -> Iterator[tuple[int, str]]:
-    """Yield line and dotted name of every module that a source file of ``package`` imports.
+@cache  # several tests look at the imports of every source file
+def imported(source: str, package: str) -> tuple[tuple[int, str], ...]:
+    """Return line and dotted name of every module that a source file of ``package`` imports.
 
     ``from a import b`` counts as ``a.b``: b may be a module. ``import_module`` and ``__import__`` count too,
     as ``<lazy>`` where they import a module of the table ``_MODULES``.
     """
-    for node in ast.walk(ast.parse(source)):
+    return tuple(imports_in(ast.parse(source), package))
+
+
+def imports_in(tree: ast.Module, package: str) -> Iterator[tuple[int, str]]:
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -34,14 +40,16 @@ def imported(source: str, package: str) -> Iterator[tuple[int, str]]:
             home = parts[: len(parts) - node.level + 1] if node.level else []
             base = ".".join([*home, *([node.module] if node.module else [])])
             yield from ((node.lineno, f"{base}.{alias.name}") for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in (
-            "import_module",
-            "__import__",
-        ):
+        elif isinstance(node, ast.Call) and last_name(node.func) in ("import_module", "__import__"):
             name = node.args[0] if node.args else None
             known = isinstance(name, ast.Constant) and isinstance(name.value, str)
             lazy = node.args and ast.unparse(node.args[0]) == "_MODULES[name]"
             yield node.lineno, name.value if known else "<lazy>" if lazy else "<computed>"
+
+
+def last_name(function: ast.expr) -> str:
+    """``b`` of ``a.b`` and of ``b``."""
+    return getattr(function, "attr", getattr(function, "id", ""))
 
 
 def violations(layer: str, source: str, package: str) -> list[tuple[int, str]]:
