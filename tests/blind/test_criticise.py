@@ -62,7 +62,7 @@ def judged():
     ("kind", "seed"), [("null", 11), pytest.param("null_edge", 12, marks=pytest.mark.slow)]
 )
 def test_a_healthy_vehicle_is_called_healthy(kind, seed, made, judged):
-    assert judged(*made(kind, seed).flights)["verdict"] == "nothing_wrong"
+    assert judged(*made(kind, seed, flights=2, seconds=12.0).flights)["verdict"] == "nothing_wrong"
 
 
 @pytest.mark.parametrize(

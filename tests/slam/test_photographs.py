@@ -17,9 +17,9 @@ from tests.slam.whole_job import assert_whole, refusal
 
 def test_photographs_without_gps_are_placed_in_any_order():
     flight = flown(0)
-    order = np.random.default_rng(1).permutation(np.arange(0, 98, 3))
+    order = np.random.default_rng(1).permutation(np.arange(0, 98, 4))
     estimate = optimize(photographs([(flight, int(k)) for k in order]))
-    assert len(estimate.stamps_s) == 33
+    assert len(estimate.stamps_s) == 25
     assert_whole(estimate)
     assert "no metric scale" in estimate.status
     there = np.array(

@@ -15,7 +15,7 @@ from tests.backend.made_floor import make
 
 def test_outlier_observations_are_dropped_and_counted():
     found = []
-    for seed in SEEDS:
+    for seed in SEEDS[:10]:
         made, rng = make(SONAR, seed), np.random.default_rng(seed)
         tracks = made.measurements.tracks
         wild = rng.uniform(size=len(tracks.track)) < 0.05
@@ -45,7 +45,7 @@ def test_outlier_observations_are_dropped_and_counted():
 def test_points_on_walls_do_not_bias_the_relief():
     """Points in the air (5 %, at a quarter of the height) are not taken for relief everywhere."""
     scene = replace(SONAR, relief=0.02, walls=0.05)
-    found = [refine(m.measurements, m.start).noise.relief for m in (make(scene, seed) for seed in SEEDS)]
+    found = [refine(m.measurements, m.start).noise.relief for m in (make(scene, seed) for seed in SEEDS[:10])]
     assert np.mean(found) == pytest.approx(0.02, rel=0.25)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ class Made:
     covariance: np.ndarray
     """Of a pose's own error."""
 
-    @property
+    @cached_property
     def found(self) -> InertialScale | NoScale:
         """What the accelerometer tells of it."""
         return inertial_scale(self.stamps_s, self.w_T_b, self.readings, self.covariance)

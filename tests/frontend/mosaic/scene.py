@@ -67,7 +67,7 @@ def photograph(floor: Floor, camera: Camera, w_T_b: Array, oversample: int = 3) 
     xd, yd = (u - camera.center_px[0]) / camera.focal_px[0], (v - camera.center_px[1]) / camera.focal_px[1]
     k1, k2, p1, p2 = camera.distortion[:4]
     x, y = xd.copy(), yd.copy()
-    for _ in range(20):
+    for _ in range(20 if any(camera.distortion) else 0):
         r2 = x**2 + y**2
         radial = 1 + k1 * r2 + k2 * r2**2
         x, y = (

@@ -6,6 +6,7 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -62,6 +63,15 @@ def graph(tmp_path) -> Path:
     path = tmp_path / "square.g2o"
     path.write_text(SQUARE)
     return path
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory) -> Path:
+    """The output of the graph; tests copy it before they change it."""
+    folder = tmp_path_factory.mktemp("solved")
+    (folder / "square.g2o").write_text(SQUARE)
+    assert run("optimize", folder / "square.g2o", "--out", folder / "out").exit_code == 0
+    return folder / "out"
 
 
 def test_info_and_optimize_report_rank_deficient_edges(graph, tmp_path):
@@ -296,8 +306,10 @@ def test_foreign_files_stay(graph, tmp_path):
         (ZeroDivisionError("a\nb"), "internal error: ZeroDivisionError", 1),
     ],
 )
-def test_a_failure_in_the_middle_leaves_the_old_output(graph, tmp_path, monkeypatch, failure, saying, code):
-    assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
+def test_a_failure_in_the_middle_leaves_the_old_output(
+    graph, solved, tmp_path, monkeypatch, failure, saying, code
+):
+    shutil.copytree(solved, tmp_path / "out")
     before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
 
     def fail(*_: object) -> None:

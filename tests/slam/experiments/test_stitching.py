@@ -20,12 +20,12 @@ from slam.experiments.stitching import (
     with_pictures,
 )
 from slam.mapping.pipeline import optimize
-from tests.slam.small_flight import flown
+from tests.slam.small_flight import flown, only
 
 
 @pytest.fixture(scope="module")
 def flight():
-    return flown(2)
+    return only(flown(2), range(64))
 
 
 @pytest.fixture(scope="module")

@@ -115,7 +115,7 @@ LINE = np.linspace([10, 20], [150, 110], 60)
 FAULTS = (
     Event(45, "some pictures without features", "W", "too few features", mapped(partly_plain), is_slow=True),
     Event(45, "frozen camera", "W", "same picture as the one before", mapped(frozen), is_slow=True),
-    Event(45, "hover", "W", "one place only", mapped(hovering)),
+    Event(45, "hover", "W", "one place only", mapped(hovering), is_slow=True),
     Event(46, "collinear points", "W", ".", registered(LINE, LINE + 5)),
     Event(46, "identical points", "W", ".", registered(np.full((60, 2), 50.0), np.full((60, 2), 60.0))),
     Event(46, "three points", "W", "too few matches", registered(SPREAD[:3], SPREAD[:3] + 5)),

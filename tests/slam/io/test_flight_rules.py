@@ -1,6 +1,7 @@
 """Rules of the flight format: what breaks the meaning is refused in one line."""
 
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -10,10 +11,17 @@ from tests.slam.io.flight_edits import assert_refused, assert_warned, change, ch
 from tests.slam.io.made_flight import made_flight
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A flight in a folder; tests copy it before they change it."""
+    path = tmp_path_factory.mktemp("written") / "f"
+    write_flight(made_flight(), path)
+    return path
+
+
 @pytest.fixture
-def folder(tmp_path):
-    write_flight(made_flight(), tmp_path / "f")
-    return tmp_path / "f"
+def folder(written, tmp_path):
+    return shutil.copytree(written, tmp_path / "f")
 
 
 HEADERS = [

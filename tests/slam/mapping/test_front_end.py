@@ -37,6 +37,13 @@ def unknown_reach(n: int) -> SearchRadius:
     return SearchRadius(np.full((n, 3), np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.int64))
 
 
+@lru_cache
+def retrieved() -> Observations:
+    """With the loops that retrieval finds where nothing is known of the poses."""
+    _, front_end, observations = watched()
+    return front_end.close_loops(observations, unknown_reach(len(observations.store)))
+
+
 def pose(flight: Flight, stamp_s: float) -> np.ndarray:
     """The true pose nearest in time."""
     return flight.truth.w_T_b[np.abs(flight.truth.stamps_s - stamp_s).argmin()]
@@ -65,7 +72,7 @@ def counting(front_end: FrontEnd) -> Counter[str]:
 
 def test_a_pass_with_masks_repeats_only_what_they_change():
     """The same result to the bit as a front end that knows of no earlier pass, with less work."""
-    flight = only(flown(0), range(48))
+    flight = only(flown(0), range(32))
     first = FrontEnd(flight, flight.camera, CONFIG, silent)
     observations = first.track()
     first.neighbours(observations)
@@ -159,8 +166,8 @@ def test_neighbours_do_not_reach_across_a_break():
 
 
 def test_retrieval_finds_the_loops_and_they_hold():
-    flight, front_end, observations = watched()
-    found = front_end.close_loops(observations, unknown_reach(len(observations.store)))
+    flight, _, observations = watched()
+    found = retrieved()
     loops = [r for r in found.registrations if observations.stamps_s[r.j] - observations.stamps_s[r.i] > 5.0]
     assert len(loops) >= 5
     # Corners lie far outside the common part: a few pixels are an excellent fit.
@@ -171,13 +178,13 @@ def test_retrieval_finds_the_loops_and_they_hold():
 
 def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
     flight, front_end, observations = watched()
-    retrieved = front_end.close_loops(observations, unknown_reach(len(observations.store)))
+    found = retrieved()
     w_T_b = np.array([pose(flight, t) for t in observations.stamps_s])
-    seen = front_end.match_overlaps(retrieved, w_T_b, 0.0)
-    assert seen.registrations[: len(retrieved.registrations)] == retrieved.registrations
+    seen = front_end.match_overlaps(found, w_T_b, 0.0)
+    assert seen.registrations[: len(found.registrations)] == found.registrations
     pairs = Counter((r.i, r.j) for r in (*seen.registrations, *seen.refused))
     assert max(pairs.values()) == 1
-    assert len(seen.registrations) > len(retrieved.registrations)
+    assert len(seen.registrations) > len(found.registrations)
     again = front_end.match_overlaps(seen, w_T_b, 0.0)
     assert len(again.registrations) == len(seen.registrations)
     assert len(again.refused) == len(seen.refused)
@@ -246,7 +253,7 @@ def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
 
 def test_similar_pictures_out_of_reach_are_not_compared_with_the_reason():
     _, front_end, observations = watched()
-    everywhere = front_end.close_loops(observations, unknown_reach(len(observations.store)))
+    everywhere = retrieved()
     n = len(observations.store)
     apart = SearchRadius(
         10.0 * np.arange(n)[:, None] * [1.0, 0, 0], np.full(n, 4.0), np.zeros(n, dtype=np.int64)

@@ -80,10 +80,10 @@ def test_progress_is_reported_and_what_it_raises_passes_through():
         stages[stage] = max(stages.get(stage, 0), done)
         assert total == 0 or done <= total
 
-    flight = only(flown(0), range(24))
+    flight = only(flown(0), range(16))
     optimize(flight, progress=note)
     assert {"track", "graph", "loops", "refine"} <= set(stages)
-    assert stages["track"] == 24
+    assert stages["track"] == 16
 
     def interrupted(stage: str, done: int, total: int) -> None:
         if stage == "refine":

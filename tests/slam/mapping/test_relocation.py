@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from typer.testing import CliRunner
 
 from backend import se3
-from slam import Relocalizer, optimize, relocalize
+from slam import Relocalizer, relocalize
 from slam.cli import app
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
@@ -22,12 +22,12 @@ from slam.evaluation.association import poses_at
 from slam.io.estimate import write_estimate
 from slam.io.flight_writer import write_flight
 from tests.slam.small_flight import elsewhere, flown
+from tests.slam.whole_job import normal
 
 
 @pytest.fixture(scope="module")
 def mapped() -> tuple[Flight, Estimate, Relocalizer]:
-    flight = flown(0)
-    estimate = optimize(flight)
+    flight, estimate = normal()
     return flight, estimate, Relocalizer(estimate, flight)
 
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from functools import cache
+
 from slam.core.flight import Flight
+from slam.criticism.camera.feature_matches import FeatureMatches, match_pictures
 from slam.simulation.recipe import recipe_from
 from slam.simulation.recording import record
 
@@ -28,3 +32,16 @@ def camera_flight(terms: dict[str, dict[str, float]], seed: int, rate_hz: float 
         "terms": terms,
     }
     return record(recipe_from(recipe, "seen"), seed)
+
+
+def matched_flight(terms: dict[str, dict[str, float]], seed: int) -> tuple[Flight, FeatureMatches]:
+    """Such a flight and its matches, made once however many tests look at them."""
+    return _matched_flight(json.dumps(terms, sort_keys=True), seed)
+
+
+@cache
+def _matched_flight(terms: str, seed: int) -> tuple[Flight, FeatureMatches]:
+    flight = camera_flight(json.loads(terms), seed)
+    matches = match_pictures(flight)
+    assert matches is not None
+    return flight, matches

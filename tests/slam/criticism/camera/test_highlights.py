@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from slam.criticism.camera.feature_matches import match_pictures
 from slam.criticism.camera.highlights import dimmed, spots
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, _highlights
-from tests.slam.criticism.camera.camera_flight import camera_flight
+from tests.slam.criticism.camera.camera_flight import matched_flight
 
 CAMERA = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 
 
 def found(terms: dict[str, dict[str, float]], seed: int) -> list[ReadingAnomaly]:
-    flight = camera_flight(terms, seed)
-    matches = match_pictures(flight)
-    assert matches is not None
+    flight, matches = matched_flight(terms, seed)
     return _highlights([replace(record_of(flight), matches=matches)])
 
 

@@ -8,18 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.feature_matches import match_pictures
 from slam.criticism.camera.moving_objects import _moves_apart
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.reading_anomalies import _moving_objects
-from tests.slam.criticism.camera.camera_flight import camera_flight
+from tests.slam.criticism.camera.camera_flight import matched_flight
 
 
 def found(terms, seed):
     """Oddities of one flight, and how many of its pictures show one."""
-    flight = camera_flight(terms, seed)
-    matches = match_pictures(flight)
-    assert matches is not None
+    flight, matches = matched_flight(terms, seed)
     return _moving_objects([replace(record_of(flight), matches=matches)]), len(matches.moving_s)
 
 
@@ -40,9 +37,7 @@ def test_a_floor_is_not_whatever_stands_on_it(terms):
 
 
 def test_pictures_by_themselves_are_accidents():
-    flight = camera_flight({}, 7)
-    matches = match_pictures(flight)
-    assert matches is not None
+    flight, matches = matched_flight({}, 6)
     record = record_of(flight)
     alone = replace(record, matches=replace(matches, moving_s=np.array([1.0, 4.0, 4.2, 8.0])))
     assert _moving_objects([alone]) == []

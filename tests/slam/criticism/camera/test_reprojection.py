@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from frontend.camera import Camera
 from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
-from slam.criticism.camera.feature_matches import FeatureMatches, match_pictures
+from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import TOLERANCE, ReprojectionScore, reprojection_score
@@ -34,7 +34,7 @@ from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.smoothing import smoothed
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.model import Model, load_model
-from tests.slam.criticism.camera.camera_flight import camera_flight
+from tests.slam.criticism.camera.camera_flight import camera_flight, matched_flight
 
 DIRECTIONS = [
     *(Perturbation(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
@@ -48,9 +48,7 @@ def parameters() -> FilterParameters:
 
 
 def seen(terms: dict[str, dict[str, float]], seed: int) -> tuple[Record, FeatureMatches]:
-    flight = camera_flight(terms, seed)
-    matches = match_pictures(flight)
-    assert matches is not None
+    flight, matches = matched_flight(terms, seed)
     return record_of(flight), matches
 
 

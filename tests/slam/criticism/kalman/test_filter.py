@@ -122,6 +122,19 @@ def healthy_record(*plan):
     return record_of(simulate_flight(silent(model), stick_for(plan), 5, maker=model))
 
 
+@lru_cache
+def healthy_pass(*plan):
+    """What the filter makes of that flight."""
+    return whole(healthy_record(*plan), filter_parameters_of(at_lower_rates(load_model("nominal"))))
+
+
+@lru_cache
+def known_directions():
+    """Directions of all effects on that flight of the plan, by name."""
+    parameters = filter_parameters_of(at_lower_rates(load_model("nominal")))
+    return {d.name: d for e in effects_for([healthy_record(*PLAN)], parameters) for d in e.perturbations}
+
+
 def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     """Noise-free flights with and without: how far the innovations' change is from so often the trace."""
     model = at_lower_rates(load_model("nominal"))
@@ -134,7 +147,7 @@ def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     for part in segments(healthy, parameters, [direction]):
         c = part.channels - CHANNEL_AT[healthy.kinds[part.events], 0]
         trace[part.events, c] = part.sensitivity[:, 0]
-    before, after = whole(healthy, parameters), whole(changed, parameters)
+    before, after = healthy_pass(*plan), whole(changed, parameters)
     used = (before.status == USED) & (after.status == USED)
     if not near_jumps:
         used &= far_from_jumps(healthy)[:, None]
@@ -148,10 +161,7 @@ def test_the_sensitivity_to_a_term_is_that_of_the_simulator(term, parameter, ste
     model = at_lower_rates(load_model("nominal"))
     size = step if term != "active_braking" else 0.05
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
-    record = healthy_record(*PLAN)
-    column = f"{term}.{parameter}"
-    known = [d for e in effects_for([record], filter_parameters_of(model)) for d in e.perturbations]
-    direction = next(d for d in known if d.name == column)
+    direction = known_directions()[f"{term}.{parameter}"]
     times = size**2 if term == "ground_effect" else size
     miss = miss_of(ill, direction, times, SMOOTH.get(term, PLAN), near_jumps=term not in LOOSE)
     assert miss < (0.15 if term in LOOSE else 0.04)

@@ -17,13 +17,13 @@ PLAN = ["short pulses of 0.2 s forward at half stick", "brisk climb steps at ful
 SEEDS = (3, 4)
 
 
-def flights(model):
-    return [simulate_flight(model, stick_for(PLAN), seed) for seed in SEEDS]
+def flights(model, seeds=SEEDS):
+    return [simulate_flight(model, stick_for(PLAN), seed) for seed in seeds]
 
 
 @pytest.mark.parametrize("sigma", [pytest.param(0.0015, marks=pytest.mark.slow), 0.008])
 def test_jitter_is_reported_with_its_size_and_corrected(sigma):
-    shaken = judged(flights(SLOWER.with_term("timestamp_jitter", sigma=sigma)))
+    shaken = judged(flights(SLOWER.with_term("timestamp_jitter", sigma=sigma), SEEDS[:1]))
     even, found = without_jitter(shaken, NOMINAL)
     assert [o.name for o in found] == ["timestamp_jitter"]
     size = found[0].parameters["sigma"]

@@ -12,7 +12,7 @@ from rasterio.windows import Window
 
 from slam.io.geotiff import earlier_blocks
 from slam.report.rasters.mosaic import write_mosaic
-from tests.slam.report.rasters.test_mosaic import scene
+from tests.slam.report.rasters.test_mosaic import COARSE_M, scene
 
 GSD_M = 0.0035
 
@@ -61,7 +61,10 @@ def test_another_resolution_renders_all(first: Path, tmp_path: Path) -> None:
     assert write_mosaic(estimate, flight, tmp_path, 0.004, earlier=first).kept == 0
 
 
-def test_a_file_that_is_not_as_it_was_written_gives_nothing(first: Path, tmp_path: Path) -> None:
+def test_a_file_that_is_not_as_it_was_written_gives_nothing(tmp_path: Path) -> None:
+    # One coarse tile: what is asked is whether a damaged file is taken for a whole one.
+    whole = write_mosaic(*scene()[:2], tmp_path / "whole", COARSE_M)
+    first = whole.geotiff
     for name, damage in {
         "text": lambda path: path.write_text("not a picture"),
         "empty": lambda path: path.write_bytes(b""),
@@ -74,7 +77,7 @@ def test_a_file_that_is_not_as_it_was_written_gives_nothing(first: Path, tmp_pat
         damage(path)
         with earlier_blocks(path) as known:
             assert known("a", (9, 9)) is None, name
-    made = write_mosaic(*scene()[:2], tmp_path / "out", GSD_M, earlier=tmp_path / "torn")
+    made = write_mosaic(*scene()[:2], tmp_path / "out", COARSE_M, earlier=tmp_path / "torn")
     assert made.kept == 0
     assert content(tmp_path / "out") == content(first.parent)
 

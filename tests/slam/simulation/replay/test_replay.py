@@ -1,6 +1,7 @@
 """Replays of simulated flights: whose model is known, so that what is left over is known too."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -39,6 +40,13 @@ def flown(seed=0, **tables):
     }
     recipe = recipe_from(mapping, "test")
     return simulate(recipe, seed), recipe.model
+
+
+@cache
+def drawn():
+    """A replay and its figure."""
+    result = replay(*flown(5))
+    return result, figure(result)
 
 
 def errors(result):
@@ -176,35 +184,32 @@ def test_a_sample_beside_a_change_of_the_stick_is_not_held_against_the_model():
 
 
 def test_the_picture_is_a_picture():
-    flight, model = flown(5)
-    png = draw(replay(replace(flight, name="a $strange_name"), model))
+    png = draw(replace(drawn()[0], flight="a $strange_name"))
     assert png.startswith(b"\x89PNG")
 
 
 def test_picture_and_table_show_the_same_figures_in_the_same_units():
-    flight, model = flown(5)
-    result = replay(flight, model)
-    *panels, braking = [axes.get_title(loc="left") for axes in figure(result).axes]
+    result, shown = drawn()
+    *panels, braking = [axes.get_title(loc="left") for axes in shown.axes]
     rows = table(result).rows
     at = list(result.rollouts).index(result.shown_s) + 1
     assert braking.startswith("the longest push")
     assert panels == [f"{row[0]}, off by {row[at]}" for row in rows]
     assert any(row[0].endswith("[deg]") for row in rows)
     assert not any("rad" in row[0] for row in rows)
-    assert f"RMS over {result.shown_s:g} s" in figure(result).get_suptitle()
+    assert f"RMS over {result.shown_s:g} s" in shown.get_suptitle()
 
 
 def test_the_picture_enlarges_the_longest_push_and_leaves_out_empty_channels():
-    flight, model = flown(5)
-    result = replay(flight, model)
+    result, shown = drawn()
     begin_s, end_s = max(result.pushes_s, key=lambda push: push[1] - push[0])
     assert (begin_s, end_s) == pytest.approx((5.007, 8.0))
-    shown_s = figure(result).axes[-1].get_xlim()
+    shown_s = shown.axes[-1].get_xlim()
     assert shown_s[0] < begin_s
     assert shown_s[1] > end_s + 2
     empty = replace(result.channels[0], measured=np.full_like(result.channels[0].measured, np.nan))
-    drawn = figure(replace(result, channels=(empty, *result.channels[1:])))
-    assert len(drawn.axes) == len(figure(result).axes) - 1
+    fewer = figure(replace(result, channels=(empty, *result.channels[1:])))
+    assert len(fewer.axes) == len(shown.axes) - 1
 
 
 STAMPS = np.arange(0, 5, 0.05)
