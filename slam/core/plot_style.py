@@ -68,5 +68,11 @@ def escape_math(text: str) -> str:
 def png(figure: Figure, cropped: bool = False) -> bytes:
     """Return the figure as a PNG file, ``cropped`` to its content if asked for."""
     stream = io.BytesIO()
-    figure.savefig(stream, format="png", bbox_inches="tight" if cropped else None)
+    if cropped:
+        figure.savefig(stream, format="png", bbox_inches="tight")
+    else:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        # The same bytes as those of `savefig`, which lays the figure out by drawing it once more.
+        FigureCanvasAgg(figure).print_png(stream)
     return stream.getvalue()

@@ -259,7 +259,7 @@ def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about
 
 
 def test_pictures_that_nothing_agrees_with_are_reported_and_name_no_cause():
-    flight = replace(camera_flight({}, 5), command=None)
+    flight = replace(camera_flight({}, 5, rate_hz=2.0), command=None)
     wild = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
     found = criticise([replace(flight, velocity=wild)])
     assert (found.verdict, found.causes) == ("unknown", ())

@@ -20,6 +20,7 @@ from slam.cli.output_folder import LOOPS_NAMES
 from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import Flight
+from slam.core.plot_style import png
 from slam.evaluation.loops import LoopEvaluation, evaluate_loops
 from slam.evaluation.loops.comparison import (
     EXHAUSTIVE,
@@ -192,12 +193,11 @@ def test_what_cannot_be_judged_is_refused_in_one_line(spoil, saying):
 
 def test_the_command_writes_its_files_and_a_table(tmp_path, monkeypatch):
     drawn: list[Figure] = []
-    save = Figure.savefig
     monkeypatch.setattr(
-        Figure, "savefig", lambda figure, *a, **k: (drawn.append(figure), save(figure, *a, **k))
+        "slam.evaluation.loops.figure.png", lambda figure: drawn.append(figure) or png(figure)
     )
     two_laps = 2 * len(flight().frames) // 3
-    write_flight(only(flight(), range(0, two_laps, 2)), tmp_path / "flight")
+    write_flight(only(flight(), range(0, two_laps, 3)), tmp_path / "flight")
     out = tmp_path / "out"
     wide = {"COLUMNS": "160"}  # no name in the table is folded
     run = CliRunner().invoke(app, ["loops", str(tmp_path / "flight"), "--out", str(out)], env=wide)

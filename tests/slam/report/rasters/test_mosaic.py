@@ -91,6 +91,7 @@ def test_files_hold_the_floor_where_it_lies(tmp_path: Path) -> None:
     assert {(d, t) for s, d, t in told if d == t and s == "mosaic"}
 
 
+@pytest.mark.usefixtures("no_quality_picture")
 def test_georeferenced_with_an_origin(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     origin = GeoOrigin(52.0, 4.4, 3.0)
@@ -110,6 +111,7 @@ def test_lengths_that_are_no_metres_are_not_called_so(tmp_path: Path) -> None:
             assert raster.res[0] > 0
 
 
+@pytest.mark.usefixtures("no_quality_picture")
 def test_chain_beside_the_map_is_a_picture_alone(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     bent = estimate.w_T_b.copy()
@@ -121,6 +123,7 @@ def test_chain_beside_the_map_is_a_picture_alone(tmp_path: Path) -> None:
     assert cv2.imread(str(picture)).shape[1] > cv2.imread(str(made.png)).shape[1] + 50
 
 
+@pytest.mark.usefixtures("no_quality_picture")
 def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
     estimate, flight, frames = scene()
     frames[1], frames[3] = None, np.zeros((150, 200, 3), np.uint8)
@@ -145,6 +148,7 @@ def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
     assert sum(write_mosaic(located, flight, tmp_path, COARSE_M).left_out.values()) == 3
 
 
+@pytest.mark.usefixtures("no_quality_picture")
 def test_budget_is_kept_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     estimate, flight, _ = scene()
     monkeypatch.setattr(slam.report.rasters.mosaic, "MAX_MOSAIC_PIXELS", 40_000)
@@ -161,6 +165,7 @@ def test_budget_is_kept_and_reported(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert asked.note == ""
 
 
+@pytest.mark.usefixtures("no_quality_picture")
 def test_refusals_are_one_line_and_leave_earlier_files(tmp_path: Path) -> None:
     estimate, flight, frames = scene()
     write_mosaic(estimate, flight, tmp_path, COARSE_M)
@@ -187,6 +192,7 @@ def test_refusals_are_one_line_and_leave_earlier_files(tmp_path: Path) -> None:
         write_mosaic(*scene()[:2], tmp_path / "file")
 
 
+@pytest.mark.usefixtures("no_quality_picture")
 def test_same_input_gives_the_same_files(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     a, b = (write_mosaic(estimate, flight, tmp_path / n, COARSE_M) for n in "ab")

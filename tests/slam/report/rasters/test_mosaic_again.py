@@ -61,6 +61,7 @@ def test_another_resolution_renders_all(first: Path, tmp_path: Path) -> None:
     assert write_mosaic(estimate, flight, tmp_path, 0.004, earlier=first).kept == 0
 
 
+@pytest.mark.usefixtures("no_quality_picture")
 def test_a_file_that_is_not_as_it_was_written_gives_nothing(tmp_path: Path) -> None:
     # One coarse tile: what is asked is whether a damaged file is taken for a whole one.
     whole = write_mosaic(*scene()[:2], tmp_path / "whole", COARSE_M)
