@@ -62,7 +62,7 @@ def test_a_point_of_the_floor_is_seen_where_a_pinhole_sees_it() -> None:
 
 @pytest.mark.parametrize(
     "fault",
-    [pytest.param(f, id=f.name, marks=() if k % 8 == 0 else pytest.mark.slow) for k, f in enumerate(SHOWN)],
+    [pytest.param(f, id=f.name, marks=() if k % 24 == 0 else pytest.mark.slow) for k, f in enumerate(SHOWN)],
 )
 def test_whatever_is_wrong_shows(fault: Fault) -> None:
     """Far beyond what noise and compression leave of pictures that are else the same."""

@@ -76,7 +76,10 @@ def error_px(found: Registration, w_T_b: Array, camera: Camera = CAMERA) -> Arra
     return (transfer(found.i_H_j, corners(camera)) - transfer(truth, corners(camera))).ravel()
 
 
-@pytest.mark.parametrize("camera", [CAMERA, FISHY], ids=["ideal lens", "distorted lens"])
+@pytest.mark.parametrize(
+    "camera",
+    [pytest.param(CAMERA, id="ideal lens", marks=pytest.mark.slow), pytest.param(FISHY, id="distorted lens")],
+)
 def test_covariances_hold_what_the_homographies_are_off(camera: Camera) -> None:
     noise, nees, rng = 10.0, [], np.random.default_rng(1)
     keyframe = template(camera, noise)

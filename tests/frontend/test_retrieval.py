@@ -34,7 +34,10 @@ def filled(kind: FeatureKind) -> FeatureStore:
     return store
 
 
-@pytest.mark.parametrize(("kind", "recall_band"), [("sift", (0.85, 0.98)), ("orb", (0.78, 0.95))])
+@pytest.mark.parametrize(
+    ("kind", "recall_band"),
+    [("sift", (0.85, 0.98)), pytest.param("orb", (0.78, 0.95), marks=pytest.mark.slow)],
+)
 def test_overlapping_pictures_rank_above_others(kind: FeatureKind, recall_band: tuple[float, float]) -> None:
     """How many pairs of different laps that overlap by half are among the candidates, beside chance."""
     flight, store = small_flight(), filled(kind)

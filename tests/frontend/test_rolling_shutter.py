@@ -68,7 +68,7 @@ class Flown:
     ("camera", "with_gyro"),
     [
         (BENT, True),
-        (CAMERA, False),
+        pytest.param(CAMERA, False, marks=pytest.mark.slow),
         pytest.param(CAMERA, True, marks=pytest.mark.slow),
         pytest.param(BENT, False, marks=pytest.mark.slow),
     ],

@@ -51,6 +51,7 @@ def test_damaged_pictures_are_counted_and_left_out():
     assert evaluate(estimate, broken).ate_m.rmse < 3e-3
 
 
+@pytest.mark.slow
 def test_black_seconds_are_bridged_by_loops():
     """Tracking starts anew behind them; places seen before join the two halves again."""
     flight = flown(0)

@@ -30,6 +30,7 @@ def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_reported():
     assert found.scale == pytest.approx(0.8, rel=0.03)
 
 
+@pytest.mark.slow
 def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
     flight = replace(flown(0), sonar=None)
     estimate = optimize(flight)

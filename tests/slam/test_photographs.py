@@ -74,6 +74,7 @@ def test_photographs_that_are_not_placed_are_named(capfd):
     assert capfd.readouterr() == ("", "")  # nothing of the libraries reaches the terminal
 
 
+@pytest.mark.slow
 def test_a_photograph_that_belongs_to_nothing_is_left_out():
     here, there = flown(0), elsewhere()
     flight = photographs([(here, 3 * k) for k in range(8)] + [(there, 0)])

@@ -42,6 +42,7 @@ def test_positions_determine_where_the_map_is():
     assert found["roll"].get("position", 0.0) < found["x"]["position"]
 
 
+@pytest.mark.slow
 def test_readings_weigh_more_where_a_gap_has_no_pictures():
     whole, torn = (make_inertial(InertialScene(seconds=6.0, gap_s=gap_s), 0) for gap_s in (None, (2.5, 4.0)))
     seen, unseen = (

@@ -18,8 +18,10 @@ from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make, mark_ne
 SLOWER = (
     "sonar, no attitude", "pixels three times as noisy as stated", "relief and a coarse sonar",
     "gps and attitude over a slope", "rtk, lens wrong", "relief", "gps", "gps over a slope",
+    "gps and attitude", "tilted mount",
 )  # fmt: skip
-"""Each is two of the others together, a part of one of them, or has a test of its own in test_noise.py."""
+"""Each is two of the others together, a part of one of them, or has a test of its own: in test_noise.py, or
+that of the tilted mount in test_reduced_system.py."""
 NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in SLOWER else name for name in SCENES]
 
 

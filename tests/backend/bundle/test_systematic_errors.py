@@ -45,7 +45,7 @@ def solved(made: Made, **camera: object) -> Bundle:
 @pytest.mark.parametrize(
     ("name", "seeds"),
     [
-        ("sonar", 12),
+        pytest.param("sonar", 12, marks=pytest.mark.slow),
         ("few pictures", 8),
         *(pytest.param(name, 20, marks=pytest.mark.slow) for name in SCENES),
     ],

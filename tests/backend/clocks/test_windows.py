@@ -94,7 +94,7 @@ def test_a_gyro_that_contradicts_the_pictures_tells_no_delay(seed: int, gain: fl
     assert left(seed, lambda t: 0.0 * t, gain=gain) == ()
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_delay_just_below_those_that_matter_is_not_told(seed: int):
     assert left(seed, lambda t: 0.0 * t + 0.0245) == ()
 

@@ -69,7 +69,9 @@ def test_clean_pictures_give_the_floor_to_a_grey_level() -> None:
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
-@pytest.mark.parametrize("gsd_m", [0.01, 0.0173, 0.006])
+@pytest.mark.parametrize(
+    "gsd_m", [0.01, *(pytest.param(gsd_m, marks=pytest.mark.slow) for gsd_m in (0.0173, 0.006))]
+)
 def test_landmark_lies_at_the_position_of_the_affine(camera: Camera, gsd_m: float) -> None:
     floor, spot = smooth_floor(5), np.array([0.337, -0.281])
     c, r = floor.texel(*spot)

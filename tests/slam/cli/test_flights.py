@@ -34,7 +34,7 @@ texture = "{texture}"
 extent_m = [0.0, 0.0, 1.6, 1.6]
 [camera]
 size_px = [176, 144]
-rate_hz = 5.0
+rate_hz = 8.0
 """
 MAIN = [sys.executable, "-m", "slam"]
 

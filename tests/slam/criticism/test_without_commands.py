@@ -13,6 +13,7 @@ from slam.criticism import criticise
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.simulated_flights import healthy_case, simulate_flight, simulate_readings
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
+from slam.criticism.without_commands import next_flight
 from slam.criticism.without_commands.effect_columns import PATTERNS, SIZE
 from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
@@ -63,10 +64,13 @@ def test_healthy_instruments_agree_whatever_moves_the_vehicle():
         pytest.param("gyro_scale", "eps", 0.03, marks=pytest.mark.slow),
         ("accel_bias", "z", 0.15),
         pytest.param("flow_scale", "eps", 0.12, marks=pytest.mark.slow),
-        pytest.param("sonar_lag", "T", 0.12, marks=pytest.mark.slow),
+        ("sonar_lag", "T", 0.12),
     ],
 )
-def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size):
+def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size, monkeypatch):
+    # The next flight, which is chosen by trying every motion, is not judged here.
+    monkeypatch.setattr(next_flight, "MANOEUVRES", list(next_flight.MANOEUVRES)[:2])
+    monkeypatch.setattr(next_flight, "HANDHELD_MOTIONS", list(next_flight.HANDHELD_MOTIONS)[:2])
     found = found_in(term, **{parameter: size})
     cause = found.causes[0]
     # Weight is nearly all that an accelerometer feels: a scale of it and a push upwards are alike.

@@ -48,7 +48,7 @@ FAULTS = (
     Fault(33, "seconds", "E", "seconds", column("imu0", 0, lambda s: int(s) // 10**9)),
     Event(34, "pictures stamped late", "W", "pictures are stamped 5[0-9]", stamped_late, is_slow=True),
     Fault(35, "gap", "W", "1 gap", rows("sonar0", lambda t: [*t[:20], *t[-20:]])),
-    Fault(36, "no IMU", "W", "no IMU", without("imu0"), "optimize"),
+    Fault(36, "no IMU", "W", "no IMU", without("imu0"), "optimize", is_slow=True),
     Fault(
         36,
         "attitude upside down",

@@ -93,7 +93,7 @@ def test_png_and_world_file_agree_with_the_geotiff(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["m.pgw", "m.png", "m.tif"]
 
 
-@pytest.mark.parametrize("shape", [(1800, 2400), (1801, 2403)])
+@pytest.mark.parametrize("shape", [pytest.param((1800, 2400), marks=pytest.mark.slow), (1801, 2403)])
 def test_large_png_is_reduced_and_its_world_file_follows(tmp_path: Path, shape: tuple[int, int]) -> None:
     rows, cols = np.mgrid[: shape[0], : shape[1]]
     mark = 255 * np.exp(-((rows - 1203.0) ** 2 + (cols - 1607.0) ** 2) / (2 * 12.0**2))

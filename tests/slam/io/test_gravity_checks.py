@@ -40,7 +40,7 @@ def test_a_gyro_in_degrees_is_refused_without_an_attitude(flight: Flight):
         check_gyro_by_gravity(degrees, PATH)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_gyro_in_degrees_is_refused_in_a_quiet_hover(seed: int):
     """Nothing but the small corrections of the hover turns gravity away."""
     imu = simulate(replace(load_recipe("hover"), camera=None), seed).imu
@@ -50,7 +50,7 @@ def test_a_gyro_in_degrees_is_refused_in_a_quiet_hover(seed: int):
 
 
 @pytest.mark.parametrize("gain", [0.96, 1.0, 1.04])
-@pytest.mark.parametrize("bank_deg", [15.0, 35.0, 50.0])
+@pytest.mark.parametrize("bank_deg", [15.0, pytest.param(35.0, marks=pytest.mark.slow), 50.0])
 def test_a_banked_turn_of_a_healthy_vehicle_is_read_unchanged(bank_deg: float, gain: float, tmp_path: Path):
     """The vehicle circles at 8 m/s: it presses with more than gravity, always along its own vertical."""
     stamps_s, bank_rad = np.arange(0, 60, 0.01), np.radians(bank_deg)

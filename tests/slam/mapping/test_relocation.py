@@ -41,7 +41,7 @@ def test_another_flight_s_pictures_are_found_with_an_honest_covariance(mapped):
     other = flown(7)
     truth = poses_at(other.truth, other.frames.stamps_s)
     to_truth, squared, off_m = world(flight, estimate), [], []
-    for k in range(0, len(other.frames), 6):
+    for k in range(0, len(other.frames), 12):
         location = asked.locate(other.frames.load(k))
         assert location.found, location.reason
         pose = to_truth @ location.w_T_b

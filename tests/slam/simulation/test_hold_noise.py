@@ -12,7 +12,9 @@ def drawn(seed, steps=1000, noise=NOISE, **options):
     return draw_noise(noise, steps, STEP, np.random.default_rng(seed), **options)
 
 
-@pytest.mark.parametrize("tau", [0.05, 0.11, 0.25])
+@pytest.mark.parametrize(
+    "tau", [pytest.param(0.05, marks=pytest.mark.slow), 0.11, pytest.param(0.25, marks=pytest.mark.slow)]
+)
 def test_noise_is_stationary_from_the_first_node_on(tau):
     """Two-sided, over 3000 draws: 99.9 % of a ratio of standard deviations lies within 4.2 %."""
     noise = HoldNoise(velocity_correlation_s=tau)

@@ -62,7 +62,7 @@ def test_mutually_consistent_false_loops_are_rejected(seed: int):
     np.testing.assert_array_equal(s.edge_kept, ~false)
 
 
-@pytest.mark.parametrize("share", [0.7, 0.9])
+@pytest.mark.parametrize("share", [pytest.param(0.7, marks=pytest.mark.slow), 0.9])
 def test_the_few_true_loops_among_many_false_are_found(share: float):
     made, false = falsified(flight(3, n=80, loops=40), round(40 * share), seed=2)
     s = solve(made.measurements, covariances=False)

@@ -26,10 +26,10 @@ def error_m(w_T: np.ndarray, made: MadeGraph) -> float:
     [
         Scene("laps", 1, 2, -1.0, "random", 0),
         Scene("laps", 1, 4, -1.0, "random", 0),
-        Scene("laps", 1, 1, 0.6, "consistent", 0),
+        pytest.param(Scene("laps", 1, 1, 0.6, "consistent", 0), marks=pytest.mark.slow),
         Scene("eights", 1, 2, 0.3, "random", 0),
         Scene("lawn mower", 1, 2, 0.6, "consistent", 0),
-        Scene("lawn mower", 1, 2, 0.5, "random", 100),
+        pytest.param(Scene("lawn mower", 1, 2, 0.5, "random", 100), marks=pytest.mark.slow),
         Scene("laps", 2, 4, 0.25, "consistent", 0),
     ],
     ids=lambda scene: scene.label,

@@ -218,7 +218,14 @@ def test_a_model_s_camera_terms_are_held() -> None:
     assert held.camera[CAMERA.index("motion_blur.exposure")] == pytest.approx(4e-4)
 
 
-@pytest.mark.parametrize("k", range(WARPS.index(LENS_MAP_PATTERN)), ids=WARPS[:-1])
+@pytest.mark.parametrize(
+    "k",
+    [
+        # Of three warps that grow with time one stands for all.
+        pytest.param(k, id=name, marks=pytest.mark.slow if "~ time" in name and "turned" not in name else ())
+        for k, name in enumerate(WARPS[: WARPS.index(LENS_MAP_PATTERN)])
+    ],
+)
 def test_a_warp_that_no_term_is_shows_at_its_size(
     k: int, parameters: FilterParameters, healthy: tuple[Record, FeatureMatches, ReprojectionScore]
 ) -> None:

@@ -22,7 +22,10 @@ def slower():
     return at_lower_rates(load_model("nominal"))
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["gaussian", "student"])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(False, id="gaussian"), pytest.param(True, id="student", marks=pytest.mark.slow)],
+)
 def records(request):
     model = slower()
     return [

@@ -66,6 +66,7 @@ def test_two_terms_that_hide_each_other_are_found_together(expansion):
     assert not mask_each_other(plain, effects_of(expansion, BOTH), LIMITS)
 
 
+@pytest.mark.slow
 def test_one_term_or_none_is_no_pair(expansion):
     nothing, _ = carrying(expansion, BOTH, np.zeros(2))
     assert masked_pair(nothing, LIMITS) is None

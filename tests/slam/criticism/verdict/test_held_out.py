@@ -74,6 +74,7 @@ def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
     assert np.abs(gain.nats[[0, 2]]).max() < 5.0
 
 
+@pytest.mark.slow
 def test_flights_whose_parameter_sets_use_different_readings_are_filtered_anew(short_sonar, monkeypatch):
     records, found = short_sonar
     by_parabola = held_out(records, found, NOMINAL)

@@ -40,7 +40,7 @@ def film_of(effects=CameraEffects(), world=PUZZLE, marks=(), model=MODEL, seed=0
 @pytest.mark.parametrize(
     "effects",
     [
-        CameraEffects(focal_eps=0.29),
+        pytest.param(CameraEffects(focal_eps=0.29), marks=pytest.mark.slow),
         pytest.param(CameraEffects(focal_eps=-0.2), marks=pytest.mark.slow),
         pytest.param(CameraEffects(radial_k1=0.3), marks=pytest.mark.slow),
         pytest.param(CameraEffects(radial_k1=-0.2), marks=pytest.mark.slow),

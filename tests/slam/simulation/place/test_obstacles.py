@@ -125,7 +125,7 @@ def test_each_pixel_shows_what_its_rays_meet_first(height_m, distortion, slope):
     assert len(checked) >= 7
 
 
-@pytest.mark.parametrize("k", [0, 3, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 4))])
+@pytest.mark.parametrize("k", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 1, 2, 4))])
 def test_a_skin_lies_on_its_obstacle_like_paper(k):
     """Grey levels that grow along the skin come out where the oracle's ray meets it."""
     obstacle = (*OBSTACLES, *PYLONS)[k]
