@@ -74,5 +74,5 @@ def png(figure: Figure, cropped: bool = False) -> bytes:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         # The same bytes as those of `savefig`, which lays the figure out by drawing it once more.
-        FigureCanvasAgg(figure).print_png(stream)
+        FigureCanvasAgg(figure).print_png(stream)  # type: ignore[no-untyped-call]
     return stream.getvalue()
