@@ -43,9 +43,9 @@ def corner_nees(fit: HomographyFit, H: Array) -> float:
     [
         (30, 0.3, 0.0, 1.0),
         (150, 0.2, 0.0, 1.0),
-        (150, 0.5, 0.3, 1.0),
+        pytest.param(150, 0.5, 0.3, 1.0, marks=pytest.mark.slow),
         (150, 0.5, 0.6, 1.0),
-        (150, 0.4, 0.1, 2.0),
+        pytest.param(150, 0.4, 0.1, 2.0, marks=pytest.mark.slow),
         (150, 0.4, 0.1, 0.5),
     ],
 )

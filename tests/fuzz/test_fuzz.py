@@ -12,7 +12,7 @@ from tests.fuzz.fuzz import fuzz, time_limit
 from tests.fuzz.mutations import mutated
 
 SEED = 0
-FEW, MANY, MANY_PICTURES = 25, 2000, 500
+FEW, MANY, MANY_PICTURES = 15, 2000, 500
 
 
 def assert_no_faults(outcome) -> None:

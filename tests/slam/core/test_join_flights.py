@@ -135,7 +135,7 @@ def test_no_flight_is_refused():
 
 def test_the_command_takes_several_flights_and_evaluates_their_map(two, tmp_path):
     for flight in two:
-        write_flight(only(flight, range(0, len(flight.frames) // 4, 2)), tmp_path / flight.name)
+        write_flight(only(flight, range(0, len(flight.frames) // 6, 2)), tmp_path / flight.name)
     paths = [str(tmp_path / flight.name) for flight in two]
     out = str(tmp_path / "map")
     ran = CliRunner().invoke(app, ["optimize", *paths, "--out", out, "--no-mosaic"])

@@ -2,7 +2,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
@@ -99,6 +99,7 @@ def test_a_wrong_value_is_one_line_with_its_place(mapping, place):
     assert place in assert_refused(mapping)
 
 
+@settings(max_examples=40, deadline=None)
 @given(
     st.dictionaries(
         st.text(max_size=8) | st.sampled_from(["name", "size_px", "lens", "marks"]),

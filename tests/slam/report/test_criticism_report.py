@@ -81,7 +81,15 @@ def test_the_page_shows_what_the_map_gains() -> None:
     assert "The gain in the map" not in render_criticism(made(), [])
 
 
-@pytest.mark.parametrize("verdict", VERDICTS)
+@pytest.mark.parametrize(
+    "verdict",
+    [
+        pytest.param(
+            v, marks=() if v in ("named_with_remainder", "ambiguous", "nothing_wrong") else pytest.mark.slow
+        )
+        for v in VERDICTS
+    ],
+)
 def test_the_page_says_what_it_must(verdict: str) -> None:
     page = render_criticism(made(verdict), [])
     assert VERDICTS[verdict] in page

@@ -95,7 +95,13 @@ def test_a_flight_without_a_camera_has_all_the_rest():
 SHIPPED = ["hover", *(f"pulses_{k:03}" for k in (5, 10, 15, 20, 25)), "horizontal_square", "vertical_square"]
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in ("pulses_025", "vertical_square") else pytest.mark.slow)
+        for name in SHIPPED
+    ],
+)
 def test_a_shipped_script_is_flown_with_either_model(name):
     for model in ("nominal", "paper"):
         motion = fly_recipe(load_recipe(name, model), 3)
