@@ -168,6 +168,7 @@ def test_evaluate_without_a_reference_is_refused(own, done, tmp_path):
     assert bytes_of(out) == bytes_of(done)
 
 
+@pytest.mark.slow  # its three steps are those of the tests above
 def test_demo_does_all_of_it(flight, tmp_path):
     result = run(
         "demo", "--recipe", flight.parent / "tiny.toml", "--seed", 3, "--out", tmp_path / "new" / "demo"
