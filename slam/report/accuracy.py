@@ -175,6 +175,6 @@ def live_table(state: LiveState, error: float, metric: bool) -> FigureTable:
         ("arrival to tracked: median, 95 %, largest [ms]", " / ".join(f"{x:.0f}" for x in ms)),
         ("keyframes placed", f"{state.placed} of {state.keyframes}"),
         ("loops; edges rejected at the end", f"{state.loops}; {state.rejected}"),
-        ("live positions from those of the final map, RMS", apart),
+        ("live positions from those of the final map, RMS, aligned with scale", apart),
     )
     return FigureTable("In flight", (), rows)
