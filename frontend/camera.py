@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -49,6 +49,19 @@ class Camera:
         """Intrinsic matrix K (3, 3)."""
         (fu, fv), (cu, cv) = self.focal_px, self.center_px
         return np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1.0]])
+
+    def narrowed(self, width_px: int) -> Camera:
+        """Return the camera of the pictures reduced to at most ``width_px`` (`cv2.resize`)."""
+        ratio = min(1.0, width_px / self.size_px[0])
+        width, height = (max(2, round(ratio * side)) for side in self.size_px)
+        x, y = width / self.size_px[0], height / self.size_px[1]
+        return replace(
+            self,
+            focal_px=(x * self.focal_px[0], y * self.focal_px[1]),
+            center_px=(x * (self.center_px[0] + 0.5) - 0.5, y * (self.center_px[1] + 0.5) - 0.5),
+            size_px=(width, height),
+            center_std_px=ratio * self.center_std_px,
+        )
 
     @property
     def is_distorted(self) -> bool:

@@ -42,6 +42,12 @@ _PREVIEW = typer.Option(
     help="Write the mosaic so far to this PNG or JPEG every second.",
     show_default=False,
 )
+_WIDTH = typer.Option(
+    "--width",
+    metavar="PX",
+    min=64,
+    help="Reduce wider pictures to this width, so that tracking keeps pace; the final map has them too.",
+)
 _PREVIEW_S = 1.0
 _POLL_S = 0.1
 """Time between two looks at a growing folder, at least."""
@@ -53,6 +59,7 @@ def live(
     speed: Annotated[float, _SPEED] = 1.0,
     follow: Annotated[float | None, _FOLLOW] = None,
     preview: Annotated[Path | None, _PREVIEW] = None,
+    width: Annotated[int, _WIDTH] = 640,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the mosaic.")] = True,
     config: Annotated[Path | None, options.CONFIG] = None,
     topic: Annotated[list[str] | None, options.TOPICS] = None,
@@ -69,6 +76,7 @@ def live(
     from slam.core.errors import InputError
     from slam.evaluation.live_error import live_error
     from slam.mapping.live.mapper import LiveMapper
+    from slam.mapping.live.narrow_pictures import with_narrow_pictures
     from slam.report.accuracy import live_table
 
     if preview is not None and preview.suffix.lower() not in (".png", ".jpg", ".jpeg"):
@@ -80,12 +88,13 @@ def live(
         flight = open_flight(source, progress, request)[0] if follow is None else _begun(source, follow)
         if flight.all_keyframes:
             raise InputError(f"{source}: photographs have no times in flight; use slam optimize")
+        flight = with_narrow_pictures(flight, width)
         with LiveMapper(flight, settings) as mapper:
             with _preview(mapper, flight, preview):
                 if follow is None:
                     _replay(mapper, flight, speed, progress)
                 else:
-                    flight = _follow(mapper, source, follow, progress)
+                    flight = _follow(mapper, source, follow, width, progress)
                 mapper.close()
             state = mapper.state()
             frames, poses = mapper.keyframes()
@@ -136,14 +145,15 @@ def _begun(folder: Path, idle_s: float) -> Flight:
         time.sleep(_POLL_S)
 
 
-def _follow(mapper: LiveMapper, folder: Path, idle_s: float, progress: Progress) -> Flight:
+def _follow(mapper: LiveMapper, folder: Path, idle_s: float, width_px: int, progress: Progress) -> Flight:
     """Give the pictures of a growing flight folder as they appear, and return the flight at its end."""
     from slam.io.flight_folder import read_flight
+    from slam.mapping.live.narrow_pictures import with_narrow_pictures
 
     given, newest_s, behind = 0, time.perf_counter(), True
     while True:
         begin = time.perf_counter()
-        flight = read_flight(folder)
+        flight = with_narrow_pictures(read_flight(folder), width_px)
         mapper.refresh(flight)
         frames = flight.frames
         count = 0 if frames is None else len(frames)

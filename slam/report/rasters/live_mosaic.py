@@ -30,7 +30,7 @@ class LiveMosaic:
     """Draws the keyframes at their current poses. ``load`` returns the picture of a frame."""
 
     def __init__(self, camera: Camera, load: Callable[[int], Image | None]) -> None:
-        self._camera, self._load = _reduced(camera), load
+        self._camera, self._load = camera.narrowed(_PICTURE_PX), load
         self._drawn: dict[int, Array] = {}
         """Frame -> the pose at which it was drawn last."""
         self._gsd_m: float | None = None
@@ -92,17 +92,3 @@ class LiveMosaic:
         while sum(kept.nbytes for kept in self._pictures.values()) > _KEPT_MB * 1e6:
             self._pictures.popitem(last=False)
         return reduced
-
-
-def _reduced(camera: Camera) -> Camera:
-    """Return the camera of pictures that are ``_PICTURE_PX`` wide."""
-    ratio = min(1.0, _PICTURE_PX / camera.size_px[0])
-    size = tuple(max(2, round(ratio * side)) for side in camera.size_px)
-    x, y = (new / old for new, old in zip(size, camera.size_px, strict=True))
-    (fx, fy), (cx, cy) = camera.focal_px, camera.center_px
-    return replace(
-        camera,
-        focal_px=(x * fx, y * fy),
-        center_px=(x * (cx + 0.5) - 0.5, y * (cy + 0.5) - 0.5),
-        size_px=(size[0], size[1]),
-    )
