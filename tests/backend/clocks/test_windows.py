@@ -39,7 +39,7 @@ def left(
     )
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("sign", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_a_step_shortly_before_the_end_is_seen(sign: float):
     (span,) = left(1, lambda t: np.where(t > 9.6, sign * 0.4, 0.0))
     assert abs(span.delay_s - sign * 0.4) < 4 * span.std_s < 0.1

@@ -115,7 +115,7 @@ def test_the_error_is_distributed_as_chi_square():
     assert low < total < high
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5])
+@pytest.mark.parametrize("share", [pytest.param(0.1, marks=pytest.mark.slow), 0.5])
 def test_false_loops_are_rejected_with_their_reason(share: float):
     clean = flight(5, n=80, loops=20)
     made, false = falsified(clean, int(20 * share), seed=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from backend.measurements import Measurements
 from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe, replay
@@ -21,6 +22,7 @@ def test_the_end_is_that_of_the_batch_and_the_way_to_it_is_not():
     assert (len(found.seconds), found.loops) == (40, 10)
 
 
+@pytest.mark.slow  # the graph by itself: tests/backend/pose_graph/test_incremental.py
 def test_false_loops_are_rejected_in_flight_too():
     made, false = falsified(flight(6, n=40, loops=12), 4, seed=1)
     found = replay(made.measurements, budget_s=np.inf)

@@ -49,7 +49,7 @@ def test_a_gyro_in_degrees_is_refused_in_a_quiet_hover(seed: int):
         check_gyro_by_gravity(replace(imu, gyro_rad_s=np.degrees(imu.gyro_rad_s)), PATH)
 
 
-@pytest.mark.parametrize("gain", [0.96, 1.0, 1.04])
+@pytest.mark.parametrize("gain", [0.96, pytest.param(1.0, marks=pytest.mark.slow), 1.04])
 @pytest.mark.parametrize("bank_deg", [15.0, pytest.param(35.0, marks=pytest.mark.slow), 50.0])
 def test_a_banked_turn_of_a_healthy_vehicle_is_read_unchanged(bank_deg: float, gain: float, tmp_path: Path):
     """The vehicle circles at 8 m/s: it presses with more than gravity, always along its own vertical."""

@@ -269,7 +269,9 @@ def test_ellipses_lie_along_the_uncertain_direction():
     assert orange[1][1] > orange[0][1], "taller where y is not known"
 
 
-@pytest.mark.parametrize("sigma_m", [1e-5, 0.01, 1.0, 100.0])
+@pytest.mark.parametrize(
+    "sigma_m", [1e-5, *(pytest.param(m, marks=pytest.mark.slow) for m in (0.01, 1.0)), 100.0]
+)
 def test_ellipses_are_drawn_at_a_size_that_can_be_read(sigma_m):
     """Whatever their true size: neither points nor a tangle that hides the path."""
     covariances = np.tile(np.diag([1e-5] * 3 + [sigma_m**2] * 3), (60, 1, 1))

@@ -43,7 +43,7 @@ def strapdown(motion, steps):
     return R, v, p
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_integrating_gyro_and_accelerometer_gives_the_motion(seed):
     # Changes of the stick between two of the strapdown's steps: it could not know of one inside a step.
     stick = drawn_stick(seed)

@@ -62,7 +62,7 @@ def test_a_zero_of_the_sonar_shows_after_the_take_off():
     assert record.landing[shock].all()
 
 
-@pytest.mark.parametrize("late_s", [0.05, 0.14])
+@pytest.mark.parametrize("late_s", [pytest.param(0.05, marks=pytest.mark.slow), 0.14])
 def test_a_parameter_set_gains_nothing_by_readings_that_it_ignores(late_s):
     """The greater a latency, the fewer readings beside jumps of the stick are judged."""
     truth = filter_parameters_of(vehicle(control_latency={"T": late_s}))

@@ -88,7 +88,7 @@ def test_a_mark_appears_where_the_camera_projects_it(seed):
     assert checked >= 1
 
 
-@pytest.mark.parametrize("height_m", [0.8, 1.7, 3.4])
+@pytest.mark.parametrize("height_m", [0.8, *(pytest.param(h, marks=pytest.mark.slow) for h in (1.7, 3.4))])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_ramp_has_no_half_pixel_bias(tmp_path, height_m, axis):
     """Brightness linear in place: each pixel must show that of its own centre, at every mip level."""
