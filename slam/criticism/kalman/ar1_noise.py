@@ -9,6 +9,7 @@ Source: Bryson and Johansen 1965, shaping filters for coloured measurement noise
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -52,10 +53,18 @@ class Ar1Noise(NamedTuple):
     """(10, k) buffer."""
 
 
-def ar1_noise_for(record: Record, parameters: FilterParameters, states: int, sensitivity: int) -> Ar1Noise:
-    """Return the stationary noises before the first sample; none where all noises are white."""
+def ar1_noise_for(
+    record: Record,
+    parameters: FilterParameters,
+    states: int,
+    sensitivity: int,
+    changed: Sequence[FilterParameters] = (),
+) -> Ar1Noise:
+    """Return the stationary noises before the first sample, of channels that have one under the parameters
+    or under ``changed`` ones; none where all noises are white."""
     colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
-    channels = np.flatnonzero(colour)
+    correlated = np.any([p.noise_correlation != 0.0 for p in (parameters, *changed)], axis=0)
+    channels = np.flatnonzero(correlated[list(INSTRUMENT_OF)])
     slot = np.full(len(CHANNELS), WHITE, dtype=np.int64)
     slot[channels] = np.arange(len(channels))
     variance = (record.noise_std * parameters.noise_factor)[channels] ** 2

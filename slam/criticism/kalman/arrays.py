@@ -117,6 +117,55 @@ class KalmanState(NamedTuple):
     """(n, m) derivative of the mean with respect to each perturbation."""
 
 
+class NoiseChangeArrays(NamedTuple):
+    """The filter under each of c changes of its noise, for n states and k AR(1) noises."""
+
+    hold: Array
+    """(c, ``transition.HOLD``)."""
+    decays_alike: NDArray[np.bool_]
+    """(c,) whether the noises of the state decay as without the change."""
+    variance: Array
+    """(c, channels) variance of one reading."""
+    jitter_s: Array
+    """(c,) standard deviation of the stamps."""
+    diffusion: Array
+    """(c, n) growth of the variance of each state by process noise, per second."""
+    p: Array
+    """(c, n, n) covariance."""
+    shift: Array
+    """(n, c) difference of the mean from the plain filter's."""
+    coefficient: Array
+    """(c, k) AR(1) coefficients, ..."""
+    ar1_variance: Array
+    """(c, k) ... stationary variances, ..."""
+    ar1_mean: Array
+    """(c, k) ... means, ..."""
+    cross: Array
+    """(c, n, k) ... covariances with the state, ..."""
+    own: Array
+    """(c, k, k) ... and among each other."""
+    spoilt_channels: Ints
+    """(c, events) as ``CommandArrays.spoilt_channels``."""
+    before: Array
+    """(n,) state of the plain filter before the step."""
+    slower: Array
+    """(c, n) change of the mean over a step by another decay."""
+    matrix: Array
+    """(n, n) buffer: transition, ..."""
+    q: Array
+    """(n, n) ... process noise, ..."""
+    work: Array
+    """(10, c) ... a product, ..."""
+    ph: Array
+    """(n,) ... covariances of the state with a reading, ..."""
+    reading_cov: Array
+    """(k,) ... and those of the noises."""
+    untraced: Array
+    """(k, 0): no sensitivities of the noises, ..."""
+    untraced_change: Array
+    """(0,) ... and none of readings."""
+
+
 class StepBuffers(NamedTuple):
     """Results of the filter's last step."""
 
@@ -134,6 +183,10 @@ class StepBuffers(NamedTuple):
     """(8,) noise in the middle of the step."""
     work: Array
     """(n, n) buffer."""
+    jolt: Array
+    """(10,) root of the variance that a late jump of the stick adds to the state, ..."""
+    bump: Array
+    """(10,) ... and the variance that the gear's contact adds."""
 
 
 class PredictedReading(NamedTuple):
@@ -225,5 +278,9 @@ class KalmanOutputs(NamedTuple):
     """(events, 11) moving state before the event, and the standard deviation of z."""
     sensitivity: Array
     """(readings, m) derivative of the prediction by each perturbation, over its standard deviation."""
+    change_of_mean: Array
+    """(readings, changes) change of the prediction by each change of the noise."""
+    variance_ratio: Array
+    """(readings, changes) variance of the innovation under each change, over the plain one."""
     rows: Ints
-    """(1,) number of filled rows of ``sensitivity``."""
+    """(1,) number of filled rows of the last three."""

@@ -18,10 +18,16 @@ from slam.criticism.kalman.arrays import (
     KalmanInputs,
     KalmanOutputs,
     KalmanState,
-    NoiseArrays,
+    NoiseChangeArrays,
     PerturbationBuffers,
     PredictedReading,
     Workspace,
+)
+from slam.criticism.kalman.noise_changes import (
+    correct_changes,
+    predict_changes,
+    sample_changes,
+    spread_by_stamp,
 )
 from slam.criticism.kalman.readings import (
     FIRST_CHANNEL,
@@ -29,7 +35,6 @@ from slam.criticism.kalman.readings import (
     MOVING,
     RANGE_LAG,
     SONAR,
-    TARGET,
     WIDTH,
 )
 from slam.criticism.kalman.sensitivity import carry, correct_sensitivity, direct_change, force
@@ -48,27 +53,6 @@ from slam.simulation.dynamics import PITCH, ROLL, Z, derivative
 USED, OUTLIER, IGNORED = 1, 2, 0
 Z_STD = MOVING
 """Column of the recorded states that holds the standard deviation of z; it follows the moving state."""
-OWN_SHARE = 0.25
-"""Share of the stamp's standard deviation over which process noise is added to a reading's variance. It is a
-third of E |t|, because the next reading shows the rest. Without it, gyros with stamps off by 7 ms scatter
-more about the axes that tilt than about yaw."""
-
-
-@inner_kernel
-def _spread_by_stamp(row: Array, rate: Array, noise: NoiseArrays) -> float:
-    """Return the variance that an error t of the stamp adds to a reading with row ``row`` (n,).
-
-    The error t has the standard deviation ``jitter_s``. The reading errs by t times its own rate, and by the
-    process noise in between, most of which the next reading shows as well.
-    """
-    if noise.jitter_s <= 0.0:
-        return 0.0
-    slope, kicked = 0.0, 0.0
-    for i in range(MOVING):
-        slope += row[i] * rate[i]
-    for i in range(TARGET, row.shape[0]):
-        kicked += row[i] * row[i] * noise.diffusion[i]
-    return noise.jitter_s * noise.jitter_s * slope * slope + OWN_SHARE * noise.jitter_s * kicked
 
 
 @inner_kernel
@@ -97,11 +81,15 @@ def _take(
     changes: PerturbationBuffers,
     written: KalmanOutputs,
     coloured: Ar1Noise,
+    others: NoiseChangeArrays,
 ) -> None:
     """Update the estimate with the channels of one event, one after the other."""
     events, noise = given.events, given.noise
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     expected.correction[:] = 0.0
+    changed = others.p.shape[0] > 0
+    if changed:
+        sample_changes(event, kind, coloured, others)
     sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         written.status[event, c] = IGNORED
@@ -112,7 +100,7 @@ def _take(
         if slot != WHITE:
             own_var = 0.0
             value -= coloured.mean[slot]
-        own_var += _spread_by_stamp(row, expected.rate, noise)
+        own_var += spread_by_stamp(row, expected.rate, noise.jitter_s, noise.diffusion)
         s_var = own_var + innovation_variance(estimate.p, row, ph)
         s_var += covariance_with_reading(coloured, slot, row, ph)
         miss, std = innovation_of(kind, c, value, expected), math.sqrt(s_var)
@@ -129,6 +117,8 @@ def _take(
             correct_sensitivity(row, changes.direct[c], ph, s_var, estimate.sensitivity, change)
             for d in range(change.shape[0]):
                 written.sensitivity[written.rows[0], d] = change[d] / std
+        if changed:
+            correct_changes(event, row, expected.rate, channel, miss, s_var, ph, coloured, others, written)
         written.rows[0] += 1
         correct_noise(coloured, ph, s_var, miss, change)
         correct(miss, s_var, estimate, expected)
@@ -143,20 +133,26 @@ def run(
     room: Workspace,
     written: KalmanOutputs,
     coloured: Ar1Noise,
+    others: NoiseChangeArrays,
 ) -> None:
     """Filter the events ``begin`` to ``end``.
 
-    The kernel updates the ``estimate`` and the AR(1) noises ``coloured`` in place. It writes its results to
-    ``written``; the rows of the sensitivity start at 0."""
+    The kernel updates the ``estimate``, the AR(1) noises ``coloured`` and the filters under ``others`` of the
+    noise in place. It writes its results to ``written``; the rows of sensitivities start at 0."""
     events, command, model = given.events, given.command, given.model
     step, expected, changes, scratch = room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
-    traced = sensitivity.shape[1] > 0
+    traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
     written.rows[0] = 0
     for e in range(begin, end):
         first, last = events.first_step[e], events.first_step[e + 1]
         for s in range(first, last):
+            if changed:
+                for i in range(len(state)):
+                    others.before[i] = state[i]
             predict(s, given, estimate, step, scratch)
+            if changed:
+                predict_changes(events.step_s[s], step, coloured, others)
             if coloured.cross.shape[1] > 0:
                 carry(step.matrix, coloured.cross, coloured.work)
             if traced:
@@ -177,4 +173,4 @@ def run(
         measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
         if traced:
             direct_change(e, given, state, expected, changes, scratch)
-        _take(e, given, estimate, expected, changes, written, coloured)
+        _take(e, given, estimate, expected, changes, written, coloured, others)

@@ -13,7 +13,7 @@ from slam.criticism.kalman.arrays import Array, Ints, KalmanOutputs
 from slam.criticism.kalman.filter import IGNORED, USED, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, Signal
-from slam.criticism.kalman.prepare import filter_inputs, initial_state, workspace_for
+from slam.criticism.kalman.prepare import filter_inputs, initial_state, noise_changes_for, workspace_for
 from slam.criticism.kalman.readings import (
     CHANNEL_AT,
     MOVING,
@@ -37,6 +37,10 @@ class Innovations:
     """(rows,) innovation over its standard deviation: independent and standard normal under the model."""
     sensitivity: Array
     """(rows, perturbations) derivative of the prediction, over the standard deviation."""
+    change_of_mean: Array
+    """(rows, changes of the noise) change of the prediction, over the standard deviation, ..."""
+    change_of_log_variance: Array
+    """(rows, changes of the noise) ... and that of the logarithm of the innovation's variance."""
     begin: int
     """First event of the segment, ..."""
     end: int
@@ -100,18 +104,22 @@ class Run:
         parameters: FilterParameters,
         perturbations: Sequence[Perturbation] = (),
         signals: dict[str, Signal] | None = None,
+        changed: Sequence[FilterParameters] = (),
     ) -> None:
-        n = STATES_WITH_GUSTS if parameters.hold[GUST_STD] > 0 else STATES
+        """``changed`` are parameters with slightly different noise; see ``noise_changes``."""
+        gusty = any(p.hold[GUST_STD] > 0 for p in (parameters, *changed))
+        n = STATES_WITH_GUSTS if gusty else STATES
         m, events = len(perturbations), len(record.times_s)
         variance = (record.noise_std * parameters.noise_factor) ** 2
         self._given = filter_inputs(record, parameters, perturbations, signals or {}, variance, n)
         self._estimate, self._room = initial_state(record, parameters, n, m), workspace_for(n, m)
-        self._coloured = ar1_noise_for(record, parameters, n, m)
+        self._coloured = ar1_noise_for(record, parameters, n, m, changed)
+        self._others = noise_changes_for(record, parameters, changed, self._coloured)
         self._usual = record.usual_log_variance
         self._written = KalmanOutputs(
             np.full((events, 6), np.nan), np.full((events, 6), np.nan),
             np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)), np.empty((0, m)),
-            np.zeros(1, dtype=np.int64),
+            np.empty((0, len(changed))), np.empty((0, len(changed))), np.zeros(1, dtype=np.int64),
         )  # fmt: skip
 
     def passed(self, begin: int = 0, end: int | None = None) -> FilterPass:
@@ -128,9 +136,11 @@ class Run:
         for begin, end in pairwise(bounds.tolist()):
             readings = int(np.isfinite(events.values[begin:end]).sum())
             written = self._written._replace(
-                sensitivity=np.empty((readings, self._estimate.sensitivity.shape[1]))
+                sensitivity=np.empty((readings, self._estimate.sensitivity.shape[1])),
+                change_of_mean=np.empty((readings, len(self._others.p))),
+                variance_ratio=np.empty((readings, len(self._others.p))),
             )
-            run(begin, end, self._given, self._estimate, self._room, written, self._coloured)
+            run(begin, end, self._given, self._estimate, self._room, written, self._coloured, self._others)
             event, column = np.nonzero(written.status[begin:end] == USED)
             event += begin
             yield Innovations(
@@ -138,6 +148,8 @@ class Run:
                 CHANNEL_AT[events.kinds[event], column],
                 written.innovation[event, column],
                 written.sensitivity[: written.rows[0]],
+                written.change_of_mean[: written.rows[0]],
+                np.log(written.variance_ratio[: written.rows[0]]),
                 begin,
                 end,
             )

@@ -106,7 +106,7 @@ def _command(
     over_steps, at_events = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
     return CommandArrays(
         np.array(over_steps), np.array(at_events), _stick_jumps(record, parameters), parameters.late_std_s**2,
-        _spoilt_channels(record, parameters),
+        spoilt_channels(record, parameters),
     )  # fmt: skip
 
 
@@ -128,7 +128,8 @@ def _stick_jumps(record: Record, parameters: FilterParameters) -> Array:
     return record.stick.at(end, parameters.latency_s) - record.stick.at(begin, parameters.latency_s)
 
 
-def _spoilt_channels(record: Record, parameters: FilterParameters) -> Ints:
+def spoilt_channels(record: Record, parameters: FilterParameters) -> Ints:
+    """Return (events,) the number of each event's channels that a jump of the stick spoils."""
     size = np.abs(np.diff(record.stick.values, axis=0)).max(axis=1, initial=0.0)
     at = (record.stick.stamps_s[1:] + parameters.latency_s) * (1 + parameters.drift)
     near_jump = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * parameters.latency_s

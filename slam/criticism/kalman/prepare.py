@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise
 from slam.criticism.kalman.arrays import (
     Array,
     EventArrays,
@@ -13,6 +14,7 @@ from slam.criticism.kalman.arrays import (
     KalmanState,
     ModelArrays,
     NoiseArrays,
+    NoiseChangeArrays,
     PerturbationBuffers,
     PredictedReading,
     Scratch,
@@ -20,11 +22,22 @@ from slam.criticism.kalman.arrays import (
     Workspace,
 )
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.perturbations import Perturbation, Signal, perturbation_arrays
-from slam.criticism.kalman.readings import CHANNELS, MOVING, TARGET
+from slam.criticism.kalman.perturbations import Perturbation, Signal, perturbation_arrays, spoilt_channels
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENT_OF, MOVING, TARGET
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES, STICKS
-from slam.criticism.kalman.transition import FULL, NOISES, decay, process_noise
+from slam.criticism.kalman.transition import (
+    FULL,
+    GUST_TIME,
+    HOLD,
+    NOISES,
+    POLE,
+    TILT_TIME,
+    TURN_TIME,
+    W_TIME,
+    decay,
+    process_noise,
+)
 
 SHORT_S, ENDLESS_S = 1e-5, 1e6
 """Durations over which a noise only grows by its process noise, and over which it forgets its past."""
@@ -44,8 +57,9 @@ def filter_inputs(
         record.step_s,
     )  # fmt: skip
     table, command = perturbation_arrays(record, parameters, perturbations, signals)
-    diffusion = np.diag(_process_noise(parameters.hold, SHORT_S, states)) / SHORT_S
-    noise = NoiseArrays(variance, record.range_limits, parameters.jitter_s, diffusion)
+    noise = NoiseArrays(
+        variance, record.range_limits, parameters.jitter_s, diffusion(parameters.hold, states)
+    )
     return KalmanInputs(
         events, command, ModelArrays(parameters.dynamics, parameters.sensor, parameters.hold), noise, table
     )
@@ -70,12 +84,45 @@ def _process_noise(hold: Array, h: float, n: int) -> Array:
     return q
 
 
+def noise_changes_for(
+    record: Record,
+    parameters: FilterParameters,
+    changed: Sequence[FilterParameters],
+    coloured: Ar1Noise,
+) -> NoiseChangeArrays:
+    """Return the filters under ``changed`` parameters of the noise before the first reading, beside AR(1)
+    noises ``coloured``."""
+    (n, k), c = coloured.cross.shape, len(changed)
+    slots = np.flatnonzero(coloured.slot != WHITE)
+    variance, colour = np.zeros((c, len(CHANNELS))), np.zeros((c, len(CHANNELS)))
+    p, ar1_cov, growth = np.zeros((c, n, n)), np.zeros((c, k, k)), np.zeros((c, n))
+    hold, spoilt = np.zeros((c, len(HOLD))), np.zeros((c, len(record.times_s)), dtype=np.int64)
+    for i, own in enumerate(changed):
+        variance[i] = (record.noise_std * own.noise_factor) ** 2
+        colour[i] = own.noise_correlation[list(INSTRUMENT_OF)]
+        p[i], ar1_cov[i] = initial_state(record, own, n, 0).p, np.diag(variance[i, slots])
+        hold[i], growth[i], spoilt[i] = own.hold, diffusion(own.hold, n), spoilt_channels(record, own)
+    times = [TILT_TIME, TURN_TIME, W_TIME, POLE, GUST_TIME]
+    return NoiseChangeArrays(
+        hold, (hold[:, times] == parameters.hold[times]).all(axis=1), variance,
+        np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)),
+        colour[:, slots].copy(), variance[:, slots].copy(), np.zeros((c, k)), np.zeros((c, n, k)), ar1_cov,
+        spoilt, np.zeros(n), np.zeros((c, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((MOVING, c)),
+        np.zeros(n), np.zeros(k), np.zeros((k, 0)), np.zeros(0),
+    )  # fmt: skip
+
+
+def diffusion(hold: Array, n: int) -> Array:
+    """Return (n,) the growth of the variance of each state by process noise, per second."""
+    return np.diag(_process_noise(hold, SHORT_S, n)) / SHORT_S
+
+
 def workspace_for(n: int, m: int) -> Workspace:
     """Return buffers for n states and m perturbations."""
     return Workspace(
         StepBuffers(
             np.empty(FULL), np.empty((MOVING, n)), np.zeros((n, n)), np.zeros((n, n)), np.empty(FULL),
-            np.empty(NOISES), np.empty((n, n)),
+            np.empty(NOISES), np.empty((n, n)), np.zeros(MOVING), np.zeros(MOVING),
         ),
         PredictedReading(
             np.empty(FULL), np.empty(6), np.zeros((6, n)), np.zeros((6, MOVING)), np.empty(n), np.empty(n)

@@ -100,13 +100,15 @@ def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffer
     process_noise(model.hold, step.matrix, step.q)
     mean_step(h, state, stick, model, step, scratch)
     covariance_step(h, p, step)
+    step.jolt[:], step.bump[:] = 0.0, 0.0
     if late_var_s2 > 0.0:
         _add_latency_noise(
             state, p, stick, given.command.stick_jumps[s], late_var_s2, model.parameters, step, scratch
         )
     if settling(state, p, stick, model.parameters):
         for i in range(VX, VZ + 1):
-            p[i, i] += CONTACT_NOISE**2 * h
+            step.bump[i] = CONTACT_NOISE**2 * h
+            p[i, i] += step.bump[i]
 
 
 @inner_kernel
@@ -133,8 +135,10 @@ def _add_latency_noise(
     derivative(full, stick, noise, parameters, rate)
     derivative(full, moved, noise, parameters, other)
     for i in range(MOVING):
+        step.jolt[i] = math.sqrt(late_var_s2) * (other[i] - rate[i])
+    for i in range(MOVING):
         for j in range(MOVING):
-            p[i, j] += late_var_s2 * (other[i] - rate[i]) * (other[j] - rate[j])
+            p[i, j] += step.jolt[i] * step.jolt[j]
 
 
 @inner_kernel
@@ -254,13 +258,18 @@ def is_outlier(miss: float, std: float, channel: int, streak: Array) -> bool:
 @inner_kernel
 def correct(miss: float, s_var: float, estimate: KalmanState, expected: PredictedReading) -> None:
     """Update state and covariance by an innovation ``miss`` of variance ``s_var``."""
-    state, p, ph = estimate.state, estimate.p, expected.ph
-    n = state.shape[0]
-    for i in range(n):
+    state, ph = estimate.state, expected.ph
+    for i in range(len(state)):
         step = ph[i] / s_var * miss
         expected.correction[i] += step
         state[i] += step
-    for i in range(n):
+    correct_covariance(ph, s_var, estimate.p)
+
+
+@inner_kernel
+def correct_covariance(ph: Array, s_var: float, p: Array) -> None:
+    """Update the covariance (n, n) by a reading of variance ``s_var``, whose covariances are ``ph`` (n,)."""
+    for i in range(len(ph)):
         x = ph[i] / s_var
-        for k in range(n):
+        for k in range(len(ph)):
             p[i, k] -= x * ph[k]

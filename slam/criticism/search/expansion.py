@@ -1,7 +1,7 @@
 """Second-order expansion of the likelihood about filter parameters, and score tests of every effect.
 
-The innovations are linearised about the parameters. One run of the filter gives all sensitivities, one more
-run each change of the process noise. The rest is algebra on the Fisher information.
+The innovations are linearised about the parameters. One run of the filter gives all sensitivities and the
+effects of all changes of the noise. The rest is algebra on the Fisher information.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ _NOISE_NUISANCES = {n.name: n for n in NOISE_NUISANCES}
 
 
 def noise_changes() -> list[NoiseChange]:
-    """Return the nuisances of noise as differences of two runs."""
+    """Return the nuisances of noise as changes of the noise."""
 
     def change(k: int) -> NoiseChange:
         nuisance = NOISE_NUISANCES[k]

@@ -37,7 +37,7 @@ PARTED = 0.1
 
 @dataclass(frozen=True)
 class NoiseChange:
-    """A change of the process noise, as the difference of two runs of the filter."""
+    """A change of the noise, as the difference of two filters on the same equations' Jacobians."""
 
     name: str
     apply: Callable[[FilterParameters], FilterParameters]
@@ -72,15 +72,6 @@ class FisherInformation:
     """Number of segments of readings, for each flight; one more holds its pictures."""
 
 
-class _Changed(NamedTuple):
-    """Derivatives of the innovations by each noise change: (used + 1, changes), 0 in the last row."""
-
-    row: Ints
-    """(events, 6) row of each reading; -1, the last, where the plain run did not use it."""
-    mean: Array
-    log_variance: Array
-
-
 class _VarianceWeight(NamedTuple):
     """Weight of squared innovations e^2, cut at ``CUT``, as evidence of the variance: (channels,)."""
 
@@ -99,28 +90,22 @@ def fisher_information(
     plain: Sequence[FilterPass] = (),
     gain_corrected: Sequence[str] = (),
 ) -> FisherInformation:
-    """Run the filter over the flights, once with all perturbations and once for each noise change.
+    """Run the filter over the flights once, with all perturbations and all changes of the noise.
 
-    ``plain`` are runs under ``parameters``, where they are known already. Each change in ``weighed`` adds
-    one column, named by ``gain_column``: its effect on the mean.
+    ``plain`` are runs under ``parameters``, where they are known already. Each change in ``gain_corrected``
+    adds one column, named by ``gain_column``: its effect on the mean.
     """
     if changes and not plain:
         plain = in_threads(lambda record: whole(record, parameters), records)
-    changed_parameters = [c.apply(parameters) for c in changes]
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
-    tried = [(k, c) for k in range(len(records)) for c in range(len(changes))
-             if changes[c].everywhere or before_s[k] < ENOUGH_S]  # fmt: skip
-    runs = in_threads(lambda at: whole(records[at[0]], changed_parameters[at[1]]), tried)
-    other = dict(zip(tried, runs, strict=True))
     weight = _variance_weight(records, plain)
-    steps = np.array([c.step for c in changes])
     apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
 
     def one(k: int) -> tuple[list[_Summed], FilterPass]:
-        beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
-        changed = _difference(plain[k] if beside else None, beside, steps, len(records[k].times_s))
-        run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None)
-        rows = list(_segment_terms(records[k], run, changed, apart, weight))
+        steps = np.array([c.step if c.everywhere or before_s[k] < ENOUGH_S else np.inf for c in changes])
+        changed = [c.apply(parameters) for c, step in zip(changes, steps, strict=True) if step < np.inf]
+        run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
+        rows = list(_segment_terms(run, steps, apart, weight))
         return rows + _sighted(records[k], parameters, perturbations, len(changes) + len(apart)), run.passed()
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
@@ -162,16 +147,23 @@ def _sighted(
     return [(information, score, seen.log_likelihood)]
 
 
-def _segment_terms(
-    record: Record, run: Run, changed: _Changed, apart: Ints, weight: _VarianceWeight
-) -> Iterator[_Summed]:
-    """Yield information, score and log likelihood of each segment of a flight."""
+def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight) -> Iterator[_Summed]:
+    """Yield information, score and log likelihood of each segment of a flight.
+
+    ``steps`` (changes,) are the sizes of the changes of the noise, infinite for those that did not run."""
+    ran = np.flatnonzero(steps < np.inf)
     for rows in run.segments(SEGMENT_S):
-        column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
-        own = changed.row[rows.events, column]
-        shifted, widened = changed.mean[own], changed.log_variance[own]
-        d, end = rows.sensitivity.shape[1], rows.sensitivity.shape[1] + widened.shape[-1]
-        traces = np.hstack([rows.sensitivity, shifted, shifted[:, apart]])
+        d, end = rows.sensitivity.shape[1], rows.sensitivity.shape[1] + len(steps)
+        traces = np.zeros((len(rows.white), end + len(apart)))
+        widened = np.zeros((len(rows.white), len(steps)))
+        traces[:, :d] = rows.sensitivity
+        white, wider = rows.white[:, None], rows.change_of_log_variance
+        beside = (white - rows.change_of_mean) * np.exp(-0.5 * wider)
+        # Where a change moves an innovation far, it is no small one, and the slope is meaningless.
+        near = np.abs(white - beside) < PARTED * (1.0 + np.abs(white))
+        traces[:, d + ran] = np.where(near, rows.change_of_mean, 0.0) / steps[ran]
+        traces[:, end:] = traces[:, d + apart]
+        widened[:, ran] = np.where(near, wider, 0.0) / steps[ran]
         spread = widened * weight.share[rows.channels, None]
         score = rows.white @ traces
         information = traces.T @ traces
@@ -179,29 +171,6 @@ def _segment_terms(
         score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened
         information[d:end, d:end] += 0.5 * spread.T @ widened
         yield information, score, run.passed(rows.begin, rows.end).log_likelihood
-
-
-def _difference(
-    plain: FilterPass | None, others: Sequence[FilterPass], steps: Array, events: int
-) -> _Changed:
-    """Return the differences of other runs from the plain one; 0 where a reading was not used in both."""
-    row = np.full((events, 6), -1, dtype=np.int64)
-    if plain is None:
-        return _Changed(row, np.zeros((1, 0)), np.zeros((1, 0)))
-    used = np.flatnonzero(plain.status.ravel() == USED)
-    row.ravel()[used] = np.arange(len(used))
-    white, log_variance = plain.white.ravel()[used], plain.log_variance.ravel()[used]
-    near = PARTED * (1.0 + np.abs(white))
-    moved, widened = (np.zeros((len(used) + 1, len(others))) for _ in range(2))
-    for k, other in enumerate(others):
-        beside = other.white.ravel()[used]
-        # Where one run uses an outlier that the other rejects, they differ for good, and the slope is
-        # meaningless.
-        both = (other.status.ravel()[used] == USED) & (np.abs(white - beside) < near)
-        wider = np.where(both, other.log_variance.ravel()[used] - log_variance, 0.0)
-        moved[:-1, k] = np.where(both, white - beside * np.exp(0.5 * wider), 0.0) / steps[k]
-        widened[:-1, k] = wider / steps[k]
-    return _Changed(row, moved, widened)
 
 
 def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> _VarianceWeight:
