@@ -29,7 +29,7 @@ class Module:
 
     def __post_init__(self) -> None:
         tree = ast.parse(self.source)
-        for node in ast.walk(tree):
+        for node in _statements(tree):
             if isinstance(node, ast.ImportFrom):
                 assert node.level == 0, "an import relative to its file is not looked through here"
                 for alias in node.names:
@@ -104,6 +104,15 @@ class Sources:
                     else [(origin, original)]
                 )
         return {module} | {here for here, name in seen if name in self.modules[here].defined}
+
+
+def _statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield the statements below a node, which are far fewer than its expressions."""
+    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+        below = getattr(node, part, [])
+        for one in below if isinstance(below, list) else []:
+            yield one
+            yield from _statements(one)
 
 
 def _used(node: ast.AST) -> Iterator[str]:

@@ -67,6 +67,7 @@ def test_the_page_tells_the_card_and_what_came_out_wrong():
     )
 
 
+@pytest.mark.slow
 def test_cases_without_command_logs_have_a_card_of_their_own():
     asked = {"seed": 3, "flights": 4, "kinds": ["null"]}
     known, blind = block([(asked, RIGHT), (asked | {"without_commands": True}, WRONG)]).split(WITHOUT)

@@ -58,9 +58,8 @@ def judged():
     return one
 
 
-@pytest.mark.parametrize(
-    ("kind", "seed"), [("null", 11), pytest.param("null_edge", 12, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed"), [("null", 11), ("null_edge", 12)])
 def test_a_healthy_vehicle_is_called_healthy(kind, seed, made, judged):
     assert judged(*made(kind, seed, flights=2, seconds=12.0).flights)["verdict"] == "nothing_wrong"
 

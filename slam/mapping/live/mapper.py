@@ -81,7 +81,7 @@ class LiveMapper:
         self._graph, self._graph_lock = LiveGraph(flight.camera, config), threading.Lock()
         self._latency_s: list[float] = []
         self._arrival = threading.Condition()
-        self._waiting: tuple[int, Image | None, float] | None = None
+        self._waiting: tuple[int, Image, float] | None = None
         self._ended = False
         self._mapping = ThreadPoolExecutor(1, "live map")
         self._jobs: list[Future[None]] = []
@@ -98,20 +98,23 @@ class LiveMapper:
     ) -> None:
         """Take the next picture (h, w) or (h, w, 3), with the attitude (3,) and slant range at its time.
 
-        Without a picture (None) the frame counts as dropped. ``wait`` waits until the picture before is
-        tracked, so that none is dropped. Raises ``InputError`` where the stamps do not increase, and for
-        readings of another shape, and what the threads raised.
+        Without a picture (None) the frame counts as dropped, and one that waits stays. ``wait`` waits until
+        the picture before is tracked, so that none is dropped.
+
+        Raises ``InputError`` where the stamps do not increase and for readings of another shape, and whatever
+        the threads raised.
         """
         number = self._recording.add(stamp_s, roll_pitch_yaw_rad, range_m)
         with self._arrival:
             while wait and self._waiting is not None and not self._jobs[0].done():
                 self._arrival.wait()
             self._raise_errors()
-            if self._waiting is not None:
-                self._tracked.failures[self._waiting[0]] = LATE
             if image is None:
                 self._tracked.failures[number] = LATE
-            self._waiting = number, None if image is None else image.copy(), time.perf_counter()
+                return
+            if self._waiting is not None:
+                self._tracked.failures[self._waiting[0]] = LATE
+            self._waiting = number, image.copy(), time.perf_counter()
             self._arrival.notify_all()
 
     def refresh(self, flight: Flight) -> None:
@@ -214,8 +217,7 @@ class LiveMapper:
             yield from [None] * (number - done)
             yield image
             done = number + 1
-            if image is not None:
-                self._latency_s.append(time.perf_counter() - arrived_s)
+            self._latency_s.append(time.perf_counter() - arrived_s)
 
     def _map(self, keyframe: Keyframe) -> None:
         """Add a keyframe to the graph with its registrations."""

@@ -21,9 +21,11 @@ from tests.slam.cli.test_flights import RECIPE
 
 LONG = {
     "demo", "optimize", "estimate", "evaluate", "locate", "loops", "simulate", "replay", "reproduce",
-    "criticise", "import", "export",
+    "criticise", "import", "export", "live",
 }  # fmt: skip
-TABLES = {"optimize", "estimate", "evaluate", "locate", "loops", "replay", "reproduce", "criticise", "info"}
+TABLES = {
+    "optimize", "live", "estimate", "evaluate", "locate", "loops", "replay", "reproduce", "criticise", "info",
+}  # fmt: skip
 
 
 def run(*arguments: object):

@@ -78,6 +78,7 @@ def test_a_map_too_large_by_a_percent_is_off_by_one(flight, perfect):
     assert errors.error_m["A-B"] == pytest.approx(0.01 * 1.2, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_map_that_ends_early_has_no_error_to_report(flight, perfect):
     broken = perfect.w_T_b.copy()
     broken[3:] = np.nan

@@ -21,7 +21,8 @@ def found(terms: dict[str, dict[str, float]], seed: int) -> list[ReadingAnomaly]
     return _highlights([replace(record_of(flight), matches=matches)])
 
 
-@pytest.mark.parametrize("strength", [0.3, pytest.param(0.5, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("strength", [0.3, 0.5])
 def test_a_mirrored_lamp_is_found_with_its_strength(strength):
     (oddity,) = found({"specular_highlights": {"strength": strength}}, 5)
     assert oddity.name == "specular_highlights"

@@ -77,6 +77,7 @@ def test_a_constant_far_from_healthy_is_reported_and_no_reason_to_drop_a_term(br
     assert _in_words(gain, bent.parameters, nominal) == "vehicle.gain is 0.42 (healthy: 0.95 to 1.05)"
 
 
+@pytest.mark.slow
 def test_what_is_not_there_has_no_size(braking):
     records, nominal = braking
     course = _Rollouts(records, nominal, nominal, nominal)

@@ -95,12 +95,13 @@ def test_a_picture_that_comes_too_early_replaces_the_one_that_waits(flight, monk
     with LiveMapper(flight) as mapper:
         for k, stamp_s in enumerate(flight.frames.stamps_s[:3].tolist()):
             mapper.add(flight.frames.load(k), stamp_s)
-        assert mapper.state().dropped == 2
+        mapper.add(None, float(flight.frames.stamps_s[3]))  # nothing to replace it with
+        assert mapper.state().dropped == 3
         gate.set()
-        for k, stamp_s in list(enumerate(flight.frames.stamps_s.tolist()))[3:20]:
+        for k, stamp_s in list(enumerate(flight.frames.stamps_s.tolist()))[4:20]:
             mapper.add(flight.frames.load(k), stamp_s, wait=True)
         final = mapper.finish()
-    assert final.rejected[LATE] == 2
+    assert final.rejected[LATE] == 3
     assert final.frames == 20
     assert final.frame_index[0] == 2
 
