@@ -59,7 +59,7 @@ def live(
     speed: Annotated[float, _SPEED] = 1.0,
     follow: Annotated[float | None, _FOLLOW] = None,
     preview: Annotated[Path | None, _PREVIEW] = None,
-    width: Annotated[int, _WIDTH] = 640,
+    width: Annotated[int, _WIDTH] = 320,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the mosaic.")] = True,
     config: Annotated[Path | None, options.CONFIG] = None,
     topic: Annotated[list[str] | None, options.TOPICS] = None,
