@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -16,7 +15,6 @@ from slam.cli import options
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
-    from slam.core.progress import Progress
     from slam.mapping.live.mapper import LiveMapper
     from slam.report.rasters.live_mosaic import LiveMosaic
 
@@ -49,8 +47,6 @@ _WIDTH = typer.Option(
     help="Reduce wider pictures to this width, so that tracking keeps pace; the final map has them too.",
 )
 _PREVIEW_S = 1.0
-_POLL_S = 0.1
-"""Time between two looks at a growing folder, at least."""
 
 
 def live(
@@ -75,6 +71,8 @@ def live(
     from slam.cli.tables import outcome_table
     from slam.core.errors import InputError
     from slam.evaluation.live_error import live_error
+    from slam.io.flight_folder import read_flight
+    from slam.mapping.live.arrival import first_state, follow_flight, replay_flight
     from slam.mapping.live.mapper import LiveMapper
     from slam.mapping.live.narrow_pictures import with_narrow_pictures
     from slam.report.accuracy import live_table
@@ -84,17 +82,21 @@ def live(
     screen = Screen(quiet, as_json)
     settings = options.pipeline_config(config, None)
     with output_folder(out) as folder, screen.progress() as progress:
-        request = options.request_of(topic, picture_rate)
-        flight = open_flight(source, progress, request)[0] if follow is None else _begun(source, follow)
-        if flight.all_keyframes:
-            raise InputError(f"{source}: photographs have no times in flight; use slam optimize")
-        flight = with_narrow_pictures(flight, width)
+
+        def read() -> Flight:
+            request = options.request_of(topic, picture_rate)
+            flight = read_flight(source) if follow is not None else open_flight(source, progress, request)[0]
+            if flight.all_keyframes:
+                raise InputError(f"{source}: photographs have no times in flight; use slam optimize")
+            return with_narrow_pictures(flight, width)
+
+        flight = read() if follow is None else first_state(read, follow)
         with LiveMapper(flight, settings) as mapper:
             with _preview(mapper, flight, preview):
                 if follow is None:
-                    _replay(mapper, flight, speed, progress)
+                    replay_flight(mapper, flight, speed, progress)
                 else:
-                    flight = _follow(mapper, source, follow, width, progress)
+                    flight = follow_flight(mapper, read, follow, progress)
                 mapper.close()
             state = mapper.state()
             frames, poses = mapper.keyframes()
@@ -106,69 +108,6 @@ def live(
     for table in tables:
         screen.table(table)
     screen.files([out / name for name in ("report.html", "map.html", "mosaic.png") if (out / name).exists()])
-
-
-def _replay(mapper: LiveMapper, flight: Flight, speed: float, progress: Progress) -> None:
-    """Give the pictures at the pace of the recording; those that cannot be read in time are dropped."""
-    frames = flight.frames
-    if frames is None:
-        return
-    stamps_s = frames.stamps_s
-    begin = time.perf_counter()
-    for k, stamp_s in enumerate(stamps_s.tolist()):
-        late_s = time.perf_counter() - begin - (stamp_s - stamps_s[0]) / speed
-        if late_s < 0:
-            time.sleep(-late_s)
-        next_s = (stamps_s[min(k + 1, len(stamps_s) - 1)] - stamp_s) / speed
-        # The reader itself is too slow where the next picture is due already.
-        image = frames.load(k) if k + 1 == len(stamps_s) or late_s < next_s else None
-        mapper.add(image, stamp_s)
-        progress("live", k + 1, len(stamps_s))
-
-
-def _begun(folder: Path, idle_s: float) -> Flight:
-    """Return a growing flight once it has a picture, or after ``idle_s``. Raises ``InputError`` where it
-    cannot be read then."""
-    from slam.core.errors import InputError
-    from slam.io.flight_folder import read_flight
-
-    begin = time.perf_counter()
-    while True:
-        in_time = time.perf_counter() - begin < idle_s
-        try:
-            flight = read_flight(folder)
-            if flight.camera is not None or not in_time:
-                return flight
-        except InputError:
-            if not in_time:
-                raise
-        time.sleep(_POLL_S)
-
-
-def _follow(mapper: LiveMapper, folder: Path, idle_s: float, width_px: int, progress: Progress) -> Flight:
-    """Give the pictures of a growing flight folder as they appear, and return the flight at its end."""
-    from slam.io.flight_folder import read_flight
-    from slam.mapping.live.narrow_pictures import with_narrow_pictures
-
-    given, newest_s, behind = 0, time.perf_counter(), True
-    while True:
-        begin = time.perf_counter()
-        flight = with_narrow_pictures(read_flight(folder), width_px)
-        mapper.refresh(flight)
-        frames = flight.frames
-        count = 0 if frames is None else len(frames)
-        while frames is not None and given < count:
-            image = frames.load(given)
-            if image is None and given + 1 == count and begin - newest_s < idle_s:
-                break  # it may still be written
-            # What was there before this command began is no reason to drop pictures.
-            mapper.add(image, float(frames.stamps_s[given]), wait=behind)
-            given, newest_s = given + 1, time.perf_counter()
-            progress("live", given, 0)
-        behind = False
-        if time.perf_counter() - newest_s > idle_s:
-            return flight
-        time.sleep(max(_POLL_S, time.perf_counter() - begin))
 
 
 @contextmanager

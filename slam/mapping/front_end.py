@@ -102,7 +102,7 @@ class TrackedPictures:
         self.links: list[Registration | None] = []
         self.refused: list[Registration] = []
         self.failures: dict[int, str] = {}
-        """Frames without a picture, with the reason."""
+        """Frames that no picture was given for, with the reason."""
 
     def add(self, keyframe: Keyframe) -> None:
         """Keep the next keyframe."""
@@ -148,13 +148,14 @@ class FrontEnd:
         tracker = tracked.tracker
         for keyframe in tracker.every(images) if flight.all_keyframes else tracker.keyframes(images):
             tracked.add(keyframe)
-        tracked.failures |= {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
         return self.observations(tracked, masked=masks is not no_masks)
 
     def observations(self, tracked: TrackedPictures, masked: bool = False) -> Observations:
         """Return what tracking found."""
         flight, tracker = self.flight, tracked.tracker
         assert flight.frames is not None
+        unreadable = {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
+        failures = unreadable | tracked.failures
         index = np.array(tracked.frame_index, dtype=np.int64)
         if not masked:
             # Features on moving objects were removed.
@@ -170,12 +171,12 @@ class FrontEnd:
             registrations=tuple(link for link in tracked.links if link is not None),
             refused=tuple(tracked.refused),
             frames=tracker.frames,
-            rejected=_with_reasons(tracker.rejected, tracked.failures),
+            rejected=_with_reasons(tracker.rejected, failures),
             moving=len(tracker.moving),
             frame_stamps_s=frame_stamps_s,
             camera_stamps_s=frame_stamps_s,
             passed=tuple(tracker.passed),
-            dropped=tracker.dropped | tracked.failures,
+            dropped=tracker.dropped | failures,
         )
 
     def register(

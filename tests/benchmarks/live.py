@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from slam.evaluation import evaluate
 from slam.evaluation.live_error import live_error
 from slam.io.flight_folder import read_flight
 from slam.io.flight_writer import write_flight
+from slam.mapping.live.arrival import replay_flight
 from slam.mapping.live.mapper import LiveMapper
 from slam.mapping.pipeline import optimize
 from slam.simulation.recipe import load_recipe
@@ -31,9 +31,8 @@ def measure() -> list[Metric]:
     with tempfile.TemporaryDirectory() as name:
         fast = Path(name) / "fast"
         recipe = load_recipe("square")
-        write_flight(
-            simulate(replace(recipe, camera=replace(recipe.camera, **FAST)), SEED), fast
-        )  # pictures of a simulation are rendered when they are read
+        # A simulation renders its pictures when they are read: that would take the time of the map.
+        write_flight(simulate(replace(recipe, camera=replace(recipe.camera, **FAST)), SEED), fast)
         return [
             *_flown("hybrid, 15 pictures/s", read_flight(folder("flights/ardrone2-hybrid")), 1.0),
             *_flown("640 x 480, 30 pictures/s", read_flight(fast), 0.9),
@@ -42,7 +41,7 @@ def measure() -> list[Metric]:
 
 def _flown(title: str, flight: Flight, least_used: float) -> list[Metric]:
     with LiveMapper(flight) as mapper:
-        _fly(mapper, flight)
+        replay_flight(mapper, flight)
         mapper.close()
         state, (frames, w_T_b) = mapper.state(), mapper.keyframes()
         estimate = mapper.finish()
@@ -66,14 +65,3 @@ def _flown(title: str, flight: Flight, least_used: float) -> list[Metric]:
         ),
         reported(f"{title}: live positions from the final ones, RMS", apart_m, "m"),
     ]  # fmt: skip
-
-
-def _fly(mapper: LiveMapper, flight: Flight) -> None:
-    """Give each picture at its time."""
-    assert flight.frames is not None
-    stamps_s, begin = flight.frames.stamps_s, time.perf_counter()
-    for k, stamp_s in enumerate(stamps_s.tolist()):
-        early_s = begin + (stamp_s - stamps_s[0]) - time.perf_counter()
-        if early_s > 0:
-            time.sleep(early_s)
-        mapper.add(flight.frames.load(k), stamp_s)

@@ -83,14 +83,14 @@ class LiveGraph:
         lifted = self._lifted(frame.keyframe, frame.i_H_j, frame.corner_covariance)
         return None if lifted is None else w_T_i @ lifted[0]
 
-    def height(self, k: int) -> float:
+    def _height(self, k: int) -> float:
         """Return the height of keyframe ``k`` over the floor: as solved, by its range, or the last one's."""
-        placed = self.pose(k)
+        placed, ranges = self.pose(k), self._readings[k].ranges
         if placed is not None:
             return max(float(placed[2, 3]), _LOWEST)
-        for reading in self._readings[k].ranges:
-            return max(self._fall(k) * reading.range_m, _LOWEST)
-        return self.height(max(self._number)) if self._number else 1.0
+        if ranges:
+            return max(self._fall(k) * ranges[0].range_m, _LOWEST)
+        return self._height(max(self._number))
 
     def _fall(self, k: int) -> float:
         return float(level_T_body(self._readings[k].roll_pitch_rad)[0, 2, 2])
@@ -125,7 +125,7 @@ class LiveGraph:
         )  # fmt: skip
         if not lifted.usable[0]:
             return None
-        height = np.array([self.height(i)])
+        height = np.array([self._height(i)])
         poses, covariances = lifted.scale(height, LEAST_HEIGHT_STD * height)
         return poses[0], covariances[0]
 

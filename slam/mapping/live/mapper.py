@@ -40,7 +40,7 @@ class LiveState:
     pictures: int
     """Pictures that were given, the dropped ones included."""
     dropped: int
-    """Pictures that another one replaced before they were tracked."""
+    """Pictures that came too soon after others to be tracked."""
     keyframes: int
     """Keyframes in the graph."""
     waiting: int
@@ -83,10 +83,10 @@ class LiveMapper:
         self._arrival = threading.Condition()
         self._waiting: tuple[int, Image, float] | None = None
         self._ended = False
+        self._errors: list[BaseException] = []
         self._mapping = ThreadPoolExecutor(1, "live map")
-        self._jobs: list[Future[None]] = []
         self._tracking = ThreadPoolExecutor(1, "live tracking")
-        self._jobs.append(self._tracking.submit(self._track))
+        self._tracking.submit(self._track).add_done_callback(self._note_error)
 
     def add(
         self,
@@ -98,24 +98,29 @@ class LiveMapper:
     ) -> None:
         """Take the next picture (h, w) or (h, w, 3), with the attitude (3,) and slant range at its time.
 
-        Without a picture (None) the frame counts as dropped, and one that waits stays. ``wait`` waits until
-        the picture before is tracked, so that none is dropped.
+        None stands for a picture that cannot be read. ``wait`` waits until the picture before is tracked, so
+        that none is dropped.
 
         Raises ``InputError`` where the stamps do not increase and for readings of another shape, and whatever
         the threads raised.
         """
         number = self._recording.add(stamp_s, roll_pitch_yaw_rad, range_m)
         with self._arrival:
-            while wait and self._waiting is not None and not self._jobs[0].done():
+            while wait and self._waiting is not None and not self._errors:
                 self._arrival.wait()
             self._raise_errors()
             if image is None:
-                self._tracked.failures[number] = LATE
                 return
             if self._waiting is not None:
                 self._tracked.failures[self._waiting[0]] = LATE
             self._waiting = number, image.copy(), time.perf_counter()
             self._arrival.notify_all()
+
+    def skip(self, stamp_s: float) -> None:
+        """Count the next picture as dropped: there was no time to read it. Raises as `add` does."""
+        number = self._recording.add(stamp_s, None, None)
+        self._raise_errors()
+        self._tracked.failures[number] = LATE
 
     def refresh(self, flight: Flight) -> None:
         """Read the instruments from another state of the flight, whose streams have grown since."""
@@ -187,37 +192,41 @@ class LiveMapper:
         self._recording.close()
 
     def _raise_errors(self) -> None:
-        for job in self._jobs:
-            if job.done():
-                job.result()
-        self._jobs = [self._jobs[0], *(job for job in self._jobs[1:] if not job.done())]
+        if self._errors:
+            raise self._errors[0]
+
+    def _note_error(self, job: Future[None]) -> None:
+        """Keep the error of a thread for the caller's, and let that one wait no longer."""
+        error = job.exception()
+        if error is not None:
+            with self._arrival:
+                self._errors.append(error)
+                self._arrival.notify_all()
 
     def _track(self) -> None:
-        try:
-            for keyframe in self._tracked.tracker.keyframes(self._images()):
-                self._tracked.add(keyframe)
-                self._jobs.append(self._mapping.submit(self._map, keyframe))
-        finally:
-            with self._arrival:
-                self._waiting = None
-                self._arrival.notify_all()
+        for keyframe in self._tracked.tracker.keyframes(self._images()):
+            self._tracked.add(keyframe)
+            self._mapping.submit(self._map, keyframe).add_done_callback(self._note_error)
 
     def _images(self) -> Iterator[Image | None]:
         """Yield every picture, None for those that were dropped; wait for the next one."""
         done = 0
-        while True:
-            with self._arrival:
-                while self._waiting is None and not self._ended:
-                    self._arrival.wait()
-                if self._waiting is None:
-                    yield from [None] * (len(self._recording) - done)
-                    return
-                (number, image, arrived_s), self._waiting = self._waiting, None
-                self._arrival.notify_all()
+        while (arrived := self._next()) is not None:
+            number, image, arrived_s = arrived
             yield from [None] * (number - done)
             yield image
             done = number + 1
             self._latency_s.append(time.perf_counter() - arrived_s)
+        yield from [None] * (len(self._recording) - done)
+
+    def _next(self) -> tuple[int, Image, float] | None:
+        """Return the picture that waits, or the next one that arrives; None at the end of the flight."""
+        with self._arrival:
+            while self._waiting is None and not self._ended:
+                self._arrival.wait()
+            arrived, self._waiting = self._waiting, None
+            self._arrival.notify_all()
+            return arrived
 
     def _map(self, keyframe: Keyframe) -> None:
         """Add a keyframe to the graph with its registrations."""

@@ -93,15 +93,15 @@ class LiveRecording:
     def flight(self) -> Flight:
         """Return the flight with all readings, and with the frames that were given.
 
-        Without pictures of its own it has those of the keyframes, until `close`.
+        If these are not the first ones of its own, it has the pictures of the keyframes alone, until `close`.
         """
         with self._lock:
             flight, stamps_s = self._with_readings(0), np.array(self._stamps_s)
-        if flight.frames is None:
-            names = tuple(f"{stamp_s:.3f} s" for stamp_s in stamps_s.tolist())
-            return replace(flight, frames=Frames(stamps_s, names, self.picture))
-        names = flight.frames.names[: len(stamps_s)]
-        return replace(flight, frames=replace(flight.frames, stamps_s=stamps_s, names=names))
+        own, count = flight.frames, len(stamps_s)
+        if own is not None and np.array_equal(own.stamps_s[:count], stamps_s):
+            return replace(flight, frames=replace(own, stamps_s=stamps_s, names=own.names[:count]))
+        names = tuple(f"{stamp_s:.3f} s" for stamp_s in stamps_s.tolist())
+        return replace(flight, frames=Frames(stamps_s, names, self.picture))
 
     def _path(self, frame: int) -> Path:
         return Path(self._folder.name) / f"{frame:08d}.png"

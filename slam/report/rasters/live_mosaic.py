@@ -89,6 +89,6 @@ class LiveMosaic:
             return None
         reduced = np.asarray(cv2.resize(image, self._camera.size_px, interpolation=cv2.INTER_AREA))
         self._pictures[frame] = reduced
-        while sum(kept.nbytes for kept in self._pictures.values()) > _KEPT_MB * 1e6:
+        if len(self._pictures) * reduced.nbytes > _KEPT_MB * 1e6:
             self._pictures.popitem(last=False)
         return reduced

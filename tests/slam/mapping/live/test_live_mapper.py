@@ -95,7 +95,7 @@ def test_a_picture_that_comes_too_early_replaces_the_one_that_waits(flight, monk
     with LiveMapper(flight) as mapper:
         for k, stamp_s in enumerate(flight.frames.stamps_s[:3].tolist()):
             mapper.add(flight.frames.load(k), stamp_s)
-        mapper.add(None, float(flight.frames.stamps_s[3]))  # nothing to replace it with
+        mapper.skip(float(flight.frames.stamps_s[3]))
         assert mapper.state().dropped == 3
         gate.set()
         for k, stamp_s in list(enumerate(flight.frames.stamps_s.tolist()))[4:20]:
@@ -104,6 +104,27 @@ def test_a_picture_that_comes_too_early_replaces_the_one_that_waits(flight, monk
     assert final.rejected[LATE] == 3
     assert final.frames == 20
     assert final.frame_index[0] == 2
+
+
+def test_a_damaged_picture_is_unreadable_and_not_late(flight):
+    with LiveMapper(flight) as mapper:
+        for k, stamp_s in enumerate(flight.frames.stamps_s[:12].tolist()):
+            mapper.add(None if k == 4 else flight.frames.load(k), stamp_s, wait=True)
+        assert mapper.state().dropped == 0
+        final = mapper.finish()
+    assert final.rejected["unreadable"] == 1
+    assert LATE not in final.rejected
+
+
+def test_other_pictures_than_the_recorded_ones_are_shown_where_they_were_seen(flight):
+    """Every second picture is given: number k of them is not number k of the recording."""
+    with LiveMapper(flight) as mapper:
+        for k in range(0, 24, 2):
+            mapper.add(flight.frames.load(k), float(flight.frames.stamps_s[k]), wait=True)
+        mapper.close()
+        frame = int(mapper.keyframes()[0][-1])
+        shown = mapper.flight().frames.load(frame)
+    np.testing.assert_array_equal(shown, flight.frames.load(2 * frame))
 
 
 def test_pictures_must_come_in_order(flight):
