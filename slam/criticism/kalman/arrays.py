@@ -183,9 +183,9 @@ class StepBuffers(NamedTuple):
     """(8,) noise in the middle of the step."""
     work: Array
     """(n, n) buffer."""
-    jolt: Array
+    late_stick_noise: Array
     """(10,) root of the variance that a late jump of the stick adds to the state, ..."""
-    bump: Array
+    contact_variance: Array
     """(10,) ... and the variance that the gear's contact adds."""
 
 

@@ -65,15 +65,15 @@ def predict_changes(h: float, step: StepBuffers, noise: Ar1Noise, changes: Noise
                     slower[i] += (matrix[i, k] - step.matrix[i, k]) * (before[k] + shift[k, c])
         process_noise(changes.hold[c], matrix, changes.q)
         own = StepBuffers(
-            step.rate, step.slopes, matrix, changes.q, step.middle, step.middle_noise, step.work, step.jolt,
-            step.bump,
+            step.rate, step.slopes, matrix, changes.q, step.middle, step.middle_noise, step.work,
+            step.late_stick_noise, step.contact_variance,
         )  # fmt: skip
         covariance_step(h, p, own)
         for i in range(MOVING):
-            p[i, i] += step.bump[i]
-            if step.jolt[i] != 0.0:
+            p[i, i] += step.contact_variance[i]
+            if step.late_stick_noise[i] != 0.0:
                 for j in range(MOVING):
-                    p[i, j] += step.jolt[i] * step.jolt[j]
+                    p[i, j] += step.late_stick_noise[i] * step.late_stick_noise[j]
         if noise.cross.shape[1] > 0:
             carry(matrix, changes.cross[c], noise.work)
     carry(step.matrix, shift, changes.work)

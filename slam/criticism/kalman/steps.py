@@ -100,15 +100,15 @@ def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffer
     process_noise(model.hold, step.matrix, step.q)
     mean_step(h, state, stick, model, step, scratch)
     covariance_step(h, p, step)
-    step.jolt[:], step.bump[:] = 0.0, 0.0
+    step.late_stick_noise[:], step.contact_variance[:] = 0.0, 0.0
     if late_var_s2 > 0.0:
         _add_latency_noise(
             state, p, stick, given.command.stick_jumps[s], late_var_s2, model.parameters, step, scratch
         )
     if settling(state, p, stick, model.parameters):
         for i in range(VX, VZ + 1):
-            step.bump[i] = CONTACT_NOISE**2 * h
-            p[i, i] += step.bump[i]
+            step.contact_variance[i] = CONTACT_NOISE**2 * h
+            p[i, i] += step.contact_variance[i]
 
 
 @inner_kernel
@@ -116,29 +116,29 @@ def _add_latency_noise(
     state: Array,
     p: Array,
     stick: Array,
-    jolt: Array,
+    stick_jump: Array,
     late_var_s2: float,
     parameters: Array,
     step: StepBuffers,
     scratch: Scratch,
 ) -> None:
-    """Add the variance of a stick's jump ``jolt`` that is t late: t times the jump of the state's rate."""
-    if not jolt[:5].any():
+    """Add the variance of a ``stick_jump`` that is t late: t times the jump of the state's rate."""
+    if not stick_jump[:5].any():
         return
     rate, noise = step.rate, step.middle_noise
     full, other, moved = scratch.full, scratch.nudged_rate, scratch.stick
     for i in range(len(stick)):
-        moved[i] = stick[i] + jolt[i]
+        moved[i] = stick[i] + stick_jump[i]
     for i in range(MOVING):
         full[i] = state[i]
     full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
     derivative(full, stick, noise, parameters, rate)
     derivative(full, moved, noise, parameters, other)
     for i in range(MOVING):
-        step.jolt[i] = math.sqrt(late_var_s2) * (other[i] - rate[i])
+        step.late_stick_noise[i] = math.sqrt(late_var_s2) * (other[i] - rate[i])
     for i in range(MOVING):
         for j in range(MOVING):
-            p[i, j] += step.jolt[i] * step.jolt[j]
+            p[i, j] += step.late_stick_noise[i] * step.late_stick_noise[j]
 
 
 @inner_kernel
