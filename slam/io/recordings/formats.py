@@ -13,6 +13,7 @@ from slam.io.content import HEAD_BYTES, content_name
 from slam.io.files import refusal
 from slam.io.recordings.recording import Recording
 from slam.io.recordings.video import mp4
+from slam.io.text_encoding import decode_text, wide_encoding
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ _TABLE = re.compile(
     rb"(\xef\xbb\xbf)?[^\n\0]*?(?<![a-z])(time|timestamp|stamp|t)(?![a-z])[^\n\0]*?[,;\t]", re.IGNORECASE
 )
 """A header with a time and another column."""
-_SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*\n.*(-->|\[latitude)", re.DOTALL)
+_SUBTITLES = re.compile(rb"(\xef\xbb\xbf)?\s*\d+\s*[\r\n].*(-->|\[latitude)", re.DOTALL)
 
 
 FORMATS: tuple[Format, ...] = (
@@ -116,7 +117,8 @@ def format_of(path: Path) -> Format | FolderFormat | None:
             head = file.read(HEAD_BYTES)
     except OSError as error:
         raise refusal(path, "cannot be read", explain(error)) from None
-    found = next((known for known in FORMATS if known.begins(head)), None)
+    text = decode_text(head)[0].encode() if wide_encoding(head) else head
+    found = next((known for known in FORMATS if known.begins(head) or known.begins(text)), None)
     named = next((known for known in FORMATS if path.suffix.lower() in known.suffixes), None)
     if found is None and named is not None:
         content = content_name(head)

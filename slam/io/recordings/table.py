@@ -19,12 +19,13 @@ from backend.measurements import GRAVITY_M_S2
 from slam.core.geodesy import position_fault
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.body_axes import angles_from_aviation
-from slam.io.files import brief, read_text, refusal
+from slam.io.files import brief, read_bytes, refusal, refuse_other_content, without_zero_tail
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, columns, single
 from slam.io.recordings.recording import Recording
 from slam.io.recordings.video.subtitles import changed_rows
+from slam.io.text_encoding import decode_text, wide_encoding
 
 Array = NDArray[np.float64]
 
@@ -188,7 +189,7 @@ def recording_of(path: Path, table: Table) -> Recording:
 
 def read_table(path: Path) -> Table:
     """Return the readings of a table. Raises ``InputError``."""
-    text, notes = read_text(path, path.parent, _MAX_BYTES)
+    text, notes = _text_of(path)
     lines = text.splitlines()
     first = lines[0] if lines else ""
     delimiter = max(",;\t", key=first.count)
@@ -206,6 +207,18 @@ def read_table(path: Path) -> Table:
     stamps_ns = np.round(fields["time"] * 1e9).astype(np.int64)
     left = tuple((title, "column", len(stamps_ns)) for title in unread)
     return Table(FieldSeries(KIND, stamps_ns, fields), left, tuple(notes))
+
+
+def _text_of(path: Path) -> tuple[str, list[str]]:
+    """Return the text of a table, and what was dropped or assumed."""
+    data, notes = read_bytes(path, path.parent, _MAX_BYTES), list[str]()
+    if not wide_encoding(data):  # half of its last letter is zero
+        data, notes = without_zero_tail(data)
+    refuse_other_content(path, data)
+    text, encoding = decode_text(data)
+    if encoding == "Windows-1252":
+        notes.append(f"is neither UTF-8 nor UTF-16; {encoding} assumed")
+    return text, [f"{path.name}: {note}" for note in notes]
 
 
 def _columns(path: Path, titles: list[str]) -> tuple[dict[str, tuple[int, float]], list[str]]:

@@ -125,7 +125,7 @@ def changed_rows(values: Array) -> NDArray[np.bool_]:
 def _cues(text: str) -> Iterator[str]:
     """Yield the subtitles: blocks that begin with a line that holds only a number."""
     lines: list[str] = []
-    for line in text.lstrip("\ufeff").replace("\r", "").split("\n"):
+    for line in text.lstrip("\ufeff").replace("\r", "\n").split("\n"):
         if line.strip().lstrip("\ufeff").isdecimal():
             if lines:
                 yield "\n".join(lines)

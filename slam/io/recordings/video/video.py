@@ -20,6 +20,7 @@ from slam.io.recordings.video.mp4 import START, Mp4Track, read_tracks
 from slam.io.recordings.video.pictures import VideoPictures, first_size_of, packet_times
 from slam.io.recordings.video.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
 from slam.io.recordings.video.subtitles import Subtitles, parse_subtitles
+from slam.io.text_encoding import decode_text
 
 Array = NDArray[np.float64]
 
@@ -167,7 +168,7 @@ def _table_beside(path: Path, stamps_s: Array) -> tuple[Recording | None, tuple[
 
 def _from_file(path: Path) -> Subtitles:
     content = read_bytes(path, path.parent, MAX_SUBTITLE_BYTES)
-    return parse_subtitles(content.decode("utf-8", errors="replace"))
+    return parse_subtitles(decode_text(content)[0])
 
 
 def subtitles_of_track(path: Path, track: Mp4Track) -> tuple[Subtitles, int]:
@@ -182,7 +183,7 @@ def subtitles_of_track(path: Path, track: Mp4Track) -> tuple[Subtitles, int]:
             if sample is None:
                 lost += 1
                 continue
-            text = sample[2 : 2 + int.from_bytes(sample[:2], "big")].decode("utf-8", errors="replace")
+            text = decode_text(sample[2 : 2 + int.from_bytes(sample[:2], "big")])[0]
             ms = round(float(starts[k]) * 1000)
             clock = f"{ms // 3_600_000:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d},{ms % 1000:03d}"
             cues.append(f"{k + 1}\n{clock} --> {clock}\n{text}\n")

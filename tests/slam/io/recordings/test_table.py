@@ -45,6 +45,17 @@ def test_units_and_spellings_become_those_of_a_flight(tmp_path):
     assert any(source.channel == "note" and not source.stream for source in flight.sources)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+def test_tables_in_other_encodings_are_read(tmp_path, encoding):
+    text = "time [s],roll [\u00b0],pitch [\u00b0],yaw [\u00b0]\n0,10,0,0\n1,20,0,0\n"
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    flight = read(tmp_path / "a.csv")
+    assert flight.attitude.roll_pitch_yaw_rad[:, 0] == pytest.approx(np.radians([10, 20]))
+    assumed = [line for line in flight.warnings if "neither UTF-8 nor UTF-16; Windows-1252 assumed" in line]
+    assert len(assumed) == (encoding == "cp1252")
+    assert not any("zeros" in line for line in flight.warnings)
+
+
 @pytest.mark.parametrize(
     ("header", "row", "expected_deg"),
     [

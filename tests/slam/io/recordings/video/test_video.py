@@ -225,6 +225,17 @@ def test_a_track_in_each_dialect_returns_to_its_own_resolution(tmp_path, name):
         assert flight.barometer is None
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "gbk", "latin-1"])
+@pytest.mark.parametrize("end", ["\r\n", "\r"])
+def test_subtitles_in_other_encodings_are_read(tmp_path, encoding, end):
+    place = {"gbk": "\u9ad8\u5ea6", "latin-1": "H\u00f6he"}.get(encoding, "\u9ad8")
+    text = "".join(
+        cue(k + 1, 1000 * k, 1000 * k + 1000, f"{place} GPS(8.{2000 + k},47.4692,16)") for k in range(4)
+    )
+    (tmp_path / "a.srt").write_bytes(text.replace("\n", end).encode(encoding))
+    assert read(tmp_path / "a.srt").gps.longitude_deg == pytest.approx([8.2, 8.2001, 8.2002, 8.2003])
+
+
 def test_coarse_coordinates_have_a_larger_noise(tmp_path):
     """Four decimals are steps of 11 m: a uniform error of 11.1 / sqrt(12) = 3.2 m beside the 5 m of GPS."""
     text = "".join(cue(k + 1, 1000 * k, 1000 * k + 1000, f"GPS(8.{2000 + k},47.4692,16)") for k in range(4))
