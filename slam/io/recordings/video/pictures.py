@@ -24,11 +24,13 @@ _READ_ON = 64
 class VideoPictures:
     """Pictures of a video, found by their times, so that a lost picture does not shift the later ones."""
 
-    def __init__(self, path: Path, stamps_s: Array, is_timed: bool = True) -> None:
+    def __init__(self, path: Path, stamps_s: Array, is_timed: bool = True, held_back: int = 0) -> None:
         """``stamps_s`` (n,) are the times of the pictures from the first one, increasing.
 
-        Pictures of a file without times (``is_timed`` False) are counted instead.
+        Pictures of a file without times (``is_timed`` False) are counted instead. ``held_back`` is the
+        number of pictures by which the reported times are ahead of those that are shown.
         """
+        self._held_back = held_back
         self._path, self._stamps_s, self._is_timed = path, stamps_s, is_timed
         self._grabbed = 0
         """Number of pictures since the start of a file without times."""
@@ -77,13 +79,24 @@ class VideoPictures:
         for _ in range(len(self._stamps_s) - passed):  # a damaged picture fails, and the next may not
             if self._video.grab():
                 self._grabbed += 1
-                if self._is_timed:
-                    self._at_s = self._video.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+                if not self._is_timed:
+                    self._at_s = self._stamp(self._grabbed - 1)
+                elif self._held_back:
+                    self._at_s = self._shown_s(passed)
                 else:
-                    beyond = self._grabbed > len(self._stamps_s)
-                    self._at_s = None if beyond else float(self._stamps_s[self._grabbed - 1])
+                    self._at_s = self._video.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
                 return
         self._at_s = None
+
+    def _shown_s(self, passed: int) -> float | None:
+        """Return the time of the grabbed picture, where the file has the times of packets only."""
+        packet_s = self._video.get(cv2.CAP_PROP_POS_MSEC) * 1e-3
+        if packet_s == 0:  # behind the last packet, the pictures that were held back follow
+            return self._stamp(passed + 1)
+        return self._stamp(_number_at(self._stamps_s, packet_s) - self._held_back)
+
+    def _stamp(self, k: int) -> float | None:
+        return float(self._stamps_s[k]) if 0 <= k < len(self._stamps_s) else None
 
 
 def opened(path: Path) -> cv2.VideoCapture:
@@ -111,6 +124,23 @@ def first_size_of(path: Path) -> tuple[int, int]:
             "copy it again from the recorder, or convert it to H.264 in MP4",
         )
     return image.shape[1], image.shape[0]
+
+
+def pictures_held_back(path: Path, stamps_s: Array) -> int:
+    """Return how many packets behind the first one the first picture of a video comes.
+
+    AVI files do not say when a picture is shown, only the order of the packets. Where pictures are predicted
+    from later ones, a picture is shown when later packets are there. ``stamps_s`` (n,) are the packets'.
+    """
+    video = opened(path)
+    first_s = video.get(cv2.CAP_PROP_POS_MSEC) * 1e-3 if video.grab() else 0.0
+    video.release()
+    return _number_at(stamps_s, first_s)
+
+
+def _number_at(stamps_s: Array, at_s: float) -> int:
+    """Return the number of the stamp that is nearest to a time."""
+    return int(np.abs(stamps_s - at_s).argmin())
 
 
 def packet_times(path: Path) -> Array:

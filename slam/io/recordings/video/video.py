@@ -17,7 +17,12 @@ from slam.io.recordings.recording import Content, Offer, PictureChannel, Recordi
 from slam.io.recordings.table import KIND, RULES, read_table, recording_of
 from slam.io.recordings.video.gpmf import TRACK_CODE, GoproTrack, read_gopro
 from slam.io.recordings.video.mp4 import START, Mp4Track, read_tracks
-from slam.io.recordings.video.pictures import VideoPictures, first_size_of, packet_times
+from slam.io.recordings.video.pictures import (
+    VideoPictures,
+    first_size_of,
+    packet_times,
+    pictures_held_back,
+)
 from slam.io.recordings.video.subtitle_streams import SUBTITLE_READERS, subtitle_offers, video_camera
 from slam.io.recordings.video.subtitles import Subtitles, parse_subtitles
 from slam.io.text_encoding import decode_text
@@ -43,6 +48,8 @@ class _Video:
     """Whether the file holds the times of its pictures."""
     subtitles: Subtitles | None
     subtitle_name: str
+    held_back: int = 0
+    """Number of pictures that the decoder holds back, where the file has the times of packets only."""
     gopro: GoproTrack | None = None
     damage: tuple[str, ...] = ()
 
@@ -116,7 +123,8 @@ def _offers(path: Path, video: _Video, beside: Recording | None) -> Iterator[Off
 
 def _opened(path: Path) -> _Video:
     with path.open("rb") as file:
-        is_mp4 = START.match(file.read(HEAD_BYTES)) is not None
+        head = file.read(HEAD_BYTES)
+    is_mp4, is_avi = START.match(head) is not None, head.startswith(b"RIFF")
     tracks = read_tracks(path) if is_mp4 else ()
     size_px = first_size_of(path)
     of_pictures = next((track for track in tracks if track.handler == "vide"), None)
@@ -130,7 +138,8 @@ def _opened(path: Path) -> _Video:
     metadata = next((track for track in tracks if track.code == TRACK_CODE), None)
     gopro = None if metadata is None else read_gopro(path, metadata)
     damage += () if gopro is None else gopro.damage
-    return _Video(stamps_s, size_px, is_timed, subtitles, name, gopro, damage)
+    held_back = pictures_held_back(path, stamps_s) if is_avi else 0
+    return _Video(stamps_s, size_px, is_timed, subtitles, name, held_back, gopro, damage)
 
 
 def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[str, ...]]:
@@ -214,7 +223,7 @@ def _pictures(path: Path, video: _Video, has_angles: bool) -> PictureChannel:
     return PictureChannel(
         stamps_ns=stamps_ns,
         names=tuple(f"{k:06d}.jpg" for k in range(len(stamps_ns))),
-        fetch=VideoPictures(path, video.stamps_s, video.is_timed),
+        fetch=VideoPictures(path, video.stamps_s, video.is_timed, video.held_back),
         camera=camera,
         picture_format="jpg",
         notes=tuple(notes),

@@ -19,9 +19,9 @@ def grey_of(k: int) -> int:
     return 10 + 5 * k
 
 
-def video(path: Path, count: int = 40, rate_hz: float = 10.0) -> Path:
+def video(path: Path, count: int = 40, rate_hz: float = 10.0, codec: str = "mp4v") -> Path:
     """Write a video whose picture k has the brightness ``grey_of(k)``."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), rate_hz, SIZE_PX)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), rate_hz, SIZE_PX)
     assert writer.isOpened()
     for k in range(count):
         writer.write(np.full((SIZE_PX[1], SIZE_PX[0], 3), grey_of(k), np.uint8))

@@ -156,6 +156,15 @@ def test_other_containers(tmp_path, name):
     assert [number_in(flight.frames[k].read()) for k in (39, 3, 4, 20)] == [39, 3, 4, 20]
 
 
+def test_an_avi_file_whose_pictures_are_predicted_from_later_ones(tmp_path):
+    """MPEG-2 with such pictures: each is decoded one packet late, and the file has the packets' times."""
+    path = video(tmp_path / "a.avi", codec="mpg2")
+    flight = read(path)
+    assert flight.frames.stamps_s == pytest.approx(0.1 * np.arange(40), abs=1e-3)
+    for k in (0, 1, 2, 30, 31, 5, 39, 0, 38, 39, 20):
+        assert number_in(flight.frames[k].read()) == k
+
+
 @pytest.mark.parametrize("content", [b"", b"hello"])
 def test_a_file_that_is_no_video_is_one_line(tmp_path, content):
     (tmp_path / "a.mp4").write_bytes(content)
