@@ -11,6 +11,7 @@ from slam.io.recordings.readers import damage_reported, optional_reader
 from slam.io.recordings.ros.camera import info_topics
 from slam.io.recordings.ros.messages import CAMERA_INFO, TRANSFORM_KINDS
 from slam.io.recordings.ros.open_bag import OpenBag
+from slam.io.recordings.ros.px4 import PACKAGE
 from slam.io.recordings.ros.transforms import transform_of
 
 if TYPE_CHECKING:
@@ -35,6 +36,11 @@ class Bag(OpenBag):
         with damage_reported(path, DESCRIPTION):
             self.reader: AnyReader = AnyReader([path], default_typestore=before_iron)
             self._open()
+        if any(c.msgtype.startswith(PACKAGE) and not self.is_defined(c.msgtype) for c in self.connections):
+            self.warnings += (
+                "the bag lacks the definitions of PX4's messages, so they are not read; ROS 2 before Iron "
+                "stores them in MCAP only: ros2 bag record -s mcap",
+            )
         weakref.finalize(self, self.reader.close)
         with damage_reported(path, DESCRIPTION):
             self._add_mounts()
@@ -49,7 +55,8 @@ class Bag(OpenBag):
                 self.mounts.add(each.header.frame_id, each.child_frame_id, transform_of(each.transform))
         self.find_first()
         changing = [c for c in transforms if c not in static]
-        if all(self.mounts.knows(self.frame_of(topic)) for topic in self.first):
+        frames = [frame for topic in self.first if (frame := self.frame_of(topic))]
+        if all(self.mounts.knows(frame) for frame in frames):
             return
         if self.add_constant_transforms(changing):
             self.warnings += ("mounts are also taken from transforms of /tf that never change",)
@@ -75,6 +82,10 @@ class Bag(OpenBag):
     def connections(self) -> list[Connection]:
         """All connections of the bag."""
         return self.reader.connections
+
+    def is_defined(self, kind: str) -> bool:
+        """Return whether the bag, or ROS itself, defines a type."""
+        return kind in self.reader.typestore.types
 
     def messages(
         self, connections: Sequence[Connection], start_ns: int | None = None

@@ -45,6 +45,12 @@ class RosRule:
     """Whether ``sensor.yaml`` has the mount."""
     is_certain: Callable[[str], bool] = lambda topic: True
     """Whether a topic may be taken without a request, by its name."""
+    doubt: str = ""
+    """Reason not to take a topic that is not certain."""
+    needs: tuple[str, ...] = ()
+    """Fields that distinguish the versions of a message."""
+    remarks: Callable[[Array], tuple[str, ...]] = lambda rows: ()
+    """Return a line for everything that is dropped or assumed, from all rows."""
 
 
 def _same(rows: Array, b_T_s: Array | None) -> Array:
@@ -136,7 +142,8 @@ def _reference(rows: Array, b_T_s: Array | None) -> Array:
     return np.hstack([position, w_q, np.full((len(rows), 9), np.nan)])
 
 
-def _is_reference(topic: str) -> bool:
+def is_reference(topic: str) -> bool:
+    """Return whether a topic is named after a system of reference."""
     return any(word in topic.lower().replace("_", "") for word in _REFERENCE_WORDS)
 
 
@@ -164,6 +171,7 @@ def _never(topic: str) -> bool:
     return False
 
 
+NO_TRUTH = "a pose may be an estimate, not a truth"
 _TRUTH = "state_groundtruth_estimate0"
 _POSE = "m, quaternion; body in the world"
 _LEVEL = "m/s forward and left, taken as level"
@@ -171,7 +179,7 @@ _LEVELLED = "m/s in body axes, levelled by the attitude"
 _IMU, _ODOMETRY = "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry"
 _NAVDATA = "ardrone_autonomy/msg/Navdata"
 _GEOMETRY = "geometry_msgs/msg/"
-RULES: tuple[RosRule, ...] = (
+STANDARD_RULES: tuple[RosRule, ...] = (
     RosRule("imu0", _IMU, _imu, _same, "rad/s, m/s²", is_mounted=True),
     RosRule("sonar0", "sensor_msgs/msg/Range", _range, _same, "m along x", _range_limits, is_mounted=True),
     RosRule("sonar0", _NAVDATA, lambda m: (m.altd,), _from_millimetres, "mm to m"),
@@ -183,11 +191,19 @@ RULES: tuple[RosRule, ...] = (
     RosRule("velocity0", f"{_GEOMETRY}TwistWithCovarianceStamped", _twist, _same, _LEVEL),
     RosRule("velocity0", _ODOMETRY, _odometry, _heading_velocity, _LEVELLED),
     RosRule("velocity0", _NAVDATA, lambda m: (m.vx, m.vy), _from_millimetres, "mm/s to m/s"),
-    RosRule("command0", f"{_GEOMETRY}Twist", _stick, _same, "1; forward, left, up, yaw", is_certain=_never),
+    RosRule(
+        "command0",
+        f"{_GEOMETRY}Twist",
+        _stick,
+        _same,
+        "1; forward, left, up, yaw",
+        is_certain=_never,
+        doubt="commands in m/s?",
+    ),
     RosRule("battery0", "sensor_msgs/msg/BatteryState", lambda m: (m.voltage,), _same, "V"),
     RosRule("gps0", "sensor_msgs/msg/NavSatFix", _position, _same, "deg, m above the ellipsoid"),
     *(
-        RosRule(_TRUTH, kind, row, _reference, _POSE, is_certain=_is_reference)
+        RosRule(_TRUTH, kind, row, _reference, _POSE, is_certain=is_reference, doubt=NO_TRUTH)
         for kind, row in (
             (f"{_GEOMETRY}PoseStamped", _pose),
             (f"{_GEOMETRY}PoseWithCovarianceStamped", _pose),
@@ -196,7 +212,7 @@ RULES: tuple[RosRule, ...] = (
         )
     ),
 )
-"""The message types and what they become, in the order of preference."""
+"""The message types of ROS itself and what they become, in the order of preference."""
 
 IMAGE_KINDS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"

@@ -18,7 +18,8 @@ from slam.io.files import brief
 from slam.io.images import UnreadableImageError, levels_of_sample, sample_of
 from slam.io.levels import Raw
 from slam.io.recordings.ros.camera import picture_of
-from slam.io.recordings.ros.messages import IMAGE_KINDS, RULES
+from slam.io.recordings.ros.messages import IMAGE_KINDS
+from slam.io.recordings.ros.rules import RULES
 from slam.io.recordings.ros.transforms import BODY_FRAMES, MountTree, is_optical, transform_of
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ class OpenBag(ABC):
         self.warnings: tuple[str, ...] = ()
         self.mounts = MountTree()
         self.first: dict[str, Message] = {}
-        """First message of each topic that has a mount or pictures."""
+        """First message of each topic that has a mount, pictures, or several versions."""
         self.body: str | None = None
         """Frame of the body; None where no transform is fixed."""
 
@@ -71,9 +72,14 @@ class OpenBag(ABC):
         """Return the first ``CameraInfo`` of a topic of pictures; None without."""
 
     def find_first(self) -> None:
-        """Read the first messages of the topics that have a mount or pictures."""
-        kinds = {rule.kind for rule in RULES if rule.is_mounted} | set(IMAGE_KINDS)
-        self.first = {topic: self._first(topic) for topic, _, count in self.topics(*kinds) if count}
+        """Read the first messages of the topics that have a mount or pictures, or several versions."""
+        kinds = {rule.kind for rule in RULES if rule.is_mounted or rule.needs} | set(IMAGE_KINDS)
+        defined = [kind for kind in kinds if self.is_defined(kind)]
+        self.first = {topic: self._first(topic) for topic, _, count in self.topics(*defined) if count}
+
+    def is_defined(self, kind: str) -> bool:
+        """Return whether messages of a type can be read."""
+        return True
 
     def find_body(self) -> None:
         """Find the frame of the body; the mounts and the first messages must be known.

@@ -25,11 +25,12 @@ from slam.io.recordings.ros.messages import (
     CAMERA_INFO,
     IMAGE_KINDS,
     RANGE_T_SONAR,
-    RULES,
     TRANSFORM_KINDS,
     RosRule,
 )
 from slam.io.recordings.ros.open_bag import BagPictures, OpenBag
+from slam.io.recordings.ros.px4 import PACKAGE
+from slam.io.recordings.ros.rules import RULES
 from slam.io.recordings.ros.transforms import Look, mount_entry
 from slam.io.sensor_yaml import Value
 
@@ -55,13 +56,18 @@ class _Series:
     first: Message = None
     without_stamp: int = 0
     has_header: bool = True
+    is_of_px4: bool = False
+    """Whether messages have PX4's stamp, in microseconds, instead of a header."""
 
     def add(self, recorded_ns: int, message: Message) -> None:
         if self.first is None:
             self.first, self.has_header = message, hasattr(message, "header")
+            self.is_of_px4 = self.rule is not None and self.rule.kind.startswith(PACKAGE)
         stamp_ns = 0
         if self.has_header:
             stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        elif self.is_of_px4:
+            stamp_ns = int(message.timestamp) * 1000
         self.without_stamp += stamp_ns == 0
         self.stamps_ns.append(stamp_ns or recorded_ns)
         self.recorded_ns.append(recorded_ns)
@@ -71,7 +77,11 @@ class _Series:
     def notes(self) -> list[str]:
         if not self.without_stamp:
             return []
-        what = "messages have no header" if not self.has_header else f"{self.without_stamp} stamps are zero"
+        what = (
+            "messages have no header"
+            if not (self.has_header or self.is_of_px4)
+            else f"{self.without_stamp} stamps are zero"
+        )
         return [f"{what}: the time of recording is used"]
 
 
@@ -129,6 +139,8 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
 def _series_offers(bag: OpenBag) -> Iterator[Offer]:
     for rank, rule in enumerate(RULES):
         for topic, _, rows in bag.topics(rule.kind):
+            if rule.needs and not all(hasattr(bag.first.get(topic), name) for name in rule.needs):
+                continue  # another version of the message
             if (
                 topic in bag.first
                 and not np.isfinite(rule.row(bag.first[topic])).any()
@@ -148,7 +160,7 @@ def _series_offers(bag: OpenBag) -> Iterator[Offer]:
 
 def _doubt(bag: OpenBag, rule: RosRule, topic: str) -> str:
     if not rule.is_certain(topic):
-        return "commands in m/s?" if rule.stream == "command0" else "a pose may be an estimate, not a truth"
+        return rule.doubt
     if rule.kind != _RANGE:
         return ""
     mount = bag.mount_of(topic)
@@ -180,7 +192,7 @@ def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
 
 
 def _rule(offer: Offer) -> RosRule:
-    return next(rule for rule in RULES if (rule.stream, rule.kind) == (offer.stream, offer.kind))
+    return RULES[offer.rank]
 
 
 def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) -> list[str]:
@@ -243,7 +255,7 @@ def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
     rows = np.array(series.rows).reshape(len(stamps_ns), -1)
     mount = bag.mount_of(offer.channel)
     nominal: dict[str, Value] = {}
-    notes = series.notes()
+    notes = [*series.notes(), *rule.remarks(rows)]
     if series.first is not None:
         nominal |= rule.nominal(series.first)
     if rule.is_mounted and mount is not None:

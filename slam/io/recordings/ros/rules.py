@@ -1,0 +1,9 @@
+"""All message types that are read from ROS recordings."""
+
+from __future__ import annotations
+
+from slam.io.recordings.ros.messages import STANDARD_RULES, RosRule
+from slam.io.recordings.ros.px4 import PX4_RULES
+
+RULES: tuple[RosRule, ...] = (*STANDARD_RULES, *PX4_RULES)
+"""The message types and what they become, in the order of preference."""
