@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.cells import COUNT as CELLS
-from frontend.cells import GRID, cells, place_in_run
+from frontend.cells import COUNT, cells, place_in_run
 from frontend.feature_kinds import FeatureKind
 from frontend.points import Points
 from frontend.rectification import rectifier
@@ -27,12 +26,12 @@ ORB_SCALE = 1.2
 """Scale factor from one level of ORB's pyramid to the next."""
 CROWDING_SHARE = 0.68
 """Features are crowded if the fullest third of the cells holds more than this share of them. On floors it
-holds half to two thirds. In crowded pictures, cells with less than half of an even share are searched again,
-and fuller cells keep only an even share."""
+holds half to two thirds. In crowded pictures, cells with less than half of an even share keep all their
+points, and fuller cells keep only an even share."""
 SPARSE_CELL_RATIO, LIMIT_REACHED_RATIO = 0.5, 0.9
 COARSE_PX = 8.0
 """Diameter at which a feature has twice the position variance of a fine one of the same contrast."""
-ALL_FEATURES = 100_000
+EVERY = 100_000
 """Feature limit above the number in any picture."""
 SMALLEST_PX = 16
 """Smallest side of a picture. Smaller pictures give no features, as some pyramids would have empty levels."""
@@ -80,44 +79,43 @@ class Features:
 
 @dataclass(frozen=True)
 class _Detections:
-    """Key points of one detector with their descriptors."""
+    """All key points that a detector finds in a picture, without their descriptors."""
 
-    points: list[cv2.KeyPoint]
-    descriptor: NDArray[Any]
+    points: Sequence[cv2.KeyPoint]
+    cell: NDArray[np.int64]
+    """(n,) cell of each."""
+    by_strength: NDArray[np.int64]
+    """(n,) their order, strongest first."""
 
-    def __getitem__(self, which: NDArray[np.int64]) -> _Detections:
-        return _Detections([self.points[k] for k in which], self.descriptor[which])
+    @staticmethod
+    def of(points: Sequence[cv2.KeyPoint], size_px: tuple[int, int]) -> _Detections:
+        """Return the points of a picture of (width, height) ``size_px``."""
+        order = np.argsort(-_attribute("response", points), kind="stable")
+        return _Detections(points, cells(_pixels(points), size_px), order)
 
-    def cells(self, size_px: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return (n,) the cell of each point in a picture of (width, height) ``size_px``."""
-        pixel = np.asarray(cv2.KeyPoint.convert(self.points), dtype=float).reshape(-1, 2)
-        return cells(pixel, (int(size_px[0]), int(size_px[1])))
+    def strongest(self, limit: int) -> list[cv2.KeyPoint]:
+        """Return up to ``limit`` points: the strongest, or, where these are crowded, fewer of the full cells.
 
-    def limit_per_cell(self, size_px: NDArray[np.int64], quota: int, sparse: Image) -> _Detections:
-        """Return the ``quota`` strongest points of each cell, none where ``sparse`` (h, w) is set."""
-        order = _by_strength(self.points)
-        cell = self.cells(size_px)[order]
+        A textured object, such as a landing gear or a passer-by, could otherwise use up the limit and leave
+        no features for the floor.
+        """
+        chosen = self.by_strength[:limit]
+        count = np.bincount(self.cell[chosen], minlength=COUNT)
+        full = len(chosen) >= LIMIT_REACHED_RATIO * limit
+        if full and np.sort(count)[-COUNT // 3 :].sum() > CROWDING_SHARE * count.sum():
+            sparse = count < SPARSE_CELL_RATIO * limit / COUNT
+            within = self._limited_per_cell(chosen[~sparse[self.cell[chosen]]], round(limit / COUNT))
+            others = self.by_strength[sparse[self.cell[self.by_strength]]]
+            chosen = np.concatenate([within, others[: limit - len(within)]])
+        return [self.points[k] for k in chosen.tolist()]
+
+    def _limited_per_cell(self, chosen: NDArray[np.int64], quota: int) -> NDArray[np.int64]:
+        """Return the first ``quota`` of the ``chosen`` points (k,) in each cell, in their order."""
+        cell = self.cell[chosen]
         by_cell = np.argsort(cell, kind="stable")
-        first = np.zeros(len(order), dtype=bool)
+        first = np.zeros(len(chosen), dtype=bool)
         first[by_cell[place_in_run(cell[by_cell]) < quota]] = True
-        column, row = np.asarray(cv2.KeyPoint.convert(self.points)).reshape(-1, 2).astype(int).T
-        return self[order[first & (sparse[row, column][order] == 0)]]
-
-    def fill_up(self, others: _Detections, limit: int) -> _Detections:
-        """Return these points and the strongest of the others, up to ``limit`` points in total."""
-        more = others[_by_strength(others.points)[: max(0, limit - len(self.points))]]
-        return _Detections(self.points + more.points, np.concatenate([self.descriptor, more.descriptor]))
-
-
-@dataclass(frozen=True)
-class _OpenCVDetectors:
-    """OpenCV objects of one thread."""
-
-    detector: Any
-    descriptor: Any
-    """None if the detector also computes descriptors."""
-    unlimited: Any
-    """Detector without a limit on the number of features."""
+        return chosen[first]
 
 
 class Extractor:
@@ -131,12 +129,13 @@ class Extractor:
         self._thread_local = threading.local()
         self._detectors()
 
-    def _detectors(self) -> _OpenCVDetectors:
-        """Return the OpenCV objects of this thread, as OpenCV does not document which are thread-safe."""
+    def _detectors(self) -> tuple[Any, Any]:
+        """Return the detector and the descriptor of this thread, as OpenCV does not document which are
+        thread-safe."""
         if not hasattr(self._thread_local, "detectors"):
-            unlimited, _ = _create(replace(self.config, max_features=ALL_FEATURES))
-            self._thread_local.detectors = _OpenCVDetectors(*_create(self.config), unlimited)
-        detectors: _OpenCVDetectors = self._thread_local.detectors
+            detector, descriptor = _create(self.config.kind)
+            self._thread_local.detectors = detector, descriptor or detector
+        detectors: tuple[Any, Any] = self._thread_local.detectors
         return detectors
 
     def __call__(self, image: Image, camera: Camera, mask: Image | None = None) -> Features:
@@ -161,58 +160,24 @@ class Extractor:
             size = np.array(grey.shape[::-1])
             if size.min() < SMALLEST_PX:
                 return self._no_features()
-        found = self._strongest(grey, mask)
-        if (sparse := self._sparse_area(found, size)) is not None:
-            others = self._strongest(grey, sparse if mask is None else np.minimum(sparse, mask))
-            crowded = found.limit_per_cell(size, round(self.config.max_features / CELLS), sparse)
-            found = crowded.fill_up(others, self.config.max_features)
-        if len(found.points) == 0:
+        detector, descriptor = self._detectors()
+        # All points are detected and few are described: that costs less than to search sparse cells again.
+        every = _Detections.of(detector.detect(grey, mask), (int(size[0]), int(size[1])))
+        points, described = descriptor.compute(grey, every.strongest(self.config.max_features))
+        if described is None or len(points) == 0:
             return self._no_features()
-        pixel = _positions(self.config.kind, found.points, size)
+        pixel = _positions(self.config.kind, points, size)
         # Pixel x of a reduced picture has its centre at full-size pixel (x + 1/2) full / size - 1/2.
         pixel = (pixel + first_px + 0.5) * scale - 0.5
-        relative_std = _relative_std(self.config.kind, found.points) * camera.magnification(pixel)
-        return Features(Points(pixel, relative_std), _normalise(found.descriptor))
-
-    def _strongest(self, grey: Image, mask: Image | None) -> _Detections:
-        """Return the strongest features, at most ``max_features``."""
-        limit, cv = self.config.max_features, self._detectors()
-        if cv.descriptor is None:
-            points, descriptor = cv.detector.detectAndCompute(grey, mask)
-        else:
-            points, descriptor = cv.descriptor.compute(grey, cv.detector.detect(grey, mask))
-        if mask is not None and len(points) < limit // 2:
-            # Detectors apply their limit before the mask, so masked features may have used up the limit.
-            all_points = cv.unlimited.detect(grey, mask)
-            points = [all_points[k] for k in _by_strength(all_points)[:limit]]
-            points, descriptor = (cv.descriptor or cv.detector).compute(grey, points)
-        if descriptor is None or len(points) == 0:
-            return _Detections([], np.empty((0, self._width), self._dtype))
-        found = _Detections(list(points), descriptor.reshape(len(points), -1))
-        # Detectors may exceed their own limit.
-        return found[_by_strength(found.points)[:limit]] if len(points) > limit else found
-
-    def _sparse_area(self, found: _Detections, size: NDArray[np.int64]) -> Image | None:
-        """Return the mask (h, w) of sparse cells to search again, or None if features are not crowded.
-
-        A textured object, such as a landing gear or a passer-by, could otherwise use up the limit and leave
-        no features for the floor.
-        """
-        if len(found.points) < LIMIT_REACHED_RATIO * self.config.max_features:
-            return None
-        count = np.bincount(found.cells(size), minlength=CELLS)
-        if np.sort(count)[-CELLS // 3 :].sum() <= CROWDING_SHARE * count.sum():
-            return None
-        sparse = count < SPARSE_CELL_RATIO * self.config.max_features / CELLS
-        cell_mask = np.where(sparse, 255, 0).astype(np.uint8).reshape(GRID[::-1])
-        return np.asarray(cv2.resize(cell_mask, size.tolist(), interpolation=cv2.INTER_NEAREST), np.uint8)
+        relative_std = _relative_std(self.config.kind, points) * camera.magnification(pixel)
+        return Features(Points(pixel, relative_std), _normalise(described.reshape(len(points), -1)))
 
     def _no_features(self) -> Features:
         return Features(Points.alike(np.empty((0, 2))), np.empty((0, self._width), self._dtype))
 
     @property
     def _width(self) -> int:
-        return int((self._detectors().descriptor or self._detectors().detector).descriptorSize())
+        return int(self._detectors()[1].descriptorSize())
 
     @property
     def _dtype(self) -> type:
@@ -229,9 +194,9 @@ def _check_picture(image: Any) -> None:
         raise ValueError(f"{expected}, got shape {image.shape}")
 
 
-def _by_strength(points: Sequence[cv2.KeyPoint]) -> NDArray[np.int64]:
-    """Return (n,) the indices of the points, strongest first."""
-    return np.argsort(-_attribute("response", points), kind="stable")
+def _pixels(points: Sequence[cv2.KeyPoint]) -> Array:
+    """Return (n, 2) positions of points."""
+    return np.asarray(cv2.KeyPoint.convert(points), dtype=float).reshape(-1, 2)
 
 
 def _attribute(name: str, points: Sequence[cv2.KeyPoint]) -> Array:
@@ -239,23 +204,22 @@ def _attribute(name: str, points: Sequence[cv2.KeyPoint]) -> Array:
     return np.fromiter(map(attrgetter(name), points), float, len(points))
 
 
-def _create(config: FeatureConfig) -> tuple[Any, Any]:
+def _create(kind: FeatureKind) -> tuple[Any, Any]:
     """Return the detector, and the descriptor if it is a separate object, else None."""
     api: Any = cv2  # the type stubs lack several creators
-    n = config.max_features
-    if config.kind == "sift":
+    if kind == "sift":
         # Dark floors need a low contrast threshold. Without precise upscaling positions are off by 1/4 px.
         return api.SIFT_create(
-            nfeatures=n, contrastThreshold=0.01, edgeThreshold=12, enable_precise_upscale=True
+            nfeatures=EVERY, contrastThreshold=0.01, edgeThreshold=12, enable_precise_upscale=True
         ), None
-    if config.kind == "orb":
-        return api.ORB_create(nfeatures=n, scaleFactor=ORB_SCALE, fastThreshold=5), None
-    if config.kind == "orb-teblid":
-        orb = api.ORB_create(nfeatures=n, scaleFactor=ORB_SCALE, fastThreshold=5)
+    if kind == "orb":
+        return api.ORB_create(nfeatures=EVERY, scaleFactor=ORB_SCALE, fastThreshold=5), None
+    if kind == "orb-teblid":
+        orb = api.ORB_create(nfeatures=EVERY, scaleFactor=ORB_SCALE, fastThreshold=5)
         return orb, api.xfeatures2d.TEBLID_create(1.0)
-    if config.kind == "akaze":
+    if kind == "akaze":
         return api.xfeatures2d.AKAZE_create(threshold=2e-4), None
-    if config.kind == "surf":
+    if kind == "surf":
         try:
             return api.xfeatures2d.SURF_create(hessianThreshold=100), None
         except (AttributeError, cv2.error) as error:
@@ -263,9 +227,7 @@ def _create(config: FeatureConfig) -> tuple[Any, Any]:
                 "features 'surf': this OpenCV build lacks SURF (it was patented); use --features sift, "
                 "or install an OpenCV built with OPENCV_ENABLE_NONFREE"
             ) from error
-    raise FeatureUnavailableError(
-        f"features {config.kind!r}: unknown; choose sift, orb, orb-teblid, akaze or surf"
-    )
+    raise FeatureUnavailableError(f"features {kind!r}: unknown; choose sift, orb, orb-teblid, akaze or surf")
 
 
 def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArray[np.int64]) -> Array:
@@ -275,7 +237,7 @@ def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArr
     centres. OpenCV multiplies by the nominal scale instead. ORB was off by 0.35 px on average and up to 2 px,
     AKAZE by 0.5 px per octave on pictures of odd size. SIFT is correct.
     """
-    pixel = np.asarray(cv2.KeyPoint.convert(points), dtype=float).reshape(-1, 2)
+    pixel = _pixels(points)
     if kind not in ("orb", "orb-teblid", "akaze"):
         return pixel
     level = np.array([p.octave for p in points])[:, None]
