@@ -25,8 +25,9 @@ _OUT = typer.Option(
 )
 _PHOTOS = typer.Option(
     "--photos",
-    metavar="FOLDER",
-    help="The photographs that the map was made of, for exif; they are not changed.",
+    metavar="FLIGHT",
+    help="The photographs or the flight that the map was made of: exif needs them, and mcap shows its "
+    "pictures; they are not changed.",
     show_default=False,
 )
 _CRS = typer.Option(
@@ -44,16 +45,21 @@ def export(
     crs: Annotated[str, _CRS] = "utm",
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
-    """Write a map for another program: GIS, Google Earth, OpenDroneMap, COLMAP, ROS 2, evo and others."""
+    """Write a map for another program: GIS, Google Earth, OpenDroneMap, COLMAP, Foxglove, ROS and others."""
     from slam.cli.console import Screen
+    from slam.cli.source import open_flight
     from slam.io.estimate import read_estimate
     from slam.io.exports.exported_map import ExportedMap
-    from slam.io.exports.formats import default_target, export_map
+    from slam.io.exports.formats import default_target, export_map, shows_pictures
 
     screen = Screen(quiet)
     target = default_target(folder, to) if out is None else out
     with screen.progress() as progress:
-        notes = export_map(ExportedMap(read_estimate(folder), photos, progress, folder, crs), to, target)
+        flight = None
+        if photos is not None and shows_pictures(to):
+            flight, photos = open_flight(photos, progress)[0], None
+        exported = ExportedMap(read_estimate(folder), photos, progress, folder, crs, flight)
+        notes = export_map(exported, to, target)
     for note in notes:
         screen.line(note)
     screen.files([target])

@@ -32,6 +32,10 @@ _INCREMENTAL = typer.Option(
     "--incremental",
     help="Also solve the pose graph keyframe by keyframe, as on board, and compare it with the batch.",
 )
+_MCAP = typer.Option(
+    "--mcap",
+    help="Also write map.mcap for Foxglove and Rerun: poses, pictures, ground and links.",
+)
 _GSD = typer.Option(
     metavar="M",
     min=1e-4,
@@ -47,6 +51,7 @@ class _FlightOptions:
     settings: PipelineConfig
     model: str | None
     incremental: bool
+    mcap: bool
 
 
 def optimize(
@@ -59,6 +64,7 @@ def optimize(
     features: Annotated[FeatureKind | None, options.FEATURES] = None,
     model: Annotated[str | None, options.MODEL] = None,
     incremental: Annotated[bool, _INCREMENTAL] = False,
+    mcap: Annotated[bool, _MCAP] = False,
     topic: Annotated[list[str] | None, options.TOPICS] = None,
     picture_rate: Annotated[float | None, options.PICTURE_RATE] = None,
     quiet: Annotated[bool, options.QUIET] = False,
@@ -66,6 +72,7 @@ def optimize(
 ) -> None:
     """Make one consistent map of a flight, or of several: trajectory, graph, mosaic and a report."""
     from slam.cli.console import Screen
+    from slam.cli.output_folder import MAP_MCAP
     from slam.cli.results import MosaicOptions
     from slam.cli.source import kind_of
     from slam.cli.tables import outcome_table
@@ -77,13 +84,13 @@ def optimize(
     else:
         mosaics = MosaicOptions(mosaic, gsd, out)
         settings = options.pipeline_config(config, features)
-        wanted = _FlightOptions(settings, model, incremental)
+        wanted = _FlightOptions(settings, model, incremental, mcap)
         results = _flights(sources, options.request_of(topic, picture_rate), out, mosaics, wanted, screen)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:
         screen.table(table)
-    first = [out / name for name in ("report.html", "map.html", "mosaic.png")]
+    first = [out / name for name in ("report.html", "map.html", "mosaic.png", MAP_MCAP)]
     screen.files([path for path in first if path.exists()])
 
 
@@ -96,13 +103,15 @@ def _flights(
     screen: Screen,
 ) -> Results:
     from slam.cli.output_folder import output_folder
-    from slam.cli.results import write_results
     from slam.cli.source import open_flight
     from slam.cli.sources_table import show_sources
     from slam.core.join_flights import join_flights
+    from slam.io.exports.foxglove.foxglove_file import require_packages
     from slam.simulation.model import load_model
 
     instruments = load_model(wanted.model) if wanted.model is not None else None
+    if wanted.mcap:
+        require_packages()
     with output_folder(out) as folder, screen.progress() as progress:
         flights = []
         for source in sources:
@@ -115,7 +124,25 @@ def _flights(
             return _corrected(instruments, flights, folder, mosaic, wanted, progress)
         flight = join_flights(flights)
         estimate, tables = _mapped(flight, wanted, progress)
-        return write_results(folder, estimate, flight, mosaic, progress, tables)
+        return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
+
+
+def _written(
+    folder: Path,
+    estimate: Estimate,
+    flight: Flight,
+    mosaic: MosaicOptions,
+    wanted: _FlightOptions,
+    progress: Progress,
+    tables: tuple[FigureTable, ...],
+) -> Results:
+    """Write all files of the map."""
+    from slam.cli.results import write_map_mcap, write_results
+
+    results = write_results(folder, estimate, flight, mosaic, progress, tables)
+    if wanted.mcap:
+        write_map_mcap(folder, estimate, flight, progress)
+    return results
 
 
 def _mapped(
@@ -147,7 +174,6 @@ def _corrected(
 ) -> Results:
     """Map corrected readings; with truth, compare the map with that of the recorded readings."""
     from slam.cli.output_folder import MODEL_NAME
-    from slam.cli.results import write_results
     from slam.core.join_flights import join_flights
     from slam.evaluation.map_gain import can_be_compared, map_gain
     from slam.report.accuracy import map_gain_table
@@ -161,7 +187,7 @@ def _corrected(
     recorded = join_flights(flights)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):
         tables = (map_gain_table([map_gain(recorded, flight, estimate, wanted.settings, progress)]), *tables)
-    return write_results(folder, estimate, flight, mosaic, progress, tables)
+    return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
 
 
 def _graph(source: Path, out: Path, screen: Screen) -> Results:

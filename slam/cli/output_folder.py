@@ -47,6 +47,9 @@ OPTIMIZE_NAMES = (
 MODEL_NAME = "model.toml"
 """Model of the instruments from ``--model``; the commands that read the map need it too."""
 
+MAP_MCAP = "map.mcap"
+"""The map for Foxglove and Rerun, from ``slam optimize --mcap``."""
+
 ESTIMATE_NAMES = (MARKER_NAME, "trajectory.tum", "estimate.npz", "estimate.png", "summary.json")
 """Files that ``slam estimate`` writes."""
 

@@ -72,6 +72,20 @@ def write_results(
     return write_summary_and_report(folder, estimate, flight, mosaics, accuracy)
 
 
+def write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: Progress) -> None:
+    """Write the map for Foxglove and Rerun beside its rasters, if any keyframe is placed.
+
+    Raises ``InputError`` as `slam.io.exports.mcap.write` does.
+    """
+    from slam.cli.output_folder import MAP_MCAP
+    from slam.io.exports.exported_map import ExportedMap
+    from slam.io.exports.mcap import write
+
+    exported = ExportedMap(estimate, progress=progress, folder=folder, flight=flight)
+    if len(exported.keyframes):
+        write(exported, folder / MAP_MCAP)
+
+
 def write_solution(folder: Path, estimate: Estimate, graph: PoseGraph) -> None:
     """Write the files that need no pictures: trajectory, estimate, loops and graph. Raises ``InputError``."""
     from backend.g2o import write_g2o

@@ -38,8 +38,8 @@ _COVARIANCE_KNOWN, _COVARIANCE_UNKNOWN = 3, 0
 """Values of ``NavSatFix.position_covariance_type``."""
 
 
-def write_bag(exported: ExportedMap, folder: Path, storage: str) -> None:
-    """Write a bag into a new folder; ``storage`` is "SQLITE3" or "MCAP".
+def write_bag(exported: ExportedMap, folder: Path) -> None:
+    """Write a bag into a new folder.
 
     Raises ``InputError`` without ``rosbags``, or for a stamp that ROS cannot hold.
     """
@@ -54,7 +54,7 @@ def write_bag(exported: ExportedMap, folder: Path, storage: str) -> None:
     if stamps_ns.min() < 0 or stamps_ns.max() >= _MAX_SECONDS * 10**9:
         raise InputError("a stamp of the map is before 1970 or after 2038, which ROS cannot hold; write tum")
     store = get_typestore(Stores.ROS2_HUMBLE)
-    with Writer(folder, version=_BAG_VERSION, storage_plugin=StoragePlugin[storage]) as writer:
+    with Writer(folder, version=_BAG_VERSION, storage_plugin=StoragePlugin.SQLITE3) as writer:
         connections = {}
         for topic, stamp_ns, message in _messages(exported, _Maker(store.types)):
             kind = message.__msgtype__
@@ -74,7 +74,7 @@ def _messages(exported: ExportedMap, make: _Maker) -> Iterator[tuple[str, int, M
         mount = make.transform(stamps_ns[0], BODY, CAMERA, camera.b_T_c)
         yield "/tf_static", stamps_ns[0], make.type("tf2_msgs/msg/TFMessage", transforms=[mount])
     yield "/slam/path", stamps_ns[0], make.path(stamps_ns, frames.w_T_b)
-    covariances = fixed_axes_covariances(frames.w_T_b, frames.covariances)
+    covariances = frames.fixed_axes_covariances
     fixes = _fixes(exported, covariances, make)
     for k, stamp_ns in enumerate(stamps_ns):
         yield "/slam/pose", stamp_ns, make.pose_with_covariance(stamp_ns, frames.w_T_b[k], covariances[k])
@@ -82,18 +82,6 @@ def _messages(exported: ExportedMap, make: _Maker) -> Iterator[tuple[str, int, M
         yield "/tf", stamp_ns, make.type("tf2_msgs/msg/TFMessage", transforms=[tree])
         if fixes:
             yield "/slam/fix", stamp_ns, fixes[k]
-
-
-def fixed_axes_covariances(w_T_b: Array, covariances: Array) -> Array:
-    """Return covariances (n, 6, 6) in ROS's order, translation first, along the axes of the world.
-
-    Ours are of a right perturbation in body axes, rotation first. Source: the comment of
-    ``geometry_msgs/PoseWithCovariance``.
-    """
-    R = w_T_b[:, :3, :3]
-    change = np.zeros((len(R), 6, 6))
-    change[:, :3, 3:] = change[:, 3:, :3] = R
-    return np.asarray(change @ covariances @ change.transpose(0, 2, 1))
 
 
 def _fixes(exported: ExportedMap, covariances: Array, make: _Maker) -> list[Message]:

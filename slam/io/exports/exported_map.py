@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from backend.se3 import adjoint, inverse
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
+from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, geodetic_from_enu
 from slam.core.names import listed
 from slam.core.progress import Progress, silent
@@ -29,6 +30,8 @@ _UNIX_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 class Keyframes:
     """Placed keyframes in order of time, in one common frame."""
 
+    numbers: NDArray[np.int64]
+    """(n,) numbers of the keyframes in the estimate."""
     names: tuple[str, ...]
     """Names of the pictures, or numbers where there are none; printable, on one line."""
     stamps_ns: NDArray[np.int64]
@@ -56,6 +59,7 @@ class Keyframes:
         others = [name for k, name in enumerate(self.names) if k not in set(keep)]
         plain = replace(
             self,
+            numbers=self.numbers[keep],
             names=tuple(self.names[k] for k in keep),
             stamps_ns=self.stamps_ns[keep],
             w_T_b=self.w_T_b[keep],
@@ -76,6 +80,17 @@ class Keyframes:
         R = self.w_T_b[:, :3, :3]
         variance = np.einsum("nij,njk,nik->ni", R, self.covariances[:, 3:, 3:], R)
         return np.sqrt(np.where(variance >= 0, variance, np.nan))
+
+    @property
+    def fixed_axes_covariances(self) -> Array:
+        """(n, 6, 6) covariances in ROS's order, translation first, along the axes of the world.
+
+        Source: the comment of ``geometry_msgs/PoseWithCovariance``.
+        """
+        R = self.w_T_b[:, :3, :3]
+        change = np.zeros((len(R), 6, 6))
+        change[:, :3, 3:] = change[:, 3:, :3] = R
+        return np.asarray(change @ self.covariances @ change.transpose(0, 2, 1))
 
     def geodetic(self, origin: GeoOrigin) -> tuple[Array, Array, Array]:
         """Return latitudes [deg], longitudes [deg] and altitudes [m], each (n,)."""
@@ -109,6 +124,8 @@ class ExportedMap:
     """Output folder of the map, for its rasters."""
     crs: str = "utm"
     """Coordinate system of the rasters: ``utm``, or ``EPSG:`` and a number."""
+    flight: Flight | None = None
+    """The flight that the map was made of, for its pictures."""
 
     @property
     def name(self) -> str:
@@ -125,6 +142,7 @@ class ExportedMap:
         is_common = (estimate.component == 0) | (estimate.origin is not None)
         chosen = np.flatnonzero(estimate.placed & is_common)
         return Keyframes(
+            numbers=chosen,
             names=tuple(one_line(estimate.frame_names[k]) for k in chosen),
             stamps_ns=estimate.stamps_ns[chosen],
             w_T_b=estimate.w_T_b[chosen],

@@ -67,6 +67,8 @@ class ExportFormat:
     """End of the default name, after the name of the output folder."""
     needs: tuple[Need, ...] = ()
     is_folder: bool = False
+    shows_pictures: bool = False
+    """Whether it holds the pictures of a flight that is given."""
 
 
 FORMATS: tuple[ExportFormat, ...] = (
@@ -81,7 +83,7 @@ FORMATS: tuple[ExportFormat, ...] = (
     ),
     ExportFormat("euroc", "truth of the EuRoC data set", "euroc", "_euroc.csv"),
     ExportFormat("tum", "poses of the TUM RGB-D benchmark", "tum", ".tum"),
-    ExportFormat("mcap", "MCAP file with ROS 2 messages", "mcap", ".mcap"),
+    ExportFormat("mcap", "map for Foxglove and Rerun", "mcap", ".mcap", shows_pictures=True),
     ExportFormat("ros2", "ROS 2 bag", "ros2", "_ros2", is_folder=True),
     ExportFormat(
         "exif",
@@ -108,6 +110,11 @@ def default_target(folder: Path, name: ExportKind) -> Path:
     return folder.with_name(folder.name + _format(name).ending)
 
 
+def shows_pictures(name: ExportKind) -> bool:
+    """Return whether a format holds the pictures of a flight that is given."""
+    return _format(name).shows_pictures
+
+
 def export_map(exported: ExportedMap, name: ExportKind, target: Path) -> tuple[str, ...]:
     """Write a map in the format ``name``, and return one line for everything that the format cannot hold.
 
@@ -118,7 +125,8 @@ def export_map(exported: ExportedMap, name: ExportKind, target: Path) -> tuple[s
     for need in known.needs:
         if not need.is_met(exported):
             raise InputError(f"--to {name}: the map {need.lack}; {need.advice}")
-    if exported.photos is not None and PHOTOGRAPHS not in known.needs:
+    has_photos = exported.photos is not None or exported.flight is not None
+    if has_photos and PHOTOGRAPHS not in known.needs and not known.shows_pictures:
         raise InputError(f"--photos: --to {name} writes no photographs; leave --photos out")
     if not len(exported.keyframes):
         raise InputError(f"--to {name}: no keyframe of the map is placed; summary.json has the reasons")

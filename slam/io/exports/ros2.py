@@ -13,7 +13,7 @@ _NAME = "estimate"
 def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     """Write the bag into an empty folder. Raises ``InputError`` as ``write_bag`` does."""
     made = target / _NAME
-    write_bag(exported, made, "SQLITE3")
+    write_bag(exported, made)
     for path in made.iterdir():  # the library makes a folder of its own, and names files in it relatively
         path.rename(target / path.name)
     made.rmdir()

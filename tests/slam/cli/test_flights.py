@@ -17,7 +17,7 @@ import rasterio
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.cli.output_folder import EVALUATE_NAMES, OPTIMIZE_NAMES
+from slam.cli.output_folder import EVALUATE_NAMES, MAP_MCAP, OPTIMIZE_NAMES
 from slam.io.atomic import locked
 
 RECIPE = """name = "tiny"
@@ -135,12 +135,16 @@ def test_optimize_writes_every_file(done):
 
 def test_a_second_run_renders_no_tile_that_the_first_one_has(flight, done, tmp_path):
     again = shutil.copytree(done, tmp_path / "out")
-    assert run("optimize", flight, "--out", again).exit_code == 0
+    assert run("optimize", flight, "--out", again, "--mcap").exit_code == 0
     assert (again / "mosaic.tif").read_bytes() == (done / "mosaic.tif").read_bytes()
     notes = [w for w in json.loads((again / "summary.json").read_text())["warnings"] if "tiles" in w]
     assert len(notes) == 1
     kept, tiles = re.match(r"mosaic: (\d+) of (\d+) tiles are those of the earlier one", notes[0]).groups()
     assert kept == tiles
+    # The file for Foxglove is the one that an export makes of the map and its flight.
+    assert set(os.listdir(again)) == {*OPTIMIZE_NAMES, MAP_MCAP}
+    assert run("export", again, "--to", "mcap", "--photos", flight, "--quiet").exit_code == 0
+    assert (tmp_path / "out.mcap").read_bytes() == (again / MAP_MCAP).read_bytes()
 
 
 def test_evaluate_adds_its_files_and_a_second_run_replaces_all(flight, done, tmp_path):

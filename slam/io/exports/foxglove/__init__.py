@@ -1,0 +1,1 @@
+"""MCAP files with Foxglove's schemas, which Foxglove and Rerun show."""
