@@ -182,7 +182,7 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
-        ("errors", "measurements", "quantiles", "se3", "compilation"),
+        ("errors", "measurements", "quantiles", "quaternions", "se3", "compilation"),
         ("gauge", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),
         ("bundle", "g2o", "clocks"),

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, lapack
 from scipy.spatial.transform import Rotation
 
+from backend import quaternions
 from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
@@ -65,9 +66,10 @@ class DelayResiduals:
         begin_s, end_s, turn_rad, difference_rad = (values[turns] for values in rows)
         return replace(self, begin_s=begin_s, end_s=end_s, turn_rad=turn_rad, difference_rad=difference_rad)
 
-    def whitened(self, axis: int, ratio: float) -> tuple[Array, float]:
-        """Return residuals (n, g) of an axis, white up to their size and without the gyro's bias, and the
-        logarithm of the determinant of the covariance that was divided out.
+    def whitened(self, ratio: float, axes: slice = slice(None)) -> tuple[Array, float]:
+        """Return residuals (a, n, g) of some axes, white up to their size and without the gyro's bias.
+
+        Beside them is the logarithm of the determinant of the covariance that was divided out.
 
         ``ratio``: variance of the random walk over a turn, over that of a picture's white noise.
         """
@@ -77,11 +79,13 @@ class DelayResiduals:
         band[0] = 2.0 + ratio * lasts_s / np.median(lasts_s)
         band[1, :-1] = np.where(joined, -1.0, 0.0)
         factor = cholesky_banded(band, lower=True)
-        values = np.column_stack([self.difference_rad[:, :, axis], lasts_s])
+        difference = np.moveaxis(self.difference_rad[:, :, axes], -1, 1)
+        values = np.column_stack([difference.reshape(len(lasts_s), -1), lasts_s])
         white = lapack.dtbtrs(factor, values, uplo="L")[0]
         white, lasting = white[:, :-1], white[:, -1]
         white = white - np.outer(lasting, lasting @ white / (lasting @ lasting))
-        return np.asarray(white), 2.0 * float(np.log(factor[0]).sum())
+        log_determinant = 2.0 * float(np.log(factor[0]).sum())
+        return np.moveaxis(white.reshape(difference.shape), 1, 0), log_determinant
 
     @cached_property
     def squares(self) -> Array:
@@ -92,12 +96,13 @@ class DelayResiduals:
         n, tried = len(self.begin_s), []
         coarse = replace(self, difference_rad=self.difference_rad[:, ::_COARSE])
         for ratio in _RATIOS.tolist():
-            axes = [coarse.whitened(axis, ratio) for axis in range(3)]
-            tried.append([n * np.log(mean_square(white**2)) + log_det for white, log_det in axes])
+            white, log_determinant = coarse.whitened(ratio)
+            tried.append(n * np.log(mean_square(white**2)) + log_determinant)
         costs = np.array(tried)
         best = int(np.argmin(costs.min(axis=0).sum(axis=0)))
-        ratios = _RATIOS[costs[:, :, best].argmin(axis=0)]
-        return np.stack([self.whitened(axis, ratio)[0] ** 2 for axis, ratio in enumerate(ratios.tolist())])
+        ratios = _RATIOS[costs[:, :, best].argmin(axis=0)].tolist()
+        axes = [self.whitened(ratio, slice(axis, axis + 1))[0] for axis, ratio in enumerate(ratios)]
+        return np.asarray(np.concatenate(axes) ** 2)
 
 
 def delay_residuals(
@@ -146,25 +151,26 @@ def residuals_at(
 
     Only turns are kept that the gyro covers at every delay; None where there is none.
     """
-    attitude = Rotation.from_matrix(w_R_b)
     kept = _covered(stamps_s, readings.stamps_s, delays_s) & (chain[1:] == chain[:-1])
     if not kept.any():
         return None
     first, last = np.flatnonzero(kept), np.flatnonzero(kept) + 1
-    turned = attitude[first].inv() * attitude[last]
+    attitude = Rotation.from_matrix(w_R_b).as_quat()
+    turned = quaternions.product(quaternions.inverse(attitude[first]), attitude[last])
     by_gyro = _GyroAttitude.of(readings)
     difference_rad = np.empty((len(first), len(delays_s), 3))
     for some in np.array_split(np.arange(len(delays_s)), len(stamps_s) * len(delays_s) // _AT_ONCE + 1):
-        begin, end = (by_gyro.at((stamps_s[k, None] - delays_s[some]).ravel()) for k in (first, last))
-        by_pictures = turned[np.repeat(np.arange(len(first)), len(some))]
-        difference = (end.inv() * begin * by_pictures).as_rotvec()
-        difference_rad[:, some] = difference.reshape(len(first), len(some), 3)
-    return DelayResiduals(delays_s, stamps_s[first], stamps_s[last], turned.as_rotvec(), difference_rad)
+        begin, end = (by_gyro.at(stamps_s[k, None] - delays_s[some]) for k in (first, last))
+        back_by_gyro = quaternions.product(quaternions.inverse(end), begin)
+        difference = quaternions.product(back_by_gyro, turned[:, None])
+        difference_rad[:, some] = quaternions.rotation_vectors(difference)
+    turn_rad = quaternions.rotation_vectors(turned)
+    return DelayResiduals(delays_s, stamps_s[first], stamps_s[last], turn_rad, difference_rad)
 
 
 def gyro_attitudes(readings: InertialReadings, stamps_s: Array) -> Array:
     """Return the attitudes (n, 3, 3) by the gyro alone at stamps (n,), relative to its first reading."""
-    return np.asarray(_GyroAttitude.of(readings).at(stamps_s).as_matrix())
+    return np.asarray(Rotation.from_quat(_GyroAttitude.of(readings).at(stamps_s)).as_matrix())
 
 
 def turn_costs(squares: Array) -> Array:
@@ -197,20 +203,22 @@ class _GyroAttitude:
     stamps_s: Array
     rate_rad_s: Array
     """(k - 1, 3) mean rate between two readings."""
-    attitude: Rotation
-    """(k,)."""
+    attitude: Array
+    """(k, 4) quaternions."""
 
     @staticmethod
     def of(readings: InertialReadings) -> _GyroAttitude:
         rate = 0.5 * (readings.gyro_rad_s[1:] + readings.gyro_rad_s[:-1])
-        turns = Rotation.from_rotvec(rate * np.diff(readings.stamps_s)[:, None])
-        reach, composed = 1, Rotation.concatenate([Rotation.identity(1), turns])
+        turns = Rotation.from_rotvec(rate * np.diff(readings.stamps_s)[:, None]).as_quat()
+        reach, composed = 1, np.concatenate([[[0.0, 0.0, 0.0, 1.0]], turns])
         while reach < len(readings.stamps_s):  # a prefix product in log2(k) passes
-            composed = Rotation.concatenate([composed[:reach], composed[:-reach] * composed[reach:]])
+            composed[reach:] = quaternions.product(composed[:-reach], composed[reach:])
             reach *= 2
         return _GyroAttitude(readings.stamps_s, rate, composed)
 
-    def at(self, at_s: Array) -> Rotation:
+    def at(self, at_s: Array) -> Array:
+        """Return the quaternions (..., 4) at stamps (...)."""
         piece = np.clip(np.searchsorted(self.stamps_s, at_s, side="right") - 1, 0, len(self.rate_rad_s) - 1)
         since_s = at_s - self.stamps_s[piece]
-        return self.attitude[piece] * Rotation.from_rotvec(self.rate_rad_s[piece] * since_s[:, None])
+        turns = Rotation.from_rotvec((self.rate_rad_s[piece] * since_s[..., None]).reshape(-1, 3))
+        return quaternions.product(self.attitude[piece], turns.as_quat().reshape(*at_s.shape, 4))

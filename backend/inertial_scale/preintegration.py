@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from backend.quaternions import inverse, product, rotation_vectors
+
 Array = NDArray[np.float64]
 
 
@@ -19,10 +21,11 @@ def interpolate_attitudes(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: A
     piece = np.clip(np.searchsorted(at_s, imu_s, side="right") - 1, 0, len(at_s) - 2)
     share = (imu_s - at_s[piece]) / (at_s[piece + 1] - at_s[piece])
     within = turned - at_poses[piece] - share[:, None] * (at_poses[piece + 1] - at_poses[piece])
-    known = Rotation.from_matrix(w_R_b)
-    step = (known[:-1].inv() * known[1:]).as_rotvec()
-    found = known[piece] * Rotation.from_rotvec(share[:, None] * step[piece]) * Rotation.from_rotvec(within)
-    return np.asarray(found.as_matrix())
+    known = Rotation.from_matrix(w_R_b).as_quat()
+    step = rotation_vectors(product(inverse(known[:-1]), known[1:]))
+    turns = (Rotation.from_rotvec(v).as_quat() for v in (share[:, None] * step[piece], within))
+    found = product(product(known[piece], next(turns)), next(turns))
+    return np.asarray(Rotation.from_quat(found).as_matrix())
 
 
 def integrate(stamps_s: Array, values: Array) -> Array:

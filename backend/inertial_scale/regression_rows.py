@@ -89,17 +89,20 @@ class RegressionRows:
     def fit_at_scale(self, scale: float, noise: Array) -> Array:
         """Return parameters (7,) for a scale, with the best offset and arm for the noise of a short arm."""
         short = np.array([scale, *[0.0] * 6])
-        weight, others = self.weight(short, noise), self.regressors[..., 1:]
-        weighted = (weight[..., None] * others).reshape(-1, 6).T
-        information = weighted @ others.reshape(-1, 6) + PRIOR[1:, 1:]
+        information, weighted = self._of_others(self.weight(short, noise))
         short[1:] = np.linalg.solve(information, weighted @ self.residuals(short).ravel())
         return short
 
     def log_determinant(self, parameters: Array, noise: Array) -> float:
         """Return the log-determinant term of the noise likelihood, offset and arm marginalised."""
-        weight, others = self.weight(parameters, noise), self.regressors[..., 1:]
-        H = np.einsum("rak,ra,ral->kl", others, weight, others, optimize=True) + PRIOR[1:, 1:]
-        return float(np.linalg.slogdet(H)[1] - np.log(weight).sum())
+        weight = self.weight(parameters, noise)
+        return float(np.linalg.slogdet(self._of_others(weight)[0])[1] - np.log(weight).sum())
+
+    def _of_others(self, weight: Array) -> tuple[Array, Array]:
+        """Return the information (6, 6) about offset and arm, and their weighted regressors (6, 3r)."""
+        others = self.regressors[..., 1:]
+        weighted = (weight[..., None] * others).reshape(-1, 6).T
+        return weighted @ others.reshape(-1, 6) + PRIOR[1:, 1:], weighted
 
 
 @dataclass(frozen=True)
