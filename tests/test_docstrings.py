@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from tests.syntax import statements
+
 ROOT = Path(__file__).parents[1]
 FRAGMENTS = {"Of", "By", "Times", "What", "Who", "Where", "Beyond", "Beside"}
 """A docstring that begins with one of these words is no sentence."""
@@ -15,7 +17,7 @@ FRAGMENTS = {"Of", "By", "Times", "What", "Who", "Where", "Beyond", "Beside"}
 
 def docstrings(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Line and text of the docstrings of modules, classes, functions, fields and constants."""
-    for node in ast.walk(tree):
+    for node in (tree, *statements(tree)):
         if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
             continue
         for before, statement in zip([None, *node.body], node.body, strict=False):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -14,6 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
+
+from tests.syntax import statements
 
 ROOT = Path(__file__).parents[1]
 COMPILED = "backend.compilation"
@@ -29,7 +32,7 @@ class Module:
 
     def __post_init__(self) -> None:
         tree = ast.parse(self.source)
-        for node in _statements(tree):
+        for node in statements(tree):
             if isinstance(node, ast.ImportFrom):
                 assert node.level == 0, "an import relative to its file is not looked through here"
                 for alias in node.names:
@@ -43,11 +46,32 @@ class Module:
                 self.defined.update((name.id, node) for name in names)
 
 
-class Sources:
-    """Modules by dotted name."""
+class Modules(Mapping[str, Module]):
+    """Modules by dotted name; each is parsed when it is first asked for, as most have nothing compiled."""
 
     def __init__(self, sources: Mapping[str, str]) -> None:
-        self.modules = {name: Module(source) for name, source in sources.items()}
+        self.sources, self._parsed = dict(sources), {}
+
+    def __getitem__(self, name: str) -> Module:
+        if name not in self._parsed:
+            self._parsed[name] = Module(self.sources[name])
+        return self._parsed[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.sources
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.sources)
+
+    def __len__(self) -> int:
+        return len(self.sources)
+
+
+class Sources:
+    """What each module compiles, and of what."""
+
+    def __init__(self, sources: Mapping[str, str]) -> None:
+        self.modules = Modules(sources)
 
     def compiles(self, module: str, expression: ast.expr) -> bool:
         """Whether it is ``njit`` or what was made of it, with options or without."""
@@ -72,16 +96,28 @@ class Sources:
 
     def users(self) -> list[str]:
         """Modules that have ``njit``, or what was made of it, and not only to make such of it."""
-        return [module for module in self.modules if module != COMPILED and self._uses(module)]
+        return sorted(module for module in self._candidates() if module != COMPILED and self._uses(module))
+
+    def _candidates(self) -> set[str]:
+        """Modules that name numba's decorators, or import from one that makes decorators of them."""
+        found: set[str] = set()
+        sources = self.modules.sources
+        todo = {module for module, source in sources.items() if re.search("jit|vectorize", source)}
+        while todo:
+            found |= todo
+            making = [f"from {module} import" for module in todo if self._makes(module)]
+            todo = {m for m in sources if m not in found and any(each in sources[m] for each in making)}
+        return found
+
+    def _makes(self, module: str) -> bool:
+        return any(
+            isinstance(node, ast.Assign) and self.compiles(module, node.value)
+            for node in self.modules[module].defined.values()
+        )
 
     def _uses(self, module: str) -> bool:
-        known = self.modules[module]
-        makes = any(
-            isinstance(node, ast.Assign) and self.compiles(module, node.value)
-            for node in known.defined.values()
-        )
-        has = any(self.compiles(module, ast.Name(name)) for name in known.imported)
-        return bool(self.kernels(module)) or (has and not makes)
+        has = any(self.compiles(module, ast.Name(name)) for name in self.modules[module].imported)
+        return bool(self.kernels(module)) or (has and not self._makes(module))
 
     def inlined(self, module: str) -> set[str]:
         """The modules that the kernels of one take from: kernels, constants, types, how to compile."""
@@ -104,15 +140,6 @@ class Sources:
                     else [(origin, original)]
                 )
         return {module} | {here for here, name in seen if name in self.modules[here].defined}
-
-
-def _statements(node: ast.AST) -> Iterator[ast.AST]:
-    """Yield the statements below a node, which are far fewer than its expressions."""
-    for part in ("body", "orelse", "finalbody", "handlers", "cases"):
-        below = getattr(node, part, [])
-        for one in below if isinstance(below, list) else []:
-            yield one
-            yield from _statements(one)
 
 
 def _used(node: ast.AST) -> Iterator[str]:
@@ -188,6 +215,13 @@ def test_what_is_compiled_into_a_kernel_is_seen(a, b, wanted):
     assert "slam.a" in planted.users()
     assert planted.kernels("slam.a") == ["f"]
     assert planted.inlined("slam.a") == {f"slam.{module}" for module in wanted}
+
+
+def test_a_decorator_that_is_made_of_one_that_is_made_is_seen():
+    made = "from slam.b import B\nD = B(fastmath=True)"
+    user = "from slam.c import D\n\n@D\ndef f(x):\n    return x"
+    planted = Sources({"slam.a": user, "slam.b": OWN_OPTIONS, "slam.c": made, "slam.d": "x = 1"})
+    assert planted.users() == ["slam.a"]
 
 
 def test_a_file_that_only_says_how_to_compile_uses_nothing_yet():

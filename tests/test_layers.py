@@ -13,6 +13,8 @@ from pathlib import Path
 import networkx as nx
 import pytest
 
+from tests.syntax import statements
+
 ROOT = Path(__file__).parents[1]
 ALLOWED = {
     "backend": ("backend", "numpy", "gtsam", "gtsam_unstable", "scipy", "networkx", "numba"),
@@ -21,30 +23,38 @@ ALLOWED = {
 HEAVY = ("gtsam", "gtsam_unstable", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba")
 
 
-@cache  # several tests look at the imports of every source file
-def imported(source: str, package: str) -> tuple[tuple[int, str], ...]:
+def imported(source: str, package: str) -> list[tuple[int, str]]:
     """Return line and dotted name of every module that a source file of ``package`` imports.
 
     ``from a import b`` counts as ``a.b``: b may be a module. ``import_module`` and ``__import__`` count too,
     as ``<lazy>`` where they import a module of the table ``_MODULES``.
     """
-    return tuple(imports_in(ast.parse(source), package))
+    parts = package.split(".")
+    return [
+        (line, ".".join([*(parts[: len(parts) - level + 1] if level else []), name]))
+        for line, level, name in imports_in(source)
+    ]
 
 
-def imports_in(tree: ast.Module, package: str) -> Iterator[tuple[int, str]]:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from ((node.lineno, alias.name) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            parts = package.split(".")
-            home = parts[: len(parts) - node.level + 1] if node.level else []
-            base = ".".join([*home, *([node.module] if node.module else [])])
-            yield from ((node.lineno, f"{base}.{alias.name}") for alias in node.names)
-        elif isinstance(node, ast.Call) and last_name(node.func) in ("import_module", "__import__"):
-            name = node.args[0] if node.args else None
-            known = isinstance(name, ast.Constant) and isinstance(name.value, str)
-            lazy = node.args and ast.unparse(node.args[0]) == "_MODULES[name]"
-            yield node.lineno, name.value if known else "<lazy>" if lazy else "<computed>"
+@cache  # several tests look at the imports of every source file
+def imports_in(source: str) -> tuple[tuple[int, int, str], ...]:
+    """Return line, number of leading dots, and name of every import in a source."""
+    tree = ast.parse(source)
+    calls = "import_module" in source or "__import__" in source
+    return tuple(each for node in (ast.walk if calls else statements)(tree) for each in imports_of(node))
+
+
+def imports_of(node: ast.AST) -> Iterator[tuple[int, int, str]]:
+    if isinstance(node, ast.Import):
+        yield from ((node.lineno, 0, alias.name) for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        base = [node.module] if node.module else []
+        yield from ((node.lineno, node.level, ".".join([*base, alias.name])) for alias in node.names)
+    elif isinstance(node, ast.Call) and last_name(node.func) in ("import_module", "__import__"):
+        name = node.args[0] if node.args else None
+        known = isinstance(name, ast.Constant) and isinstance(name.value, str)
+        lazy = node.args and ast.unparse(node.args[0]) == "_MODULES[name]"
+        yield node.lineno, 0, name.value if known else "<lazy>" if lazy else "<computed>"
 
 
 def last_name(function: ast.expr) -> str:
