@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -25,12 +26,26 @@ from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.live.graph import LiveGraph
 from slam.mapping.live.loops import LiveLoops
 from slam.mapping.live.recording import LiveRecording
+from slam.mapping.live.rehearsal import rehearse
 from slam.mapping.pipeline import optimize_with_observations
 
 Array = NDArray[np.float64]
 
 LATE = "late: it arrived while earlier pictures were processed"
 """Reason for which a picture is dropped."""
+MOST_WAIT_S = 0.1
+"""Time that a picture may wait while a later one waits too. It absorbs the time of a keyframe's features, and
+with the tracking itself leaves each pose younger than the 150 ms that control in flight can use."""
+
+
+@dataclass(frozen=True)
+class _Arrived:
+    """A picture that waits to be tracked."""
+
+    number: int
+    image: Image
+    at_s: float
+    """Time at which it arrived, on the clock of `time.perf_counter`."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +77,9 @@ class LiveMapper:
     """Track pictures as they arrive, in threads of its own, so that `add` returns at once.
 
     One thread tracks. The other one searches the loops of each keyframe and solves the graph, so that a
-    picture waits for neither. A picture that arrives while an earlier one still waits replaces it; the
-    earlier one is dropped and counted. The poses are relative to the first keyframe, over the floor at z = 0,
-    in metres where ranges are known. GPS, IMU and obstacles enter after the flight, in `finish`.
+    picture waits for neither. A picture that has waited for longer than ``MOST_WAIT_S`` when its turn comes
+    is dropped and counted, unless it is the newest. The poses are relative to the first keyframe, over the
+    floor at z = 0, in metres where ranges are known. GPS, IMU and obstacles enter in `finish`.
     """
 
     def __init__(self, flight: Flight, config: PipelineConfig = PipelineConfig()) -> None:
@@ -76,12 +91,13 @@ class LiveMapper:
         self._config, self._camera = config, flight.camera
         self._recording = LiveRecording(flight)
         front_end = FrontEnd(flight, flight.camera, config, silent)
+        rehearse(front_end)
         self._tracked = TrackedPictures(front_end.tracker(look_ahead=False))
         self._loops = LiveLoops(self._tracked.store, front_end)
         self._graph, self._graph_lock = LiveGraph(flight.camera, config), threading.Lock()
         self._latency_s: list[float] = []
         self._arrival = threading.Condition()
-        self._waiting: tuple[int, Image, float] | None = None
+        self._waiting: deque[_Arrived] = deque()
         self._ended = False
         self._errors: list[BaseException] = []
         self._mapping = ThreadPoolExecutor(1, "live map")
@@ -98,22 +114,21 @@ class LiveMapper:
     ) -> None:
         """Take the next picture (h, w) or (h, w, 3), with the attitude (3,) and slant range at its time.
 
-        None stands for a picture that cannot be read. ``wait`` waits until the picture before is tracked, so
-        that none is dropped.
+        None stands for a picture that cannot be read. ``wait`` waits until tracking of the picture before
+        begins, so that none is dropped.
 
         Raises ``InputError`` where the stamps do not increase and for readings of another shape, and whatever
         the threads raised.
         """
         number = self._recording.add(stamp_s, roll_pitch_yaw_rad, range_m)
         with self._arrival:
-            while wait and self._waiting is not None and not self._errors:
+            while wait and self._waiting and not self._errors:
                 self._arrival.wait()
             self._raise_errors()
             if image is None:
                 return
-            if self._waiting is not None:
-                self._tracked.failures[self._waiting[0]] = LATE
-            self._waiting = number, image.copy(), time.perf_counter()
+            self._waiting.append(_Arrived(number, image.copy(), time.perf_counter()))
+            self._drop_late()
             self._arrival.notify_all()
 
     def skip(self, stamp_s: float) -> None:
@@ -212,21 +227,26 @@ class LiveMapper:
         """Yield every picture, None for those that were dropped; wait for the next one."""
         done = 0
         while (arrived := self._next()) is not None:
-            number, image, arrived_s = arrived
-            yield from [None] * (number - done)
-            yield image
-            done = number + 1
-            self._latency_s.append(time.perf_counter() - arrived_s)
+            yield from [None] * (arrived.number - done)
+            yield arrived.image
+            done = arrived.number + 1
+            self._latency_s.append(time.perf_counter() - arrived.at_s)
         yield from [None] * (len(self._recording) - done)
 
-    def _next(self) -> tuple[int, Image, float] | None:
+    def _next(self) -> _Arrived | None:
         """Return the picture that waits, or the next one that arrives; None at the end of the flight."""
         with self._arrival:
-            while self._waiting is None and not self._ended:
+            while not self._waiting and not self._ended:
                 self._arrival.wait()
-            arrived, self._waiting = self._waiting, None
+            self._drop_late()
+            arrived = self._waiting.popleft() if self._waiting else None
             self._arrival.notify_all()
             return arrived
+
+    def _drop_late(self) -> None:
+        """Drop pictures that have waited too long; the newest one stays."""
+        while len(self._waiting) > 1 and time.perf_counter() - self._waiting[0].at_s > MOST_WAIT_S:
+            self._tracked.failures[self._waiting.popleft().number] = LATE
 
     def _map(self, keyframe: Keyframe) -> None:
         """Add a keyframe to the graph with its registrations."""

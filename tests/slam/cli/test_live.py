@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import threading
 import time
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
+from slam.io.flight_folder import read_flight
 from slam.io.flight_writer import write_flight
 from tests.slam.small_flight import flown, only, photographs
 
@@ -24,43 +24,36 @@ def recorded(tmp_path_factory) -> Path:
     return path
 
 
-def grown(whole: Path, growing: Path) -> None:
-    """Append the pictures to a flight that has none yet."""
-    rows = (whole / "mav0/cam0/data.csv").read_text().splitlines(keepends=True)
-    time.sleep(0.3)
-    for row in rows[1:]:
-        name = row.strip().split(",")[1]
-        shutil.copy(whole / "mav0/cam0/data" / name, growing / "mav0/cam0/data" / name)
-        with (growing / "mav0/cam0/data.csv").open("a") as table:
-            table.write(row)
-        time.sleep(0.01)
-
-
-def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path):
+def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
+    """The folder has 20 pictures at the first look, 8 more at each later one, and then no more."""
     growing, out, preview = tmp_path / "growing", tmp_path / "out", tmp_path / "preview.png"
     shutil.copytree(recorded, growing)
     table = growing / "mav0/cam0/data.csv"
     rows = table.read_text().splitlines(keepends=True)
-    table.write_text(rows[0])
-    for row in rows[1:]:
-        (growing / "mav0/cam0/data" / row.strip().split(",")[1]).unlink()
-    writer = threading.Thread(target=grown, args=(recorded, growing))
-    writer.start()
+    table.write_text("".join(rows[:21]))
+    looks = []
+
+    def grown(source):
+        looks.append(source)
+        table.write_text("".join(rows[: 21 + 8 * max(0, len(looks) - 2)]))
+        return read_flight(source)
+
+    monkeypatch.setattr("slam.io.flight_folder.read_flight", grown)
     command = [
         "live",
         str(growing),
         "--out",
         str(out),
         "--follow",
-        "1.5",
+        "0.5",
         "--no-mosaic",
         "--preview",
         str(preview),
     ]
     result = CliRunner().invoke(app, [*command, "--json"])
-    writer.join()
     assert result.exit_code == 0, result.output
     summary = json.loads(result.stdout)
+    assert len(looks) > 3
     assert summary["frames"] == len(rows) - 1
     assert (out / "trajectory.tum").exists()
     assert "In flight" in (out / "report.html").read_text()

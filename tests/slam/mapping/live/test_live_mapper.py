@@ -12,7 +12,7 @@ from slam import LiveMapper
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.evaluation.association import poses_at
-from slam.mapping.live.mapper import LATE
+from slam.mapping.live.mapper import LATE, MOST_WAIT_S
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown, only
 
@@ -84,26 +84,48 @@ def test_without_ranges_lengths_are_heights(flight):
     np.testing.assert_allclose(w_T_b[:, 2, 3], 1.0, atol=0.2)
 
 
-def test_a_picture_that_comes_too_early_replaces_the_one_that_waits(flight, monkeypatch):
-    gate, images = threading.Event(), LiveMapper._images
+class Held:
+    """A mapper whose tracking has not begun, and a clock that the test sets."""
 
-    def held(mapper):
-        gate.wait()
-        yield from images(mapper)
+    def __init__(self, monkeypatch):
+        self.now_s, self.gate, images = 0.0, threading.Event(), LiveMapper._images
 
-    monkeypatch.setattr(LiveMapper, "_images", held)
+        def held(mapper):
+            self.gate.wait()
+            yield from images(mapper)
+
+        monkeypatch.setattr(LiveMapper, "_images", held)
+        monkeypatch.setattr("slam.mapping.live.mapper.time.perf_counter", lambda: self.now_s)
+
+
+def test_a_picture_that_waits_too_long_is_dropped(flight, monkeypatch):
+    held, stamps_s = Held(monkeypatch), flight.frames.stamps_s.tolist()
     with LiveMapper(flight) as mapper:
-        for k, stamp_s in enumerate(flight.frames.stamps_s[:3].tolist()):
+        for k, stamp_s in enumerate(stamps_s[:3]):
+            held.now_s = k * 0.8 * MOST_WAIT_S
             mapper.add(flight.frames.load(k), stamp_s)
-        mapper.skip(float(flight.frames.stamps_s[3]))
-        assert mapper.state().dropped == 3
-        gate.set()
-        for k, stamp_s in list(enumerate(flight.frames.stamps_s.tolist()))[4:20]:
+        assert mapper.state().dropped == 1
+        mapper.skip(stamps_s[3])
+        assert mapper.state().dropped == 2
+        held.gate.set()
+        for k, stamp_s in list(enumerate(stamps_s))[4:20]:
             mapper.add(flight.frames.load(k), stamp_s, wait=True)
         final = mapper.finish()
-    assert final.rejected[LATE] == 3
+    assert final.rejected[LATE] == 2
     assert final.frames == 20
-    assert final.frame_index[0] == 2
+    assert final.frame_index[0] == 1
+
+
+def test_the_newest_picture_is_tracked_however_long_it_waited(flight, monkeypatch):
+    held, stamps_s = Held(monkeypatch), flight.frames.stamps_s.tolist()
+    with LiveMapper(flight) as mapper:
+        for k in range(3):
+            mapper.add(flight.frames.load(k), stamps_s[k])
+        held.now_s = 10 * MOST_WAIT_S
+        held.gate.set()
+        mapper.close()
+        assert mapper.state().dropped == 2
+        assert mapper.keyframes()[0].tolist() == [2]
 
 
 def test_a_damaged_picture_is_unreadable_and_not_late(flight):
