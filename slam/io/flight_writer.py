@@ -44,12 +44,18 @@ from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, m
 
 Array = NDArray[np.float64]
 
-MAX_PENDING = 4
+MAX_PENDING, ENCODERS = 4, 2
+"""Pictures that wait to be encoded, and threads that encode: to encode takes longer than to decode."""
 JPEG_QUALITY = 92
 _JPEG = [
     *(cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY),
     *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
 ]
+_JPEG_OF_VIDEO = [
+    *(cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY),
+    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420),
+]
+"""Videos have one colour for each four pixels; to store more takes half as much time again."""
 _PNG = [
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
@@ -247,10 +253,11 @@ def _python_number(value: object) -> object:
 def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progress, image_format: str) -> None:
     used: set[str] = set()
     pending: deque[Future[None]] = deque()
-    # One picture is encoded while the next is read or rendered. A loader is never called by two threads.
+    parameters = _parameters(frames.load, image_format)
+    # Pictures are encoded while the next is read or rendered. A loader is never called by two threads.
     with (
         open(folder / "data.csv", "w", newline="", encoding="utf-8") as file,
-        ThreadPoolExecutor(1) as encoder,
+        ThreadPoolExecutor(ENCODERS) as encoder,
     ):
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["#timestamp [ns]", "filename"])
@@ -265,7 +272,7 @@ def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progres
             elif isinstance(picture, bytes):
                 target.write_bytes(picture)
             elif picture is not None:
-                pending.append(encoder.submit(_encode, picture, target, suffixes[0]))
+                pending.append(encoder.submit(_encode, picture, target, parameters))
             rows.writerow([stamp, name])
             if len(pending) > MAX_PENDING:
                 pending.popleft().result()
@@ -316,8 +323,15 @@ def _copy(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
 
 
-def _encode(image: Image, target: Path, suffix: str) -> None:
-    done, content = cv2.imencode(suffix, image, _PNG if suffix == ".png" else _JPEG)
+def _parameters(load: object, image_format: str) -> list[int]:
+    """Return the encoder's parameters."""
+    if isinstance(load, RecordedPictures):
+        return _PNG if load.picture_format == "png" else _JPEG_OF_VIDEO
+    return _PNG if image_format == "png" else _JPEG
+
+
+def _encode(image: Image, target: Path, parameters: list[int]) -> None:
+    done, content = cv2.imencode(target.suffix.lower(), image, parameters)
     if not done:
         raise OSError(f"{target}: the picture cannot be encoded")
     target.write_bytes(content.tobytes())

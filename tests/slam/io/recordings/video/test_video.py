@@ -88,6 +88,9 @@ def test_an_import_writes_the_pictures_as_jpeg(tmp_path):
     again = read_flight(tmp_path / "flight")
     assert again.frames.names == tuple(f"{k:06d}.jpg" for k in range(5))
     assert [number_in(frame.read()) for frame in again.frames] == [0, 1, 2, 3, 4]
+    content = (tmp_path / "flight/mav0/cam0/data/000000.jpg").read_bytes()
+    brightness = content[content.index(b"\xff\xc0") + 10 :][:2]  # component 1 of the frame's header
+    assert brightness == b"\x01\x22", "one colour for each 2 x 2 pixels, as in the video"
 
 
 def test_a_video_without_its_index_is_one_line(tmp_path):
