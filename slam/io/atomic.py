@@ -238,7 +238,7 @@ def _sync(path: Path) -> None:
 
 
 def _sync_tree(folder: Path) -> None:
-    """Flush all files, then the folders; a disk flushes many files in one go, if they are asked for at once."""
+    """Flush all files, then the folders; a disk flushes files together that are asked for at once."""
     places = list(os.walk(folder, topdown=False))
     files = [Path(place, name) for place, _, names in places for name in names]
     with ThreadPoolExecutor(_FLUSHED_AT_ONCE) as pool:

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from slam.core.errors import InputError
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
+from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.files import read_bytes
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
 from slam.io.recordings.table import KIND, RULES, read_table, recording_of
+from slam.io.recordings.video.gopro_imu import up_in_body
 from slam.io.recordings.video.gpmf import TRACK_CODE, GoproTrack, read_gopro
 from slam.io.recordings.video.mp4 import START, Mp4Track, read_tracks
 from slam.io.recordings.video.pictures import (
@@ -69,9 +71,11 @@ def open_recording(path: Path) -> Recording:
             for offer in chosen
             if offer.stream != "cam0" and video.subtitles is not None and offer.kind == "subtitles"
         }
-        if gopro is not None and any(offer.kind == _GOPRO for offer in chosen):
-            readings["gps0"] = gopro.positions
-        warnings = (*_coverage(video), *video.damage, *remarks, *_stabilised(gopro))
+        if gopro is not None:
+            of_camera = {"gps0": gopro.positions, "imu0": gopro.imu}
+            taken_of_it = [offer.stream for offer in chosen if offer.kind == _GOPRO]
+            readings |= {stream: of_camera[stream] for stream in taken_of_it}
+        warnings = (*_coverage(video), *video.damage, *remarks, *_remarks_of_gopro(gopro))
         if beside is not None:
             content = beside.read([offer for offer in chosen if offer.kind == KIND], progress)
             readings |= content.readings
@@ -94,15 +98,18 @@ def open_recording(path: Path) -> Recording:
     )
 
 
-def _stabilised(gopro: GoproTrack | None) -> tuple[str, ...]:
-    """Return a warning where the camera says that it turned its pictures."""
-    if gopro is None or gopro.stabilised_deg < _STABILISED_DEG:
-        return ()
-    return (
-        f"cam0: pictures are stabilised electronically, by up to {gopro.stabilised_deg:.0f} degrees by the "
-        "camera's own record (IORI), so the lens differs from picture to picture; record with the "
-        "stabilisation (HyperSmooth) off",
-    )
+def _remarks_of_gopro(gopro: GoproTrack | None) -> Iterator[str]:
+    """Yield a warning where the camera says that it turned its pictures, or that it does not look down."""
+    if gopro is None:
+        return
+    if aside := _looks_aside(gopro):
+        yield f"cam0: {aside}"
+    if gopro.stabilised_deg >= _STABILISED_DEG:
+        yield (
+            "cam0: pictures are stabilised electronically, by up to "
+            f"{gopro.stabilised_deg:.0f} degrees by the camera's own record (IORI), so the lens differs "
+            "from picture to picture; record with the stabilisation (HyperSmooth) off"
+        )
 
 
 def _offers(path: Path, video: _Video, beside: Recording | None) -> Iterator[Offer]:
@@ -115,10 +122,39 @@ def _offers(path: Path, video: _Video, beside: Recording | None) -> Iterator[Off
     if video.subtitles is not None:
         for offer in subtitle_offers(video.subtitles, video.subtitle_name):
             yield replace(offer, rank=_RANK_OF_SUBTITLES)
-    if video.gopro is not None and video.gopro.key:
-        rows, rank = len(video.gopro.positions.stamps_ns), _RANK_OF_SUBTITLES + 1
-        channel = video.gopro.key
-        yield Offer(stream="gps0", channel=channel, kind=_GOPRO, rows=rows, reading="deg, m", rank=rank)
+    if video.gopro is not None:
+        yield from _gopro_offers(video.gopro)
+
+
+def _gopro_offers(gopro: GoproTrack) -> Iterator[Offer]:
+    rank = _RANK_OF_SUBTITLES + 1
+    if gopro.key:
+        rows = len(gopro.positions.stamps_ns)
+        yield Offer(stream="gps0", channel=gopro.key, kind=_GOPRO, rows=rows, reading="deg, m", rank=rank)
+    if rows := len(gopro.imu.stamps_ns):
+        yield Offer(
+            stream="imu0",
+            channel="GYRO",
+            kind=_GOPRO,
+            rows=rows,
+            reading=f"rad/s, m/s² (with ACCL); camera's axes {gopro.imu_axes} to forward-left-up",
+            rank=rank,
+            doubt=_doubt_of_imu(gopro),
+        )
+
+
+def _doubt_of_imu(gopro: GoproTrack) -> str:
+    """Return the reason not to take an IMU: pictures that turn otherwise, or a camera that looks aside."""
+    if gopro.stabilised_deg >= _STABILISED_DEG:
+        return "pictures are stabilised, so they turn otherwise than the camera"
+    return _looks_aside(gopro)
+
+
+def _looks_aside(gopro: GoproTrack) -> str:
+    """Return a remark where gravity shows that the camera does not look down."""
+    up = up_in_body(gopro.imu.values[:, 3:])
+    tilt_deg = 0.0 if up is None else axis_tilt_deg(-up)
+    return f"by gravity the camera {tilt_remark(tilt_deg)}" if tilt_deg > MAX_TILT_DEG else ""
 
 
 def _opened(path: Path) -> _Video:

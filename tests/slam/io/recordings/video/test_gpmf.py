@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from slam.io.recordings.assemble import flight_of
+from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
 from slam.io.recordings.video.gpmf import read_gopro
 from slam.io.recordings.video.mp4 import read_tracks
@@ -116,6 +117,87 @@ def test_the_largest_turn_of_the_stabilisation_is_found(tmp_path):
     assert positions(tmp_path / "b.mp4", [still]).stabilised_deg == pytest.approx(0)
 
 
+FAST = (1000, 2000, 3000)
+SLOW = (100, -200, 300)
+
+
+def of_imu(
+    gyro: list[tuple], accel: list[tuple], keys: tuple[bytes, ...] = (), model: bytes = b"HERO9 Black"
+) -> bytes:
+    """A payload with both instruments, 1000 counts to rad/s and 100 to m/s²."""
+    streams = [
+        nested(
+            b"STRM",
+            *keys,
+            block(b"SCAL", b"s", 2, 1, struct.pack(">h", factor)),
+            block(key, b"s", 6, len(rows), b"".join(struct.pack(">3h", *row) for row in rows)),
+        )
+        for key, factor, rows in ((b"GYRO", 1000, gyro), (b"ACCL", 100, accel))
+    ]
+    return nested(b"DEVC", block(b"DVNM", b"c", 1, len(model), model), *streams)
+
+
+def orin(axes: bytes) -> bytes:
+    return block(b"ORIN", b"c", 1, 3, axes)
+
+
+def named(text: bytes) -> bytes:
+    return block(b"STNM", b"c", 1, len(text), text)
+
+
+@pytest.mark.parametrize(
+    ("keys", "model", "forward_left_up"),
+    [
+        ((orin(b"ZXY"),), b"HERO9 Black", (1, 2, 3)),  # forward is Z (the camera's top), left X, up Y
+        ((orin(b"XzY"),), b"GoPro Max", (-2, 1, 3)),
+        ((orin(b"YxZ"),), b"HERO8 Black", (3, -2, 1)),
+        ((named(b"Gyroscope (z,x,y)"),), b"Camera", (1, 2, 3)),
+        ((named(b"Accelerometer (up/down, right/left, forward/back)"),), b"Camera", (1, 2, 3)),
+        ((), b"HERO5 Black", (1, 2, 3)),
+        ((), b"HERO6 Black", (3, -2, 1)),
+        ((), b"Fusion", (3, 2, -1)),
+    ],
+    ids=["ORIN", "Max", "HERO8", "named", "words", "HERO5", "HERO6", "Fusion"],
+)
+def test_axes_of_each_model_become_forward_left_up(tmp_path, keys, model, forward_left_up):
+    """Counts 1000, 2000, 3000 are 1, 2, 3 rad/s; 100, -200, 300 are 1, -2, 3 m/s²."""
+    found = positions(tmp_path / "a.mp4", [of_imu([FAST] * 2, [SLOW] * 2, keys, model)])
+    assert found.imu.values[0, :3].tolist() == list(forward_left_up)
+    accel = dict(zip((1, 2, 3), (1, -2, 3), strict=True))
+    assert found.imu.values[0, 3:].tolist() == [np.sign(k) * accel[abs(k)] for k in forward_left_up]
+    assert not {"GYRO", "ACCL"} & dict(found.others).keys()
+
+
+@pytest.mark.parametrize("keys", [(), (orin(b"XYz"),), (orin(b"XXY"),)], ids=["none", "left-handed", "two"])
+def test_an_imu_without_known_axes_is_left(tmp_path, keys):
+    found = positions(tmp_path / "a.mp4", [of_imu([FAST] * 2, [SLOW] * 2, keys, b"HERO77")])
+    assert len(found.imu.stamps_ns) == 0
+    assert {"GYRO", "ACCL"} <= dict(found.others).keys()
+
+
+def test_a_slower_accelerometer_is_interpolated_at_the_gyro(tmp_path):
+    gyro = [(1000 * k, 0, 0) for k in range(4)]  # each 250 ms
+    found = positions(tmp_path / "a.mp4", [of_imu(gyro, [(0, 0, 0), (100, 0, 0)], (orin(b"ZXY"),))])
+    assert (found.imu.stamps_ns / 1e9).tolist() == [0, 0.25, 0.5], "no accelerometer behind 0.5 s"
+    assert found.imu.values[:, 0].tolist() == [0, 1, 2]
+    assert found.imu.values[:, 3].tolist() == [0, 0.5, 1]
+
+
+@measured
+def test_a_recorded_imu_agrees_with_gravity_and_with_the_drone_that_carries_it():
+    """The Karma's camera looks ahead with its top up. From 0.5 to 5 s the autopilot's speed ahead grows from
+    2.68 to 8.26 m/s, so the axis to the back measures -1.24 m/s².
+    """
+    recording = open_recording(SAMPLES / "karma.mp4")
+    flight = flight_of(recording, Request({"imu0": "GYRO"}))
+    forward, left, up = flight.imu.accel_m_s2[200:2000].mean(axis=0)
+    assert (forward, left) == pytest.approx((9.81, 0), abs=0.5), "the camera's top is up"
+    assert up == pytest.approx(-1.24, abs=0.4)
+    without = flight_of(recording)
+    assert without.imu is None
+    assert any("looks 91 degrees away from straight down" in line for line in without.warnings)
+
+
 @measured
 def test_a_recorded_video_has_positions_at_18_hz():
     flight = flight_of(open_recording(SAMPLES / "max-heromode.mp4"))
@@ -125,7 +207,7 @@ def test_a_recorded_video_has_positions_at_18_hz():
     assert flight.gps.latitude_deg[0] == pytest.approx(33.126, abs=0.01)
     assert flight.gps.longitude_deg[0] == pytest.approx(-117.327, abs=0.01)
     left = {source.channel for source in flight.sources if not source.stream}
-    assert {"ACCL", "GYRO"} <= left
+    assert {"CORI", "GYRO"} <= left, "pictures that are stabilised turn otherwise than the camera"
 
 
 @measured
