@@ -110,10 +110,10 @@ def _streams(payload: bytes | None) -> Iterator[tuple[str, int, Array | None, st
     """
     if payload is None:
         raise ValueError("the payload leads out of the file")
-    for key, code, _, body in _blocks(payload):
+    for key, code, _, body in blocks(payload):
         if code == "\0" and key == "DEVC":
             model = ""
-            for inner, inner_code, _, stream in _blocks(body):
+            for inner, inner_code, _, stream in blocks(body):
                 if inner == "DVNM":
                     model = _text(stream)
                 elif inner_code == "\0" and inner == "STRM":
@@ -121,11 +121,11 @@ def _streams(payload: bytes | None) -> Iterator[tuple[str, int, Array | None, st
 
 
 def _stream(body: bytes, model: str) -> Iterator[tuple[str, int, Array | None, str]]:
-    blocks = list(_blocks(body))
-    if not blocks or not blocks[-1][2]:
+    parts = list(blocks(body))
+    if not parts or not parts[-1][2]:
         return
-    key, code, size, data = blocks[-1]  # the samples stand behind what describes them
-    attributes = {name: (kind, width, content) for name, kind, width, content in blocks[:-1]}
+    key, code, size, data = parts[-1]  # the samples stand behind what describes them
+    attributes = {name: (kind, width, content) for name, kind, width, content in parts[:-1]}
     count = len(data) // size
     if key == _TURNED and code == "s" and size == 8 and count:
         turned = np.frombuffer(data[: count * size], ">i2").reshape(-1, 4).astype(float)
@@ -187,7 +187,7 @@ def _text(content: bytes) -> str:
     return content.decode("latin-1").strip("\0 ")
 
 
-def _blocks(data: bytes) -> Iterator[tuple[str, str, int, bytes]]:
+def blocks(data: bytes) -> Iterator[tuple[str, str, int, bytes]]:
     """Yield key, type, bytes of a sample, and content, up to the zeros that pad a payload.
 
     Raises ``ValueError`` for a block that is cut short.

@@ -61,7 +61,7 @@ def read_tracks(path: Path) -> tuple[Mp4Track, ...]:
         movie_scale = _timescale(_find(index, b"mvhd"))
         return tuple(
             _track(body, path.stat().st_size, movie_scale)
-            for kind, body in _boxes(index)
+            for kind, body in boxes(index)
             if kind == b"trak" and _find(body, b"mdia", b"minf", b"stbl")
         )
     except (struct.error, ValueError, IndexError, OverflowError) as error:
@@ -97,7 +97,14 @@ def _index(path: Path, file: BinaryIO) -> bytes:
     )
 
 
-def _boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+def read_user_data(path: Path) -> bytes:
+    """Return the content of ``udta``, where makers name the camera; empty where there is none."""
+    with path.open("rb") as file:
+        return _find(_index(path, file), b"udta")
+
+
+def boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Yield the kind and the content of each box. Raises ``ValueError`` for a length that cannot be."""
     at = 0
     while at + 8 <= len(data):
         size, kind = struct.unpack(">I4s", data[at : at + 8])
@@ -114,7 +121,7 @@ def _boxes(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 def _find(data: bytes, *names: bytes) -> bytes:
     """Return the content of a nested box; empty where it is absent."""
     for name in names:
-        data = next((body for kind, body in _boxes(data) if kind == name), b"")
+        data = next((body for kind, body in boxes(data) if kind == name), b"")
     return data
 
 

@@ -15,13 +15,13 @@ from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
 from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
 from slam.io.recordings.recording import Offer, StreamReadings
+from slam.io.recordings.video.model_lens import FILM_WIDTH_MM, ModelLens
 from slam.io.recordings.video.subtitles import Subtitles, changed_rows
 from slam.io.sensor_yaml import Value
 from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
 
 Array = NDArray[np.float64]
 
-_FILM_WIDTH_MM = 36.0
 _FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
 """Standard deviations of focal length (relative) and k1. Makers relate the focal length on 35 mm film to the
 width or to the diagonal of the sensor, and video modes crop the picture.
@@ -99,26 +99,33 @@ SUBTITLE_READERS: Mapping[str, Callable[[Subtitles], StreamReadings]] = {
 
 
 def video_camera(
-    size_px: tuple[int, int], subtitles: Subtitles | None, has_angles: bool
+    size_px: tuple[int, int],
+    subtitles: Subtitles | None,
+    has_angles: bool,
+    by_model: ModelLens | None = None,
 ) -> tuple[Camera, list[str]]:
     """Return the camera of a video, and the assumptions, one line each.
 
-    ``has_angles`` states that the recording has an attitude.
+    ``has_angles`` states that the recording has an attitude. The focal length of the subtitles is that of the
+    moment, and is preferred to that of the model.
     """
     width, height = size_px
     focal_mm = np.empty(0) if subtitles is None else subtitles.column("focal_mm")
     zoom = np.ones(len(focal_mm)) if subtitles is None else np.nan_to_num(subtitles.column("zoom"), nan=1.0)
     focal_mm = (focal_mm * zoom)[np.isfinite(focal_mm) & (focal_mm > 0)]
-    notes = []
+    notes, distortion = [], Camera.distortion
     if len(focal_mm):
         film_mm = float(np.median(focal_mm))
-        focal_px = film_mm / _FILM_WIDTH_MM * width
+        focal_px = film_mm / FILM_WIDTH_MM * width
         notes.append(
             f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film; no distortion assumed"
         )
         if focal_mm.max() > _ZOOM_RATIO * focal_mm.min():
             zooms = f"from {focal_mm.min():g} to {focal_mm.max():g} mm"
             notes.append(f"the lens zooms {zooms}, but one focal length is modelled")
+    elif by_model is not None:
+        focal_px, distortion = by_model.focal_px, by_model.distortion
+        notes.append(f"focal length {focal_px:.0f} px {by_model.remark}")
     else:
         focal_px = assumed_focal_px(size_px)
         notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}")
@@ -130,6 +137,7 @@ def video_camera(
         focal_px=(focal_px, focal_px),
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=size_px,
+        distortion=distortion,
         focal_std_ratio=_FOCAL_STD_RATIO,
         radial_std=_RADIAL_STD,
     )

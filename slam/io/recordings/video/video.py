@@ -18,7 +18,8 @@ from slam.io.recordings.recording import Content, Offer, PictureChannel, Recordi
 from slam.io.recordings.table import KIND, RULES, read_table, recording_of
 from slam.io.recordings.video.gopro_imu import up_in_body
 from slam.io.recordings.video.gpmf import TRACK_CODE, GoproTrack, read_gopro
-from slam.io.recordings.video.mp4 import START, Mp4Track, read_tracks
+from slam.io.recordings.video.model_lens import ModelLens, lens_of_model
+from slam.io.recordings.video.mp4 import START, Mp4Track, read_tracks, read_user_data
 from slam.io.recordings.video.pictures import (
     VideoPictures,
     first_size_of,
@@ -52,6 +53,7 @@ class _Video:
     subtitle_name: str
     held_back: int = 0
     """Number of pictures that the decoder holds back, where the file has the times of packets only."""
+    lens: ModelLens | None = None
     gopro: GoproTrack | None = None
     damage: tuple[str, ...] = ()
 
@@ -175,7 +177,8 @@ def _opened(path: Path) -> _Video:
     gopro = None if metadata is None else read_gopro(path, metadata)
     damage += () if gopro is None else gopro.damage
     held_back = pictures_held_back(path, stamps_s) if is_avi else 0
-    return _Video(stamps_s, size_px, is_timed, subtitles, name, held_back, gopro, damage)
+    lens = lens_of_model(read_user_data(path), size_px) if is_mp4 else None
+    return _Video(stamps_s, size_px, is_timed, subtitles, name, held_back, lens, gopro, damage)
 
 
 def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | None, str, tuple[str, ...]]:
@@ -252,7 +255,7 @@ def _coverage(video: _Video) -> tuple[str, ...]:
 
 
 def _pictures(path: Path, video: _Video, has_angles: bool) -> PictureChannel:
-    camera, notes = video_camera(video.size_px, video.subtitles, has_angles)
+    camera, notes = video_camera(video.size_px, video.subtitles, has_angles, video.lens)
     if not video.is_timed:
         notes.append(f"the file has no times: {ASSUMED_RATE_HZ:g} pictures a second assumed")
     stamps_ns = np.round(video.stamps_s * 1e9).astype(np.int64)
