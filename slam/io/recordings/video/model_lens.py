@@ -51,7 +51,7 @@ class ModelLens:
     distortion: tuple[float, ...]
     """OpenCV's k1, k2, p1, p2[, k3]."""
     remark: str
-    """Where it comes from."""
+    """Origin of the lens, for the warnings."""
 
 
 def lens_of_model(user_data: bytes, size_px: tuple[int, int]) -> ModelLens | None:
