@@ -8,17 +8,24 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from slam.core.units import unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from PIL import Image
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish (jfly.uni-koeln.de/color, 2008).
 BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
 PALE_GREY = "#c3c7cd"
 UNMEASURED = "#b3b8bf"
 """Colour of unmeasured places in a map: a grey that is neither in viridis and magma nor white."""
+
+_MARGIN_IN = 0.12
+"""Margin of a cropped figure: the 0.1 of `savefig`, whose boxes around text are larger than what is drawn."""
 
 
 def new_figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
@@ -67,12 +74,28 @@ def escape_math(text: str) -> str:
 
 def png(figure: Figure, cropped: bool = False) -> bytes:
     """Return the figure as a PNG file, ``cropped`` to its content if asked for."""
-    stream = io.BytesIO()
-    if cropped:
-        figure.savefig(stream, format="png", bbox_inches="tight")
-    else:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-        # The same bytes as those of `savefig`, which lays the figure out by drawing it once more.
-        FigureCanvasAgg(figure).print_png(stream)  # type: ignore[no-untyped-call]
+    stream = io.BytesIO()
+    canvas = FigureCanvasAgg(figure)
+    # The figure is drawn once; `savefig` lays it out by drawing it once more, and again to crop it.
+    if cropped:
+        canvas.draw()  # type: ignore[no-untyped-call]
+        rgba = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]
+        _cropped(rgba, _MARGIN_IN * figure.dpi).save(stream, "PNG")
+    else:
+        canvas.print_png(stream)  # type: ignore[no-untyped-call]
     return stream.getvalue()
+
+
+def _cropped(rgba: NDArray[np.uint8], margin_px: float) -> Image.Image:
+    """Return what differs from the colour of the corner, with a margin."""
+    from PIL import Image
+
+    drawn, margin = (rgba != rgba[0, 0]).any(axis=2), round(margin_px)
+    filled = [np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0)]
+    content = rgba[tuple(slice(some[0], some[-1] + 1) for some in filled)]
+    rows, cols = content.shape[:2]
+    framed = np.tile(rgba[0, 0], (rows + 2 * margin, cols + 2 * margin, 1))
+    framed[margin : margin + rows, margin : margin + cols] = content
+    return Image.fromarray(framed)
