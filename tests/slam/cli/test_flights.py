@@ -18,7 +18,9 @@ from typer.testing import CliRunner
 
 from slam.cli import app
 from slam.cli.output_folder import EVALUATE_NAMES, MAP_MCAP, OPTIMIZE_NAMES
+from slam.cli.results import write_summary_and_report
 from slam.io.atomic import locked
+from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 
 RECIPE = """name = "tiny"
 landmark_pairs = [["A", "B"]]
@@ -172,6 +174,32 @@ def test_evaluate_without_a_reference_is_refused(own, done, tmp_path):
     assert bytes_of(out) == bytes_of(done)
 
 
+def test_demo_gives_each_step_what_the_one_before_made(monkeypatch, tmp_path):
+    """With a flight and a map made by hand, and figures left empty."""
+    poses, given = smooth_poses(np.random.default_rng(1), 40), []
+    landmarks = {"A": np.array([0.0, 0.0, 0.0]), "B": np.array([1.0, 0.0, 0.0])}
+    made = flight_of(poses, landmarks=landmarks, landmark_pairs=(("A", "B"),))
+    mapped = estimate_of(poses)
+
+    def write(folder, estimate, flight, options, progress, accuracy):
+        given.append((estimate is mapped, flight is made, options.previous_output))
+        return write_summary_and_report(folder, estimate, flight, accuracy=accuracy)
+
+    monkeypatch.setattr("slam.simulation.simulate", lambda *asked: given.append(asked) or made)
+    monkeypatch.setattr("slam.mapping.pipeline.optimize", lambda seen, **_: given.append(seen) or mapped)
+    monkeypatch.setattr("slam.cli.results.write_results", write)
+    for figures in ("slam.evaluation.plots", "slam.report.pictures"):
+        monkeypatch.setattr(f"{figures}.png", lambda *_, **__: b"")
+    out = tmp_path / "new" / "demo"
+    result = run("demo", "--recipe", "tiny.toml", "--seed", 3, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert given == [("tiny.toml", 3), made, (True, True, out)]
+    assert {*EVALUATE_NAMES, "report.html", "summary.json"} <= set(os.listdir(out))
+    for text in ("chain", "without loops", "with loops", "A-B", "report.html"):
+        assert text in result.stdout
+    assert "Against the reference" in (out / "report.html").read_text()
+
+
 @pytest.mark.slow  # its three steps are those of the tests above
 def test_demo_does_all_of_it(flight, tmp_path):
     result = run(
@@ -293,7 +321,7 @@ def started(flight: Path, out: Path) -> subprocess.Popen:
 def test_an_interrupted_run_leaves_nothing(flight, tmp_path, sent, code):
     process = started(flight, tmp_path / "out")
     process.send_signal(sent)
-    _, stderr = process.communicate(timeout=30)
+    _, stderr = process.communicate(timeout=300)
     assert process.returncode == code
     assert stderr.endswith("slam: interrupted; nothing was written\n") == (sent == signal.SIGINT)
     assert "Traceback" not in stderr
@@ -304,7 +332,7 @@ def test_an_interrupted_run_leaves_nothing(flight, tmp_path, sent, code):
 def test_after_a_kill_the_next_run_gets_the_same_result(flight, done, tmp_path):
     process = started(flight, tmp_path / "out")
     process.kill()
-    process.communicate(timeout=30)
+    process.communicate(timeout=300)
     assert not (tmp_path / "out").exists()
     assert run("optimize", flight, "--out", tmp_path / "out", "--no-mosaic").exit_code == 0
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (done / "trajectory.tum").read_bytes()

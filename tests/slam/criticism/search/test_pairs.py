@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.pairs import mask_each_other, masked_pair
@@ -32,6 +33,22 @@ def expansion():
     return expand(records, NOMINAL, fit_nuisances(records, NOMINAL))
 
 
+FEW = (*BOTH, "sonar_lag", "gyro_scale")
+
+
+@pytest.fixture(scope="module")
+def small_expansion():
+    """The same for a part of the catalogue, and with parameters that are not fitted."""
+
+    def few(*arguments):
+        return [effect for effect in effects_for(*arguments) if effect.name in FEW]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("slam.criticism.search.expansion.effects_for", few)
+        patch.setattr("slam.criticism.search.expansion.pattern_directions", lambda _: [])
+        return expand(climbing(SLOWER, [3]), NOMINAL, NOMINAL)
+
+
 def effects_of(expansion, names):
     return [next(e for e in expansion.effects if e.name == name) for name in names]
 
@@ -49,6 +66,19 @@ def carrying(expansion, names, deviations):
 
 def names_of(two):
     return sorted(e.name for e in two)
+
+
+def test_of_few_terms_those_that_hide_each_other_are_a_pair_and_one_is_none(small_expansion):
+    look = small_expansion
+    nothing, covariance = carrying(look, BOTH, np.zeros(2))
+    hidden, _ = carrying(look, BOTH, np.array([6.5, np.sign(covariance[0, 1]) * 4.5]))
+    alone = [hidden.score_tests([], [e])[0] for e in effects_of(look, BOTH)]
+    assert names_of(masked_pair(hidden, LIMITS, alone)) == BOTH
+    assert masked_pair(nothing, LIMITS) is None
+    one, _ = carrying(look, BOTH[:1], np.array([5.0]))
+    alone = one.score_tests([], effects_of(look, BOTH[:1]))
+    assert alone[0].z == pytest.approx(5.0, abs=0.3)
+    assert masked_pair(one, LIMITS, alone) is None
 
 
 @pytest.mark.slow
