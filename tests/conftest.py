@@ -8,6 +8,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from hypothesis import settings
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Each worker has a core to itself: threads of linear algebra would wait for those of the other workers.
@@ -19,6 +20,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+settings.register_profile("any machine", deadline=None)  # how long an example takes is not judged
+settings.load_profile("any machine")
 
 FIRST = ("test_tutorial.py", "test_track_pictures.py")
 """Files that are run first, one by each of two workers."""

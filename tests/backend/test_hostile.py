@@ -3,6 +3,7 @@ its own."""
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -83,6 +84,7 @@ def test_every_bad_graph_is_solved_or_refused_in_one_line():
 
 
 CHAIN = """
+import time
 import numpy as np
 from backend.pose_graph.solve import solve_pose_graph
 from backend.pose_graph.graph import PoseGraph
@@ -93,8 +95,12 @@ information = np.tile(np.diag([400.0, 400, 1e4]), (n - 1, 1, 1))
 graph = PoseGraph(2, np.arange(n), np.full((n, 4, 4), np.nan), np.arange(n - 1), np.arange(1, n), step,
                   information, np.zeros(n, dtype=bool))
 print("begin", flush=True)
-while True:
-    solve_pose_graph(graph)
+used_s = -time.process_time()
+try:
+    while True:
+        solve_pose_graph(graph)
+finally:
+    print(used_s + time.process_time())
 """
 
 
@@ -103,18 +109,21 @@ while True:
 )
 def test_an_interrupt_ends_a_solve_at_once(after_s: float):
     process = subprocess.Popen(
-        [sys.executable, "-c", CHAIN], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", CHAIN],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert process.stdout is not None
     assert process.stdout.readline() == "begin\n"
     time.sleep(after_s)
     process.send_signal(signal.SIGINT)
-    begin = time.perf_counter()
     try:
-        _, told = process.communicate(timeout=30)
+        used_s, told = process.communicate(timeout=300)
     finally:
         process.kill()
-    # A second is promised; the machine may be shared.
-    assert time.perf_counter() - begin < 3
+    # A second is promised, of the processor's time: the machine may be shared.
+    assert float(used_s) < after_s + 3
     assert "KeyboardInterrupt" in told
     assert process.returncode == -signal.SIGINT

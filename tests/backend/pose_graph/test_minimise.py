@@ -220,6 +220,6 @@ def test_a_deep_chain_in_a_small_stack():
 @pytest.mark.slow
 def test_a_chain_of_100_000_poses():
     factors, values = _chain(100_000)
-    begin = time.perf_counter()
+    begin = time.process_time()
     assert minimise(factors, values).converged
-    assert time.perf_counter() - begin < 120
+    assert time.process_time() - begin < 120

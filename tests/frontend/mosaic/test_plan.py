@@ -158,9 +158,9 @@ def test_default_resolution_respects_the_pixel_budget_and_notes_it() -> None:
 
 
 def test_hovering_needs_few_pictures_and_little_time() -> None:
-    began = time.perf_counter()
+    began = time.process_time()
     many = plan_mosaic(CAMERA, hover(3, 1000), FLOOR_Z_M, gsd_m=0.003)
-    assert time.perf_counter() - began < 10
+    assert time.process_time() - began < 10
     few = plan_mosaic(CAMERA, hover(3, 100), FLOOR_Z_M, gsd_m=0.003)
     assert len(few.views) <= len(many.views) <= 16
     assert len(many.views) + many.redundant == 1000

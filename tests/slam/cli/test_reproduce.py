@@ -130,7 +130,7 @@ def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, 
         os.killpg(running.pid, signal.SIGINT)
     else:
         os.kill(workers[0], signal.SIGKILL)
-    _, errors = running.communicate(timeout=60)
+    _, errors = running.communicate(timeout=300)
     assert running.returncode == code, errors
     assert len([line for line in errors.splitlines() if line.startswith("slam: ")]) == 1
     assert words in errors

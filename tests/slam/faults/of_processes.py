@@ -47,7 +47,7 @@ def killed(sources: Sources, place: Path) -> str:
     for stage in STAGES:
         process = started(source, out, stage)
         process.kill()
-        process.communicate(timeout=60)
+        process.communicate(timeout=300)
         assert not out.exists(), stage
     assert result_of(source, out) == result_of(source, place / "undisturbed")
     assert sorted(path.name for path in place.iterdir()) == ["out", "undisturbed"]
@@ -58,7 +58,7 @@ def interrupted(sources: Sources, place: Path) -> str:
     """Ctrl-C ends the stage that runs: no other one begins."""
     process = started(sources["optimize"], place / "out", "track")
     process.send_signal(signal.SIGINT)
-    _, stderr = process.communicate(timeout=60)
+    _, stderr = process.communicate(timeout=300)
     assert not [line for line in stderr.splitlines() if line.startswith(STAGES[1:])]
     assert process.returncode == 130
     assert listing(place) == []
@@ -112,7 +112,7 @@ def killed_for_memory(sources: Sources, place: Path) -> str:
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
     assert len(children) == 1
     os.kill(int(children[0]), signal.SIGKILL)
-    _, stderr = process.communicate(timeout=60)
+    _, stderr = process.communicate(timeout=300)
     assert_refused(process.returncode, stderr)
     assert not (place / "out").exists()
     return stderr

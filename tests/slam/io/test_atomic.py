@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -133,7 +132,7 @@ from slam.io.atomic import atomic_folder
 with atomic_folder(sys.argv[2], may_replace=lambda _: None) as folder:
     (folder / "half").write_text("x")
     print("ready", flush=True)
-    time.sleep(60)
+    time.sleep(600)
 """
 
 
@@ -299,7 +298,6 @@ for k in range(15):
     runs = [
         subprocess.Popen([sys.executable, "-c", script, ROOT, tmp_path / "out", str(k)]) for k in range(3)
     ]
-    deadline = time.monotonic() + 60
-    assert all(run.wait(timeout=max(1, deadline - time.monotonic())) == 0 for run in runs)
+    assert all(run.wait(timeout=300) == 0 for run in runs)
     assert names(tmp_path) == ["out"]
     assert (tmp_path / "out/a").read_text() == (tmp_path / "out/b").read_text()
