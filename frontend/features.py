@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.cells import COUNT, cells, place_in_run
+from frontend.cores import usable_cores
 from frontend.feature_kinds import FeatureKind
 from frontend.points import Points
 from frontend.rectification import rectifier
@@ -33,6 +34,9 @@ COARSE_PX = 8.0
 """Diameter at which a feature has twice the position variance of a fine one of the same contrast."""
 EVERY = 100_000
 """Feature limit above the number in any picture."""
+MOST_PX_AT_ONCE = 4_000_000
+"""Pixels of the pictures that are searched at a time. SIFT's pyramids of a picture, first doubled, take 235
+bytes a pixel: 1 GB."""
 SMALLEST_PX = 16
 """Smallest side of a picture. Smaller pictures give no features, as some pyramids would have empty levels."""
 
@@ -55,6 +59,15 @@ class FeatureConfig:
         """Return the configuration with the feature limit scaled to the picture width."""
         width = min(width_px, self.max_side_px)
         return replace(self, max_features=int(self.max_features * max(1.0, width / 500)))
+
+    def searched_at_once(self, size_px: tuple[int, int]) -> int:
+        """Return how many pictures (width, height) are searched at a time: one on each core, within memory.
+
+        OpenCV splits one picture badly among cores.
+        """
+        reduction = min(1.0, self.max_side_px / max(size_px))
+        searched_px = max(1.0, size_px[0] * size_px[1] * reduction**2)
+        return max(1, min(usable_cores(), int(MOST_PX_AT_ONCE / searched_px)))
 
 
 @dataclass(frozen=True)

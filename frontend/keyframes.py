@@ -139,7 +139,8 @@ class Tracker:
         self.homography, self.gates, self.config = homography, gates, config
         self._known = known
         self._corners = camera.undistort(camera.corners_px)
-        self._views, self._unsettled = Views(self._extract, masks, camera.size_px, look_ahead), 0
+        at_once = extractor.config.searched_at_once(camera.size_px)
+        self._views, self._unsettled = Views(self._extract, masks, camera.size_px, at_once, look_ahead), 0
         self._template: tuple[int, FlowTemplate] | None = None
         self.rejected: Counter[str] = Counter()
         self.dropped: dict[int, str] = {}

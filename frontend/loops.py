@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from frontend.camera import Camera
+from frontend.cores import usable_cores
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.motions import Expectation
@@ -92,13 +93,14 @@ def verify(
     camera: Camera,
     homography: HomographyConfig,
     gates: GateConfig,
-    workers: int = 2,
+    workers: int | None = None,
     on_done: Callable[[int], None] = lambda done: None,
     expected: Callable[[int, int], Expectation | None] = lambda i, j: None,
 ) -> Iterable[Registration]:
     """Verify candidates geometrically, in their order; a rejected result has a reason.
 
-    ``expected``: predicted place of the later picture of a pair in the earlier one, or None.
+    ``expected``: predicted place of the later picture of a pair in the earlier one, or None. ``workers``
+    threads share the pairs, one for each core by default; the result does not depend on their number.
     """
 
     def compare(pair: Pair) -> Registration:
@@ -106,7 +108,7 @@ def verify(
         return register(i, j, store[i], store[j], camera, homography, gates, expected(i, j))
 
     held = 0
-    with ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(workers or usable_cores()) as pool:
         for done, result in enumerate(pool.map(compare, pairs), 1):
             held += result.ok
             on_done(done)

@@ -15,9 +15,6 @@ from frontend.picture_check import unusable_reason
 
 Image = NDArray[np.uint8]
 
-SEARCHED_AT_ONCE, MOST_PX = 2, 500_000
-"""Features of pictures of up to ``MOST_PX`` are extracted two pictures at a time, because OpenCV splits small
-pictures badly among cores. It splits larger ones well, and each needs much memory."""
 SAME_PICTURE = "same picture as the one before"
 """Reason to drop a picture that equals the one before, pixel by pixel."""
 
@@ -58,20 +55,19 @@ class Views:
     """Source of views. While ``ahead`` is set, features are extracted before they are asked for."""
 
     def __init__(
-        self, extract: Extract, masks: Masks, size_px: tuple[int, int], look_ahead: bool = True
+        self, extract: Extract, masks: Masks, size_px: tuple[int, int], at_once: int, look_ahead: bool = True
     ) -> None:
-        """Without ``look_ahead`` no picture waits for the ones after it, as in flight."""
+        """``at_once`` pictures are searched for features at a time. Without ``look_ahead`` no picture waits
+        for the ones after it, as in flight."""
         self._extract, self._masks, self._size_px, self.ahead = extract, masks, size_px, False
-        self._look_ahead = look_ahead
+        self._at_once, self._look_ahead = at_once, look_ahead
 
     def each(self, images: Iterable[Image | None]) -> Iterator[tuple[int, View | str]]:
         """Yield the number and the view of each picture, or the reason for having none."""
         coming: deque[tuple[int, View | str]] = deque()
         before: Image | None = None
-        width, height = self._size_px
-        at_once = SEARCHED_AT_ONCE if width * height <= MOST_PX else 1
-        waiting = at_once if self._look_ahead else 0
-        with ThreadPoolExecutor(at_once) as pool:
+        waiting = self._at_once if self._look_ahead else 0
+        with ThreadPoolExecutor(self._at_once) as pool:
             for frame, image in enumerate(images):
                 view = self._view(frame, image, before)
                 if self.ahead and waiting and isinstance(view, View):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import Annotated
@@ -30,6 +29,7 @@ def reproduce(
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Repeat the experiments of the paper in simulation and say which of its figures agree."""
+    from frontend.cores import usable_cores
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.core.figure_table import FigureTable
@@ -42,7 +42,7 @@ def reproduce(
     begin_s = time.perf_counter()
     with output_folder(out) as folder:
         with screen.progress() as progress:
-            trials = run(wanted, seeds, jobs or _cores(), progress)
+            trials = run(wanted, seeds, jobs or usable_cores(), progress)
         conclusions = conclude(wanted, trials)
         write_all(folder, trials, conclusions, time.perf_counter() - begin_s)
     screen.json_file(out / "summary.json")
@@ -50,8 +50,3 @@ def reproduce(
     columns = ("experiment", "", "figure: median (95 % of seeds)", "verdict")
     screen.table(FigureTable("The paper's experiments", columns, rows))
     screen.files([out / "reproduce.html"])
-
-
-def _cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

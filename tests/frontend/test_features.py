@@ -210,3 +210,13 @@ def test_number_of_features_grows_with_the_width_up_to_the_reduction() -> None:
     config = FeatureConfig(max_features=500, max_side_px=1400)
     widths = (100, 500, 1000, 1400, 5000)
     assert [config.for_width(w).max_features for w in widths] == [500, 500, 1000, 1400, 1400]
+
+
+@pytest.mark.parametrize(
+    ("size_px", "cores", "at_once"),
+    [((320, 240), 2, 2), ((320, 240), 16, 16), ((4000, 3000), 16, 2), ((4000, 3000), 1, 1)],
+)
+def test_pictures_searched_at_once_are_limited_by_cores_and_memory(monkeypatch, size_px, cores, at_once):
+    """Photographs are reduced to 1400 x 1050 pixels: two of them take 0.7 GB."""
+    monkeypatch.setattr("frontend.features.usable_cores", lambda: cores)
+    assert FeatureConfig().searched_at_once(size_px) == at_once

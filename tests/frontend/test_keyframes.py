@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -179,6 +180,17 @@ def test_every_photo_is_a_keyframe_linked_where_it_overlaps(flight: SmallFlight)
     assert follow.rejected == {"unreadable": 1}
     assert follow.frames == 6
     check_links(flight, found, dict(zip([0, 1, 2, 4, 5], order, strict=True)))
+
+
+def test_photographs_are_searched_at_once_with_the_same_result(flight: SmallFlight, monkeypatch) -> None:
+    images: list[Image | None] = [flight.images[k] for k in (0, 4, 8)]
+    found = []
+    for cores in (1, 3):
+        monkeypatch.setattr("frontend.features.usable_cores", partial(int, cores))
+        found.append(list(tracker(flight).every(images)))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one.features.pixel, other.features.pixel)
+        np.testing.assert_array_equal(one.features.descriptor, other.features.descriptor)
 
 
 def test_hanging_pictures_and_pictures_of_another_form_are_counted_by_name(flight: SmallFlight) -> None:
