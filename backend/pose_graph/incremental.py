@@ -69,10 +69,14 @@ class Incremental:
         self._cooldown = 0
 
     @property
+    def edges(self) -> tuple[tuple[RelativePose, bool], ...]:
+        """The edges that were received, queued loops apart, and whether each is kept at present."""
+        return tuple(zip(self._received.edges, self._received.kept, strict=True))
+
+    @property
     def rejected(self) -> tuple[RelativePose, ...]:
         """The edges that are rejected at present; later loops may restore them."""
-        received = self._received
-        return tuple(e for e, kept in zip(received.edges, received.kept, strict=True) if not kept)
+        return tuple(edge for edge, is_kept in self.edges if not is_kept)
 
     def add(
         self,

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,8 +11,6 @@ from slam.cli import options
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
-    from slam.mapping.live.mapper import LiveMapper
-    from slam.report.rasters.live_mosaic import LiveMosaic
 
 _SOURCE = typer.Argument(
     metavar="FLIGHT", help="A flight folder or a recording with a camera.", show_default=False
@@ -46,7 +40,12 @@ _WIDTH = typer.Option(
     min=64,
     help="Reduce wider pictures to this width, so that tracking keeps pace; the final map has them too.",
 )
-_PREVIEW_S = 1.0
+_STREAM = typer.Option(
+    "--stream",
+    metavar="FILE",
+    help="Write poses, pictures and links to this MCAP file in flight, for Foxglove and Rerun.",
+    show_default=False,
+)
 
 
 def live(
@@ -55,6 +54,7 @@ def live(
     speed: Annotated[float, _SPEED] = 1.0,
     follow: Annotated[float | None, _FOLLOW] = None,
     preview: Annotated[Path | None, _PREVIEW] = None,
+    stream: Annotated[Path | None, _STREAM] = None,
     width: Annotated[int, _WIDTH] = 320,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the mosaic.")] = True,
     config: Annotated[Path | None, options.CONFIG] = None,
@@ -65,6 +65,7 @@ def live(
 ) -> None:
     """Map a flight while its pictures arrive; after the last one, write what slam optimize writes."""
     from slam.cli.console import Screen
+    from slam.cli.live_outputs import check_outputs, live_outputs
     from slam.cli.output_folder import output_folder
     from slam.cli.results import MosaicOptions, write_results
     from slam.cli.source import open_flight
@@ -77,8 +78,7 @@ def live(
     from slam.mapping.live.narrow_pictures import with_narrow_pictures
     from slam.report.accuracy import live_table
 
-    if preview is not None and preview.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-        raise InputError(f"{preview}: --preview writes PNG or JPEG; end the name with .png or .jpg")
+    check_outputs(preview, stream)
     screen = Screen(quiet, as_json)
     settings = options.pipeline_config(config, None)
     with output_folder(out) as folder, screen.progress() as progress:
@@ -92,7 +92,7 @@ def live(
 
         flight = read() if follow is None else first_state(read, follow)
         with LiveMapper(flight, settings) as mapper:
-            with _preview(mapper, flight, preview):
+            with live_outputs(mapper, flight, preview, stream):
                 if follow is None:
                     replay_flight(mapper, flight, speed, progress)
                 else:
@@ -108,38 +108,3 @@ def live(
     for table in tables:
         screen.table(table)
     screen.files([out / name for name in ("report.html", "map.html", "mosaic.png") if (out / name).exists()])
-
-
-@contextmanager
-def _preview(mapper: LiveMapper, flight: Flight, path: Path | None) -> Iterator[None]:
-    """Write the mosaic so far to a picture in a thread until the block ends."""
-    if path is None:
-        yield
-        return
-    from slam.report.rasters.live_mosaic import LiveMosaic
-
-    assert flight.camera is not None
-    drawn, ended = LiveMosaic(flight.camera, mapper.picture), threading.Event()
-
-    def run() -> None:
-        while not ended.wait(_PREVIEW_S):
-            _draw(drawn, mapper, path)
-        _draw(drawn, mapper, path)
-
-    with ThreadPoolExecutor(1, "preview") as pool:
-        job = pool.submit(run)
-        try:
-            yield
-        finally:
-            ended.set()
-        job.result()
-
-
-def _draw(drawn: LiveMosaic, mapper: LiveMapper, path: Path) -> None:
-    import cv2
-
-    from slam.io.atomic import write_whole
-
-    picture = drawn.update(*mapper.keyframes())
-    if picture is not None:
-        write_whole(path, cv2.imencode(path.suffix.lower(), picture)[1].tobytes())

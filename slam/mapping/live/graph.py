@@ -5,6 +5,8 @@ The heights that scale the edges are those of the live poses, where the batch ad
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,18 @@ Array = NDArray[np.float64]
 
 _LOWEST = 1e-3
 """Least height, in metres or heights: lengths scale with it."""
+
+
+@dataclass(frozen=True)
+class LiveLink:
+    """An edge of the pose graph."""
+
+    i: int
+    j: int
+    """Keyframe numbers."""
+    kind: EdgeKind
+    is_kept: bool
+    """Whether the solver keeps it at present."""
 
 
 class LiveGraph:
@@ -70,6 +84,13 @@ class LiveGraph:
         if self._number:
             poses[list(self._number)] = self._solver.trajectory()
         return poses
+
+    def links(self) -> tuple[LiveLink, ...]:
+        """Return the edges between placed keyframes."""
+        keyframe = {number: k for k, number in self._number.items()}
+        return tuple(
+            LiveLink(keyframe[e.i], keyframe[e.j], e.kind, is_kept) for e, is_kept in self._solver.edges
+        )
 
     def pose(self, k: int) -> Array | None:
         """Return the current pose (4, 4) of keyframe ``k``; None where it is not placed."""

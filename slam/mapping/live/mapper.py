@@ -23,7 +23,7 @@ from slam.mapping.config import PipelineConfig
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import FrontEnd, TrackedPictures
 from slam.mapping.keyframe_readings import KeyframeReadings
-from slam.mapping.live.graph import LiveGraph
+from slam.mapping.live.graph import LiveGraph, LiveLink
 from slam.mapping.live.loops import LiveLoops
 from slam.mapping.live.recording import LiveRecording
 from slam.mapping.live.rehearsal import rehearse
@@ -170,6 +170,11 @@ class LiveMapper:
         with self._graph_lock:
             poses = self._graph.poses()
         return np.array(self._tracked.frame_index[: len(poses)], dtype=np.int64), poses
+
+    def links(self) -> tuple[LiveLink, ...]:
+        """Return the edges between keyframes, those included that are rejected at present."""
+        with self._graph_lock:
+            return self._graph.links()
 
     def picture(self, frame: int) -> Image | None:
         """Return the picture of a keyframe by its frame number; None for another frame."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+from mcap.reader import make_reader
 from typer.testing import CliRunner
 
 from slam.cli import app
@@ -27,6 +28,7 @@ def recorded(tmp_path_factory) -> Path:
 def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
     """The folder has 20 pictures at the first look, 8 more at each later one, and then no more."""
     growing, out, preview = tmp_path / "growing", tmp_path / "out", tmp_path / "preview.png"
+    stream = tmp_path / "live.mcap"
     shutil.copytree(recorded, growing)
     table = growing / "mav0/cam0/data.csv"
     rows = table.read_text().splitlines(keepends=True)
@@ -49,6 +51,8 @@ def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
         "--no-mosaic",
         "--preview",
         str(preview),
+        "--stream",
+        str(stream),
     ]
     result = CliRunner().invoke(app, [*command, "--json"])
     assert result.exit_code == 0, result.output
@@ -58,6 +62,11 @@ def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
     assert (out / "trajectory.tum").exists()
     assert "In flight" in (out / "report.html").read_text()
     assert cv2.imread(str(preview)).std() > 20
+    with stream.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        topics = [channel.topic for _, channel, _ in reader.iter_messages()]
+    assert topics.count("/camera/image") == topics.count("/slam/pose") == summary["keyframes"]
+    assert topics.count("/slam/links") == topics.count("/slam/path") > 0
 
 
 @pytest.mark.slow
@@ -74,6 +83,10 @@ def test_what_cannot_be_flown_is_refused(recorded, tmp_path):
     result = CliRunner().invoke(app, ["live", str(recorded), "--out", str(out), "--preview", "a.tif"])
     assert result.exit_code == 1
     assert "end the name with .png or .jpg" in result.stderr
+    taken = recorded / "flight.yaml"
+    result = CliRunner().invoke(app, ["live", str(recorded), "--out", str(out), "--stream", str(taken)])
+    assert result.exit_code == 1
+    assert "exists already" in result.stderr
     write_flight(photographs([(flown(0), k) for k in (0, 10)]), tmp_path / "photos")
     result = CliRunner().invoke(app, ["live", str(tmp_path / "photos"), "--out", str(out)])
     assert result.exit_code == 1

@@ -34,18 +34,22 @@ class FoxgloveFile:
 
 
 @contextmanager
-def new_mcap(path: Path, facts: Mapping[str, str]) -> Iterator[FoxgloveFile]:
+def new_mcap(path: Path, facts: Mapping[str, str], chunk_bytes: int = 1 << 20) -> Iterator[FoxgloveFile]:
     """Write a file with the ``facts`` as its metadata; its index follows at the end of the block.
+
+    If the program is killed, the last ``chunk_bytes`` are lost, and the index.
 
     Raises ``InputError`` without the packages of the extra ``foxglove``.
     """
     require_packages()
     writer_type = import_module("mcap_protobuf.writer").Writer
     with path.open("wb") as stream:
-        writer = writer_type(stream)
+        writer = writer_type(stream, chunk_size=chunk_bytes)
         writer.add_metadata(METADATA, {"written_by": f"slam {VERSION}", **facts})
-        yield FoxgloveFile(writer)
-        writer.finish()
+        try:
+            yield FoxgloveFile(writer)
+        finally:
+            writer.finish()
 
 
 def require_packages() -> None:

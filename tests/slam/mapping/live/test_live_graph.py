@@ -51,6 +51,14 @@ def test_keyframes_without_a_link_wait_for_a_loop(camera):
     np.testing.assert_allclose(graph.poses()[:, :3, 3], expected, atol=1e-3)
     assert graph.loops == 1  # 15 s lie between keyframes 1 and 4
     assert graph.rejected == 0
+    # Keyframes 2 and 3 are placed after 4, but keep their numbers.
+    links = {(link.i, link.j): (link.kind, link.is_kept) for link in graph.links()}
+    assert links == {
+        (0, 1): ("odometry", True),
+        (1, 4): ("loop", True),
+        (3, 4): ("odometry", True),
+        (2, 3): ("odometry", True),
+    }
 
 
 def test_a_loop_between_placed_keyframes_corrects_the_chain(camera):
