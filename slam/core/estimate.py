@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -13,9 +14,10 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import RelativePose
 from frontend.camera import Camera
 from frontend.elevation import Elevation
+from slam.core.errors import InputError
 from slam.core.geodesy import GeoOrigin
 from slam.core.notebook import table_html, trajectory_svg
-from slam.core.units import length
+from slam.core.units import length, unit
 
 if TYPE_CHECKING:
     from backend.bundle.systematic_errors import SystematicErrors
@@ -243,6 +245,8 @@ class Estimate:
     """The ground of the mosaic; None without a mosaic."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
     """Names of ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` for tables and pictures."""
+    folder: Path | None = None
+    """Output folder that the estimate was read from; None where it was not read."""
 
     def __repr__(self) -> str:
         kept = sum(loop.verdict == "kept" for loop in self.loops)
@@ -280,6 +284,22 @@ class Estimate:
             component=self.component,
             metric=self.metric,
         )
+
+    def to_xarray(self, folder: str | Path | None = None, cell_m: float | None = None) -> Any:
+        """Return the rasters of an output folder as an ``xarray.Dataset`` (`slam.core.raster_dataset`).
+
+        ``folder`` holds what `slam optimize` or `write_mosaic` wrote; the default is the one that the
+        estimate was read from. ``cell_m`` is the size of a cell, by default a pixel of the mosaic, if there
+        are no more than 4 million.
+
+        Raises ``InputError`` without xarray, and where there are no rasters.
+        """
+        from slam.core.raster_dataset import raster_dataset
+
+        where = self.folder if folder is None else Path(folder)
+        if where is None:
+            raise InputError("to_xarray: name the folder of the rasters, as to_xarray(folder)")
+        return raster_dataset(where, unit(self.metric), cell_m)
 
     @property
     def placed(self) -> NDArray[np.bool_]:

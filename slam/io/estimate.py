@@ -25,7 +25,7 @@ import os
 import tokenize
 import zipfile
 import zlib
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +155,7 @@ def read_estimate(out_dir: str | Path) -> Estimate:
         raise InputError(f"{path}: does not exist; name the folder that `slam optimize --out` wrote")
     try:
         arrays = _unpack(path)
-        return _estimate(arrays, json.loads(str(arrays["record"])))
+        return replace(_estimate(arrays, json.loads(str(arrays["record"]))), folder=Path(out_dir))
     except (OSError, EOFError, MemoryError, OverflowError, RecursionError) as error:
         raise _damaged_error(path, error) from None
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
