@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import FilterPass, whole
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.effects import effects_for
+from slam.criticism.search.expansion import expand
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
 from slam.criticism.simulated_flights import simulate_flight
@@ -54,14 +57,46 @@ def test_a_reading_that_one_parameter_set_ignores_counts_in_neither():
     assert (one[3], other[3]) == (7.0, 5.0)
 
 
+PLANS = (["climb and descend by 0.6 m"], ["touch the floor, stand for 3 s and rise again"],
+         ["reversing forward at 0.2"])  # fmt: skip
+
+
+def flown(plans):
+    vehicle = SLOWER.with_term("sonar_bias", b=-0.04)
+    return judged(simulate_flight(vehicle, stick_for(plan), 60 + k) for k, plan in enumerate(plans))
+
+
 @pytest.fixture(scope="module")
 def short_sonar():
     """Flights of which one shows what is wrong, on the floor."""
-    vehicle = SLOWER.with_term("sonar_bias", b=-0.04)
-    plans = (["climb and descend by 0.6 m"], ["touch the floor, stand for 3 s and rise again"],
-             ["reversing forward at 0.2"])  # fmt: skip
-    records = judged(simulate_flight(vehicle, stick_for(plan), 60 + k) for k, plan in enumerate(plans))
+    records = flown(PLANS)
     return records, search(records, NOMINAL, load_thresholds())
+
+
+def one_more(base, last):
+    """A reading of the first flight that only the parameters with the term use, with a large residual."""
+    nats = base.fisher.log_likelihood.copy(), last.fisher.log_likelihood.copy()
+    nats[1][0] += 30.0
+    return nats
+
+
+def test_one_of_two_flights_whose_parameter_sets_use_different_readings_is_filtered_anew(monkeypatch):
+    """Of the whole catalogue one term is looked at, about parameters without it."""
+    module = "slam.criticism.search.expansion"
+    monkeypatch.setattr(
+        f"{module}.effects_for", lambda *a: [e for e in effects_for(*a) if e.name == "sonar_bias"]
+    )
+    monkeypatch.setattr(f"{module}.pattern_directions", lambda _: [])
+    records = flown(PLANS[:2])
+    look = expand(records, NOMINAL, NOMINAL)
+    (term,) = (e for e in look.effects if e.name == "sonar_bias")
+    found = SimpleNamespace(first=look, last=look, chosen=(term,))
+    by_parabola = held_out(records, found, NOMINAL)
+    monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
+    anew = held_out(records, found, NOMINAL)
+    assert anew.nats[1] == by_parabola.nats[1]
+    runs = [whole(records[0], parameters[0]) for parameters in (anew.before, anew.after)]
+    assert anew.nats[0] == pytest.approx(runs[1].log_likelihood - runs[0].log_likelihood, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -78,13 +113,6 @@ def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
 def test_flights_whose_parameter_sets_use_different_readings_are_filtered_anew(short_sonar, monkeypatch):
     records, found = short_sonar
     by_parabola = held_out(records, found, NOMINAL)
-
-    def one_more(base, last):
-        nats = base.fisher.log_likelihood.copy(), last.fisher.log_likelihood.copy()
-        # A reading of the first flight that only the parameters with the term use, with a large residual.
-        nats[1][0] += 30.0
-        return nats
-
     monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
     anew = held_out(records, found, NOMINAL)
     np.testing.assert_array_equal(anew.nats[1:], by_parabola.nats[1:])
