@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,26 @@ CAMERA = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 def found(terms: dict[str, dict[str, float]], seed: int) -> list[ReadingAnomaly]:
     flight, matches = matched_flight(terms, seed)
     return _highlights([replace(record_of(flight), matches=matches)])
+
+
+def of_spots(lagging: int, others: int) -> list[ReadingAnomaly]:
+    """Found in pairs of pictures with lagging spots of strengths about 0.3, and in pairs with others."""
+    strength = np.linspace(0.2, 0.4, lagging)
+    seen = [(1.0, 0.0, s) for s in strength] + [(0.0, 1.0, np.nan)] * others
+    flat = SimpleNamespace(notable=False)
+    matches = SimpleNamespace(spots=np.array(seen).reshape(-1, 3), lens_distortion=flat)
+    return _highlights([SimpleNamespace(matches=matches), SimpleNamespace(matches=None)])
+
+
+def test_spots_that_lag_in_most_pairs_are_a_lamp_of_their_strength():
+    (oddity,) = of_spots(20, 10)
+    assert oddity.name == "specular_highlights"
+    size = oddity.parameters["strength"]
+    assert size.low < 0.3 < size.high
+    assert size.value == pytest.approx(0.35, abs=0.01), "the upper quartile, as most spots are cut"
+    assert oddity.cause().probability > 0.95
+    assert of_spots(20, 60) == []
+    assert of_spots(1, 0) == []
 
 
 @pytest.mark.slow
@@ -63,3 +84,4 @@ def test_only_what_stays_behind_the_floor_lags(spot_px, lagging, others):
     i_H_j = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     seen = spots(i, j, i_H_j, CAMERA)
     assert (seen.lagging, seen.others) == (lagging, others)
+    assert not lagging or seen.strength == pytest.approx(120 / 255, rel=0.3)
