@@ -74,7 +74,7 @@ def solved(tmp_path_factory) -> Path:
     return folder / "out"
 
 
-def test_info_and_optimize_report_rank_deficient_edges(graph, tmp_path):
+def test_info_and_optimize_report_rank_deficient_edges(graph, tmp_path, no_figures):
     graph.write_text(SQUARE.replace("1 2 1 0 1.5707963 100", "1 2 1 0 1.5707963 0"))
     for command in (("info", graph), ("optimize", graph, "--out", tmp_path / "out")):
         printed = " ".join(run(*command).stdout.split())
@@ -166,7 +166,7 @@ def test_a_graph_is_solved_and_every_file_is_there(graph, tmp_path):
     "first",
     [9_300_000_000, 2**63 - 4, *(pytest.param(ord(c) << 56, marks=pytest.mark.slow) for c in "ax")],
 )
-def test_vertex_numbers_may_have_63_bits(graph, tmp_path, first):
+def test_vertex_numbers_may_have_63_bits(graph, tmp_path, first, no_figures):
     """Stamps in nanoseconds cannot hold such numbers, so that stamps count the vertices."""
     lines = [line.split() for line in SQUARE.splitlines()]
     for fields in lines:
@@ -184,7 +184,7 @@ def test_vertex_numbers_may_have_63_bits(graph, tmp_path, first):
     assert f"VERTEX_SE2 {first + 3} " in (tmp_path / "out" / "graph.g2o").read_text()
 
 
-def test_the_written_graph_is_at_its_minimum(graph, tmp_path):
+def test_the_written_graph_is_at_its_minimum(graph, tmp_path, no_figures):
     """Solving what was written changes nothing: vertices are the solution, edges are those given."""
     assert run("optimize", graph, "--out", tmp_path / "a").exit_code == 0
     assert run("optimize", tmp_path / "a" / "graph.g2o", "--out", tmp_path / "b").exit_code == 0
@@ -193,7 +193,7 @@ def test_the_written_graph_is_at_its_minimum(graph, tmp_path):
     assert (tmp_path / "b" / "graph.g2o").read_text().count("EDGE_SE2") == 4
 
 
-def test_lines_of_a_graph_that_are_not_used_are_counted(graph, tmp_path):
+def test_lines_of_a_graph_that_are_not_used_are_counted(graph, tmp_path, no_figures):
     with graph.open("a") as stream:
         stream.write("EDGE_SE2 1 1 0 0 0 1 0 0 1 0 1\nLANDMARK 3\nLANDMARK 4\n")
     printed = " ".join(run("optimize", graph, "--out", tmp_path / "o").stdout.split())
@@ -202,7 +202,7 @@ def test_lines_of_a_graph_that_are_not_used_are_counted(graph, tmp_path):
     assert rejected == {"line of another kind": 2, "edge from a vertex to itself": 1}
 
 
-def test_a_graph_without_vertices_starts_from_the_edges(graph, tmp_path):
+def test_a_graph_without_vertices_starts_from_the_edges(graph, tmp_path, no_figures):
     edges = [line for line in SQUARE.splitlines() if line.startswith("EDGE")]
     graph.write_text("\n".join(edges) + "\n")
     assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
@@ -210,7 +210,7 @@ def test_a_graph_without_vertices_starts_from_the_edges(graph, tmp_path):
     np.testing.assert_allclose(trajectory[:, 1:3], [[0, 0], [1, 0], [1, 1], [0, 1]], atol=1e-6)
 
 
-def test_two_components_are_reported(graph, tmp_path):
+def test_two_components_are_reported(graph, tmp_path, no_figures):
     other = re.sub(r"(VERTEX_SE2|EDGE_SE2) (\d)( \d(?= ))?", _shifted, SQUARE)
     graph.write_text(SQUARE + other)
     assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
@@ -333,7 +333,7 @@ def test_debug_prints_the_traceback(graph, tmp_path, monkeypatch):
     assert "ZeroDivisionError" in result.stderr
 
 
-def test_a_full_disk_is_one_line(graph, tmp_path):
+def test_a_full_disk_is_one_line(graph, tmp_path, no_figures):
     """A real refusal of the system, by a limit on the size of files, in a process of its own."""
     assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
     before = (tmp_path / "out" / "summary.json").read_bytes()

@@ -174,7 +174,7 @@ def test_evaluate_without_a_reference_is_refused(own, done, tmp_path):
     assert bytes_of(out) == bytes_of(done)
 
 
-def test_demo_gives_each_step_what_the_one_before_made(monkeypatch, tmp_path):
+def test_demo_gives_each_step_what_the_one_before_made(monkeypatch, tmp_path, no_figures):
     """With a flight and a map made by hand, and figures left empty."""
     poses, given = smooth_poses(np.random.default_rng(1), 40), []
     landmarks = {"A": np.array([0.0, 0.0, 0.0]), "B": np.array([1.0, 0.0, 0.0])}
@@ -188,8 +188,6 @@ def test_demo_gives_each_step_what_the_one_before_made(monkeypatch, tmp_path):
     monkeypatch.setattr("slam.simulation.simulate", lambda *asked: given.append(asked) or made)
     monkeypatch.setattr("slam.mapping.pipeline.optimize", lambda seen, **_: given.append(seen) or mapped)
     monkeypatch.setattr("slam.cli.results.write_results", write)
-    for figures in ("slam.evaluation.plots", "slam.report.pictures"):
-        monkeypatch.setattr(f"{figures}.png", lambda *_, **__: b"")
     out = tmp_path / "new" / "demo"
     result = run("demo", "--recipe", "tiny.toml", "--seed", 3, "--out", out)
     assert result.exit_code == 0, result.output
@@ -278,7 +276,7 @@ def test_a_featureless_flight_is_refused(tmp_path):
     ],
     ids=["half a picture", "infinity in the sonar", "IMU unsorted", "attitude twice"],
 )  # fmt: skip
-def test_damage_is_counted_and_reported(own, tmp_path, damage, text):
+def test_damage_is_counted_and_reported(own, tmp_path, damage, text, no_figures):
     damage(own)
     result = run("optimize", own, "--out", tmp_path / "out", "--no-mosaic")
     if result.exit_code == 0:

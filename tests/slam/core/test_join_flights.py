@@ -133,7 +133,7 @@ def test_no_flight_is_refused():
         join_flights([])
 
 
-def test_the_command_takes_several_flights_and_evaluates_their_map(two, tmp_path):
+def test_the_command_takes_several_flights_and_evaluates_their_map(two, tmp_path, no_figures):
     for flight in two:
         write_flight(only(flight, range(0, len(flight.frames) // 6, 2)), tmp_path / flight.name)
     paths = [str(tmp_path / flight.name) for flight in two]

@@ -83,7 +83,7 @@ def test_a_lone_surrogate_in_a_name_can_be_written(tmp_path):
     assert ".jpg cannot be read" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-def test_the_page_says_what_was_dropped_and_why():
+def test_the_page_says_what_was_dropped_and_why(no_figures):
     estimate = made_estimate()
     text = page(estimate, made_flight()).text
     for reason, count in estimate.rejected.items():
@@ -111,7 +111,7 @@ def test_the_sentence_names_what_is_wrong():
     assert sentence(gather(nothing, made_flight())).startswith("Nothing could be placed")
 
 
-def test_what_a_flight_shows_of_its_height_sensor_is_distinguished_from_what_is_assumed():
+def test_what_a_flight_shows_of_its_height_sensor_is_distinguished_from_what_is_assumed(no_figures):
     facts = gather(made_estimate(), made_flight())
     assert "this flight does not determine it" in facts.sensor_gain
     assert facts.sensor_zero == "+3.5 ±\N{NO-BREAK SPACE}1.1\N{NO-BREAK SPACE}mm"
@@ -174,7 +174,7 @@ def test_one_keyframe_is_enough_for_a_page():
     assert "1 / 1" in page(replace(estimate, relative_poses=(), loops=(), **single), made_flight()).text
 
 
-def test_cells_that_may_not_wrap_are_short():
+def test_cells_that_may_not_wrap_are_short(no_figures):
     """Cells of class ``n`` stay on one line: a long one pushes the table beyond the page."""
     html = render(made_estimate(), summarise(made_estimate()), made_flight())
     cells = re.findall(r'<td class="n">(.*?)</td>', html, re.DOTALL)
@@ -182,7 +182,7 @@ def test_cells_that_may_not_wrap_are_short():
     assert max(len(re.sub(r"<.*?>|&[a-z#0-9]+;", "", cell)) for cell in cells) <= 40
 
 
-def test_figures_agree_with_the_estimate():
+def test_figures_agree_with_the_estimate(no_figures):
     estimate = made_estimate(sigma_m=0.006)
     facts = gather(estimate, made_flight())
     assert facts.sigma_median_m == pytest.approx(
@@ -210,7 +210,7 @@ def test_lengths_read_well(metres, said):
     assert length(metres).replace("\N{NO-BREAK SPACE}", " ") == said
 
 
-def test_a_map_without_a_scale_has_no_metres():
+def test_a_map_without_a_scale_has_no_metres(no_figures):
     """Nowhere on the page, in no table and not in the trajectory's header."""
     estimate = replace(made_estimate(), metric=False, range_errors=None, scale_std=None)
     text = page(estimate, made_flight(with_sonar=False)).text.replace("\N{NO-BREAK SPACE}", " ")
@@ -224,7 +224,7 @@ def test_a_map_without_a_scale_has_no_metres():
     assert not re.search(r"[0-9]\s(mm|m|km)\b", told.file.getvalue())
 
 
-def test_words_of_the_reasons_are_explained_where_they_can_occur():
+def test_words_of_the_reasons_are_explained_where_they_can_occur(no_figures):
     estimate = made_estimate()
     flown = page(estimate, made_flight()).text
     for word in ("inlier", "no plane fits the matches", "Out of reach", "View of a floor point far off"):
@@ -300,7 +300,7 @@ def test_a_thumbnail_is_small_and_white_where_there_is_nothing(tmp_path):
     assert np.abs(small[:, int(0.55 * width) :].astype(int) - [10, 200, 30]).max() <= 4
 
 
-def test_before_and_after_stand_side_by_side(tmp_path):
+def test_before_and_after_stand_side_by_side(tmp_path, no_figures):
     for name in ("a.png", "b.png"):
         Image.fromarray(np.full((40, 50, 4), 128, np.uint8)).save(tmp_path / name)
     both = page(made_estimate(), made_flight(), mosaics=Mosaics(tmp_path / "a.png", tmp_path / "b.png"))

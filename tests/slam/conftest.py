@@ -1,0 +1,17 @@
+"""What tests of maps and reports share."""
+
+from __future__ import annotations
+
+import pytest
+
+DRAWN = ("report.pictures", "evaluation.plots")
+
+
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave figures empty where a test looks at what stands beside them: drawing them takes the longest.
+
+    Tests without this fixture draw each of them.
+    """
+    for module in DRAWN:
+        monkeypatch.setattr(f"slam.{module}.png", lambda *_, **__: b"")
