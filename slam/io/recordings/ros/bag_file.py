@@ -62,17 +62,24 @@ class Bag(OpenBag):
             self.warnings += ("mounts are also taken from transforms of /tf that never change",)
 
     def _open(self) -> None:
-        """Open the bag; of a ROS 1 bag without an index, read what is complete."""
+        """Open the bag; of a ROS 1 bag or an MCAP file without an index, read what is complete."""
         from rosbags.highlevel import AnyReaderError
+
+        from slam.io.recordings.ros.cut_mcap import CutMcapReader, is_mcap
+        from slam.io.recordings.ros.unindexed import UnindexedReader
 
         try:
             self.reader.open()
-        except AnyReaderError:
-            if self.path.suffix != ".bag":
+        except (AnyReaderError, OSError):
+            unindexed: Any
+            if is_mcap(self.path):
+                unindexed = CutMcapReader(self.path)
+                if not any(each.msgcount for each in unindexed.connections):
+                    raise
+            elif self.path.suffix == ".bag":
+                unindexed = UnindexedReader(self.path)
+            else:
                 raise
-            from slam.io.recordings.ros.unindexed import UnindexedReader
-
-            unindexed = UnindexedReader(self.path)
             self.reader.readers = [unindexed]
             self.reader.open()
             lost = f", and its last {unindexed.lost_bytes:,} bytes are lost" if unindexed.lost_bytes else ""

@@ -19,6 +19,7 @@ from tests.slam.io.recordings.ros.made_bag import (
     ROS2,
     Maker,
     a_flight,
+    at,
     picture,
     ros1,
     without_index,
@@ -40,6 +41,41 @@ def test_a_bag_without_metadata_is_read(tmp_path):
     database = next((tmp_path / "bag").glob("*.db3"))
     shutil.copy(database, tmp_path / "alone.db3")
     assert len(read(tmp_path / "alone.db3").frames) == 5
+
+
+@pytest.mark.parametrize("cut", [0.6, 0.95])
+def test_an_mcap_file_that_is_cut_short_gives_its_complete_chunks(tmp_path, cut):
+    """A recorder that is killed leaves no index. A chunk of a mebibyte holds two pictures here."""
+    maker, messages = Maker(ROS2), []
+    for k in range(8):
+        header = maker.header(at(k), "base_link")
+        messages += [
+            ("/imu", at(k), maker.imu(header, (0.1 * k, 0.2, 0.3), (0.5, 0.25, 9.75))),
+            ("/picture", at(k), maker.image(header, np.full((700, 1000), k, np.uint8), "mono8")),
+        ]
+    write(tmp_path / "bag", maker, messages, mcap=True)
+    whole = next((tmp_path / "bag").glob("*.mcap"))
+    content = whole.read_bytes()
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(content[: int(cut * len(content))])
+    flight = read(path)
+    count = len(flight.imu.stamps_s)
+    assert 8 * cut - 2.5 < count < 8
+    assert flight.imu.gyro_rad_s[:, 0] == pytest.approx(0.1 * np.arange(count))
+    assert flight.imu.stamps_s == pytest.approx(0.01 * np.arange(count))
+    assert any("the bag has no index (its recording was interrupted)" in line for line in flight.warnings)
+
+
+@pytest.mark.slow
+@measured
+def test_a_recorded_mcap_file_that_is_cut_short_gives_its_first_seconds(tmp_path):
+    content = (SAMPLES / "mcap/hybrid12s/hybrid12s.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[:1_200_000])
+    complete, flight = read(SAMPLES / "mcap/hybrid12s/hybrid12s.mcap"), read(tmp_path / "cut.mcap")
+    count = len(flight.imu.stamps_s)
+    assert 800 < count < 1200
+    assert np.array_equal(flight.imu.accel_m_s2, complete.imu.accel_m_s2[:count])
+    assert any("its last 99,812 bytes are lost" in line for line in flight.warnings)
 
 
 def outcome(path: Path) -> str:
