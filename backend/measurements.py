@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,6 +190,48 @@ class Inertial:
     """Increasing times of readings that are wrong, such as saturated ones."""
 
 
+class ReportedNoise(NamedTuple):
+    """Errors of velocity forward, velocity left and yaw rate: white noise, and an error that fades.
+
+    The error that fades is a Gauss-Markov process. The tuples hold one number for each of the three.
+    """
+
+    density: tuple[float, float, float]
+    """White noise, m/s/sqrt(Hz) twice and rad/s/sqrt(Hz)."""
+    error: tuple[float, float, float]
+    """Standard deviation of the error that fades, m/s twice and rad/s."""
+    time_s: tuple[float, float, float]
+    """Its correlation time."""
+
+
+NO_REPORTED_NOISE = ReportedNoise((0.0,) * 3, (0.0,) * 3, (1.0,) * 3)
+
+
+@dataclass(frozen=True)
+class ReportedMotion:
+    """Readings, finite and in order of time, and their assumed errors."""
+
+    stamps_s: Array
+    """(k,) times of the velocities."""
+    v_m_s: Array
+    """(k, 2) forward and left in level axes along the heading."""
+    yaw_stamps_s: Array
+    yaw_rad: Array
+    """(l,) without jumps by whole turns."""
+    noise: ReportedNoise
+    """Nominal noise, where the pictures tell too little."""
+    gain_std: float = 0.1
+    """Relative error that all velocities along an axis share."""
+    bias_m_s: float = 0.06
+    """Standard deviation of a constant error of the velocity, on each axis."""
+    drift_rad_s: float = 0.02
+    """Standard deviation of a constant drift of the yaw."""
+    lag_s: float = 0.1
+    """Standard deviation of the time by which the velocities are late."""
+    tells_turns: bool = True
+    """Whether the changes of yaw are measurements; false where a gyro tells them, from which they come."""
+
+
 @dataclass(frozen=True)
 class Measurements:
     """All measurements of a flight's keyframes: the input of the back end."""
@@ -203,8 +245,9 @@ class Measurements:
     tracks: FloorTracks | None = None
     camera: PinholeModel | None = None
     inertial: Inertial | None = None
+    reported: ReportedMotion | None = None
     frames: tuple[TrackedFrame, ...] = ()
-    """Pictures between keyframes at which the inertial readings are compared, in order of time."""
+    """Pictures between keyframes at which motion by instruments is compared, in order of time."""
     range_gain_std: float = 0.05
     """Relative standard deviation of the scale error that all ranges share (temperature, calibration)."""
     range_datum_std_m: float = 0.02
@@ -222,7 +265,8 @@ class Measurements:
     def of_keyframes(self, members: Sequence[int]) -> Measurements:
         """Return the measurements of some keyframes alone, numbered in the order of ``members`` (m,).
 
-        What names another keyframe is left out. The readings of the IMU belong to no keyframe and stay.
+        What names another keyframe is left out. Inertial readings and reported motion belong to no keyframe
+        and stay.
         """
         number = {k: place for place, k in enumerate(members)}
         return replace(

@@ -22,6 +22,7 @@ from backend.bundle.homography_factor import (
     transfer,
 )
 from backend.bundle.lens import FOCAL
+from backend.bundle.robust import robust_unit
 from backend.measurements import PinholeModel, TrackedFrame
 
 Array = NDArray[np.float64]
@@ -75,9 +76,10 @@ class FramePoses:
         graph: gtsam.NonlinearFactorGraph,
         at: gtsam.Values,
         noise_factor: float,
-        model: gtsam.noiseModel.Base,
     ) -> None:
-        """Add the factors, for noise larger by a factor and the effect of the floor's slope at ``at``."""
+        """Add the robust factors, for noise larger by a factor and the effect of the floor's slope at
+        ``at``."""
+        model = robust_unit(ROWS)
         f_T_j = np.array([at.atPose3(key).matrix() for key in self.keys]).reshape(-1, 4, 4)
         by_slope = transfer(self._keyframes(at), f_T_j, self._rays, self.plane).by_slope
         for number, frame in enumerate(self.frames):

@@ -32,8 +32,9 @@ from backend.bundle.inertial.graph import (
     add_inertial,
 )
 from backend.bundle.lens import told_calibration, told_covariance
+from backend.bundle.reported.graph import ReportedPart, add_reported
 from backend.bundle.world import WorldTransform
-from backend.measurements import FloorTracks, Measurements, PinholeModel
+from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, PinholeModel, ReportedNoise
 
 Array = NDArray[np.float64]
 WORLD = gtsam.symbol("w", 0)
@@ -72,6 +73,7 @@ class NoiseLevels:
     """(3,)."""
     range_m: float
     inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
+    reported: ReportedNoise = NO_REPORTED_NOISE
 
 
 @dataclass(frozen=True)
@@ -94,13 +96,14 @@ class BundleProblem:
     self_calibrates: bool
     scale_prior: ScalePrior | None = None
     inertial: InertialPart | None = None
+    reported: ReportedPart | None = None
 
     @property
     def has_scale(self) -> bool:
         """Whether a measurement or prior observes the scale."""
         measured = self.measurements
-        metric = bool(measured.ranges or measured.positions) or self.inertial is not None
-        return metric or self.scale_prior is not None
+        moved = self.inertial is not None or self.reported is not None
+        return bool(measured.ranges or measured.positions) or moved or self.scale_prior is not None
 
     @property
     def c_T_b(self) -> Array:
@@ -147,8 +150,14 @@ def pose_side_graph(
     if problem.self_calibrates:
         _add_calibration(graph, problem.camera)
     _add_gauge(graph, problem, start, noise.relief)
+    b_T_c = problem.camera.b_T_c
+    if problem.reported is not None:
+        add_reported(graph, problem.reported, WORLD, b_T_c, noise.reported)
+        if problem.inertial is None:
+            problem.reported.path.frames.add(graph, start, NOMINAL_INERTIAL_NOISE.frames)
+    # Last, as the estimate of their noise expects.
     if problem.inertial is not None:
-        add_inertial(graph, problem.inertial, start, WORLD, problem.camera.b_T_c, noise.inertial)
+        add_inertial(graph, problem.inertial, start, WORLD, b_T_c, noise.inertial)
     return graph
 
 

@@ -51,9 +51,10 @@ from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, mi
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
 from backend.bundle.position_redundancy import absorbed_positions
 from backend.bundle.projections import CALIBRATION_SIZE
+from backend.bundle.reported.graph import ReportedPart
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
-from backend.measurements import Measurements
+from backend.measurements import NO_REPORTED_NOISE, Measurements, PinholeModel, ReportedNoise
 from backend.pose_graph.solution import RangeErrors
 from backend.sparse_cholesky import SingularMatrixError
 
@@ -96,6 +97,11 @@ class Bundle:
     optimum: BundleOptimum
     """The solved graph, for further tests of the solution."""
 
+    @property
+    def uses_reported_motion(self) -> bool:
+        """Whether velocity and turns that the vehicle reports are in the graph."""
+        return self.optimum.problem.reported is not None
+
 
 def refine(
     measurements: Measurements,
@@ -132,8 +138,10 @@ def refine(
         measurements, tracks, camera, config, self_calibrates=False, scale_prior=scale_prior
     )
     noise = noise or start_noise(measurements, config)
-    problem, at = _with_inertia(problem, start_variables(problem, w_T_b, floor_z_m))
-    noise = replace(noise, inertial=start_factors(problem, at.values))
+    problem, at = _with_motion(problem, start_variables(problem, w_T_b, floor_z_m))
+    noise = replace(
+        noise, inertial=start_factors(problem, at.values), reported=_reported_noise(problem, at.values)
+    )
     start = at.values
     used = np.ones(len(tracks.track), bool)
     iterations = 0
@@ -156,29 +164,60 @@ def refine(
         factors, kept = estimate_inertial_noise(optimum)
         absorbed = absorbed_positions(optimum)
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
+        if number == 0:
+            # Once, because levels of a grid would keep the rounds from settling.
+            noise = replace(noise, reported=_reported_noise(problem, at.values))
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
-        problem, at = _reintegrated(problem, at, kept)
+        problem, at = _reintegrated(problem, at, kept, before.reported)
     return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
 
 
-def _with_inertia(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables]:
-    """Integrate the inertial readings, if there are any, and insert their variables."""
-    transform = WorldTransform(at.values.atVector(WORLD), problem.camera.b_T_c)
-    part = InertialPart.of(problem.measurements, problem.camera, at.values, transform)
-    if part is None:
-        return problem, at
-    return replace(problem, inertial=part), replace(at, values=part.start(at.values, transform))
+def _with_motion(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables]:
+    """Integrate inertial readings and reported motion, if there are any, and insert their variables."""
+    camera, measured = problem.camera, problem.measurements
+    reported = ReportedPart.of(measured, camera)
+    if reported is not None:
+        if not (measured.inertial or problem.has_scale):
+            at = _scaled(reported, at, camera)
+        at = replace(at, values=reported.start(at.values))
+    transform = WorldTransform(at.values.atVector(WORLD), camera.b_T_c)
+    inertial = InertialPart.of(measured, camera, at.values, transform)
+    if inertial is not None:
+        at = replace(at, values=inertial.start(at.values, transform))
+    return replace(problem, inertial=inertial, reported=reported), at
+
+
+def _scaled(reported: ReportedPart, at: Variables, camera: PinholeModel) -> Variables:
+    """Return the variables at the scale of reported lengths: nothing else determines it."""
+    values, world = gtsam.Values(at.values), at.values.atVector(WORLD)
+    transform = WorldTransform(world, camera.b_T_c)
+    ratio = reported.length_ratio(reported.path.placed(values), transform)
+    world[LOG_SCALE] += np.log(ratio) if ratio > 0 else 0.0
+    values.update(WORLD, world)
+    return replace(at, values=values)
+
+
+def _reported_noise(problem: BundleProblem, values: gtsam.Values) -> ReportedNoise:
+    """Return the noise of reported motion that the poses show."""
+    if problem.reported is None:
+        return NO_REPORTED_NOISE
+    return problem.reported.noise(values, WorldTransform(values.atVector(WORLD), problem.camera.b_T_c))
 
 
 def _reintegrated(
-    problem: BundleProblem, at: Variables, kept: NDArray[np.bool_]
+    problem: BundleProblem, at: Variables, kept: NDArray[np.bool_], noise: ReportedNoise
 ) -> tuple[BundleProblem, Variables]:
-    """Integrate the ``kept`` intervals (k,) about the estimated biases and delay."""
-    before = problem.inertial
+    """Integrate the ``kept`` intervals (k,) of inertial readings about the estimated biases and delay.
+
+    ``noise`` of reported motion was assumed for the variables.
+    """
+    reported = None if problem.reported is None else problem.reported.updated(at.values, noise)
+    problem, before = replace(problem, reported=reported), problem.inertial
     if before is None:
         return problem, at
     part = before.reintegrated(at.values, kept)
-    values = without_unused(at.values) if part is None else part.continued(at.values, before)
+    others = () if reported is None else reported.path.keys
+    values = without_unused(at.values, None, others) if part is None else part.continued(at.values, before)
     return replace(problem, inertial=part), replace(at, values=values)
 
 

@@ -91,6 +91,26 @@ class AccelerometerErrors:
 
 
 @dataclass(frozen=True)
+class VelocityErrors:
+    """Errors of the velocity that the vehicle reports, forward and left, against the map."""
+
+    gain: tuple[float, float]
+    """Reported over true speed."""
+    gain_std: tuple[float, float]
+    offset_m_s: tuple[float, float]
+    offset_std_m_s: tuple[float, float]
+    lag_s: float
+    """Delay of the velocities behind the pictures of the same moment."""
+    lag_std_s: float
+    fading_m_s: tuple[float, float]
+    """Standard deviation of an error that changes over the flight."""
+    fading_time_s: tuple[float, float]
+    """Its correlation time."""
+    jump_m_s: tuple[float, float]
+    """Largest change of it between two pictures that is no chance; 0 without any."""
+
+
+@dataclass(frozen=True)
 class ClockSpan:
     """A time in which the delay of the pictures' clock is constant."""
 
@@ -151,6 +171,8 @@ class InstrumentErrors:
     """None without a gyro that explains how the pictures turn."""
     lens: Mapping[str, LensNumber] | None = None
     """Numbers of the lens by their names (fx, fy, cx, cy, k1, k2, p1, p2, k3); None where all are certain."""
+    velocity: VelocityErrors | None = None
+    """None where the map does not use the velocity."""
 
 
 @dataclass(frozen=True, kw_only=True)

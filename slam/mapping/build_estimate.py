@@ -24,6 +24,7 @@ from slam.mapping.calibration.clock_offset import (
 )
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.calibration.lens import lens_numbers
+from slam.mapping.calibration.velocity_errors import velocity_errors, velocity_warning
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
@@ -64,7 +65,8 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     not_placed = pictures_not_placed(flight, map_)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
-    said = messages(context, map_, not_placed, shared, mount, untested)
+    velocity = velocity_errors(map_.bundle)
+    said = messages(context, map_, not_placed, shared, mount, [*untested, velocity_warning(velocity)])
     chained = chain(
         observations.links,
         setup.camera,
@@ -102,6 +104,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             shared,
             clock,
             lens_numbers(map_.bundle),
+            velocity,
         ),
         accuracy_basis=accuracy_basis(flight, map_),
         information_shares=_information_shares(flight, map_),

@@ -13,7 +13,7 @@ from backend.bundle.refinement import Bundle
 from backend.clocks.picture_clock import PictureClock
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
-from backend.measurements import FloorTracks, InertialReadings, Position
+from backend.measurements import FloorTracks, InertialReadings, Position, ReportedMotion
 from frontend.camera import Camera
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
@@ -24,6 +24,7 @@ from slam.mapping.calibration.inertial_scale import (
     InertialComparison,
     compare_with_inertia,
 )
+from slam.mapping.calibration.velocity_scale import scaled_by_velocity
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
@@ -50,16 +51,18 @@ def refine_map(
     setup: Setup,
     progress: Progress,
     inertial: InertialReadings | None = None,
+    reported: ReportedMotion | None = None,
 ) -> Map:
     """Place each connected part of a solved graph and refine it on its floor points.
 
-    With ``inertial`` readings the accelerometer takes part in the scale. Measurements are those of ``setup``.
+    With ``inertial`` readings the accelerometer takes part in the scale, and with ``reported`` motion the
+    velocity, if nothing else measures lengths. Measurements are those of ``setup``.
     """
     observations, edges, solution = solved.observations, solved.edges, solved.graph
     n = len(setup.readings.stamps_s)
     tracks = floor_tracks(solved, setup)
     component = largest_first(np.where(_tied(n, _kept(solved)), solution.component, -1))
-    evidence = _Evidence(setup, observations, edges.heights.metric, tracks, inertial, progress)
+    evidence = _Evidence(setup, observations, edges.heights.metric, tracks, inertial, reported, progress)
     seen = np.bincount(tracks.keyframe, minlength=n)
     parts = []
     for number in range(int(component.max(initial=-1)) + 1):
@@ -153,6 +156,7 @@ class _Evidence:
     """(n,) which keyframes have a height in metres."""
     tracks: FloorTracks
     inertial: InertialReadings | None
+    reported: ReportedMotion | None
     progress: Progress
 
     def part(self, members: NDArray[np.int64], w_T_b: Array) -> MapPart:
@@ -196,7 +200,7 @@ class _Evidence:
     ) -> tuple[MapPart, Agreement | None]:
         """Refine the part, and again while the refined map changes the verdict on a fix."""
         for _ in range(_MOST_SELECTIONS):
-            bundle, compared = self._refined(setup, part)
+            bundle, compared, reason = self._refined(setup, part)
             by_inertia = compared.scale if compared else None
             part = replace(
                 part,
@@ -216,11 +220,14 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        warnings = [*_scale_warnings(by_inertia, bundle), *convergence_warnings(bundle)]
+        warnings = [*_scale_warnings(by_inertia, bundle, reason), *convergence_warnings(bundle)]
         return replace(part, warnings=(*part.warnings, *warnings)), agreement
 
-    def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None]:
-        """Refine the part, with the accelerometer's scale where other sensors determine it less well."""
+    def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None, str]:
+        """Refine the part, with the accelerometer's scale where other sensors determine it less well.
+
+        Without any of these the velocity determines it. Returns also the reason why it does not.
+        """
 
         def step(iteration: int, _: float) -> None:
             self.progress("refine", iteration, 0)
@@ -229,20 +236,32 @@ class _Evidence:
         start = np.full((len(self.metric), 4, 4), np.nan)
         start[members] = part.w_T_b
         bundle = refine_part(setup, members, start, part.floor_z_m, tracks, step)
-        if self.inertial is None:
-            return bundle, None
-        camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
-        compared = compare_with_inertia(self.inertial, self.observations, members, bundle, camera, gain_std)
-        by_inertia = compared.scale
-        if isinstance(by_inertia, NoScale) or not by_inertia.helps:
-            return bundle, compared
-        start[members] = bundle.w_T_b
-        lengths, noise = by_inertia.lengths, bundle.noise
-        return refine_part(setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise), compared
+        compared, lengths = None, None
+        if self.inertial is not None:
+            camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
+            compared = compare_with_inertia(
+                self.inertial, self.observations, members, bundle, camera, gain_std
+            )
+            if not isinstance(compared.scale, NoScale) and compared.scale.helps:
+                lengths = compared.scale.lengths
+        reason = ""
+        if lengths is None and self.reported is not None and bundle.scale_std is None:
+            bundle, reason = scaled_by_velocity(
+                bundle, setup, members, tracks, self.observations, self.reported, step
+            )
+        if lengths is not None:
+            start[members], noise = bundle.w_T_b, bundle.noise
+            bundle = refine_part(setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise)
+        return bundle, compared, reason
 
 
-def _scale_warnings(by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle) -> list[str]:
-    """Report a contradiction of the scale, and a scale that was needed but not found."""
+def _scale_warnings(
+    by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_velocity: str
+) -> list[str]:
+    """Report a contradiction of the scale, and a scale that was needed but not found, by the velocity for a
+    reason."""
+    if by_velocity and bundle.scale_std is None:
+        return [f"velocity0 could not determine the metric scale: {by_velocity}"]
     if isinstance(by_inertia, NoScale):
         wanted = bundle.scale_std is None
         return [f"imu0 could not determine the metric scale: {by_inertia.reason}"] if wanted else []

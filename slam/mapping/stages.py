@@ -23,6 +23,7 @@ from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations, TrackedPictures
 from slam.mapping.inertial.fusion import fuse_parts
+from slam.mapping.inertial.measurements import reported_motion
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first
@@ -93,20 +94,23 @@ def close_loops(context: Context, chain: Map) -> Map:
 def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
     """Refine all parts on their floor points, and join them by inertial bridges.
 
-    With inertia, the readings of the IMU then refine joined parts together.
+    With inertia, the readings of the IMU and the motion that the vehicle reports then refine joined parts
+    together.
 
     Raises ``InputError`` where no pose of a camera above a floor explains the matches.
     """
-    inertial = inertial_readings(context.flight.imu) if with_inertia else None
+    flight = context.flight
+    inertial = inertial_readings(flight.imu) if with_inertia else None
+    reported = reported_motion(flight, context.job.config) if with_inertia else None
     with context.timer("refine"), show_compilation(context.job.progress):
-        parts = refine_map(solved, context.setup, context.job.progress, inertial)
+        parts = refine_map(solved, context.setup, context.job.progress, inertial, reported)
         refined = context.bridges.join(parts)
         if with_inertia:
-            refined = fuse_parts(parts, refined, context.setup, context.flight)
+            refined = fuse_parts(parts, refined, context.setup, flight)
     if (refined.component < 0).all() and not with_inertia:
         raise InputError(
-            f"{context.flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
-            f"check T_BS (which way it looks) and intrinsics in {context.flight.camera_file}, and attitude0"
+            f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
+            f"check T_BS (which way it looks) and intrinsics in {flight.camera_file}, and attitude0"
         )
     return refined
 

@@ -26,6 +26,7 @@ _INSTRUMENTS = {
     "attitude": ("the attitude sensor", "calibrate its level, or fly the same rows in both directions"),
     "position": ("the GPS", "use a receiver with corrections (RTK), or measure ground points"),
     "imu": ("the IMU", "calibrate the IMU at rest before the flight"),
+    "velocity": ("the vehicle's own velocity", "avoid stretches of floor without texture, or record the IMU"),
     "assumed": (
         "assumed values, which no instrument measured",
         "state them in sensor.yaml with their uncertainty",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import degrees, floor, log10
 
-from slam.core.estimate import AccelerometerErrors, AttitudeErrors, LensNumber, MountTilt
+from slam.core.estimate import AccelerometerErrors, AttitudeErrors, LensNumber, MountTilt, VelocityErrors
 from slam.core.units import SPACE
 
 
@@ -89,6 +89,17 @@ def lengths_text(found: AccelerometerErrors | None) -> str:
     off, std = 100 * (found.scale - 1), 100 * found.scale_std
     use = "used for the map" if found.used else "not needed"
     return f"{off:+.1f} ±{SPACE}{std:.1f}{SPACE}% off the map's, {use}"
+
+
+def velocity_text(found: VelocityErrors | None) -> str:
+    """Gain and offset of the vehicle's own velocity, in words."""
+    if found is None:
+        return ""
+    gains = zip(found.gain, found.gain_std, strict=True)
+    offsets = zip(found.offset_m_s, found.offset_std_m_s, strict=True)
+    ratio = [f"{gain:.2f} ±{SPACE}{std:.2g} times the true one" for gain, std in gains]
+    more = [f"{offset:+.2f} ±{SPACE}{std:.2g} m/s" for offset, std in offsets]
+    return f"forward {ratio[0]}, {more[0]}; left {ratio[1]}, {more[1]}"
 
 
 def shares_text(shares: Mapping[str, Mapping[str, float]]) -> str:

@@ -25,6 +25,7 @@ from slam.report.instrument_errors import (
     lens_text,
     mount_text,
     shares_text,
+    velocity_text,
 )
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
@@ -136,6 +137,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Accelerometer's place on the body", arm_text(estimate.instruments.accelerometer)),
         Item("Accelerometer lags the gyro by", lag_text(estimate.instruments.accelerometer)),
         Item("Lengths by the accelerometer", lengths_text(estimate.instruments.accelerometer)),
+        Item("Vehicle's own velocity", velocity_text(estimate.instruments.velocity)),
         Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
         Item("Position of a keyframe, 1σ: median", facts.length(facts.sigma_median_m)),
         Item("Position of a keyframe, 1σ: largest", facts.length(facts.sigma_max_m)),

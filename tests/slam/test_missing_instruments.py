@@ -17,7 +17,7 @@ from tests.slam.whole_job import assert_whole, normal
 
 @pytest.mark.slow
 def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_reported():
-    flight = replace(flown(0), sonar=None, imu=None)
+    flight = replace(flown(0), sonar=None, imu=None, velocity=None)
     estimate = optimize(flight)
     assert_whole(estimate)
     assert "no metric scale" in estimate.status
@@ -28,6 +28,36 @@ def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_reported():
     found = evaluate(estimate, flight)
     assert found.ate_sim3_m.rmse < 1.5e-3
     assert found.scale == pytest.approx(0.8, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [1.0, 1.1])
+def test_without_sonar_and_imu_the_velocity_tells_how_long_a_metre_is(gain):
+    flight = replace(flown(0), sonar=None, imu=None)
+    assert flight.velocity is not None
+    velocity = replace(flight.velocity, v_m_s=gain * flight.velocity.v_m_s, scale_std=0.1)
+    flight = replace(flight, velocity=velocity)
+    estimate = optimize(flight)
+    assert_whole(estimate)
+    assert "no metric scale but that of the vehicle's own velocity" in estimate.status
+    assert estimate.metric
+    assert estimate.accuracy_basis.startswith("Lengths and their accuracy rest on the vehicle's own velocity")
+    assert gather(estimate, flight).scale_source == "vehicle's own velocity"
+    assert estimate.information_shares["scale"]["velocity"] > 0.9
+    scale = evaluate(estimate, flight).scale
+    assert abs(np.log(scale)) < 3 * estimate.scale_std
+    assert estimate.scale_std < 0.12
+    assert evaluate(estimate, flight).ate_sim3_m.rmse < 1.5e-3
+
+
+@pytest.mark.slow
+def test_a_velocity_of_the_wrong_sign_tells_no_lengths():
+    flight = replace(flown(0), sonar=None, imu=None)
+    assert flight.velocity is not None
+    velocity = replace(flight.velocity, v_m_s=-flight.velocity.v_m_s)
+    estimate = optimize(replace(flight, velocity=velocity))
+    assert not estimate.metric
+    assert any("velocity0 could not determine the metric scale" in line for line in estimate.warnings)
 
 
 @pytest.mark.slow
@@ -49,7 +79,7 @@ def test_a_sonar_on_another_clock_and_an_accelerometer_that_tells_no_lengths_are
     flight = flown(0)
     sonar = replace(flight.sonar, stamps_s=flight.sonar.stamps_s + 1e6)
     imu = replace(flight.imu, accel_m_s2=-flight.imu.accel_m_s2)
-    estimate = optimize(replace(flight, sonar=sonar, imu=imu))
+    estimate = optimize(replace(flight, sonar=sonar, imu=imu, velocity=None))
     assert not estimate.metric
     assert gather(estimate, flight).scale_source == "none"
     assert any("sonar0: does not overlap" in line and "clock" in line for line in estimate.warnings)

@@ -6,7 +6,7 @@ one factor, so that every reading counts once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -14,11 +14,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import B as BIAS
 from gtsam.symbol_shorthand import V as VELOCITY
-from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.frame_poses import FramePoses
-from backend.bundle.homography_factor import ROWS
 from backend.bundle.inertial.factor import (
     ARM,
     DELAY,
@@ -37,9 +34,10 @@ from backend.bundle.inertial.preintegrate import (
     chains,
     preintegrate,
 )
+from backend.bundle.path_nodes import PathNodes
+from backend.bundle.robust import robust_unit
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, Measurements, PinholeModel
-from backend.quantiles import chi_square_quantile
 
 Array = NDArray[np.float64]
 
@@ -53,8 +51,6 @@ _PARABOLA = 3
 _MOST_CUT, _MOST_SIGMAS = 0.25, 4.0
 """Share of intervals that may be cut: where more do not fit, the others fit by chance; and the largest errors
 in standard deviations."""
-_WHOLE_WEIGHT = 0.99
-"""Share of errors whose weight Huber's loss keeps, if the noise is Gaussian."""
 
 
 class InertialNoiseFactors(NamedTuple):
@@ -74,11 +70,7 @@ class InertialPart:
     """Integrated readings of a refinement, and the point at which they were linearised."""
 
     inertial: Inertial
-    nodes: tuple[int, ...]
-    """Keys of the poses, in order of time."""
-    stamps_s: Array
-    """(m,) times of the nodes."""
-    frames: FramePoses
+    path: PathNodes
     intervals: tuple[InertialInterval, ...]
     """Between successive nodes, which they call by their place among all nodes."""
     bias: ImuBias
@@ -97,25 +89,21 @@ class InertialPart:
 
         ``poses`` holds initial poses of the keyframes, and ``transform`` makes them metric.
         """
-        inertial, frames = measurements.inertial, FramePoses.of(measurements.frames, camera)
+        inertial = measurements.inertial
         if inertial is None:
             return None
-        stamps_s = np.array([*measurements.stamps_s, *(frame.stamp_s for frame in frames.frames)])
-        order = np.argsort(stamps_s, kind="stable")
-        keys = [*(POSE(k) for k in range(measurements.count)), *frames.keys]
+        path = PathNodes.of(measurements, camera)
         part = InertialPart(
             inertial=inertial,
-            nodes=tuple(keys[k] for k in order.tolist()),
-            stamps_s=stamps_s[order],
-            frames=frames,
-            intervals=preintegrate(inertial, stamps_s[order]),
+            path=path,
+            intervals=preintegrate(inertial, path.stamps_s),
             bias=NO_BIAS,
             delay_s=0.0,
             by_gain={},
         )
         if not part.intervals:
             return None
-        return replace(part, by_gain=_gain_effects(part, part._metric_poses(frames.placed(poses), transform)))
+        return replace(part, by_gain=_gain_effects(part, path.metric_poses(path.placed(poses), transform)))
 
     def reintegrated(self, values: gtsam.Values, kept: NDArray[np.bool_]) -> InertialPart | None:
         """Integrate the ``kept`` (m,) intervals about the estimated delay and the mean of the biases.
@@ -129,12 +117,12 @@ class InertialPart:
         delay_s = self.delay_s + float(values.atVector(IMU)[DELAY])
         # Another delay may reach nodes beyond the readings, which have no velocity and no bias.
         known = {(one.i, one.j) for one in self.intervals}
-        again = preintegrate(self.inertial, self.stamps_s - delay_s, bias, cut)
+        again = preintegrate(self.inertial, self.path.stamps_s - delay_s, bias, cut)
         intervals = tuple(one for one in again if (one.i, one.j) in known)
         if not intervals:
             return None
-        frames = self.frames.calibrated(values)
-        return replace(self, intervals=intervals, bias=bias, delay_s=delay_s, cut=cut, frames=frames)
+        path = self.path.calibrated(values)
+        return replace(self, intervals=intervals, bias=bias, delay_s=delay_s, cut=cut, path=path)
 
     @property
     def ends(self) -> list[int]:
@@ -147,8 +135,8 @@ class InertialPart:
 
     def start(self, poses: gtsam.Values, transform: WorldTransform) -> gtsam.Values:
         """Return the variables with initial frames, velocities, biases and constants."""
-        values = self.frames.placed(poses)
-        velocity = _smoothed(self.stamps_s, self._metric_poses(values, transform)[:, :3, 3])[1]
+        values = self.path.placed(poses)
+        velocity = _smoothed(self.path.stamps_s, self.path.metric_poses(values, transform)[:, :3, 3])[1]
         for k in self.ends:
             values.insert(VELOCITY(k), velocity[k])
             values.insert(BIAS(k), gtsam.imuBias.ConstantBias(self.bias.accel_m_s2, self.bias.gyro_rad_s))
@@ -193,9 +181,9 @@ class InertialPart:
         """Return the keys of the variables of an interval."""
         i, j = interval.i, interval.j
         return IntervalKeys(
-            pose_i=self.nodes[i],
+            pose_i=self.path.keys[i],
             velocity_i=VELOCITY(i),
-            pose_j=self.nodes[j],
+            pose_j=self.path.keys[j],
             velocity_j=VELOCITY(j),
             bias_i=BIAS(i),
             bias_j=BIAS(j),
@@ -203,15 +191,12 @@ class InertialPart:
             imu=IMU,
         )
 
-    def _metric_poses(self, values: gtsam.Values, transform: WorldTransform) -> Array:
-        return np.array([transform.body_pose(values.atPose3(key)).matrix() for key in self.nodes])
-
 
 def _gain_effects(part: InertialPart, w_T_b: Array) -> dict[int, Array]:
-    place, velocity = _smoothed(part.stamps_s, w_T_b[:, :3, 3])
+    place, velocity = _smoothed(part.path.stamps_s, w_T_b[:, :3, 3])
     by_gain = {}
     for one in part.intervals:
-        ends, lasts_s = [one.i, one.j], float(part.stamps_s[one.j] - part.stamps_s[one.i])
+        ends, lasts_s = [one.i, one.j], float(part.path.stamps_s[one.j] - part.path.stamps_s[one.i])
         by_gain[one.i] = gain_effect(w_T_b[one.i, :3, :3], place[ends], velocity[ends], lasts_s)
     return by_gain
 
@@ -232,11 +217,13 @@ def _smoothed(stamps_s: Array, place: Array) -> tuple[Array, Array]:
     return out[0], out[1]
 
 
-def without_unused(values: gtsam.Values, part: InertialPart | None = None) -> gtsam.Values:
-    """Return the variables without those that no factor of ``part`` touches."""
-    used = set[int]()
+def without_unused(
+    values: gtsam.Values, part: InertialPart | None = None, others: Collection[int] = ()
+) -> gtsam.Values:
+    """Return the variables without those that neither a factor of ``part`` touches nor ``others`` names."""
+    used = set(others)
     if part is not None:
-        used = {key(k) for k in part.ends for key in (VELOCITY, BIAS)} | {IMU, *part.nodes}
+        used |= {key(k) for k in part.ends for key in (VELOCITY, BIAS)} | {IMU, *part.path.keys}
     kept = gtsam.Values(values)
     for key in list(values.keys()):
         if gtsam.Symbol(key).chr() in _LETTERS and key not in used:
@@ -261,19 +248,12 @@ def add_inertial(
         graph.push_back(gtsam.PriorFactorConstantBias(BIAS(run[0].i), gtsam.imuBias.ConstantBias(), first))
     constants = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(part.inertial))
     graph.push_back(gtsam.PriorFactorVector(IMU, _nominal_constants(part), constants))
-    part.frames.add(graph, at, factors.frames, _robust_unit(ROWS))
-    unit = _robust_unit(STATE_SIZE)
+    part.path.frames.add(graph, at, factors.frames)
+    unit = robust_unit(STATE_SIZE)
     for interval in part.intervals:
         whitening = interval.whitening(factors.gyro, factors.accel)
         keys, by_gain = part.keys(interval, world), part.by_gain[interval.i]
         graph.push_back(inertial_factor(interval, whitening, by_gain, keys, b_T_c, unit))
-
-
-def _robust_unit(size: int) -> gtsam.noiseModel.Robust:
-    kernel = gtsam.noiseModel.mEstimator.Huber.Create(
-        float(np.sqrt(chi_square_quantile(_WHOLE_WEIGHT, size)))
-    )
-    return gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Unit.Create(size))
 
 
 def _nominal_constants(part: InertialPart) -> Array:

@@ -64,14 +64,14 @@ class _Squares:
             gyro=of_intervals[:, ROTATION].sum(axis=1),
             accel=of_intervals[:, MOTION].sum(axis=1),
             walk=of_intervals[:, MOTION.stop :].sum(axis=1),
-            frames=float(before[len(before) - ROWS * len(part.frames.frames) :].sum()),
+            frames=float(before[len(before) - ROWS * len(part.path.frames.frames) :].sum()),
         )
 
 
 def _errors(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, part: InertialPart) -> Array:
     """Return the whitened errors of homographies and intervals, the last ones of a graph, without robust
     weights."""
-    count = len(part.frames.frames) + len(part.intervals)
+    count = len(part.path.frames.frames) + len(part.intervals)
     factors = [graph.at(k) for k in range(graph.size() - count, graph.size())]
     return np.concatenate([f.unwhitenedError(values) for f in factors if isinstance(f, gtsam.CustomFactor)])
 

@@ -13,6 +13,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.path_nodes import covered
 from backend.errors import BackendError
 from backend.inertial_scale.preintegration import integrate
 from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise
@@ -23,9 +24,9 @@ STATE_SIZE = 15
 """Rows of the error of an interval: rotation, position, velocity, bias of accelerometer and gyro (3 each)."""
 ROTATION, MOTION = slice(0, 3), slice(3, 9)
 """Rows that the gyro dominates, and rows that the accelerometer dominates."""
-_GAP_STEPS, _LEAST_GAP_S = 3.0, 0.05
-"""Longest step between two readings within an interval: in typical steps, but at least in seconds. Small
-vehicles turn at less than 10 Hz, so that a straight line bridges a twentieth of a second."""
+_LEAST_GAP_S = 0.05
+"""Time without a reading that is no gap. Small vehicles turn at less than 10 Hz, so that a straight line
+bridges a twentieth of a second."""
 _STEP_S = 0.004
 """Least step of the integration. The readings of a faster IMU are averaged over it."""
 _NO_NOISE = 1e-9
@@ -81,9 +82,9 @@ def preintegrate(
     ``bias`` is the point of linearisation: the effect of another one is exact to first order.
     """
     readings = inertial.readings
-    covered = _covered(readings.stamps_s, stamps_s)
-    covered[list(cut)] = False
-    covered &= np.diff(np.searchsorted(inertial.invalid_s, stamps_s)) == 0
+    known = covered(readings.stamps_s, stamps_s, _LEAST_GAP_S)
+    known[list(cut)] = False
+    known &= np.diff(np.searchsorted(inertial.invalid_s, stamps_s)) == 0
     times_s = np.union1d(readings.stamps_s, stamps_s)
     both = np.hstack([readings.accel_m_s2, readings.gyro_rad_s])
     values = np.column_stack([np.interp(times_s, readings.stamps_s, column) for column in both.T])
@@ -92,25 +93,13 @@ def preintegrate(
     constant = gtsam.imuBias.ConstantBias(bias.accel_m_s2, bias.gyro_rad_s)
     parts = [_parameters(inertial.noise, accel) for accel in (True, False)]
     intervals = []
-    for k in np.flatnonzero(covered).tolist():
+    for k in np.flatnonzero(known).tolist():
         node = _thinned(times_s, int(at[k]), int(at[k + 1]))
         steps_s = np.diff(times_s[node])
         means = np.diff(integral[node], axis=0) / steps_s[:, None]
         rates = values[[at[k], at[k + 1]], 3:] - bias.gyro_rad_s
         intervals.append(_interval(k, means, steps_s, constant, parts, rates))
     return tuple(intervals)
-
-
-def _covered(imu_s: Array, stamps_s: Array) -> NDArray[np.bool_]:
-    """Return which intervals (n - 1,) between the stamps lie within the readings and contain no gap."""
-    step_s = np.diff(imu_s)
-    gap = step_s > max(_GAP_STEPS * float(np.median(step_s)), _LEAST_GAP_S)
-    begin, end = imu_s[:-1][gap], imu_s[1:][gap]
-    # As many gaps have ended before an interval as begin before its end.
-    free = np.searchsorted(end, stamps_s[:-1], side="right") == np.searchsorted(begin, stamps_s[1:])
-    return np.asarray(
-        free & (stamps_s[:-1] >= imu_s[0]) & (stamps_s[1:] <= imu_s[-1]) & (np.diff(stamps_s) > 0)
-    )
 
 
 def _thinned(times_s: Array, start: int, stop: int) -> NDArray[np.int64]:

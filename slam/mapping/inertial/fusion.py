@@ -1,14 +1,14 @@
-"""Parts of a map that no pictures connect, refined together with the readings of the IMU.
+"""Parts of a map that no pictures connect, refined together with the readings of the instruments.
 
-The bridges between the parts are the start. In the refinement the readings take their place: those of the
-gap, and those before and after it, which determine velocity and biases at its ends. The bridges of the result
-are relative poses of the refined map.
+The bridges between the parts are the start. In the refinement the readings of the IMU take their place, and
+the motion that the vehicle reports: those of the gap, and those before and after it, which determine velocity
+and errors of the instruments at its ends. The bridges of the result are relative poses of the refined map.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.bundle.information import Information
 from backend.bundle.refinement import Bundle, refine
+from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
-from backend.measurements import Inertial, RelativePose
+from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
 from slam.core.flight import Flight
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
-from slam.mapping.inertial.measurements import inertial_measurements, tracked_frames
-from slam.mapping.map import Map
+from slam.mapping.inertial.measurements import inertial_measurements, reported_motion, tracked_frames
+from slam.mapping.map import Map, largest_first
 from slam.mapping.refine import calibrated, convergence_warnings, floor_tracks
 from slam.mapping.refine_part import part_measurements
 from slam.mapping.setup import Setup
@@ -33,43 +34,98 @@ _FALSE_ALARM = 1e-3
 """Probability that a good IMU is left out."""
 
 
+@dataclass(frozen=True)
+class _Motion:
+    """Instruments that tell the motion across a gap, and their names in messages."""
+
+    inertial: Inertial | None
+    reported: ReportedMotion | None
+
+    @property
+    def name(self) -> str:
+        """Folders of the instruments."""
+        folders = {"imu0": self.inertial, "velocity0": self.reported}
+        return " and ".join(folder for folder, used in folders.items() if used is not None)
+
+    def choices(self) -> list[_Motion]:
+        """Return the instruments together, and then each of them alone."""
+        alone = [_Motion(self.inertial, None), _Motion(None, self.reported)]
+        return [self, *alone] if self.inertial and self.reported else [self]
+
+
 def fuse_parts(parts: Map, joined: Map, setup: Setup, flight: Flight) -> Map:
     """Return the ``joined`` map of ``parts``, with its joined parts refined together.
 
-    Where the readings contradict the pictures, the parts stay as they are joined, with unknown covariances
-    behind the bridges, and the reason is a warning. A flight with a measured velocity stays as it is: its
-    bridges rest on the velocity too, which the refinement does not know.
+    The readings of the IMU connect them, and the velocity and the turns that the vehicle reports. Instruments
+    that contradict the pictures are left out, with a warning. If none is left, parts that an IMU joined stay
+    as they are, with unknown covariances behind the bridges; without an IMU they are taken apart.
     """
-    inertial = inertial_measurements(flight.imu, setup.config)
-    if inertial is None or flight.velocity is not None or not joined.bridges:
+    motion = _Motion(inertial_measurements(flight.imu, setup.config), reported_motion(flight, setup.config))
+    if not motion.name or not joined.bridges:
         return joined
     setup = setup.without_positions()
     for number in range(int(joined.component.max()) + 1):
         members = np.flatnonzero(joined.component == number)
         if len(np.unique(parts.component[members])) > 1:
-            joined = _fused(parts, joined, members, setup, inertial)
-    return joined
+            joined = _fused(parts, joined, members, setup, motion)
+    return replace(joined, component=largest_first(joined.component))
 
 
-def _fused(parts: Map, joined: Map, members: NDArray[np.int64], setup: Setup, inertial: Inertial) -> Map:
+def _fused(parts: Map, joined: Map, members: NDArray[np.int64], setup: Setup, motion: _Motion) -> Map:
     """Return the map with the keyframes ``members`` (m,) of several parts refined together."""
-    if parts.inertial is not None and parts.inertial.contradiction:
-        return _doubted(parts, joined, members, "lengths by imu0 contradict those of the map")
+    reasons: list[str] = []
+    for choice in motion.choices():
+        try:
+            reason = _contradicted(parts, choice)
+            if not reason:
+                bundle = _refined(joined, members, setup, choice)
+                damage = _damage(parts, members, bundle)
+                reason = f"{choice.name} does not fit the pictures ({damage})" if damage else ""
+            if not reason:
+                return _with_bundle(joined, members, bundle, setup, reasons)
+        except BackendError as error:
+            reason = f"the refinement with {choice.name} failed ({error})"
+        reasons.append(reason)
+    if motion.inertial is None:
+        return _apart(parts, joined, members, reasons[0])
+    return _doubted(parts, joined, members, reasons[0])
+
+
+def _contradicted(parts: Map, motion: _Motion) -> str:
+    if motion.inertial is None or parts.inertial is None or not parts.inertial.contradiction:
+        return ""
+    return "lengths by imu0 contradict those of the map"
+
+
+def _refined(joined: Map, members: NDArray[np.int64], setup: Setup, motion: _Motion) -> Bundle:
+    """Refine the keyframes ``members`` (m,) together. Raises ``BackendError``."""
     noise = joined.bundle.noise if joined.bundle is not None else None
-    start, config = joined.w_T_b[members], setup.config.bundle
-    try:
-        measured = replace(
-            part_measurements(setup, members, floor_tracks(joined, setup)),
-            inertial=inertial,
-            frames=tracked_frames(joined.observations, members, setup.camera),
-        )
-        bundle = refine(measured, start, joined.floor_z_m, config, noise=noise)
-        damage = _damage(parts, members, bundle)
-        if damage:
-            return _doubted(parts, joined, members, f"imu0 does not fit the pictures ({damage})")
-        return _with_bundle(joined, members, bundle, setup)
-    except BackendError as error:
-        return _doubted(parts, joined, members, f"the refinement with imu0 failed ({error})")
+    measured = replace(
+        part_measurements(setup, members, floor_tracks(joined, setup)),
+        inertial=motion.inertial,
+        reported=motion.reported,
+        frames=tracked_frames(joined.observations, members, setup.camera),
+    )
+    return refine(measured, joined.w_T_b[members], joined.floor_z_m, setup.config.bundle, noise=noise)
+
+
+def _apart(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -> Map:
+    """Return the map with the parts of some keyframes as they were before they were joined."""
+    w_T_b, component = joined.w_T_b.copy(), joined.component.copy()
+    covariances, over_floor_covariances = joined.covariances.copy(), joined.over_floor_covariances.copy()
+    w_T_b[members], covariances[members] = parts.w_T_b[members], parts.covariances[members]
+    over_floor_covariances[members] = parts.over_floor_covariances[members]
+    component[members] = component.max() + 1 + parts.component[members]
+    mine = [edge for edge in joined.bridges if edge.i in members]
+    return replace(
+        joined,
+        w_T_b=w_T_b,
+        covariances=covariances,
+        over_floor_covariances=over_floor_covariances,
+        component=component,
+        bridges=tuple(edge for edge in joined.bridges if edge.i not in members),
+        warnings=_replaced(joined.warnings, mine, [f"a gap in the pictures is not bridged: {reason}"]),
+    )
 
 
 def _doubted(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -> Map:
@@ -94,9 +150,11 @@ def _damage(parts: Map, members: NDArray[np.int64], bundle: Bundle) -> str:
     place of the smaller one of the difference.
     """
     optimum = bundle.optimum
-    inertial = optimum.problem.inertial
-    if inertial is None:
-        return "none of its readings fits"
+    inertial, reported = optimum.problem.inertial, optimum.problem.reported
+    measured = optimum.problem.measurements
+    for read, used in ((measured.inertial, inertial), (measured.reported, reported)):
+        if read is not None and used is None:
+            return "none of its readings fits"
     moved = []
     for part in np.unique(parts.component[members]).tolist():
         own = parts.component[members] == part
@@ -111,7 +169,8 @@ def _damage(parts: Map, members: NDArray[np.int64], bundle: Bundle) -> str:
         ]
     if moved and max(moved) > chi_square_limit(_FALSE_ALARM / len(moved), 6):
         return "it would bend the map by more than the errors of the pictures"
-    return inertial.damage(optimum.values, bundle.noise.inertial)
+    damage = inertial.damage(optimum.values, bundle.noise.inertial) if inertial is not None else ""
+    return damage or reported_damage(optimum)
 
 
 def _from_first(before: Array, after: Array) -> Array:
@@ -122,8 +181,13 @@ def _from_first(before: Array, after: Array) -> Array:
     return found
 
 
-def _with_bundle(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup: Setup) -> Map:
-    """Return the map with the refined keyframes, and bridges that follow from them."""
+def _with_bundle(
+    joined: Map, members: NDArray[np.int64], bundle: Bundle, setup: Setup, left_out: Sequence[str]
+) -> Map:
+    """Return the map with the refined keyframes, and bridges that follow from them.
+
+    ``left_out``: reasons why other choices of instruments were not used.
+    """
     w_T_b, covariances = joined.w_T_b.copy(), joined.covariances.copy()
     over_floor_covariances = joined.over_floor_covariances.copy()
     w_T_b[members], covariances[members] = bundle.w_T_b, bundle.covariances
@@ -143,6 +207,7 @@ def _with_bundle(joined: Map, members: NDArray[np.int64], bundle: Bundle, setup:
         warnings=(
             *_replaced(joined.warnings, mine, [bridge_warning(edge) for edge in refined]),
             *convergence_warnings(bundle),
+            *left_out[-1:],
         ),
     )
 

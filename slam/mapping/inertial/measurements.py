@@ -1,22 +1,27 @@
-"""Readings of the IMU with their noise, and the pictures between keyframes that they are compared with."""
+"""Readings of the IMU and motion that the vehicle reports, with their noise, and the pictures between
+keyframes that both are compared with."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import Inertial, InertialNoise, TrackedFrame
+from backend.measurements import Inertial, InertialNoise, ReportedMotion, ReportedNoise, TrackedFrame
 from frontend.camera import Camera
 from frontend.homography import transfer
-from slam.core.flight import Imu
+from slam.core.flight import AttitudeSeries, Flight, Imu, Velocity
 from slam.inertial.variogram import noise_and_power
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations
 from slam.mapping.keyframe_readings import inertial_readings
 
+Array = NDArray[np.float64]
+
 _SPACING_S = 0.2
 """Spacing of pictures, as far as there are so many: it resolves motion up to 2.5 Hz, faster than a small
 vehicle turns its thrust. Closer ones share their errors."""
+_LEAST_GAIN_STD = 1e-3
+"""Least standard deviation of the gain of a velocity whose scale is stated as exact."""
 
 
 def inertial_measurements(imu: Imu | None, config: PipelineConfig) -> Inertial | None:
@@ -47,6 +52,53 @@ def inertial_measurements(imu: Imu | None, config: PipelineConfig) -> Inertial |
         gyro_gain_ratio=config.trust.gyro_gain_std,
     )
     return Inertial(readings, noise, np.asarray(imu.b_T_s[:3, 3], dtype=float))
+
+
+def reported_motion(flight: Flight, config: PipelineConfig) -> ReportedMotion | None:
+    """Return velocity and yaw as the vehicle reports them; None without both.
+
+    The turns are no measurements beside a gyro, from which the vehicle has them. Their noise is nominal; the
+    pictures show the actual one.
+    """
+    velocity, yaw = _velocity(flight.velocity), _yaw(flight.attitude)
+    if velocity is None or yaw is None or flight.velocity is None:
+        return None
+    trust, (stamps_s, v_m_s) = config.inertial, velocity
+    std = np.maximum(flight.velocity.noise_std_m_s, trust.velocity_floor_m_s)
+    forward, left = (std * np.sqrt(np.median(np.diff(stamps_s)))).tolist()
+    return ReportedMotion(
+        stamps_s=stamps_s,
+        v_m_s=v_m_s,
+        yaw_stamps_s=yaw[0],
+        yaw_rad=yaw[1],
+        noise=ReportedNoise(
+            density=(forward, left, trust.yaw_walk_rad),
+            error=(trust.velocity_error_m_s, trust.velocity_error_m_s, 0.0),
+            time_s=(1.0, 1.0, 1.0),
+        ),
+        gain_std=max(flight.velocity.scale_std, _LEAST_GAIN_STD),
+        bias_m_s=trust.velocity_error_m_s,
+        drift_rad_s=trust.gyro_offset_rad_s,
+        tells_turns=flight.imu is None,
+    )
+
+
+def _velocity(velocity: Velocity | None) -> tuple[Array, Array] | None:
+    """Return times (k,) and velocities (k, 2) that are known on both axes."""
+    if velocity is None:
+        return None
+    known = np.isfinite(velocity.v_m_s).all(axis=1)
+    stamps_s, first = np.unique(velocity.stamps_s[known], return_index=True)
+    return (stamps_s, velocity.v_m_s[known][first]) if len(stamps_s) > 1 else None
+
+
+def _yaw(attitude: AttitudeSeries | None) -> tuple[Array, Array] | None:
+    """Return times (l,) and yaw (l,) without jumps by whole turns."""
+    if attitude is None:
+        return None
+    known = np.isfinite(attitude.roll_pitch_yaw_rad[:, 2])
+    stamps_s, first = np.unique(attitude.stamps_s[known], return_index=True)
+    return (stamps_s, np.unwrap(attitude.roll_pitch_yaw_rad[known, 2][first])) if len(stamps_s) > 1 else None
 
 
 def tracked_frames(

@@ -14,12 +14,14 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     bundle = map_.bundle
     ranged = bundle is not None and bundle.range_errors is not None
     inertial = map_.inertial is not None and map_.inertial.helps
+    by_velocity = bundle is not None and bundle.uses_reported_motion and not (ranged or inertial)
     sources = [
         name
         for name, used in (
             ("one height sensor", ranged),
             ("one GPS receiver", map_.georeferenced),
             ("one accelerometer", inertial),
+            ("the vehicle's own velocity", by_velocity),
         )
         if used
     ]

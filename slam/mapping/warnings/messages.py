@@ -63,7 +63,7 @@ def messages(
     """Return the status and the warnings of a map.
 
     Takes the pictures ``not_placed`` with their reasons, the errors that all pictures share, the tilt of the
-    camera's mount, and lines about tests that were not possible.
+    camera's mount, and lines about tests that were not possible and about the velocity.
     """
     flight, observations = context.flight, map_.observations
     tilt, systematic = _tilt(context, map_), _systematic_warning(flight, map_, shared)
@@ -151,6 +151,8 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
     if map_.bundle is None or map_.bundle.scale_std is None:
         return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
     std = 100 * map_.bundle.scale_std
+    if map_.bundle.uses_reported_motion:
+        return f"{lacking}: no metric scale but that of the vehicle's own velocity, known to {std:.2g} %"
     return f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %"
 
 

@@ -45,6 +45,7 @@ class MadeInertial:
     measurements: Measurements
     start: np.ndarray
     w_T_b: np.ndarray
+    flight: MadeFlight
 
 
 def make(scene: InertialScene, seed: int) -> MadeInertial:
@@ -79,7 +80,7 @@ def make(scene: InertialScene, seed: int) -> MadeInertial:
         inertial=Inertial(_readings(scene, flight, rng), scene.noise),
         frames=_frames(stamps_s, every, rng),
     )
-    return MadeInertial(measurements, start, w_T_b)
+    return MadeInertial(measurements, start, w_T_b, flight)
 
 
 def _apart(tracks: FloorTracks, behind: np.ndarray) -> FloorTracks:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from backend import se3
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.mapping.inertial.bridges import joined
-from slam.mapping.inertial.fusion import _doubted, _from_first
+from slam.mapping.inertial.fusion import _apart, _doubted, _from_first
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.pipeline import optimize
 from tests.slam.mapping.inertial.test_bridges import made_parts, one_way
@@ -53,6 +55,75 @@ def test_behind_a_bridge_of_readings_that_are_wrong_nothing_is_certain():
     (line,) = found.warnings
     assert "the instruments bridge the gap with an unknown error, because imu0 does not fit" in line
     assert "±" not in line
+
+
+def test_parts_that_a_wrong_velocity_joined_are_taken_apart():
+    _, parts, edge = made_parts(np.random.default_rng(0))
+    bridged = joined(parts, [edge])
+    found = _apart(parts, bridged, np.arange(8), "velocity0 does not fit the pictures")
+    np.testing.assert_array_equal(found.w_T_b, parts.w_T_b)
+    np.testing.assert_array_equal(found.covariances, parts.covariances)
+    assert len(set(found.component[:5])) == len(set(found.component[5:])) == 1
+    assert found.component[0] != found.component[7]
+    assert found.bridges == ()
+    (line,) = found.warnings
+    assert line == "a gap in the pictures is not bridged: velocity0 does not fit the pictures"
+
+
+@lru_cache
+def without_imu(seed: int, gain: float = 1.0, offset_m_s: float = 0.0, jump_m_s: float = 0.0) -> Flight:
+    """The flight whose vehicle reports velocity and attitude alone, with errors of its velocity."""
+    flight = one_way(seed)
+    velocity = flight.velocity
+    assert velocity is not None
+    late = velocity.stamps_s > np.mean(velocity.stamps_s)
+    v_m_s = gain * velocity.v_m_s + offset_m_s + jump_m_s * late[:, None]
+    return replace(flight, imu=None, velocity=replace(velocity, v_m_s=v_m_s, scale_std=0.1))
+
+
+@pytest.mark.slow
+def test_without_an_imu_the_velocity_bridges_a_gap_inside_the_refinement():
+    scores = []
+    for seed in range(4):
+        flight = without_imu(seed)
+        estimate = optimize(flight)
+        assert (estimate.component == 0).all()
+        assert estimate.instruments.velocity is not None
+        assert estimate.information_shares["x"]["velocity"] > 0.0
+        nees = evaluate(estimate, flight).nees
+        assert nees is not None
+        scores.append(nees.pose.mean)
+    assert 3 < np.mean(scores) < 9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("errors", "told"),
+    [({"gain": 1.2}, "times the speed"), ({"offset_m_s": 0.3}, "m/s too much")],
+)
+def test_errors_of_the_velocity_are_told_and_do_not_move_the_map(errors, told):
+    right, wrong = (without_imu(0, **changes) for changes in ({}, errors))
+    found = [optimize(flight) for flight in (right, wrong)]
+    assert any("velocity0 reads" in line and told in line for line in found[1].warnings)
+    before, after = (evaluate(estimate, right) for estimate in found)
+    assert after.nees is not None
+    assert after.nees.pose.mean < 12
+    assert after.ate_m.rmse < 1.1 * before.ate_m.rmse + 0.02
+
+
+@pytest.mark.slow
+def test_a_velocity_that_jumps_in_the_gap_is_told_and_makes_the_bridge_less_certain():
+    right, wrong = without_imu(0), without_imu(0, jump_m_s=0.3)
+    before, after = (optimize(flight) for flight in (right, wrong))
+    assert any("velocity0 reads" in line and "more or less" in line for line in after.warnings)
+    nees = evaluate(after, right).nees
+    assert nees is not None
+    assert nees.pose.mean < 12
+    # The part before the gap is not bent.
+    (edge,) = (e for e in before.relative_poses if e.kind == "inertial")
+    std_m = np.sqrt(np.trace(before.covariances[1 : edge.j, 3:, 3:], axis1=1, axis2=2))
+    moved_m = np.linalg.norm((after.w_T_b - before.w_T_b)[1 : edge.j, :3, 3], axis=1)
+    assert (moved_m < 0.5 * std_m + 1e-3).all()
 
 
 @pytest.mark.slow

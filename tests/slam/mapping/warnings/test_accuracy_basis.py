@@ -10,10 +10,10 @@ from slam.mapping.warnings.accuracy_basis import accuracy_basis
 SONAR = SimpleNamespace(scale_std=0.05, datum_std_m=0.02)
 
 
-def basis(sonar=False, gps=False, accelerometer=False, gain_std=0.05, zero_std_m=0.02):
+def basis(sonar=False, gps=False, accelerometer=False, velocity=False, gain_std=0.05, zero_std_m=0.02):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
     map_ = SimpleNamespace(
-        bundle=SimpleNamespace(range_errors=errors),
+        bundle=SimpleNamespace(range_errors=errors, uses_reported_motion=velocity),
         georeferenced=gps,
         inertial=SimpleNamespace(helps=True) if accelerometer else None,
     )
@@ -23,6 +23,10 @@ def basis(sonar=False, gps=False, accelerometer=False, gain_std=0.05, zero_std_m
 def test_the_only_instrument_is_named():
     assert basis(gps=True).startswith("Place, lengths and their accuracy rest on one GPS receiver alone")
     assert basis(accelerometer=True).startswith("Lengths and their accuracy rest on one accelerometer alone")
+    assert basis(velocity=True).startswith(
+        "Lengths and their accuracy rest on the vehicle's own velocity alone"
+    )
+    assert "one height sensor alone" in basis(sonar=True, velocity=True)
 
 
 @pytest.mark.parametrize("used", [(), ("sonar", "gps"), ("gps", "accelerometer")])

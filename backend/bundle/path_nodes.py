@@ -1,0 +1,67 @@
+"""Nodes of the path between which motion is measured: the keyframes, and pictures between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import X as POSE
+from numpy.typing import NDArray
+
+from backend.bundle.frame_poses import FramePoses
+from backend.bundle.world import WorldTransform
+from backend.measurements import Measurements, PinholeModel
+
+Array = NDArray[np.float64]
+
+_GAP_STEPS = 3.0
+"""Longest step between two readings that is no gap, in typical steps."""
+
+
+@dataclass(frozen=True)
+class PathNodes:
+    """Keys of the poses in order of time, and the pictures between the keyframes."""
+
+    keys: tuple[int, ...]
+    stamps_s: Array
+    """(m,) times of the nodes."""
+    frames: FramePoses
+
+    @staticmethod
+    def of(measurements: Measurements, camera: PinholeModel) -> PathNodes:
+        """Return the nodes of a refinement."""
+        frames = FramePoses.of(measurements.frames, camera)
+        stamps_s = np.array([*measurements.stamps_s, *(frame.stamp_s for frame in frames.frames)])
+        order = np.argsort(stamps_s, kind="stable")
+        keys = [*(POSE(k) for k in range(measurements.count)), *frames.keys]
+        return PathNodes(tuple(keys[k] for k in order.tolist()), stamps_s[order], frames)
+
+    def placed(self, values: gtsam.Values) -> gtsam.Values:
+        """Return the variables with a pose of each picture; those that have one keep it."""
+        if all(values.exists(key) for key in self.keys):
+            return gtsam.Values(values)
+        return self.frames.placed(values)
+
+    def calibrated(self, values: gtsam.Values) -> PathNodes:
+        """Return the same with the focal lengths of the variables, where these are estimated."""
+        return replace(self, frames=self.frames.calibrated(values))
+
+    def metric_poses(self, values: gtsam.Values, transform: WorldTransform) -> Array:
+        """Return metric poses (m, 4, 4) of the body."""
+        return np.array([transform.body_pose(values.atPose3(key)).matrix() for key in self.keys])
+
+
+def covered(read_s: Array, stamps_s: Array, least_gap_s: float) -> NDArray[np.bool_]:
+    """Return which intervals (n - 1,) between the stamps lie within the readings and contain no gap.
+
+    ``read_s`` (k,) are the times of the readings. A step of ``least_gap_s`` is no gap.
+    """
+    step_s = np.diff(read_s)
+    gap = step_s > max(_GAP_STEPS * float(np.median(step_s)), least_gap_s)
+    begin, end = read_s[:-1][gap], read_s[1:][gap]
+    # As many gaps have ended before an interval as begin before its end.
+    free = np.searchsorted(end, stamps_s[:-1], side="right") == np.searchsorted(begin, stamps_s[1:])
+    return np.asarray(
+        free & (stamps_s[:-1] >= read_s[0]) & (stamps_s[1:] <= read_s[-1]) & (np.diff(stamps_s) > 0)
+    )

@@ -1,0 +1,1 @@
+"""Velocity and yaw that a vehicle reports, as factors of the refinement."""
