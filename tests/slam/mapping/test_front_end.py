@@ -66,6 +66,7 @@ def counting(front_end: FrontEnd) -> Counter[str]:
         count["extracted"] += 1
         return extract(*picture)
 
+    counted.config = extract.config
     front_end.extractor = counted
     return count
 
