@@ -267,7 +267,7 @@ class Estimate:
     """The ground of the mosaic; None without a mosaic."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
     """Names of ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` for tables and pictures."""
-    folder: Path | None = None
+    folder: Path | None = field(default=None, compare=False)
     """Output folder that the estimate was read from; None where it was not read."""
 
     def __repr__(self) -> str:

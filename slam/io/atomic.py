@@ -173,7 +173,8 @@ def _lock(work: Path, target: Path) -> int:
     descriptor = -1
     try:
         descriptor = os.open(work, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Another run may hold what we have just made: until it sees that the marker is missing, and gives up.
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if is_new else fcntl.LOCK_NB))
         # The other run may have removed what we opened just before we got the lock.
         if not os.path.samestat(os.fstat(descriptor), work.stat()):
             raise BlockingIOError

@@ -1,11 +1,13 @@
 """Outputs appear whole or not at all."""
 
 import errno
+import fcntl
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -278,6 +280,23 @@ def test_impossible_targets_are_refused(tmp_path):
             pytest.fail("must not start")
     with pytest.raises(InputError, match="folder"), atomic_file(tmp_path):
         pytest.fail("must not start")
+
+
+def test_a_run_that_looks_into_a_new_working_folder_leaves_it_to_the_one_that_made_it(tmp_path, monkeypatch):
+    """The other run locks the folder before its marker is written, finds none, and gives up."""
+    target, opened = tmp_path / "out", os.open
+
+    def watched(path, *flags):
+        if path == partial_path(target) and not (path / "slam-working-folder.txt").exists():
+            other = opened(path, os.O_RDONLY)
+            fcntl.flock(other, fcntl.LOCK_EX)
+            threading.Timer(0.05, os.close, [other]).start()
+        return opened(path, *flags)
+
+    monkeypatch.setattr("slam.io.atomic.os.open", watched)
+    with atomic_folder(target) as folder:
+        (folder / "a").write_text("whole")
+    assert names(tmp_path) == ["out"]
 
 
 def test_many_runs_on_one_target_leave_one_complete_output(tmp_path):
