@@ -154,10 +154,9 @@ class Tracker:
 
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Yield keyframes in order of time."""
-        number = -1
+        number, failures = -1, 0
         last: _Matched | None = None
         best: _Tracked | None = None
-        failures = 0
         for view in self._with_last_of_equal(self._usable(images)):
             if last is None:
                 if self._has_features(view):

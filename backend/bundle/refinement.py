@@ -123,17 +123,7 @@ def refine(
         raise BackendError(
             "bundle adjustment: no tracks of floor points, or no camera; solve the pose graph alone"
         )
-    unknown = np.flatnonzero(~np.isfinite(w_T_b).all(axis=(1, 2)))
-    if len(unknown):
-        raise BackendError(
-            f"bundle adjustment: the start of keyframe {unknown[0]} is not finite; give it one"
-        )
-    below = np.flatnonzero((w_T_b @ camera.b_T_c)[:, 2, 3] <= floor_z_m)
-    if len(below):  # from there the solve may end anywhere
-        raise BackendError(
-            f"bundle adjustment: the camera of keyframe {below[0]} starts below the floor; "
-            "the pose graph's result stands"
-        )
+    _check_start(w_T_b, camera, floor_z_m)
     problem = BundleProblem(
         measurements, tracks, camera, config, self_calibrates=False, scale_prior=scale_prior
     )
@@ -170,6 +160,21 @@ def refine(
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
     return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+
+
+def _check_start(w_T_b: Array, camera: PinholeModel, floor_z_m: float) -> None:
+    """Raise ``BackendError`` for a start (n, 4, 4) from which no solution is found."""
+    unknown = np.flatnonzero(~np.isfinite(w_T_b).all(axis=(1, 2)))
+    if len(unknown):
+        raise BackendError(
+            f"bundle adjustment: the start of keyframe {unknown[0]} is not finite; give it one"
+        )
+    below = np.flatnonzero((w_T_b @ camera.b_T_c)[:, 2, 3] <= floor_z_m)
+    if len(below):  # from there the solve may end anywhere
+        raise BackendError(
+            f"bundle adjustment: the camera of keyframe {below[0]} starts below the floor; "
+            "the pose graph's result stands"
+        )
 
 
 def _with_motion(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables]:

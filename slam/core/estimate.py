@@ -310,10 +310,8 @@ class Estimate:
     def to_xarray(self, folder: str | Path | None = None, cell_m: float | None = None) -> Any:
         """Return the rasters of an output folder as an ``xarray.Dataset`` (`slam.core.raster_dataset`).
 
-        ``folder`` holds what `slam optimize` or `write_mosaic` wrote; the default is the one that the
-        estimate was read from. ``cell_m`` is the size of a cell, by default a pixel of the mosaic, if there
-        are no more than 4 million.
-
+        ``folder``: what `slam optimize` or `write_mosaic` wrote, by default where the estimate was read.
+        ``cell_m``: size of a cell, by default a pixel of the mosaic, if there are no more than 4 million.
         Raises ``InputError`` without xarray, and where there are no rasters.
         """
         from slam.core.raster_dataset import raster_dataset
