@@ -21,19 +21,15 @@ from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
 from backend.bundle.inertial.preintegrate import STATE_SIZE
 from backend.bundle.minimise import BundleOptimum
-from backend.bundle.reported.graph import REPORTED
+from backend.bundle.reported.graph import row_instruments
 
 Array = NDArray[np.float64]
 
 DIRECTIONS = ("roll", "pitch", "yaw", "x", "y", "z", "scale")
 _MEASURED = {1: "range", 2: "attitude", 3: "position", STATE_SIZE: "imu"}
 """Rows of a measured factor that holds the world variable -> instrument."""
-_OWN_ERRORS = {"a": "imu", "b": "imu", "k": "pictures"}
+_OWN_ERRORS = {ord("a"): "imu", ord("b"): "imu", ord("k"): "pictures"}
 """Letter of a variable that holds errors of one instrument -> that instrument."""
-_REPORTED = ("velocity", "velocity", "attitude")
-"""Instrument of each row of a factor of reported motion, and of errors that fade."""
-_REPORTED_CONSTANTS = ("velocity",) * 4 + ("attitude", "velocity")
-"""Instrument of each of the constants of reported motion."""
 
 
 def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, float]]:
@@ -79,13 +75,10 @@ def _of_pose_side(optimum: BundleOptimum) -> Iterator[str]:
     graph = optimum.cost.pose_side
     for factor in (graph.at(number) for number in range(graph.size())):
         keys, size = list(factor.keys()), int(factor.dim())
-        letter = chr(gtsam.Symbol(keys[0]).chr())
-        if letter == "r":
-            yield from _REPORTED_CONSTANTS
-        elif letter == "e" or REPORTED in keys:
-            yield from _REPORTED[:size]
+        if reported := row_instruments(keys, size):
+            yield from reported
         elif not isinstance(factor, gtsam.CustomFactor):
-            own = _OWN_ERRORS.get(letter, "assumed")
+            own = _OWN_ERRORS.get(gtsam.Symbol(keys[0]).chr(), "assumed")
             yield from _of_world(optimum.problem) if keys == [WORLD] else [own] * size
         elif WORLD in keys:
             yield from [_MEASURED[size]] * size

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import gtsam
 import numpy as np
@@ -50,6 +52,18 @@ class PathNodes:
     def metric_poses(self, values: gtsam.Values, transform: WorldTransform) -> Array:
         """Return metric poses (m, 4, 4) of the body."""
         return np.array([transform.body_pose(values.atPose3(key)).matrix() for key in self.keys])
+
+
+class _Interval(Protocol):
+    @property
+    def i(self) -> int: ...
+    @property
+    def j(self) -> int: ...
+
+
+def ends(intervals: Iterable[_Interval]) -> list[int]:
+    """Return the nodes at the ends of intervals, in order."""
+    return sorted({k for interval in intervals for k in (interval.i, interval.j)})
 
 
 def covered(read_s: Array, stamps_s: Array, least_gap_s: float) -> NDArray[np.bool_]:

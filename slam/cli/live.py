@@ -40,8 +40,8 @@ _WIDTH = typer.Option(
     min=64,
     help="Reduce wider pictures to this width, so that tracking keeps pace; the final map has them too.",
 )
-_STREAM = typer.Option(
-    "--stream",
+_MCAP = typer.Option(
+    "--mcap",
     metavar="FILE",
     help="Write poses, pictures and links to this MCAP file in flight, for Foxglove and Rerun.",
     show_default=False,
@@ -54,7 +54,7 @@ def live(
     speed: Annotated[float, _SPEED] = 1.0,
     follow: Annotated[float | None, _FOLLOW] = None,
     preview: Annotated[Path | None, _PREVIEW] = None,
-    stream: Annotated[Path | None, _STREAM] = None,
+    mcap: Annotated[Path | None, _MCAP] = None,
     width: Annotated[int, _WIDTH] = 320,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the mosaic.")] = True,
     config: Annotated[Path | None, options.CONFIG] = None,
@@ -78,7 +78,7 @@ def live(
     from slam.mapping.live.narrow_pictures import with_narrow_pictures
     from slam.report.accuracy import live_table
 
-    check_outputs(preview, stream)
+    check_outputs(preview, mcap)
     screen = Screen(quiet, as_json)
     settings = options.pipeline_config(config, None)
     with output_folder(out) as folder, screen.progress() as progress:
@@ -92,7 +92,7 @@ def live(
 
         flight = read() if follow is None else first_state(read, follow)
         with LiveMapper(flight, settings) as mapper:
-            with live_outputs(mapper, flight, preview, stream):
+            with live_outputs(mapper, flight, preview, mcap):
                 if follow is None:
                     replay_flight(mapper, flight, speed, progress)
                 else:

@@ -17,32 +17,32 @@ if TYPE_CHECKING:
 
 _INTERVAL_S = 1.0
 _CHUNK_BYTES = 1 << 16
-"""Part of the stream that is lost if the program is killed: some pictures."""
+"""Part of the file that is lost if the program is killed: some pictures."""
 
 
-def check_outputs(preview: Path | None, stream: Path | None) -> None:
+def check_outputs(preview: Path | None, mcap: Path | None) -> None:
     """Raise ``InputError`` for places and kinds of files that cannot be written."""
     from slam.io.exports.foxglove.foxglove_file import require_packages
     from slam.io.files import refusal
 
     if preview is not None and preview.suffix.lower() not in (".png", ".jpg", ".jpeg"):
         raise InputError(f"{preview}: --preview writes PNG or JPEG; end the name with .png or .jpg")
-    if stream is not None:
+    if mcap is not None:
         require_packages()
-        if stream.exists() or stream.is_symlink():
-            raise refusal(stream, "exists already", "name another place with --stream, or remove it")
+        if mcap.exists() or mcap.is_symlink():
+            raise refusal(mcap, "exists already", "name another place with --mcap, or remove it")
 
 
 @contextmanager
 def live_outputs(
-    mapper: LiveMapper, flight: Flight, preview: Path | None, stream: Path | None
+    mapper: LiveMapper, flight: Flight, preview: Path | None, mcap: Path | None
 ) -> Iterator[None]:
     """Write the files every second until the block ends, and once more then. Raises ``InputError``."""
     with ExitStack() as outputs:
         if preview is not None:
             outputs.enter_context(_repeated(_preview(mapper, flight, preview)))
-        if stream is not None:
-            outputs.enter_context(_streamed(mapper, flight, stream))
+        if mcap is not None:
+            outputs.enter_context(_messages(mapper, flight, mcap))
         yield
 
 
@@ -83,7 +83,7 @@ def _preview(mapper: LiveMapper, flight: Flight, path: Path) -> Callable[[bool],
 
 
 @contextmanager
-def _streamed(mapper: LiveMapper, flight: Flight, path: Path) -> Iterator[None]:
+def _messages(mapper: LiveMapper, flight: Flight, path: Path) -> Iterator[None]:
     """Write new keyframes, path and links to an MCAP file."""
     import numpy as np
 

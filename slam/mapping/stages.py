@@ -23,7 +23,7 @@ from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations, TrackedPictures
 from slam.mapping.inertial.fusion import fuse_parts
-from slam.mapping.inertial.measurements import reported_motion
+from slam.mapping.inertial.measurements import inertial_measurements, reported_motion
 from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first
@@ -106,7 +106,8 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
         parts = refine_map(solved, context.setup, context.job.progress, inertial, reported)
         refined = context.bridges.join(parts)
         if with_inertia:
-            refined = fuse_parts(parts, refined, context.setup, flight)
+            measured = inertial_measurements(flight.imu, context.job.config)
+            refined = fuse_parts(parts, refined, context.setup, measured, reported)
     if (refined.component < 0).all() and not with_inertia:
         raise InputError(
             f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "

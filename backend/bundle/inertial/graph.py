@@ -34,7 +34,7 @@ from backend.bundle.inertial.preintegrate import (
     chains,
     preintegrate,
 )
-from backend.bundle.path_nodes import PathNodes
+from backend.bundle.path_nodes import PathNodes, ends
 from backend.bundle.robust import robust_unit
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, Measurements, PinholeModel
@@ -124,20 +124,15 @@ class InertialPart:
         path = self.path.calibrated(values)
         return replace(self, intervals=intervals, bias=bias, delay_s=delay_s, cut=cut, path=path)
 
-    @property
-    def ends(self) -> list[int]:
-        """Nodes at the ends of intervals."""
-        return sorted({k for interval in self.intervals for k in (interval.i, interval.j)})
-
     def biases(self, values: gtsam.Values) -> Array:
         """Return the biases (k, 6) of accelerometer and gyro at the ends of the intervals."""
-        return np.array([values.atConstantBias(BIAS(k)).vector() for k in self.ends])
+        return np.array([values.atConstantBias(BIAS(k)).vector() for k in ends(self.intervals)])
 
     def start(self, poses: gtsam.Values, transform: WorldTransform) -> gtsam.Values:
         """Return the variables with initial frames, velocities, biases and constants."""
         values = self.path.placed(poses)
         velocity = _smoothed(self.path.stamps_s, self.path.metric_poses(values, transform)[:, :3, 3])[1]
-        for k in self.ends:
+        for k in ends(self.intervals):
             values.insert(VELOCITY(k), velocity[k])
             values.insert(BIAS(k), gtsam.imuBias.ConstantBias(self.bias.accel_m_s2, self.bias.gyro_rad_s))
         values.insert(IMU, _nominal_constants(self))
@@ -223,7 +218,7 @@ def without_unused(
     """Return the variables without those that neither a factor of ``part`` touches nor ``others`` names."""
     used = set(others)
     if part is not None:
-        used |= {key(k) for k in part.ends for key in (VELOCITY, BIAS)} | {IMU, *part.path.keys}
+        used |= {key(k) for k in ends(part.intervals) for key in (VELOCITY, BIAS)} | {IMU, *part.path.keys}
     kept = gtsam.Values(values)
     for key in list(values.keys()):
         if gtsam.Symbol(key).chr() in _LETTERS and key not in used:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import gtsam
 import numpy as np
@@ -97,29 +98,33 @@ class _Headed:
         self.by_rotation = np.array([0.0, R[2, 1], R[2, 2]]) / level
 
 
-def step_and_turn(before: gtsam.Pose3, after: gtsam.Pose3, near_rad: float) -> tuple[Array, float]:
-    """Return the step (2,) of a body in level axes along its mean heading, and its turn; of all turns the
-    one nearest to ``near_rad``."""
-    back, turn = _mean_heading(before, after, near_rad)
-    return back @ (after.translation() - before.translation())[:2], turn
+class PlanarMotion(NamedTuple):
+    """Motion of a body between two poses."""
+
+    step: Array
+    """(2,) in level axes along its mean heading."""
+    turn_rad: float
+    to_heading: Array
+    """(2, 2) from the axes of the world to those of the step."""
 
 
-def _mean_heading(before: gtsam.Pose3, after: gtsam.Pose3, near_rad: float) -> tuple[Array, float]:
-    """Return the matrix (2, 2) to axes along the mean heading, and the turn."""
+def planar_motion(before: gtsam.Pose3, after: gtsam.Pose3, near_rad: float) -> PlanarMotion:
+    """Return the motion between two poses; of all turns the one nearest to ``near_rad``."""
     first, last = _Headed(before).yaw, _Headed(after).yaw
-    turn = near_rad + math.remainder(last - first - near_rad, 2 * math.pi)
-    return _rotating(complex(np.exp(-1j * (first + turn / 2)))), turn
+    turn_rad = near_rad + math.remainder(last - first - near_rad, 2 * math.pi)
+    to_heading = _rotating(complex(np.exp(-1j * (first + turn_rad / 2))))
+    return PlanarMotion(to_heading @ (after.translation() - before.translation())[:2], turn_rad, to_heading)
 
 
 def _by_body(
-    end: _Headed, sign: float, step: Array, back: Array, gains: Array, interval: ReportedInterval
+    end: _Headed, sign: float, step: Array, to_heading: Array, gains: Array, interval: ReportedInterval
 ) -> Array:
     """Return the Jacobian (3, 6) of the error by the pose of the body at one end; ``sign`` 1 at the last."""
     J = np.zeros((CHANNELS, 6))
     of_yaw = sign * vector(interval.by_turn) + gains * (_QUARTER @ step) / 2
     J[:2, :3] = np.outer(of_yaw, end.by_rotation)
     J[2, :3] = -sign * end.by_rotation
-    J[:2, 3:] = -sign * gains[:, None] * (back @ end.R[:2])
+    J[:2, 3:] = -sign * gains[:, None] * (to_heading @ end.R[:2])
     return J
 
 
@@ -154,9 +159,8 @@ def reported_factor(
         )
         cameras = [values.atPose3(key) for key in (keys.pose_i, keys.pose_j)]
         bodies = [transform.body_pose(camera) for camera in cameras]
-        back, turn = _mean_heading(bodies[0], bodies[1], interval.turn_rad)
-        step = back @ (bodies[1].translation() - bodies[0].translation())[:2]
-        more = turn - interval.turn_rad
+        step, turn_rad, to_heading = planar_motion(bodies[0], bodies[1], interval.turn_rad)
+        more = turn_rad - interval.turn_rad
         fading = values.atVector(keys.error_i) + values.atVector(keys.error_j)
         off = by_error @ fading
         off[:2] += vector(interval.moved + constants[LAG] * interval.by_lag + more * interval.by_turn)
@@ -165,7 +169,7 @@ def reported_factor(
         if jacobians is not None:
             by_world: Array | float = 0.0
             for k, sign in enumerate((-1.0, 1.0)):
-                by_body = _by_body(_Headed(bodies[k]), sign, step, back, constants[GAINS], interval)
+                by_body = _by_body(_Headed(bodies[k]), sign, step, to_heading, constants[GAINS], interval)
                 by_both = whitening @ by_body @ transform.jacobian(cameras[k])
                 jacobians[k], by_world = by_both[:, :6], by_world + by_both[:, 6:]
             jacobians[2] = jacobians[3] = whitening @ by_error

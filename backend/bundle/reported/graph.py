@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -11,7 +11,7 @@ import numpy as np
 from gtsam.symbol_shorthand import E as ERROR
 from numpy.typing import NDArray
 
-from backend.bundle.path_nodes import PathNodes
+from backend.bundle.path_nodes import PathNodes, ends
 from backend.bundle.reported.factor import (
     BIAS,
     CHANNELS,
@@ -21,8 +21,8 @@ from backend.bundle.reported.factor import (
     LAG,
     IntervalNoise,
     ReportedKeys,
+    planar_motion,
     reported_factor,
-    step_and_turn,
 )
 from backend.bundle.reported.integrate import ReportedInterval, integrate_reported
 from backend.bundle.reported.noise import Step, identify_reported_noise
@@ -43,6 +43,10 @@ velocities too small. Beside it the gains of an AR.Drone 2 differ by 5 %, half o
 _JUMP = 3.0
 """Change of an error that is a jump, in the standard deviations of changes. When it happened in a gap is then
 unknown, and the error of the gap's length larger than by a steady change."""
+_OF_CHANNELS = ("velocity", "velocity", "attitude")
+"""Instrument of each channel, and of its error that fades."""
+_OF_CONSTANTS = ("velocity",) * 4 + ("attitude", "velocity")
+"""Instrument of each constant."""
 _MOST_GAIN = 2.0
 """Largest ratio of reported and true speed, or of true and reported one: gains and noise explain less, and
 another unit or sign more."""
@@ -72,15 +76,10 @@ class ReportedPart:
         gain_std = max(motion.gain_std, _FREE_GAIN) if told else motion.gain_std
         return ReportedPart(motion, path, intervals, gain_std) if intervals else None
 
-    @property
-    def ends(self) -> list[int]:
-        """Nodes at the ends of intervals."""
-        return sorted({k for interval in self.intervals for k in (interval.i, interval.j)})
-
     def start(self, poses: gtsam.Values) -> gtsam.Values:
         """Return the variables with initial frames, errors and constants."""
         values = self.path.placed(poses)
-        for k in self.ends:
+        for k in ends(self.intervals):
             values.insert(ERROR(k), np.zeros(CHANNELS))
         values.insert(REPORTED, nominal_constants())
         return values
@@ -124,8 +123,8 @@ class ReportedPart:
         poses = [transform.body_pose(values.atPose3(key)) for key in self.path.keys]
         found = []
         for one in self.intervals:
-            moved_m, turned_rad = step_and_turn(poses[one.i], poses[one.j], one.turn_rad)
-            found.append(Step(one, moved_m, turned_rad))
+            motion = planar_motion(poses[one.i], poses[one.j], one.turn_rad)
+            found.append(Step(one, motion.step, motion.turn_rad))
         return found
 
 
@@ -149,6 +148,14 @@ def _constants_covariance(motion: ReportedMotion, gain_std: float) -> Array:
     return covariance
 
 
+def row_instruments(keys: Sequence[int], rows: int) -> tuple[str, ...]:
+    """Return the instrument of each of the ``rows`` of a factor of this part; none for another factor."""
+    if list(keys) == [REPORTED]:
+        return _OF_CONSTANTS
+    is_own = REPORTED in keys or gtsam.Symbol(keys[0]).chr() == gtsam.Symbol(ERROR(0)).chr()
+    return _OF_CHANNELS[:rows] if is_own else ()
+
+
 def add_reported(
     graph: gtsam.NonlinearFactorGraph,
     part: ReportedPart,
@@ -160,9 +167,9 @@ def add_reported(
     motion = part.motion
     prior = gtsam.noiseModel.Gaussian.Covariance(_constants_covariance(motion, part.gain_std))
     graph.push_back(gtsam.PriorFactorVector(REPORTED, nominal_constants(), prior))
-    unit, ends = gtsam.noiseModel.Unit.Create(CHANNELS), part.ends
-    graph.push_back(gtsam.PriorFactorVector(ERROR(ends[0]), np.zeros(CHANNELS), unit))
-    for i, j in pairwise(ends):
+    unit, nodes = gtsam.noiseModel.Unit.Create(CHANNELS), ends(part.intervals)
+    graph.push_back(gtsam.PriorFactorVector(ERROR(nodes[0]), np.zeros(CHANNELS), unit))
+    for i, j in pairwise(nodes):
         kept = np.exp((part.path.stamps_s[i] - part.path.stamps_s[j]) / np.array(noise.time_s))
         graph.push_back(_fading((ERROR(i), ERROR(j)), kept))
     rows = CHANNELS if motion.tells_turns else CHANNELS - 1

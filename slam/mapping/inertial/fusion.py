@@ -20,9 +20,8 @@ from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
-from slam.core.flight import Flight
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
-from slam.mapping.inertial.measurements import inertial_measurements, reported_motion, tracked_frames
+from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.map import Map, largest_first
 from slam.mapping.refine import calibrated, convergence_warnings, floor_tracks
 from slam.mapping.refine_part import part_measurements
@@ -53,14 +52,16 @@ class _Motion:
         return [self, *alone] if self.inertial and self.reported else [self]
 
 
-def fuse_parts(parts: Map, joined: Map, setup: Setup, flight: Flight) -> Map:
+def fuse_parts(
+    parts: Map, joined: Map, setup: Setup, inertial: Inertial | None, reported: ReportedMotion | None
+) -> Map:
     """Return the ``joined`` map of ``parts``, with its joined parts refined together.
 
-    The readings of the IMU connect them, and the velocity and the turns that the vehicle reports. Instruments
+    ``inertial`` readings of the IMU connect them, and the motion that the vehicle ``reported``. Instruments
     that contradict the pictures are left out, with a warning. If none is left, parts that an IMU joined stay
     as they are, with unknown covariances behind the bridges; without an IMU they are taken apart.
     """
-    motion = _Motion(inertial_measurements(flight.imu, setup.config), reported_motion(flight, setup.config))
+    motion = _Motion(inertial, reported)
     if not motion.name or not joined.bridges:
         return joined
     setup = setup.without_positions()

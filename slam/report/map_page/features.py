@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.cores import usable_cores
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Image
 from slam.report.map_page.rasters import webp
@@ -75,7 +76,7 @@ def _pictures(estimate: Estimate, flight: Flight, placed: NDArray[np.int64]) -> 
         picture = frames[int(estimate.frame_index[k])].read()
         return None if picture is None else _small(picture)
 
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         for k, code in zip(chosen, pool.map(small, chosen), strict=True):
             if code is not None:
                 yield str(k), code

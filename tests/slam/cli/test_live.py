@@ -28,7 +28,7 @@ def recorded(tmp_path_factory) -> Path:
 def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
     """The folder has 20 pictures at the first look, 8 more at each later one, and then no more."""
     growing, out, preview = tmp_path / "growing", tmp_path / "out", tmp_path / "preview.png"
-    stream = tmp_path / "live.mcap"
+    mcap = tmp_path / "live.mcap"
     shutil.copytree(recorded, growing)
     table = growing / "mav0/cam0/data.csv"
     rows = table.read_text().splitlines(keepends=True)
@@ -51,8 +51,8 @@ def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
         "--no-mosaic",
         "--preview",
         str(preview),
-        "--stream",
-        str(stream),
+        "--mcap",
+        str(mcap),
     ]
     result = CliRunner().invoke(app, [*command, "--json"])
     assert result.exit_code == 0, result.output
@@ -62,7 +62,7 @@ def test_a_growing_folder_is_mapped_to_its_end(recorded, tmp_path, monkeypatch):
     assert (out / "trajectory.tum").exists()
     assert "In flight" in (out / "report.html").read_text()
     assert cv2.imread(str(preview)).std() > 20
-    with stream.open("rb") as file:
+    with mcap.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         topics = [channel.topic for _, channel, _ in reader.iter_messages()]
     assert topics.count("/camera/image") == topics.count("/slam/pose") == summary["keyframes"]
@@ -84,7 +84,7 @@ def test_what_cannot_be_flown_is_refused(recorded, tmp_path):
     assert result.exit_code == 1
     assert "end the name with .png or .jpg" in result.stderr
     taken = recorded / "flight.yaml"
-    result = CliRunner().invoke(app, ["live", str(recorded), "--out", str(out), "--stream", str(taken)])
+    result = CliRunner().invoke(app, ["live", str(recorded), "--out", str(out), "--mcap", str(taken)])
     assert result.exit_code == 1
     assert "exists already" in result.stderr
     write_flight(photographs([(flown(0), k) for k in (0, 10)]), tmp_path / "photos")

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from frontend.camera import Camera
+from frontend.cores import usable_cores
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Frames
@@ -91,7 +92,7 @@ def _pictures(exported: ExportedMap, frames: Frames, camera: Camera) -> Iterator
         picture = frames[frame].read()
         return None if picture is None else jpeg(picture, camera)
 
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         for begin in range(0, len(chosen), _DECODED_AT_ONCE):
             exported.progress("pictures", begin, len(chosen))
             yield from pool.map(read, chosen[begin : begin + _DECODED_AT_ONCE])

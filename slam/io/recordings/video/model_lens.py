@@ -24,7 +24,7 @@ _FILM_MM = {
     "FC2103": (24.0, "DJI Mavic Air"),
     "FC220": (26.0, "DJI Mavic Pro"),
     "FC300X": (20.0, "DJI Phantom 3 Professional"),
-    "FC3170": (24.0, "DJI Air 2"),
+    "FC3170": (24.0, "DJI Mavic Air 2"),
     "FC330": (20.0, "DJI Phantom 4"),
     "FC3411": (22.0, "DJI Air 2S"),
     "FC350": (20.0, "DJI Zenmuse X3"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from backend.bundle.reported.factor import step_and_turn
+from backend.bundle.reported.factor import planar_motion
 from backend.bundle.reported.integrate import integrate_reported
 from backend.bundle.reported.noise import LEAST_INTERVALS, Step, identify_reported_noise
 from backend.measurements import NO_REPORTED_NOISE, ReportedMotion
@@ -19,7 +19,7 @@ WRONG = Errors(gains=(1.2, 0.8), bias_m_s=(0.3, -0.1), drift_rad_s=0.05)
 def steps_of(flight: MadeFlight, motion: ReportedMotion, stamps_s: np.ndarray) -> list[Step]:
     poses = [gtsam.Pose3(T) for T in flight.w_T_b(stamps_s)]
     return [
-        Step(one, *step_and_turn(poses[one.i], poses[one.j], one.turn_rad))
+        Step(one, *planar_motion(poses[one.i], poses[one.j], one.turn_rad)[:2])
         for one in integrate_reported(motion, stamps_s)
     ]
 
