@@ -60,7 +60,6 @@ def optimize_with_observations(
 
     ``tracked``: the result of tracking the flight's pictures, if that is done already.
     """
-    check_flight(flight)
     camera = _camera(flight)
     flight, job = without_horizon_frames(flight, camera), Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.
@@ -108,6 +107,7 @@ def _map_without_obstacles(job: Job, flight: Flight, tracked: TrackedPictures | 
 
 
 def _camera(flight: Flight) -> Camera:
+    check_flight(flight)
     if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
         why = flight.reason_not_read("cam0") or "no camera in this flight"
         raise InputError(f"{flight.name}: {why}, so no map; {NO_CAMERA}")

@@ -27,7 +27,8 @@ def tracked_clock(flight: Flight, observations: Observations, setup: Setup) -> P
     readings = inertial_readings(flight.imu)
     if readings is None:
         return None
-    return picture_clock(*turned_attitudes(observations, setup), readings)
+    turns = turned_attitudes(observations, setup)
+    return picture_clock(*turns, readings)
 
 
 def disagreements_left(
