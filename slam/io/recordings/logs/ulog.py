@@ -137,13 +137,13 @@ def open_recording(path: Path) -> Recording:
     """Open a PX4 log. Raises ``InputError`` without ``pyulog``, or for a damaged file."""
     with optional_reader(path, DESCRIPTION, "px4"):
         from pyulog import ULog
-    log = _parsed(path, ULog)
+    log, cut = _parsed(path, ULog)
     series = {
         f"{data.name}[{data.multi_id}]" if data.multi_id else data.name: _stamped(data)
         for data in log.data_list
         if "timestamp" in data.data
     }
-    return field_recording(path, DESCRIPTION, series, RULES, _damage(log), _metadata(log))
+    return field_recording(path, DESCRIPTION, series, RULES, _damage(log, cut), _metadata(log))
 
 
 def _stamped(data: ULog.Data) -> FieldSeries:
@@ -154,10 +154,11 @@ def _stamped(data: ULog.Data) -> FieldSeries:
     return FieldSeries(data.name, stamps_us[published] * field_values.NS_PER_US, fields)
 
 
-def _parsed(path: Path, reader: type[ULog]) -> ULog:
+def _parsed(path: Path, reader: type[ULog]) -> tuple[ULog, bool]:
+    """Return the log, and whether the file ends within a message."""
     silence = contextlib.redirect_stdout(io.StringIO())
     with damage_reported(path, DESCRIPTION), _EndingFile(path) as file, silence:
-        return reader(file)
+        return reader(file), file.is_cut
 
 
 class _EndingFile(io.BufferedReader):
@@ -166,6 +167,11 @@ class _EndingFile(io.BufferedReader):
     def __init__(self, path: Path) -> None:
         super().__init__(io.FileIO(path))
         self._beyond: set[tuple[int, int]] = set()
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether a message was asked for of which the file holds only the first part."""
+        return bool(self._beyond)
 
     def read(self, size: int | None = -1) -> bytes:
         """Read bytes as any file does. Raises ``OSError`` for the second read of a message beyond the end."""
@@ -178,13 +184,15 @@ class _EndingFile(io.BufferedReader):
         return data
 
 
-def _damage(log: ULog) -> tuple[str, ...]:
+def _damage(log: ULog, cut: bool) -> tuple[str, ...]:
     lines = []
     if log.dropouts:
         lost_s = sum(dropout.duration for dropout in log.dropouts) * 1e-3
         lines.append(f"the logger lost data {len(log.dropouts)} times, {lost_s:.2f} s in all")
     if log.file_corruption:
         lines.append("part of the log is damaged and was skipped")
+    elif cut:
+        lines.append("the log ends within a message: it was cut short, and what the flight had after it is lost")
     return tuple(lines)
 
 

@@ -213,8 +213,11 @@ def test_losses_of_the_logger_are_reported(tmp_path):
 
 def test_a_truncated_log_gives_what_it_has(tmp_path):
     path = log(tmp_path / "a.ulg", {"sensor_combined": (IMU, "6f", imu_rows(50))})
+    assert not any("cut short" in line for line in read(path).warnings)
     path.write_bytes(path.read_bytes()[:-50])
-    assert len(read(path).imu.stamps_s) == 48
+    flight = read(path)
+    assert len(flight.imu.stamps_s) == 48
+    assert any("ends within a message: it was cut short" in line for line in flight.warnings)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"ULog\x01\x12\x35"])
