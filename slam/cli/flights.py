@@ -39,6 +39,15 @@ _BAND = typer.Option(
 )
 
 
+_WIDTH = typer.Option(
+    "--width",
+    metavar="PX",
+    min=32,
+    help="Reduce wider pictures to this width, which takes less time and disk; default: as recorded.",
+    show_default=False,
+)
+
+
 def import_flight(
     sources: Annotated[list[Path], _IMPORTED],
     out: Annotated[Path, FLIGHT_OUT],
@@ -46,6 +55,7 @@ def import_flight(
     picture_rate: Annotated[float | None, PICTURE_RATE] = None,
     offset: Annotated[list[str] | None, _OFFSETS] = None,
     band: Annotated[str | None, _BAND] = None,
+    width: Annotated[int | None, _WIDTH] = None,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
     """Convert a recording or photos into a flight folder; pictures keep their names."""
@@ -54,6 +64,7 @@ def import_flight(
     from slam.cli.source import import_source
     from slam.io.atomic import check_free
     from slam.io.flight_folder import write_flight
+    from slam.io.narrow_pictures import with_narrow_pictures
 
     screen, request, offsets_s = Screen(quiet), request_of(topic, picture_rate), offsets_of(offset)
     if len(sources) == 1 and offsets_s:
@@ -67,6 +78,8 @@ def import_flight(
             if len(sources) == 1
             else open_one_flight(sources, progress, request, offsets_s)
         )
+        if width is not None:
+            flight = with_narrow_pictures(flight, width, ", as --width asks")
         write_flight(flight, out, progress)
     show(flight, screen)
     screen.files([out])

@@ -40,6 +40,7 @@ _WIDTH = typer.Option(
     min=64,
     help="Reduce wider pictures to this width, so that tracking keeps pace; the final map has them too.",
 )
+_WHY_NARROW = ", so that tracking keeps pace; slam optimize uses the whole ones"
 _MCAP = typer.Option(
     "--mcap",
     metavar="FILE",
@@ -73,9 +74,9 @@ def live(
     from slam.core.errors import InputError
     from slam.evaluation.live_error import live_error
     from slam.io.flight_folder import read_flight
+    from slam.io.narrow_pictures import with_narrow_pictures
     from slam.mapping.live.arrival import first_state, follow_flight, replay_flight
     from slam.mapping.live.mapper import LiveMapper
-    from slam.mapping.live.narrow_pictures import with_narrow_pictures
     from slam.report.accuracy import live_table
 
     check_outputs(preview, mcap)
@@ -88,7 +89,7 @@ def live(
             flight = read_flight(source) if follow is not None else open_flight(source, progress, request)[0]
             if flight.all_keyframes:
                 raise InputError(f"{source}: photographs have no times in flight; use slam optimize")
-            return with_narrow_pictures(flight, width)
+            return with_narrow_pictures(flight, width, _WHY_NARROW)
 
         flight = read() if follow is None else first_state(read, follow)
         with LiveMapper(flight, settings) as mapper:

@@ -39,6 +39,7 @@ from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
 from slam.io.images import PictureFiles, UnreadableImageError, image_size, suffix_of
 from slam.io.landmarks import HEADER
+from slam.io.narrow_pictures import NarrowPictures
 from slam.io.recorded_pictures import RecordedPictures
 from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
 
@@ -293,7 +294,7 @@ def _suffixes(picture: Path | bytes | Image | None, load: object, image_format: 
         return (picture.suffix.lower(),)
     if isinstance(picture, bytes):
         return (suffix_of(picture),)
-    return _SUFFIXES[load.picture_format if isinstance(load, RecordedPictures) else image_format]
+    return _SUFFIXES[recorded.picture_format if (recorded := _recorded(load)) else image_format]
 
 
 def _file_name(name: str, k: int, suffixes: tuple[str, ...], used: set[str]) -> str:
@@ -323,10 +324,16 @@ def _copy(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
 
 
+def _recorded(load: object) -> RecordedPictures | None:
+    """Return the pictures of a recording that a loader gives as they are, or reduced."""
+    whole = load.whole if isinstance(load, NarrowPictures) else load
+    return whole if isinstance(whole, RecordedPictures) else None
+
+
 def _parameters(load: object, image_format: str) -> list[int]:
     """Return the encoder's parameters."""
-    if isinstance(load, RecordedPictures):
-        return _PNG if load.picture_format == "png" else _JPEG_OF_VIDEO
+    if recorded := _recorded(load):
+        return _PNG if recorded.picture_format == "png" else _JPEG_OF_VIDEO
     return _PNG if image_format == "png" else _JPEG
 
 

@@ -53,6 +53,7 @@ TITLES = {
     "refinement": "Refinement of made surveys",
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
+    "video_import": "Import of an hour of video",
     "criticism": "Criticism of ten flights",
     "blind_dev": "Blind cases of the test data (`blind-dev`)",
     "model_gain": "Gain of criticism in the map",

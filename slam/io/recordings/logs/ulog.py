@@ -192,7 +192,7 @@ def _damage(log: ULog, cut: bool) -> tuple[str, ...]:
     if log.file_corruption:
         lines.append("part of the log is damaged and was skipped")
     elif cut:
-        lines.append("the log ends within a message: it was cut short, and what the flight had after it is lost")
+        lines.append("the log ends within a message: it was cut short, and what came after is lost")
     return tuple(lines)
 
 

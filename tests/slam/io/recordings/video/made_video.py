@@ -56,14 +56,14 @@ def table(kind: bytes, *rows: tuple[int, ...]) -> bytes:
 def with_durations(path: Path, durations: list[int]) -> None:
     """Give each picture of a video its own duration, in the units of its track."""
     times = table(b"stts", *((1, duration) for duration in durations))
-    content = _replaced(path.read_bytes(), b"edts", b"")  # an edit list would end the track at the old length
-    path.write_bytes(_replaced(content, b"stts", times))
+    content = replaced(path.read_bytes(), b"edts", b"")  # an edit list would end the track at the old length
+    path.write_bytes(replaced(content, b"stts", times))
 
 
 def with_edits(path: Path, edits: list[tuple[int, int]]) -> None:
     """Give a video another edit list: durations in the units of the file, starts in those of the track."""
     body = struct.pack(">I", len(edits)) + b"".join(struct.pack(">IiI", *edit, 1 << 16) for edit in edits)
-    path.write_bytes(_replaced(path.read_bytes(), b"edts", box(b"edts", full(b"elst", body))))
+    path.write_bytes(replaced(path.read_bytes(), b"edts", box(b"edts", full(b"elst", body))))
 
 
 def with_quarter_turn(path: Path) -> None:
@@ -74,7 +74,8 @@ def with_quarter_turn(path: Path) -> None:
     path.write_bytes(bytes(content))
 
 
-def _replaced(data: bytes, wanted: bytes, new: bytes) -> bytes:
+def replaced(data: bytes, wanted: bytes, new: bytes) -> bytes:
+    """Return boxes with those of one kind replaced, at any depth."""
     parts = []
     at = 0
     while at + 8 <= len(data):
@@ -84,7 +85,7 @@ def _replaced(data: bytes, wanted: bytes, new: bytes) -> bytes:
             parts.append(new)
         else:
             parts.append(
-                box(kind, _replaced(body, wanted, new)) if kind in CONTAINERS else data[at : at + size]
+                box(kind, replaced(body, wanted, new)) if kind in CONTAINERS else data[at : at + size]
             )
         at += size
     return b"".join(parts)

@@ -77,6 +77,22 @@ def test_import_takes_the_picture_rate_too(tmp_path):
     assert len(list((tmp_path / "flight" / "mav0" / "cam0" / "data").iterdir())) == 16
 
 
+def test_import_reduces_pictures_with_their_camera(tmp_path):
+    source = video(tmp_path / "a.mp4")
+    whole = read(source)
+    width, height = whole.camera.size_px
+    command = ["import", str(source), "--out", str(tmp_path / "flight"), "--width", "32"]
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    flight = read_flight(tmp_path / "flight")
+    size = (32, round(32 * height / width))
+    assert flight.camera.size_px == size
+    assert flight.camera.focal_px[0] == pytest.approx(32 / width * whole.camera.focal_px[0])
+    assert {path.suffix for path in (tmp_path / "flight/mav0/cam0/data").iterdir()} == {".jpg"}
+    assert flight.frames[0].read().shape[1::-1] == size
+    assert any(f"reduced from {width} x {height} to 32 x {size[1]} pixels" in w for w in flight.warnings)
+
+
 def ticks_per_picture(path: Path) -> int:
     data = path.read_bytes()
     at = data.index(b"stts") + 16
