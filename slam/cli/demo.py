@@ -9,16 +9,18 @@ import typer
 
 from slam.cli.options import OUT, QUIET, SEED
 
+DEMO_RECIPE = "bare_eight"
+"""A flight on which chain and map bend where the floor is bare, until loops are closed."""
 _RECIPE = typer.Option(metavar="NAME", help="A recipe that slam ships, or a .toml file.")
 
 
 def demo(
     out: Annotated[Path, OUT] = Path("out/demo"),
     seed: Annotated[int, SEED] = 0,
-    recipe: Annotated[str, _RECIPE] = "figure_eight",
+    recipe: Annotated[str, _RECIPE] = DEMO_RECIPE,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
-    """Fly the paper's figure eight in simulation, map it, and compare the map with the truth."""
+    """Fly a figure eight over a floor with bare pieces, map it, and compare the map with the truth."""
     from slam.cli.console import Screen
     from slam.cli.evaluate import write_evaluation
     from slam.cli.output_folder import output_folder

@@ -59,7 +59,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     """Collect poses, verdicts, counts and warnings of a finished map."""
     flight, setup = context.flight, context.setup
     observations, edges, solution = map_.observations, map_.edges, map_.graph
-    odometry = map_.odometry or map_
+    chained, odometry = _lesser_maps(context, map_)
     assert flight.frames is not None
     shared, untested = _systematic_errors(map_)
     not_placed = pictures_not_placed(flight, map_)
@@ -67,12 +67,6 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
     velocity = velocity_errors(map_.bundle)
     said = messages(context, map_, not_placed, shared, mount, [*untested, velocity_warning(velocity)])
-    chained = chain(
-        observations.links,
-        setup.camera,
-        setup.readings.roll_pitch_rad,
-        odometry.edges.heights.height_m,
-    )
     return Estimate(
         name=flight.name,
         status=said.status,
@@ -90,7 +84,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         relative_poses=_kept_edges(map_),
         loops=loops,
         chain_w_T_b=comparable(chained, setup.readings, map_),
-        odometry_w_T_b=comparable(odometry.graph.w_T_b, setup.readings, map_),
+        odometry_w_T_b=comparable(odometry, setup.readings, map_),
         frames=observations.frames,
         rejected=_rejected_counts(map_, loops),
         not_placed=not_placed,
@@ -113,6 +107,23 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
     )
+
+
+def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
+    """Return the poses (n, 4, 4) of the plain chain and of the map without loops.
+
+    The inertial bridges that join the parts of the map join theirs too: what is compared are the loops.
+    """
+    setup, odometry = context.setup, map_.odometry or map_
+    in_parts = odometry.component.max(initial=-1) > 0 and context.flight.gps is None
+    chained = chain(
+        map_.observations.links,
+        setup.camera,
+        setup.readings.roll_pitch_rad,
+        odometry.edges.heights.height_m,
+        context.bridges.edges() if in_parts else (),
+    )
+    return chained, (context.bridges.join(odometry) if in_parts else odometry).w_T_b
 
 
 def _systematic_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:

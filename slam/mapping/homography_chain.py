@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from backend.measurements import RelativePose
 from frontend.camera import Camera
 from frontend.lift import level_T_body, lift
 from frontend.registration import Registration
@@ -15,29 +18,58 @@ Array = NDArray[np.float64]
 
 
 def chain(
-    links: Sequence[Registration | None], camera: Camera, roll_pitch_rad: Array, height_m: Array
+    links: Sequence[Registration | None],
+    camera: Camera,
+    roll_pitch_rad: Array,
+    height_m: Array,
+    bridges: Sequence[RelativePose] = (),
 ) -> Array:
-    """Poses (n, 4, 4) that best explain each keyframe's composed homography; NaN behind a broken link.
+    """Poses (n, 4, 4) that best explain each keyframe's composed homography.
 
-    The first keyframe's attitude ``roll_pitch_rad`` (n, 2) and height (n,) make metres of its canvas; each
-    stretch behind a broken link starts at the origin again, so only the first is given.
+    The first keyframe's attitude ``roll_pitch_rad`` (n, 2) and height (n,) make metres of its canvas. A
+    broken link starts a new canvas. A bridge from the keyframe before gives its heading and position; without
+    one, the poses from there on are NaN.
     """
-    n = len(links)
-    poses = np.full((n, 4, 4), np.nan)
-    if n == 0:
-        return poses
+    poses = np.full((len(links), 4, 4), np.nan)
+    over_gap = {bridge.j: bridge for bridge in bridges if bridge.i == bridge.j - 1}
+    for first, behind in _unbroken(links):
+        stretch = _composed(links[first:behind], camera, roll_pitch_rad[first], height_m[first])
+        if first > 0:
+            if first not in over_gap:
+                break
+            stretch = _moved_to(poses[first - 1] @ over_gap[first].i_T_j, stretch)
+        poses[first:behind] = stretch
+    return poses
+
+
+def _unbroken(links: Sequence[Registration | None]) -> list[tuple[int, int]]:
+    """Return the first keyframe of each stretch of links, and the one behind it."""
+    starts = [k for k, link in enumerate(links) if link is None or k == 0]
+    return list(pairwise([*starts, len(links)]))
+
+
+def _composed(
+    links: Sequence[Registration | None], camera: Camera, roll_pitch_rad: Array, height_m: float
+) -> Array:
+    """Return the poses (m, 4, 4) of one stretch, whose first keyframe stands over the origin."""
     first_H_k = [np.eye(3)]
     for link in links[1:]:
-        if link is None:
-            break
+        assert link is not None
         H = first_H_k[-1] @ link.i_H_j
         first_H_k.append(H / H[2, 2])
-    H = np.array(first_H_k)
-    m = len(H)
-    tilt = np.repeat(roll_pitch_rad[:1], m, axis=0)
-    lifted = lift(H, np.tile(np.eye(8), (m, 1, 1)), camera, tilt, np.zeros((m, 2)))
+    m = len(links)
+    tilt = np.tile(roll_pitch_rad, (m, 1))
+    lifted = lift(np.array(first_H_k), np.tile(np.eye(8), (m, 1, 1)), camera, tilt, np.zeros((m, 2)))
     start = level_T_body(tilt[:1])[0]
-    start[2, 3] = height_m[0]
-    first_T_k, _ = lifted.scale(np.full(m, height_m[0]), np.zeros(m))
-    poses[:m] = start @ first_T_k
-    return poses
+    start[2, 3] = height_m
+    first_T_k, _ = lifted.scale(np.full(m, height_m), np.zeros(m))
+    return np.asarray(start @ first_T_k)
+
+
+def _moved_to(w_T_first: Array, stretch: Array) -> Array:
+    """Turn and shift a level stretch so that its first keyframe has a heading and a place on the floor."""
+    now, there = (np.arctan2(T[1, 0], T[0, 0]) for T in (stretch[0], w_T_first))
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", float(there - now)).as_matrix()
+    turn[:2, 3] = w_T_first[:2, 3] - (turn @ stretch[0])[:2, 3]
+    return np.asarray(turn @ stretch)

@@ -14,6 +14,7 @@ BEGIN, END = "<!-- figures -->", "<!-- /figures -->"
 _DEMO = "Figure eight, worst of five flights"
 HEADLINES = {
     "5 seeds, worst: largest landmark error, chain of homographies": f"{_DEMO}: landmarks, chain of pictures",
+    "5 seeds, worst: largest landmark error, optimized without loops": f"{_DEMO}: landmarks, without loops",
     "5 seeds, worst: largest landmark error, with loops": f"{_DEMO}: landmarks, one map",
     "5 seeds, worst: A-E gap error, with loops": f"{_DEMO}: a gap of 0.30 m seen a whole loop apart",
     "position error after similarity (ate_sim3_m)": "A real drone's motion: positions after a similarity",

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from backend.measurements import RelativePose
 from frontend.camera import NADIR_B_T_C, Camera
 from frontend.registration import Registration
 from slam.mapping.homography_chain import chain
@@ -50,6 +51,22 @@ def test_exact_homographies_give_exact_poses(name, seed):
     roll_pitch[1:], height[1:] = np.nan, np.nan
     found = chain(links(truth, CAMERAS[name]), CAMERAS[name], roll_pitch, height)
     assert found == pytest.approx(truth, abs=1e-6)
+
+
+def test_a_bridge_across_a_broken_link_continues_it():
+    """The bridge gives heading and place; tilt and height behind it are those of the keyframe itself."""
+    truth, camera = poses(4), CAMERAS["tilted mount"]
+    broken = links(truth, camera)
+    broken[5] = broken[9] = None
+    across = np.linalg.inv(truth[4]) @ truth[5]
+    tilted = across.copy()
+    tilted[:3, :3] = across[:3, :3] @ Rotation.from_euler("x", 1, degrees=True).as_matrix()
+    bridge = RelativePose(4, 5, tilted, np.eye(6), "inertial")
+    found = chain(broken, camera, angles_of(truth), truth[:, 2, 3], (bridge,))
+    assert found[:9] == pytest.approx(truth[:9], abs=2e-3)
+    assert found[5, 2, 3] == pytest.approx(truth[5, 2, 3], abs=1e-9)
+    assert angles_of(found[5:6]) == pytest.approx(angles_of(truth[5:6]), abs=1e-9)
+    assert np.isnan(found[9:]).all(), "no bridge leads there"
 
 
 def test_a_broken_link_ends_it():

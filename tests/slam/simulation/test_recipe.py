@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slam import simulate
+from slam.cli.demo import DEMO_RECIPE
 from slam.core.errors import InputError
 from slam.simulation import model as models
 from slam.simulation import recipe as recipes
@@ -44,6 +45,15 @@ def test_the_installed_place_comes_before_the_checkout(tmp_path, monkeypatch):
     assert recipes.shipped_folder() == installed / "datasets"
     (installed / "datasets").rmdir()
     assert recipes.shipped_folder() == tmp_path / "datasets"
+
+
+def test_the_demo_flies_the_figure_eight_at_the_same_length():
+    """Only the floor and the velocity differ."""
+    demo, paper = load_recipe(DEMO_RECIPE), load_recipe("figure_eight")
+    assert len(demo.world.blanks_m) == 2
+    assert replace(demo, name=paper.name, world=paper.world, model=paper.model) == paper
+    assert replace(demo.world, blanks_m=()) == paper.world
+    assert replace(demo.model, velocity=paper.model.velocity) == paper.model
 
 
 def test_the_figure_eight_is_the_papers():
