@@ -158,7 +158,7 @@ def test_the_readme_s_few_figures_are_those_that_were_measured():
 
 
 def test_the_demo_shows_what_loops_do():
-    """Without loops it is off by several percent, which a reader sees at once; with them by a tenth at most."""
+    """Without loops it is off by several percent, which a reader sees at once; with them by a tenth."""
     figures = {m.key: m.value for m in earlier()["demo"].metrics}
     largest, gain = (
         "seed 0: largest landmark error",
