@@ -75,6 +75,15 @@ class Position:
 
 
 @dataclass(frozen=True)
+class BarometerHeight:
+    """Height of the body by its barometer at keyframe ``k``, above an unknown level."""
+
+    k: int
+    height_m: float
+    std_m: float
+
+
+@dataclass(frozen=True)
 class PinholeModel:
     """Mounting and projection of a pinhole camera with distortion, and how well each number is known.
 
@@ -242,6 +251,7 @@ class Measurements:
     attitudes: tuple[Attitude, ...] = ()
     ranges: tuple[SlantRange, ...] = ()
     positions: tuple[Position, ...] = ()
+    heights: tuple[BarometerHeight, ...] = ()
     tracks: FloorTracks | None = None
     camera: PinholeModel | None = None
     inertial: Inertial | None = None
@@ -282,5 +292,6 @@ class Measurements:
             attitudes=tuple(replace(a, k=number[a.k]) for a in self.attitudes if a.k in number),
             ranges=tuple(replace(r, k=number[r.k]) for r in self.ranges if r.k in number),
             positions=tuple(replace(p, k=number[p.k]) for p in self.positions if p.k in number),
+            heights=tuple(replace(h, k=number[h.k]) for h in self.heights if h.k in number),
             frames=tuple(replace(f, k=number[f.k]) for f in self.frames if f.k in number),
         )

@@ -25,6 +25,7 @@ from backend.bundle.factors import (
     scaled_range_factor,
 )
 from backend.bundle.floor_points import intersect_floor
+from backend.bundle.heights import height_factor, heights_prior
 from backend.bundle.inertial.graph import (
     NOMINAL_INERTIAL_NOISE,
     InertialNoiseFactors,
@@ -72,6 +73,8 @@ class NoiseLevels:
     position_m: Array
     """(3,)."""
     range_m: float
+    height_m: float = np.inf
+    """Height by a barometer."""
     inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
     reported: ReportedNoise = NO_REPORTED_NOISE
 
@@ -103,7 +106,8 @@ class BundleProblem:
         """Whether a measurement or prior observes the scale."""
         measured = self.measurements
         moved = self.inertial is not None or self.reported is not None
-        return bool(measured.ranges or measured.positions) or moved or self.scale_prior is not None
+        told = measured.ranges or measured.positions or measured.heights
+        return bool(told) or moved or self.scale_prior is not None
 
     @property
     def c_T_b(self) -> Array:
@@ -150,6 +154,8 @@ def pose_side_graph(
     if problem.self_calibrates:
         _add_calibration(graph, problem.camera)
     _add_gauge(graph, problem, start, noise.relief)
+    if problem.measurements.heights:
+        graph.push_back(heights_prior(start))
     b_T_c = problem.camera.b_T_c
     if problem.reported is not None:
         add_reported(graph, problem.reported, WORLD, b_T_c, noise.reported)
@@ -193,6 +199,10 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
             precision = np.where(np.isfinite(p.std_m), noise.position_m**-2.0, 0.0)
             model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Precisions(precision))
             graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
+    if measurements.heights:
+        model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(1, noise.height_m))
+        for h in measurements.heights:
+            graph.push_back(height_factor(POSE(h.k), WORLD, h.height_m, model, problem.camera.b_T_c))
 
 
 def _add_gauge(

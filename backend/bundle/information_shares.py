@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
+from backend.bundle.heights import HEIGHTS
 from backend.bundle.inertial.preintegrate import STATE_SIZE
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reported.graph import row_instruments
@@ -28,7 +29,7 @@ Array = NDArray[np.float64]
 DIRECTIONS = ("roll", "pitch", "yaw", "x", "y", "z", "scale")
 _MEASURED = {1: "range", 2: "attitude", 3: "position", STATE_SIZE: "imu"}
 """Rows of a measured factor that holds the world variable -> instrument."""
-_OWN_ERRORS = {ord("a"): "imu", ord("b"): "imu", ord("k"): "pictures"}
+_OWN_ERRORS = {ord("a"): "imu", ord("b"): "imu", ord("k"): "pictures", ord("h"): "barometer"}
 """Letter of a variable that holds errors of one instrument -> that instrument."""
 
 
@@ -80,6 +81,8 @@ def _of_pose_side(optimum: BundleOptimum) -> Iterator[str]:
         elif not isinstance(factor, gtsam.CustomFactor):
             own = _OWN_ERRORS.get(gtsam.Symbol(keys[0]).chr(), "assumed")
             yield from _of_world(optimum.problem) if keys == [WORLD] else [own] * size
+        elif HEIGHTS in keys:
+            yield "barometer"
         elif WORLD in keys:
             yield from [_MEASURED[size]] * size
         else:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
+from backend.bundle.heights import HEIGHTS, height_residuals
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
 from backend.measurements import FloorTracks, Measurements
@@ -37,13 +38,14 @@ def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels
     """Return nominal noise levels, the median over the keyframes; infinite for an absent instrument."""
     tilt = [a.std_rad[:2].max() for a in measurements.attitudes]
     position = np.array([p.std_m for p in measurements.positions]).reshape(-1, 3)
-    ranges = [r.std_m for r in measurements.ranges]
+    ranges, heights = ([m.std_m for m in kind] for kind in (measurements.ranges, measurements.heights))
     return NoiseLevels(
         pixel_scale=1.0,
         relief=config.start_relief,
         roll_pitch_rad=float(np.median(tilt)) if tilt else np.inf,
         position_m=np.array([_median_of_finite(axis) for axis in position.T]),
         range_m=float(np.median(ranges)) if ranges else np.inf,
+        height_m=float(np.median(heights)) if heights else np.inf,
     )
 
 
@@ -153,7 +155,7 @@ def _spread(
 def _sensor_noise(
     problem: BundleProblem, values: gtsam.Values, level: NoiseLevels, absorbed: Array
 ) -> NoiseLevels:
-    """Return the noise levels with those of attitudes, positions and ranges from their residuals."""
+    """Return the noise levels with those of the instruments from their residuals."""
     measurements, w_T_b = problem.measurements, metric_poses(problem, values)
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(measurements.count)])
     world = values.atVector(WORLD)
@@ -175,6 +177,10 @@ def _sensor_noise(
         off = seen - np.array([r.range_m for r in measurements.ranges])
         nominal = float(np.median([r.std_m for r in measurements.ranges]))
         level = replace(level, range_m=_pooled(nominal, autocorrelated_std(off[:, None]), len(off)))
+    if len(measurements.heights) > 3:
+        off = height_residuals(measurements.heights, w_T_b, values.atVector(HEIGHTS))
+        nominal = float(np.median([h.std_m for h in measurements.heights]))
+        level = replace(level, height_m=_pooled(nominal, autocorrelated_std(off[:, None]), len(off)))
     return level
 
 

@@ -44,6 +44,7 @@ from backend.bundle.graph import (
     start_calibration,
     start_variables,
 )
+from backend.bundle.heights import HEIGHTS, start_heights
 from backend.bundle.inertial.graph import InertialPart, without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise, start_factors
 from backend.bundle.lens import LensEstimate, is_uncertain, told_covariance
@@ -98,6 +99,11 @@ class Bundle:
     """The solved graph, for further tests of the solution."""
 
     @property
+    def uses_barometer(self) -> bool:
+        """Whether heights of a barometer are in the graph."""
+        return bool(self.optimum.problem.measurements.heights)
+
+    @property
     def uses_reported_motion(self) -> bool:
         """Whether velocity and turns that the vehicle reports are in the graph."""
         return self.optimum.problem.reported is not None
@@ -128,7 +134,8 @@ def refine(
         measurements, tracks, camera, config, self_calibrates=False, scale_prior=scale_prior
     )
     noise = noise or start_noise(measurements, config)
-    problem, at = _with_motion(problem, start_variables(problem, w_T_b, floor_z_m))
+    at = _with_heights(problem, start_variables(problem, w_T_b, floor_z_m))
+    problem, at = _with_motion(problem, at)
     noise = replace(
         noise, inertial=start_factors(problem, at.values), reported=_reported_noise(problem, at.values)
     )
@@ -175,6 +182,21 @@ def _check_start(w_T_b: Array, camera: PinholeModel, floor_z_m: float) -> None:
             f"bundle adjustment: the camera of keyframe {below[0]} starts below the floor; "
             "the pose graph's result stands"
         )
+
+
+def _with_heights(problem: BundleProblem, at: Variables) -> Variables:
+    """Insert gain and zero of the barometer, at the scale that it tells where nothing else does."""
+    measured = problem.measurements
+    if not measured.heights:
+        return at
+    told = measured.ranges or measured.positions or measured.inertial or problem.scale_prior
+    values = gtsam.Values(at.values)
+    world, gain_zero = start_heights(
+        measured.heights, metric_poses(problem, values), values.atVector(WORLD), tells_scale=not told
+    )
+    values.update(WORLD, world)
+    values.insert(HEIGHTS, gain_zero)
+    return replace(at, values=values)
 
 
 def _with_motion(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, Variables]:

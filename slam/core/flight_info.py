@@ -166,6 +166,8 @@ def _missing_for_scale(flight: Flight) -> list[str]:
         lines.append(
             "no sonar and no GPS: lengths come from the accelerometer, if the flight moves it enough"
         )
+    elif not ranged and flight.gps is None and flight.barometer is not None:
+        lines.append("no sonar and no GPS: no metric scale but that of the barometer's changes of height")
     elif not ranged and flight.gps is None and flight.velocity is not None and flight.attitude is not None:
         lines.append("no sonar and no GPS: no metric scale but that of the vehicle's own velocity")
     elif not ranged and flight.gps is None:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
     from backend.pose_graph.solution import RangeErrors
-    from slam.core.estimate import Estimate, GroundFacts, InstrumentErrors
+    from slam.core.estimate import Estimate, GroundFacts
+    from slam.core.instrument_errors import InstrumentErrors
 
 _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
 """``ru_maxrss`` counts bytes on macOS and KiB elsewhere."""

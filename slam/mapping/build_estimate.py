@@ -14,8 +14,10 @@ from backend.errors import BackendError
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
-from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict
+from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
+from slam.core.instrument_errors import InstrumentErrors
+from slam.mapping.calibration.barometer_errors import barometer_errors
 from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,
@@ -99,6 +101,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             clock,
             lens_numbers(map_.bundle),
             velocity,
+            barometer_errors(map_.bundle),
         ),
         accuracy_basis=accuracy_basis(flight, map_),
         information_shares=_information_shares(flight, map_),

@@ -26,6 +26,8 @@ class SensorTrust:
     """Standard deviation of roll and pitch where the camera is assumed to look straight down."""
     range_floor_m: float = 0.005
     """Least standard deviation of a range, whatever its sensor states."""
+    height_floor_m: float = 0.1
+    """Least standard deviation of a height by the barometer, whatever its sensor states."""
     accel_gain_std: float = 0.02
     """Relative standard deviation of an accelerometer's gains, which is that of lengths by it."""
     gyro_gain_std: float = 0.03
@@ -107,6 +109,7 @@ RANGES: dict[str, dict[str, tuple[float, float]]] = {
         "attitude_graph_rad": _POSITIVE,
         "level_std_rad": _POSITIVE,
         "range_floor_m": _OR_NONE,
+        "height_floor_m": _OR_NONE,
         "accel_gain_std": _OR_NONE,
         "gyro_gain_std": _OR_NONE,
     },

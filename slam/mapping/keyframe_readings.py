@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import Attitude, InertialReadings, Position, SlantRange
-from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar
+from backend.measurements import Attitude, BarometerHeight, InertialReadings, Position, SlantRange
+from slam.core.flight import AttitudeSeries, Flight, Imu, Scalar, Sonar
 from slam.core.geodesy import GeoOrigin
 from slam.mapping.config import PipelineConfig
 from slam.mapping.gps.consensus import Agreement
@@ -84,6 +84,19 @@ def ranges_at(sonar: Sonar | None, at_s: Array, floor_std_m: float) -> tuple[Sla
     )
 
 
+def heights_at(barometer: Scalar | None, at_s: Array, floor_std_m: float) -> tuple[BarometerHeight, ...]:
+    """Height by the barometer at each keyframe."""
+    if barometer is None:
+        return ()
+    good = np.isfinite(barometer.value)
+    value, factor = local_value(barometer.stamps_s[good], barometer.value[good, None], at_s, 0.1)
+    std_m = np.hypot(barometer.noise_std * factor, floor_std_m)
+    return tuple(
+        BarometerHeight(int(k), float(value[k, 0]), float(std_m[k]))
+        for k in np.flatnonzero(np.isfinite(value[:, 0]))
+    )
+
+
 def inertial_readings(imu: Imu | None) -> InertialReadings | None:
     """Gyro and accelerometer turned into body axes, in order of time; what is not finite is left out."""
     if imu is None:
@@ -104,6 +117,8 @@ class KeyframeReadings:
     attitudes: tuple[Attitude, ...]
     ranges: tuple[SlantRange, ...]
     positions: tuple[Position, ...]
+    heights: tuple[BarometerHeight, ...]
+    """Heights by the barometer; empty where a height sensor measures the floor, beside which they have no weight."""
     range_gain_std: float
     range_datum_std_m: float
     roll_pitch_rad: Array
@@ -132,10 +147,12 @@ class KeyframeReadings:
         for a in attitudes:
             roll_pitch[a.k] = a.roll_pitch_yaw_rad[:2]
             std[a.k] = np.hypot(a.std_rad[:2], trust.attitude_graph_rad)
+        ranges = ranges_at(flight.sonar, stamps_s, trust.range_floor_m)
         return KeyframeReadings(
             stamps_s=stamps_s,
             attitudes=attitudes,
-            ranges=ranges_at(flight.sonar, stamps_s, trust.range_floor_m),
+            ranges=ranges,
+            heights=() if ranges else heights_at(flight.barometer, stamps_s, trust.height_floor_m),
             positions=fixes.at(stamps_s) if fixes else (),
             fixes=fixes,
             range_gain_std=flight.sonar.scale_std if flight.sonar else 0.0,

@@ -32,7 +32,7 @@ from slam.mapping.gps.georeferencing import align_with_positions
 from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
-from slam.mapping.refine_part import LEAST_SEEN, refine_part
+from slam.mapping.refine_part import LEAST_SEEN, MOST_SCALE_STD, refine_part
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
@@ -43,6 +43,7 @@ _NOT_SETTLED = (
     f"which GPS fixes agree with the map still changed after {_MOST_SELECTIONS} refinements: fixes near the"
     " limit are uncertain"
 )
+_LEVEL_FLIGHT = "barometer0 could not determine the metric scale: the flight climbs too little for its noise"
 _NOT_PLACED = "{} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth"
 
 
@@ -200,7 +201,7 @@ class _Evidence:
     ) -> tuple[MapPart, Agreement | None]:
         """Refine the part, and again while the refined map changes the verdict on a fix."""
         for _ in range(_MOST_SELECTIONS):
-            bundle, compared, reason = self._refined(setup, part)
+            bundle, compared, reasons = self._refined(setup, part)
             by_inertia = compared.scale if compared else None
             part = replace(
                 part,
@@ -220,13 +221,14 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        warnings = [*_scale_warnings(by_inertia, bundle, reason), *convergence_warnings(bundle)]
+        warnings = [*_scale_warnings(by_inertia, bundle, reasons), *convergence_warnings(bundle)]
         return replace(part, warnings=(*part.warnings, *warnings)), agreement
 
-    def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None, str]:
+    def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None, list[str]]:
         """Refine the part, with the accelerometer's scale where other sensors determine it less well.
 
-        Without any of these the velocity determines it. Returns also the reason why it does not.
+        Without any of these the velocity determines it. Returns also the reasons why barometer and velocity
+        do not.
         """
 
         def step(iteration: int, _: float) -> None:
@@ -236,6 +238,10 @@ class _Evidence:
         start = np.full((len(self.metric), 4, 4), np.nan)
         start[members] = part.w_T_b
         bundle = refine_part(setup, members, start, part.floor_z_m, tracks, step)
+        reasons = []
+        if bundle.uses_barometer and not (bundle.scale_std or 0.0) < MOST_SCALE_STD:
+            setup, reasons = setup.without_heights(), [_LEVEL_FLIGHT]
+            bundle = refine_part(setup, members, start, part.floor_z_m, tracks, step)
         compared, lengths = None, None
         if self.inertial is not None:
             camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
@@ -244,24 +250,23 @@ class _Evidence:
             )
             if not isinstance(compared.scale, NoScale) and compared.scale.helps:
                 lengths = compared.scale.lengths
-        reason = ""
         if lengths is None and self.reported is not None and bundle.scale_std is None:
             bundle, reason = scaled_by_velocity(
                 bundle, setup, members, tracks, self.observations, self.reported, step
             )
+            reasons += [f"velocity0 could not determine the metric scale: {reason}"] if reason else []
         if lengths is not None:
             start[members], noise = bundle.w_T_b, bundle.noise
             bundle = refine_part(setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise)
-        return bundle, compared, reason
+        return bundle, compared, reasons
 
 
 def _scale_warnings(
-    by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_velocity: str
+    by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_others: list[str]
 ) -> list[str]:
-    """Report a contradiction of the scale, and a scale that was needed but not found, by the velocity for a
-    reason."""
-    if by_velocity and bundle.scale_std is None:
-        return [f"velocity0 could not determine the metric scale: {by_velocity}"]
+    """Report a contradiction of the scale, and why a scale that was needed was not found."""
+    if by_others and bundle.scale_std is None:
+        return by_others
     if isinstance(by_inertia, NoScale):
         wanted = bundle.scale_std is None
         return [f"imu0 could not determine the metric scale: {by_inertia.reason}"] if wanted else []

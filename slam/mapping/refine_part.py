@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 LEAST_SEEN = 4
 """Floor points that a keyframe must share with others to be refined: they determine a homography."""
 
+MOST_SCALE_STD = 0.3
+"""Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
+
 
 def refine_part(
     setup: Setup,
@@ -53,6 +56,7 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
         attitudes=attitudes,
         ranges=readings.ranges,
         positions=readings.positions,
+        heights=readings.heights,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
         camera=_model(setup.camera),

@@ -39,6 +39,10 @@ class Setup:
         """Return the same setup with those GPS fixes alone that agree with the map, if they were compared."""
         return self if agreement is None else replace(self, readings=self.readings.with_fixes(agreement))
 
+    def without_heights(self) -> Setup:
+        """Return the same setup without the barometer."""
+        return replace(self, readings=replace(self.readings, heights=()))
+
     def without_positions(self) -> Setup:
         """Return the same setup without GPS."""
         return replace(self, readings=replace(self.readings, positions=()))

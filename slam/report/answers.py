@@ -27,6 +27,7 @@ _INSTRUMENTS = {
     "position": ("the GPS", "use a receiver with corrections (RTK), or measure ground points"),
     "imu": ("the IMU", "calibrate the IMU at rest before the flight"),
     "velocity": ("the vehicle's own velocity", "avoid stretches of floor without texture, or record the IMU"),
+    "barometer": ("the barometer", "climb and descend more, or add a height sensor or GPS"),
     "assumed": (
         "assumed values, which no instrument measured",
         "state them in sensor.yaml with their uncertainty",

@@ -211,6 +211,8 @@ def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
     sources += ["GPS"] if estimate.origin is not None else []
     accelerometer = estimate.instruments.accelerometer
     sources += ["accelerometer"] if accelerometer is not None and accelerometer.used else []
+    if not sources and estimate.instruments.barometer is not None:
+        return "barometer"
     if not sources and estimate.instruments.velocity is not None:
         return "vehicle's own velocity"
     # Without refinement the scale comes from the heights that initialised the pose graph.

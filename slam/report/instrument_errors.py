@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import degrees, floor, log10
 
-from slam.core.estimate import AccelerometerErrors, AttitudeErrors, LensNumber, MountTilt, VelocityErrors
+from slam.core.instrument_errors import (
+    AccelerometerErrors,
+    AttitudeErrors,
+    BarometerErrors,
+    LensNumber,
+    MountTilt,
+    VelocityErrors,
+)
 from slam.core.units import SPACE
 
 
@@ -100,6 +107,14 @@ def velocity_text(found: VelocityErrors | None) -> str:
     ratio = [f"{gain:.2f} ±{SPACE}{std:.2g} times the true one" for gain, std in gains]
     more = [f"{offset:+.2f} ±{SPACE}{std:.2g} m/s" for offset, std in offsets]
     return f"forward {ratio[0]}, {more[0]}; left {ratio[1]}, {more[1]}"
+
+
+def barometer_text(found: BarometerErrors | None) -> str:
+    """Gain and noise of the barometer, in words."""
+    if found is None:
+        return ""
+    gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.2g} times the true changes of height"
+    return f"{gain}, noise {found.noise_m:.2g}{SPACE}m"
 
 
 def shares_text(shares: Mapping[str, Mapping[str, float]]) -> str:

@@ -11,6 +11,7 @@ from backend import se3
 from backend.bundle.refinement import Bundle
 from backend.measurements import (
     Attitude,
+    BarometerHeight,
     FloorTracks,
     Measurements,
     PinholeModel,
@@ -52,6 +53,8 @@ class Scene:
     """Amplitude over the mean height."""
     position_std_m: tuple[float, float] | None = None
     """Horizontal, vertical."""
+    barometer_std_m: float | None = None
+    barometer_gain: float = 1.0
     focal_ratio: float = 1.0
     """True focal length over the one that is told."""
     radial: float = 0.0
@@ -92,6 +95,7 @@ def make(scene: Scene, seed: int) -> Made:
         attitudes=_attitudes(scene, w_T_b, rng),
         ranges=_ranges(scene, f_T_b, rng),
         positions=_positions(scene, w_T_b, rng),
+        heights=_heights(scene, w_T_b, rng),
         tracks=_tracks(scene, f_T_b, rng),
         camera=scene.camera,
         range_gain_std=scene.range_gain_std,
@@ -105,6 +109,15 @@ def make(scene: Scene, seed: int) -> Made:
         start[0, :2, 3] = 0.0
         start[:, :3, 3] *= 1.03
     return Made(measurements, start, w_T_b, float(floor[2, 3]), scene.slope_rad, _lens(scene))
+
+
+def _heights(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple[BarometerHeight, ...]:
+    """Over a level far below."""
+    std_m = scene.barometer_std_m
+    if std_m is None:
+        return ()
+    read = 431.0 + scene.barometer_gain * w_T_b[:, 2, 3] + rng.normal(0, std_m, len(w_T_b))
+    return tuple(BarometerHeight(k, float(height), std_m) for k, height in enumerate(read))
 
 
 def _lens(scene: Scene) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slam.core.estimate import AccelerometerErrors
+from slam.core.instrument_errors import AccelerometerErrors
 from slam.evaluation import evaluate
 from slam.inertial.navigate import navigate
 from slam.io.flight_folder import read_flight

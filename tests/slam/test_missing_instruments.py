@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.core.flight import Flight, Scalar
 from slam.core.geodesy import geodetic_from_enu
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
@@ -48,6 +49,45 @@ def test_without_sonar_and_imu_the_velocity_tells_how_long_a_metre_is(gain):
     assert abs(np.log(scale)) < 3 * estimate.scale_std
     assert estimate.scale_std < 0.12
     assert evaluate(estimate, flight).ate_sim3_m.rmse < 1.5e-3
+
+
+def climbing() -> Flight:
+    """The small flight between 0.7 and 1.3 m, with pictures, attitude and truth."""
+    way_points = ["A", "B", [1.5, 0.7, 1.3], [0.3, 0.7, 0.7], "A", [1.5, 0.3, 1.2]]
+    flight = flown(0, maneuver={"way_points": way_points})
+    return replace(flight, sonar=None, imu=None, velocity=None)
+
+
+def barometer_of(flight: Flight, noise_m: float) -> Scalar:
+    """20 readings a second over a level 512 m below."""
+    stamps_s = np.arange(0.0, flight.frames.stamps_s[-1], 0.05)
+    height_m = np.interp(stamps_s, flight.truth.stamps_s, flight.truth.w_T_b[:, 2, 3])
+    noise = np.random.default_rng(0).normal(0, noise_m, len(stamps_s))
+    return Scalar(stamps_s, 512.0 + height_m + noise, noise_m)
+
+
+@pytest.mark.slow
+def test_without_any_other_lengths_the_barometer_tells_them():
+    flight = climbing()
+    flight = replace(flight, barometer=barometer_of(flight, 0.02))
+    estimate = optimize(flight)
+    assert_whole(estimate)
+    assert "no metric scale but that of the barometer's changes of height" in estimate.status
+    assert estimate.accuracy_basis.startswith("Lengths and their accuracy rest on one barometer alone")
+    assert gather(estimate, flight).scale_source == "barometer"
+    assert estimate.instruments.barometer.gain == pytest.approx(1.0, abs=0.1)
+    assert abs(np.log(evaluate(estimate, flight).scale)) < 3 * estimate.scale_std
+    assert 0.03 < estimate.scale_std < 0.15
+
+
+@pytest.mark.slow
+def test_a_barometer_whose_noise_hides_the_climb_tells_no_lengths():
+    flight = climbing()
+    flight = replace(flight, barometer=barometer_of(flight, 1.0))
+    estimate = optimize(flight)
+    assert not estimate.metric
+    assert any("barometer0 could not determine the metric scale" in line for line in estimate.warnings)
+    assert evaluate(estimate, flight).ate_sim3_m.rmse < 2e-3
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.refinement import Bundle
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
-from slam.core.estimate import MountTilt
+from slam.core.instrument_errors import MountTilt
 from slam.mapping.calibration.attitude_floor_tilt import CLEARLY, SURE, AttitudeFloorTilt
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 

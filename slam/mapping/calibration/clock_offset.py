@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.clocks.picture_clock import ClockPiece, PictureClock
 from backend.clocks.windows import ClockDisagreement
-from slam.core.estimate import ClockErrors, ClockSpan
+from slam.core.instrument_errors import ClockErrors, ClockSpan
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.noise import autocorrelated_std
-from slam.core.estimate import AccelerometerErrors, AttitudeErrors, ClockErrors
 from slam.core.flight import Flight
+from slam.core.instrument_errors import AccelerometerErrors, AttitudeErrors, ClockErrors
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.calibration.attitude_floor_tilt import LEAST_KEYFRAMES
 from slam.mapping.calibration.inertial_scale import AccelerometerScale

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from backend.bundle.lens import NAMES, told_calibration
 from backend.bundle.refinement import Bundle
-from slam.core.estimate import LensNumber
+from slam.core.instrument_errors import LensNumber
 
 
 def lens_numbers(bundle: Bundle | None) -> Mapping[str, LensNumber] | None:

@@ -9,7 +9,7 @@ from backend.bundle.refinement import Bundle
 from backend.bundle.reported.factor import BIAS, CHANNELS, GAINS, LAG
 from backend.bundle.reported.verdict import reported_constants
 from backend.sparse_cholesky import SingularMatrixError
-from slam.core.estimate import VelocityErrors
+from slam.core.instrument_errors import VelocityErrors
 
 _SURE = 3.0
 """Standard deviations from which on an error is not chance."""

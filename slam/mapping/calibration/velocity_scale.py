@@ -14,11 +14,8 @@ from backend.errors import BackendError
 from backend.measurements import FloorTracks, ReportedMotion
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.measurements import tracked_frames
-from slam.mapping.refine_part import part_measurements
+from slam.mapping.refine_part import MOST_SCALE_STD, part_measurements
 from slam.mapping.setup import Setup
-
-_MOST_STD = 0.3
-"""Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
 
 
 def scaled_by_velocity(
@@ -49,6 +46,6 @@ def scaled_by_velocity(
         return bundle, "its readings do not cover the pictures"
     if damage := reported_damage(found.optimum):
         return bundle, damage
-    if found.scale_std is None or not found.scale_std < _MOST_STD:
+    if found.scale_std is None or not found.scale_std < MOST_SCALE_STD:
         return bundle, "the flight is too short or too slow for its noise"
     return found, ""

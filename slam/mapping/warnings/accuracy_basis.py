@@ -14,6 +14,7 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     bundle = map_.bundle
     ranged = bundle is not None and bundle.range_errors is not None
     inertial = map_.inertial is not None and map_.inertial.helps
+    by_barometer = bundle is not None and bundle.uses_barometer and not (map_.georeferenced or inertial)
     by_velocity = bundle is not None and bundle.uses_reported_motion and not (ranged or inertial)
     sources = [
         name
@@ -21,6 +22,7 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
             ("one height sensor", ranged),
             ("one GPS receiver", map_.georeferenced),
             ("one accelerometer", inertial),
+            ("one barometer", by_barometer),
             ("the vehicle's own velocity", by_velocity),
         )
         if used

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from backend.bundle.systematic_errors import SystematicErrors
-from slam.core.estimate import MountTilt
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
+from slam.core.instrument_errors import MountTilt
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.attitude_floor_tilt import (
@@ -151,6 +151,9 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
     if map_.bundle is None or map_.bundle.scale_std is None:
         return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
     std = 100 * map_.bundle.scale_std
+    if map_.bundle.uses_barometer and not (map_.inertial is not None and map_.inertial.helps):
+        source = "the barometer's changes of height"
+        return f"{lacking}: no metric scale but that of {source}, known to {std:.2g} %"
     if map_.bundle.uses_reported_motion:
         return f"{lacking}: no metric scale but that of the vehicle's own velocity, known to {std:.2g} %"
     return f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %"

@@ -134,8 +134,10 @@ def test_missing_streams_are_reported_with_their_consequence():
     def missing(**changes):
         return " | ".join(describe(dataclasses.replace(made_flight(), **changes)).missing)
 
-    assert "no metric scale" in missing(sonar=None, gps=None, imu=None, velocity=None)
-    assert "no metric scale but that of the vehicle's own velocity" in missing(sonar=None, gps=None, imu=None)
+    bare = {"sonar": None, "gps": None, "imu": None}
+    assert "no metric scale;" in missing(**bare, velocity=None, barometer=None)
+    assert "no metric scale but that of the vehicle's own velocity" in missing(**bare, barometer=None)
+    assert "no metric scale but that of the barometer's changes of height" in missing(**bare)
     assert "lengths come from the accelerometer" in missing(sonar=None, gps=None)
     without = missing(camera=None, frames=None, sonar=None, gps=None, imu=None)
     assert not re.search("scale|pictures|Earth", without), "there is no map to speak of"

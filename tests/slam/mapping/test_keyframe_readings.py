@@ -1,12 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Sonar
+from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Scalar, Sonar
 from slam.core.geodesy import geodetic_from_enu
 from slam.mapping.gps.fixes import fixes_of
-from slam.mapping.keyframe_readings import MAX_GAP_S, attitudes_at, local_value, ranges_at
+from slam.mapping.keyframe_readings import MAX_GAP_S, attitudes_at, heights_at, local_value, ranges_at
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)
 
@@ -35,6 +37,18 @@ def test_the_factor_is_what_happens_to_white_noise(half_window_s):
     noise = rng.normal(0, 0.3, (100, 4000))
     found, factor = local_value(stamps_s, noise, at_s, half_window_s)
     assert found.std(axis=1) == pytest.approx(0.3 * factor, rel=0.05)
+
+
+def test_a_height_is_the_mean_of_the_readings_around_a_keyframe():
+    """Eleven readings within 0.1 s: their noise of 0.5 m averages out, down to the floor of a sensor."""
+    stamps_s = np.arange(101) / 50.0
+    barometer = Scalar(stamps_s, 500.0 + 2.0 * stamps_s, noise_std=0.5)
+    values = np.where(stamps_s == 0.5, np.nan, barometer.value)
+    found = heights_at(replace(barometer, value=values), np.array([0.5, 1.0, 9.0]), 0.1)
+    assert [height.k for height in found] == [0, 1]
+    assert [height.height_m for height in found] == pytest.approx([501.0, 502.0])
+    assert found[1].std_m == pytest.approx(np.hypot(0.5 / np.sqrt(11), 0.1), rel=0.05)
+    assert heights_at(None, stamps_s, 0.1) == ()
 
 
 def test_gaps_and_ends_have_no_value():

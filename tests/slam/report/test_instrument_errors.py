@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from slam.core.estimate import LensNumber
+from slam.core.instrument_errors import LensNumber
 from slam.core.units import SPACE
 from slam.report.instrument_errors import held_lens_text, lens_text, shares_text
 
