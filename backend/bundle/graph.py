@@ -102,12 +102,16 @@ class BundleProblem:
     reported: ReportedPart | None = None
 
     @property
+    def has_lengths(self) -> bool:
+        """Whether ranges, positions or a prior observe the scale: better than any motion does."""
+        measured = self.measurements
+        return bool(measured.ranges or measured.positions) or self.scale_prior is not None
+
+    @property
     def has_scale(self) -> bool:
         """Whether a measurement or prior observes the scale."""
-        measured = self.measurements
         moved = self.inertial is not None or self.reported is not None
-        told = measured.ranges or measured.positions or measured.heights
-        return bool(told) or moved or self.scale_prior is not None
+        return self.has_lengths or moved or bool(self.measurements.heights)
 
     @property
     def c_T_b(self) -> Array:

@@ -133,11 +133,14 @@ def refine(
     problem = BundleProblem(
         measurements, tracks, camera, config, self_calibrates=False, scale_prior=scale_prior
     )
-    noise = noise or start_noise(measurements, config)
+    nominal = start_noise(measurements, config)
     at = _with_heights(problem, start_variables(problem, w_T_b, floor_z_m))
     problem, at = _with_motion(problem, at)
     noise = replace(
-        noise, inertial=start_factors(problem, at.values), reported=_reported_noise(problem, at.values)
+        noise or nominal,
+        height_m=nominal.height_m,
+        inertial=start_factors(problem, at.values),
+        reported=_reported_noise(problem, at.values),
     )
     start = at.values
     used = np.ones(len(tracks.track), bool)
@@ -189,7 +192,7 @@ def _with_heights(problem: BundleProblem, at: Variables) -> Variables:
     measured = problem.measurements
     if not measured.heights:
         return at
-    told = measured.ranges or measured.positions or measured.inertial or problem.scale_prior
+    told = problem.has_lengths or measured.inertial is not None or measured.reported is not None
     values = gtsam.Values(at.values)
     world, gain_zero = start_heights(
         measured.heights, metric_poses(problem, values), values.atVector(WORLD), tells_scale=not told
@@ -204,7 +207,7 @@ def _with_motion(problem: BundleProblem, at: Variables) -> tuple[BundleProblem, 
     camera, measured = problem.camera, problem.measurements
     reported = ReportedPart.of(measured, camera)
     if reported is not None:
-        if not (measured.inertial or problem.has_scale):
+        if not (measured.inertial or problem.has_lengths):
             at = _scaled(reported, at, camera)
         at = replace(at, values=reported.start(at.values))
     transform = WorldTransform(at.values.atVector(WORLD), camera.b_T_c)

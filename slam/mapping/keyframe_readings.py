@@ -118,7 +118,7 @@ class KeyframeReadings:
     ranges: tuple[SlantRange, ...]
     positions: tuple[Position, ...]
     heights: tuple[BarometerHeight, ...]
-    """Heights by the barometer; empty where a height sensor measures the floor, beside which they have no weight."""
+    """Heights by the barometer; empty where a height sensor measures the floor: it is far more exact."""
     range_gain_std: float
     range_datum_std_m: float
     roll_pitch_rad: Array

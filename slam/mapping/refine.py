@@ -19,12 +19,12 @@ from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
+from slam.mapping.calibration.fallback_scale import scaled_by_heights, scaled_by_velocity
 from slam.mapping.calibration.inertial_scale import (
     AccelerometerScale,
     InertialComparison,
     compare_with_inertia,
 )
-from slam.mapping.calibration.velocity_scale import scaled_by_velocity
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
@@ -32,7 +32,7 @@ from slam.mapping.gps.georeferencing import align_with_positions
 from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
-from slam.mapping.refine_part import LEAST_SEEN, MOST_SCALE_STD, refine_part
+from slam.mapping.refine_part import LEAST_SEEN, refine_part
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
@@ -43,7 +43,6 @@ _NOT_SETTLED = (
     f"which GPS fixes agree with the map still changed after {_MOST_SELECTIONS} refinements: fixes near the"
     " limit are uncertain"
 )
-_LEVEL_FLIGHT = "barometer0 could not determine the metric scale: the flight climbs too little for its noise"
 _NOT_PLACED = "{} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth"
 
 
@@ -237,11 +236,9 @@ class _Evidence:
         members, tracks = part.members, self.tracks
         start = np.full((len(self.metric), 4, 4), np.nan)
         start[members] = part.w_T_b
-        bundle = refine_part(setup, members, start, part.floor_z_m, tracks, step)
-        reasons = []
-        if bundle.uses_barometer and not (bundle.scale_std or 0.0) < MOST_SCALE_STD:
-            setup, reasons = setup.without_heights(), [_LEVEL_FLIGHT]
-            bundle = refine_part(setup, members, start, part.floor_z_m, tracks, step)
+        # Heights alone may tell no scale: a level flight must not fail for them.
+        exact = setup if setup.readings.positions else setup.without_heights()
+        bundle = refine_part(exact, members, start, part.floor_z_m, tracks, step)
         compared, lengths = None, None
         if self.inertial is not None:
             camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
@@ -250,6 +247,10 @@ class _Evidence:
             )
             if not isinstance(compared.scale, NoScale) and compared.scale.helps:
                 lengths = compared.scale.lengths
+        reasons = []
+        if lengths is None and setup.readings.heights and bundle.scale_std is None:
+            bundle, reason = scaled_by_heights(bundle, setup, members, tracks, step)
+            reasons += [f"barometer0 could not determine the metric scale: {reason}"] if reason else []
         if lengths is None and self.reported is not None and bundle.scale_std is None:
             bundle, reason = scaled_by_velocity(
                 bundle, setup, members, tracks, self.observations, self.reported, step

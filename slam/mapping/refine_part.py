@@ -20,9 +20,6 @@ Array = NDArray[np.float64]
 LEAST_SEEN = 4
 """Floor points that a keyframe must share with others to be refined: they determine a homography."""
 
-MOST_SCALE_STD = 0.3
-"""Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
-
 
 def refine_part(
     setup: Setup,
