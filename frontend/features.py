@@ -142,6 +142,9 @@ class Extractor:
         self._thread_local = threading.local()
         self._detectors()
 
+    def __reduce__(self) -> tuple[type[Extractor], tuple[FeatureConfig]]:
+        return Extractor, (self.config,)
+
     def _detectors(self) -> tuple[Any, Any]:
         """Return the detector and the descriptor of this thread, as OpenCV does not document which are
         thread-safe."""

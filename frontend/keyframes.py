@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,12 @@ from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
 from frontend.masking import hides_any
 from frontend.motions import MOST_LEAD, Expectation
+from frontend.photographs import Load, Photograph, photographs
 from frontend.registration import Registration, register
 from frontend.views import SAME_PICTURE, Masks, View, Views
 
 Image = NDArray[np.uint8]
+Picture = TypeVar("Picture", View, Photograph)
 
 TOO_FEW = "too few features"
 ONCE = 1
@@ -137,7 +140,7 @@ class Tracker:
         features of its whole picture, if they were extracted before. ``look_ahead``: see `Views`."""
         self.camera, self.extractor = camera, extractor
         self.homography, self.gates, self.config = homography, gates, config
-        self._known = known
+        self._masks, self._known = masks, known
         self._corners = camera.undistort(camera.corners_px)
         at_once = extractor.config.searched_at_once(camera.size_px)
         self._views, self._unsettled = Views(self._extract, masks, camera.size_px, at_once, look_ahead), 0
@@ -157,7 +160,7 @@ class Tracker:
         number, failures = -1, 0
         last: _Matched | None = None
         best: _Tracked | None = None
-        for view in self._with_last_of_equal(self._usable(images)):
+        for view in self._with_last_of_equal(self._usable(self._views.each(images))):
             if last is None:
                 if self._has_features(view):
                     last, number = self._first(view), number + 1
@@ -191,22 +194,25 @@ class Tracker:
             if settled is not None:
                 yield settled.keyframe(last)
 
-    def every(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
-        """Yield each readable picture as a keyframe, linked to the previous one where the two overlap."""
+    def every(self, load: Load, count: int) -> Iterator[Keyframe]:
+        """Yield each readable photograph as a keyframe, linked to the previous one where the two overlap.
+
+        ``load`` returns the picture of each of ``count`` frames, or None; several are read at a time.
+        """
         number = -1
         before: Features | None = None
-        self._views.ahead = True
-        for view in self._usable(images):
-            if not self._has_features(view):
+        each = photographs(load, count, self.extractor, self.camera, self._masks, self._known)
+        for photograph in self._usable(each):
+            if not self._has_features(photograph):
                 continue
-            link, features = None, view.features
+            link, features = None, photograph.features
             if before is not None:
                 link = register(
                     number, number + 1, before, features, self.camera, self.homography, self.gates
                 )
             number, before = number + 1, features
             link, refused = (link, None) if link is None or link.ok else (None, link)
-            yield Keyframe(view.frame, features, link, refused)
+            yield Keyframe(photograph.frame, features, link, refused)
 
     def _with_last_of_equal(self, usable: Iterable[View]) -> Iterator[View]:
         """Yield the last picture too where all are equal: together with the first it shows the one place."""
@@ -230,18 +236,18 @@ class Tracker:
         # The floor's motion is identified surely only while most of the floor is in view: both motions count.
         return tracked.link.least_overlap < self.config.min_overlap
 
-    def _usable(self, images: Iterable[Image | None]) -> Iterator[View]:
+    def _usable(self, each: Iterable[tuple[int, Picture | str]]) -> Iterator[Picture]:
         """Yield the pictures that can be searched for features; count the others."""
         readable = -1
-        for frame, view in self._views.each(images):
+        for frame, picture in each:
             self.frames += 1
-            if isinstance(view, View):
-                readable = frame
-                yield view
-            else:
+            if isinstance(picture, str):
                 # A picture without features says so each time it is repeated.
-                repeated_blank = view == SAME_PICTURE and self.dropped.get(readable) == TOO_FEW
-                self._drop(frame, TOO_FEW if repeated_blank else view)
+                repeated_blank = picture == SAME_PICTURE and self.dropped.get(readable) == TOO_FEW
+                self._drop(frame, TOO_FEW if repeated_blank else picture)
+            else:
+                readable = frame
+                yield picture
 
     def _extract(self, view: View) -> Features:
         known = self._known(view.frame)
@@ -250,11 +256,11 @@ class Tracker:
             return known
         return self.extractor(view.image, self.camera, view.mask)
 
-    def _has_features(self, view: View) -> bool:
+    def _has_features(self, picture: View | Photograph) -> bool:
         """Return whether a picture has enough features; count it as dropped if it has not."""
-        if len(view.features) >= self.gates.min_inliers:
+        if len(picture.features) >= self.gates.min_inliers:
             return True
-        self._drop(view.frame, TOO_FEW)
+        self._drop(picture.frame, TOO_FEW)
         return False
 
     def _track(
@@ -303,15 +309,9 @@ class Tracker:
     ) -> tuple[Registration | None, str]:
         """Register the picture to the last keyframe by features; return the reason where that fails."""
         link = register(
-            number,
-            number + 1,
-            last.features,
-            view.features,
-            self.camera,
-            self.homography,
-            self.gates,
+            number, number + 1, last.features, view.features, self.camera, self.homography, self.gates,
             expected,
-        )
+        )  # fmt: skip
         if not link.ok:
             return None, link.reason
         if self._changes_too_much(link):

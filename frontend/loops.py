@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from frontend.camera import Camera
-from frontend.cores import usable_cores
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.motions import Expectation
@@ -27,10 +26,17 @@ from frontend.retrieval import (
     signature,
     vocabulary,
 )
-from frontend.store import FeatureStore
+from frontend.store import FeatureStore, StoredFeatures
+from frontend.workers import workers
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
+
+MOST_PAIRS = 8
+"""Pairs that are compared in one job: a quarter of a second. Neighbouring pairs share keyframes, so that less
+than 8 MB of features go to another machine at a time."""
+CHUNKS = 8
+"""Smallest number of jobs for each worker, where there are as many pairs: all workers then end together."""
 
 _LOG = logging.getLogger(__name__)
 
@@ -87,30 +93,60 @@ def overlapping(
     return sorted(found)
 
 
+@dataclass(frozen=True)
+class _Comparison:
+    """Settings of all comparisons of pairs."""
+
+    camera: Camera
+    homography: HomographyConfig
+    gates: GateConfig
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """Pairs that one job compares."""
+
+    pairs: Sequence[Pair]
+    expected: Sequence[Expectation | None]
+    features: StoredFeatures
+
+
 def verify(
     pairs: Sequence[Pair],
     store: FeatureStore,
     camera: Camera,
     homography: HomographyConfig,
     gates: GateConfig,
-    workers: int | None = None,
     on_done: Callable[[int], None] = lambda done: None,
     expected: Callable[[int, int], Expectation | None] = lambda i, j: None,
 ) -> Iterable[Registration]:
     """Verify candidates geometrically, in their order; a rejected result has a reason.
 
-    ``expected``: predicted place of the later picture of a pair in the earlier one, or None. ``workers``
-    threads share the pairs, one for each core by default; the result does not depend on their number.
+    ``expected``: predicted place of the later picture of a pair in the earlier one, or None. The workers of
+    `frontend.workers` share the pairs.
     """
-
-    def compare(pair: Pair) -> Registration:
-        i, j = pair
-        return register(i, j, store[i], store[j], camera, homography, gates, expected(i, j))
-
-    held = 0
-    with ThreadPoolExecutor(workers or usable_cores()) as pool:
-        for done, result in enumerate(pool.map(compare, pairs), 1):
-            held += result.ok
+    share = workers()
+    size = int(np.clip(len(pairs) // (CHUNKS * share.count), 1, MOST_PAIRS))
+    parts = [pairs[begin : begin + size] for begin in range(0, len(pairs), size)]
+    chunks = (
+        _Chunk(part, [expected(i, j) for i, j in part], StoredFeatures(store, {k for of in part for k in of}))
+        for part in parts
+    )
+    done, held = 0, 0
+    for results in share.map(_compared, _Comparison(camera, homography, gates), chunks):
+        for result in results:
+            done, held = done + 1, held + result.ok
             on_done(done)
             yield result
     _LOG.info("%d of %d loop candidates passed the geometric verification", held, len(pairs))
+
+
+def _compared(settings: _Comparison, chunk: _Chunk) -> list[Registration]:
+    """Return the registration of each pair of a chunk."""
+    return [
+        register(
+            i, j, chunk.features[i], chunk.features[j], settings.camera, settings.homography, settings.gates,
+            expected,
+        )
+        for (i, j), expected in zip(chunk.pairs, chunk.expected, strict=True)
+    ]  # fmt: skip

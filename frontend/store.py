@@ -7,7 +7,7 @@ import hashlib
 import os
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -78,6 +78,19 @@ class FeatureStore:
     def _read(self, k: int, size: int) -> bytes:
         with _named_errors():
             return os.pread(self._file.fileno(), size, self._offset[k])
+
+
+class StoredFeatures:
+    """Features of some keyframes of a store, read on access. Where pickled they become their content."""
+
+    def __init__(self, store: FeatureStore, keyframes: Collection[int]) -> None:
+        self._store, self._keyframes = store, keyframes
+
+    def __getitem__(self, k: int) -> Features:
+        return self._store[k]
+
+    def __reduce__(self) -> tuple[type[dict[int, Features]], tuple[dict[int, Features]]]:
+        return dict, ({k: self[k] for k in sorted(self._keyframes)},)
 
 
 @contextmanager

@@ -7,10 +7,8 @@ blending covers a margin wide enough that the border of the tile is not visible.
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from hashlib import blake2b
 
 import cv2
 import numpy as np
@@ -19,24 +17,22 @@ from numpy.typing import NDArray
 from frontend.mosaic.blending import REACH_PX, MultiBand
 from frontend.mosaic.canvas import CELL_PX, Tile
 from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
+from frontend.mosaic.pictures import BRIGHT, DARK, Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import ground_maps, ground_seen
 from frontend.mosaic.view import Lattice
 from frontend.mosaic.window import SOFT_CELLS, fingerprint, owners_around, window_of
-from frontend.picture_check import unusable_reason
+from frontend.workers import Ready, Workers, workers
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
-Load = Callable[[int], "Image | None"]
 Report = Callable[[str, int, int], None]
 FindEarlierTile = Callable[[Tile, str], "Image | None"]
 """Returns the pixels of the tile with this fingerprint in an earlier mosaic, or None if there is none."""
 
 MOST_TRIED = 8
 """Number of pictures in which hidden ground is looked for. Less vertical ones hide more."""
-DARK, BRIGHT = 3, 252
-"""Limits of the grey levels that are used to estimate the exposure."""
 
 
 @dataclass(frozen=True)
@@ -52,64 +48,13 @@ class RenderedTile:
     """Whether the tile was taken from an earlier mosaic."""
 
 
-class Pictures:
-    """Pictures of the plan, at most at the mosaic's resolution, in a least-recently-used cache."""
+@dataclass(frozen=True)
+class _Exposed:
+    """What the jobs of all pictures, or of all tiles, share."""
 
-    def __init__(self, plan: MosaicPlan, load: Load, max_mb: float = 256) -> None:
-        self._plan, self._load, self.max_mb = plan, load, max_mb
-        self._cache: OrderedDict[int, Image] = OrderedDict()
-        self._bytes = 0
-        self._digests: dict[int, bytes] = {}
-        self.unusable: dict[int, str] = {}
-        """Pose number -> reason why its picture cannot be used."""
-
-    def __getitem__(self, index: int) -> Image | None:
-        """Return the picture of ``plan.views[index]`` as (h, w, 3) BGR, or None if it is unusable."""
-        if index in self._cache:
-            self._cache.move_to_end(index)
-            return self._cache[index]
-        view = self._plan.views[index]
-        if view.k in self.unusable:
-            return None
-        picture = self._load(view.k)
-        reason = _unusable_reason(picture, self._plan.camera.size_px)
-        if picture is None or reason:
-            self.unusable[view.k] = reason
-            return None
-        if picture.ndim == 2:
-            picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
-        ratio = self._plan.gsd_m / view.gsd_m
-        if ratio > 1.2:
-            h, w = picture.shape[:2]
-            size = (max(2, round(w / ratio)), max(2, round(h / ratio)))
-            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        self._digests[index] = _digest(picture)
-        self._cache[index] = picture
-        self._bytes += picture.nbytes
-        while self._bytes > self.max_mb * 1e6 and len(self._cache) > 1:
-            self._bytes -= self._cache.popitem(last=False)[1].nbytes
-        return picture
-
-    def digest(self, index: int) -> bytes:
-        """Return the digest of the picture of ``plan.views[index]``, or b"" if it is unusable."""
-        if index not in self._digests and self[index] is None:
-            return b""
-        return self._digests[index]
-
-
-def _digest(picture: Image) -> bytes:
-    digest = blake2b(repr(picture.shape).encode(), digest_size=16)
-    digest.update(picture.tobytes())
-    return digest.digest()
-
-
-def _unusable_reason(picture: Image | None, size_px: tuple[int, int]) -> str:
-    if picture is None:
-        return "cannot be read"
-    if reason := unusable_reason(picture, size_px):
-        return reason
-    extreme = np.count_nonzero((picture <= DARK) | (picture >= BRIGHT))
-    return "black or blown out" if extreme > 0.95 * picture.size else ""
+    plan: MosaicPlan
+    pictures: Pictures
+    exposure: Exposure | None = None
 
 
 def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None = None) -> Exposure:
@@ -118,19 +63,29 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
     Each picture is read once. Pictures that cannot be used are listed in ``pictures.unusable`` afterwards.
     """
     parts: list[tuple[Array, ...]] = []
-    for index in range(len(plan.views)):
+    shared, count = _Exposed(plan, pictures), len(plan.views)
+    for index, found in enumerate(workers().map(_measured, shared, range(count))):
         if report:
-            report("exposure", index, len(plan.views))
-        picture = pictures[index]
-        if picture is not None:
-            parts.append(_brightness(plan, index, picture))
+            report("exposure", index, count)
+        if found is not None:
+            digest, part = found
+            pictures.seen(index, digest)
+            parts.append(part)
     if report:
-        report("exposure", len(plan.views), len(plan.views))
+        report("exposure", count, count)
     if not parts:
         return Exposure.neutral(len(plan.views))
     point, view, rho2, log_bgr = (np.concatenate(column) for column in zip(*parts, strict=True))
     samples = Samples(point.astype(np.int64), view.astype(np.int64), rho2, log_bgr)
     return estimate_exposure(samples, len(plan.views))
+
+
+def _measured(shared: _Exposed, index: int) -> tuple[bytes, tuple[Array, ...]] | None:
+    """Return digest and brightness of one picture; None if it is unusable."""
+    picture = shared.pictures[index]
+    return (
+        None if picture is None else (shared.pictures.digest(index), _brightness(shared.plan, index, picture))
+    )
 
 
 def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ...]:
@@ -175,20 +130,36 @@ def render_tiles(
     exposure: Exposure,
     report: Report | None = None,
     earlier: FindEarlierTile | None = None,
+    share: Workers | None = None,
 ) -> Iterator[RenderedTile]:
-    """Yield all tiles of the plan, row by row. Tiles that ``earlier`` returns are not rendered again."""
-    tiles = list(plan.tiles)
-    for done, tile in enumerate(tiles):
+    """Yield all tiles of the plan, row by row. Tiles that ``earlier`` returns are not rendered again.
+
+    ``share``: workers that render them, by default those of `frontend.workers`.
+    """
+    tiles, marks = list(plan.tiles), list[tuple[str, bool]]()
+
+    def wanted() -> Iterator[Tile | Ready[Image | None]]:
+        for tile in tiles:
+            mark = fingerprint(plan, tile, pictures.digest, exposure)
+            old = earlier(tile, mark) if earlier else None
+            marks.append((mark, old is not None))
+            yield tile if old is None else Ready(old)
+
+    rendered = (share or workers()).map(_rendered, _Exposed(plan, pictures, exposure), wanted())
+    for done, (tile, rgba) in enumerate(zip(tiles, rendered, strict=True)):
+        assert rgba is not None
         if report:
             report("mosaic", done, len(tiles))
-        mark = fingerprint(plan, tile, pictures.digest, exposure)
-        old = earlier(tile, mark) if earlier else None
-        if old is not None:
-            yield RenderedTile(tile, old, mark, reused=True)
-        else:
-            yield RenderedTile(tile, render_tile(plan, tile, pictures, exposure), mark)
+        yield RenderedTile(tile, rgba, *marks[done])
     if report:
         report("mosaic", len(tiles), len(tiles))
+
+
+def _rendered(shared: _Exposed, tile: Tile) -> Image | None:
+    """Return one tile; None if another process cannot read its pictures."""
+    assert shared.exposure is not None
+    rgba = render_tile(shared.plan, tile, shared.pictures, shared.exposure)
+    return None if shared.pictures.lost else rgba
 
 
 def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Exposure) -> Image:

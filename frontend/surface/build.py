@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from frontend.elevation import Elevation
 from frontend.mosaic.canvas import Tile
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.render import Pictures
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import Lattice, MosaicView
 from frontend.surface.dense import DenseHeights, dense_heights

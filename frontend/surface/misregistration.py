@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.canvas import SquareGrid
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.render import Pictures
 from frontend.mosaic.surface import ground_maps
 from frontend.mosaic.view import Lattice, MosaicView, visible
 

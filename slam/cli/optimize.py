@@ -67,6 +67,8 @@ def optimize(
     mcap: Annotated[bool, _MCAP] = False,
     topic: Annotated[list[str] | None, options.TOPICS] = None,
     picture_rate: Annotated[float | None, options.PICTURE_RATE] = None,
+    cluster: Annotated[bool, options.CLUSTER] = False,
+    scheduler: Annotated[str | None, options.SCHEDULER] = None,
     quiet: Annotated[bool, options.QUIET] = False,
     as_json: Annotated[bool, options.JSON] = False,
 ) -> None:
@@ -85,7 +87,9 @@ def optimize(
         mosaics = MosaicOptions(mosaic, gsd, out)
         settings = options.pipeline_config(config, features)
         wanted = _FlightOptions(settings, model, incremental, mcap)
-        results = _flights(sources, options.request_of(topic, picture_rate), out, mosaics, wanted, screen)
+        request = options.request_of(topic, picture_rate)
+        with options.on_cluster(cluster, scheduler):
+            results = _flights(sources, request, out, mosaics, wanted, screen)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ import typer
 
 if TYPE_CHECKING:
     from frontend.feature_kinds import FeatureKind
+    from frontend.workers import Workers
     from slam.io.recordings.choice import Request
     from slam.mapping.config import PipelineConfig
 
@@ -40,9 +42,34 @@ PICTURE_RATE = typer.Option(
     min=1e-3,
     help="Most pictures per second to take from a recording; default: all.",
 )
+CLUSTER = typer.Option(
+    "--cluster", help="Share the work among processes, one on each core, by Dask; needs the extra cluster."
+)
+SCHEDULER = typer.Option(
+    metavar="ADDRESS",
+    help="Share the work among the workers of a scheduler of Dask, such as tcp://10.0.0.5:8786; photographs "
+    "must be in a folder that all machines see at the same path.",
+)
 GRAPH_PARAMETERS = ("source", "sources", "out", "mosaic", "quiet", "as_json")
 """Parameters of commands that a pose graph has a use for; a graph has no mosaic in any case."""
 SEED = typer.Option(min=0, help="Seed of all random numbers.")
+
+
+def on_cluster(local: bool, scheduler: str | None) -> AbstractContextManager[Workers | None]:
+    """Return what shares the work as ``--cluster`` and ``--scheduler`` ask for it, None without them.
+
+    Raises ``InputError`` as `slam.core.cluster.cluster` does.
+    """
+    if not local and scheduler is None:
+        return nullcontext()
+    from slam.core.cluster import cluster
+    from slam.core.errors import InputError
+
+    if local and scheduler is not None:
+        raise InputError(
+            "--cluster starts workers on this machine, and --scheduler uses others; give one"
+        )
+    return cluster(scheduler)
 
 
 def pipeline_config(path: Path | None, features: FeatureKind | None) -> PipelineConfig:

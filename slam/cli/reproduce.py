@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from slam.cli.options import JSON, OUT, QUIET
+from slam.cli.options import CLUSTER, JSON, OUT, QUIET, SCHEDULER, on_cluster
 
 _NAMES = typer.Argument(
     metavar="NAME",
@@ -25,24 +25,29 @@ def reproduce(
     names: Annotated[list[str] | None, _NAMES] = None,
     seeds: Annotated[int, _SEEDS] = 20,
     jobs: Annotated[int | None, _JOBS] = None,
+    cluster: Annotated[bool, CLUSTER] = False,
+    scheduler: Annotated[str | None, SCHEDULER] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Repeat the experiments of the paper in simulation and say which of its figures agree."""
-    from frontend.cores import usable_cores
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
+    from slam.core.errors import InputError
     from slam.core.figure_table import FigureTable
+    from slam.core.processes import Processes
     from slam.experiments.output import headline, write_all
     from slam.experiments.registry import chosen
     from slam.experiments.run import conclude, run
 
+    if jobs is not None and (cluster or scheduler):
+        raise InputError("--jobs: a cluster has workers of its own; leave --jobs out")
     wanted = chosen(names or ())
     screen = Screen(quiet, as_json)
     begin_s = time.perf_counter()
     with output_folder(out) as folder:
-        with screen.progress() as progress:
-            trials = run(wanted, seeds, jobs or usable_cores(), progress)
+        with on_cluster(cluster, scheduler) as workers, screen.progress() as progress:
+            trials = run(wanted, seeds, workers or Processes(jobs), progress)
         conclusions = conclude(wanted, trials)
         write_all(folder, trials, conclusions, time.perf_counter() - begin_s)
     screen.json_file(out / "summary.json")

@@ -15,6 +15,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -58,6 +59,10 @@ class PictureFiles:
     file has its own."""
     failures: dict[int, str] = field(default_factory=dict)
     """Reason for each picture k that was requested and could not be read."""
+
+    def __reduce__(self) -> tuple[type[PictureFiles], tuple[Any, ...]]:
+        # Another process may work in another folder, and its failures are its own.
+        return PictureFiles, (tuple(path.absolute() for path in self.paths), self.size_px, self.levels)
 
     def __call__(self, k: int) -> Image | None:
         """Return picture k, or None with the reason in ``failures``."""

@@ -144,11 +144,20 @@ class FrontEnd:
         """Go through the frames once: mask, track, gate, keyframe."""
         flight, tracked = self.flight, TrackedPictures(self.tracker(masks))
         assert flight.frames is not None
-        images = read_ahead(flight, self.progress)
-        tracker = tracked.tracker
-        for keyframe in tracker.every(images) if flight.all_keyframes else tracker.keyframes(images):
+        for keyframe in self._keyframes(tracked.tracker):
             tracked.add(keyframe)
         return self.observations(tracked, masked=masks is not no_masks)
+
+    def _keyframes(self, tracker: Tracker) -> Iterator[Keyframe]:
+        frames = self.flight.frames
+        assert frames is not None
+        if not self.flight.all_keyframes:
+            yield from tracker.keyframes(read_ahead(self.flight, self.progress))
+            return
+        for keyframe in tracker.every(frames.load, len(frames)):
+            self.progress("track", keyframe.frame + 1, len(frames))
+            yield keyframe
+        self.progress("track", len(frames), len(frames))
 
     def observations(self, tracked: TrackedPictures, masked: bool = False) -> Observations:
         """Return what tracking found."""

@@ -12,6 +12,7 @@ from frontend.features import Extractor, FeatureConfig
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.keyframes import Keyframe, KeyframeConfig, Tracker
+from frontend.workers import Workers, share_with
 from tests.frontend.floor_pairs import texture
 from tests.frontend.small_flight import Image, SmallFlight, small_flight, true_overlap
 
@@ -169,7 +170,7 @@ def test_every_photo_is_a_keyframe_linked_where_it_overlaps(flight: SmallFlight)
     images: list[Image | None] = [flight.images[k] for k in order]
     images[3:3] = [None]
     follow = tracker(flight)
-    found = list(follow.every(images))
+    found = list(follow.every(images.__getitem__, len(images)))
     assert [k.frame for k in found] == [0, 1, 2, 4, 5]
     assert [k.link is None for k in found] == [True, False, False, True, False]
     refused = [k.refused for k in found]
@@ -187,7 +188,8 @@ def test_photographs_are_searched_at_once_with_the_same_result(flight: SmallFlig
     found = []
     for cores in (1, 3):
         monkeypatch.setattr("frontend.features.usable_cores", partial(int, cores))
-        found.append(list(tracker(flight).every(images)))
+        with share_with(Workers(cores)):
+            found.append(list(tracker(flight).every(images.__getitem__, len(images))))
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one.features.pixel, other.features.pixel)
         np.testing.assert_array_equal(one.features.descriptor, other.features.descriptor)

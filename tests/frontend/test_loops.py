@@ -9,6 +9,7 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.loops import overlapping, verify
 from frontend.store import FeatureStore
+from frontend.workers import Workers, share_with
 from tests.frontend.floor_pairs import CAMERA, body
 from tests.frontend.small_flight import features_of, small_flight, true_overlap
 
@@ -102,11 +103,10 @@ def test_verify_keeps_the_order_and_does_not_depend_on_workers() -> None:
     pairs = [(k, k + 1) for k in range(0, n - 1, 3)] + [(0, n - 1), (1, n // 6), (2, n // 2)]
     pairs = [pairs[k] for k in rng.permutation(len(pairs))]
     outcomes = []
-    for workers in (1, 2, 4):
+    for count in (1, 2, 4):
         done: list[int] = []
-        results = list(
-            verify(pairs, store, flight.camera, HomographyConfig(), GateConfig(), workers, done.append)
-        )
+        with share_with(Workers(count)):
+            results = list(verify(pairs, store, flight.camera, HomographyConfig(), GateConfig(), done.append))
         assert [(r.i, r.j) for r in results] == pairs
         assert done == list(range(1, len(pairs) + 1))
         outcomes.append(results)

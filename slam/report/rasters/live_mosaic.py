@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.mosaic.canvas import MosaicError
 from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import plan_mosaic
-from frontend.mosaic.render import Pictures, render_tiles
+from frontend.mosaic.render import render_tiles
+from frontend.workers import Workers
 from slam.core.flight import Image
 
 Array = NDArray[np.float64]
@@ -61,7 +63,8 @@ class LiveMosaic:
         tiles: dict[str, Image] = {}
         self.rendered = 0
         neutral = Exposure.neutral(len(plan.views))
-        for made in render_tiles(plan, pictures, neutral, None, lambda tile, mark: self._tiles.get(mark)):
+        known, one = (lambda tile, mark: self._tiles.get(mark)), Workers(1)  # the others track the flight
+        for made in render_tiles(plan, pictures, neutral, None, known, one):
             tiles[made.fingerprint] = made.rgba
             self.rendered += not made.reused
             tile, shown = made.tile, made.rgba[..., 3] > 0

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from frontend.mosaic.canvas import MosaicError, Tile
 from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.pictures import Load, Pictures
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
-from frontend.mosaic.render import Load, Pictures, measure_exposure, render_tiles
+from frontend.mosaic.render import measure_exposure, render_tiles
 from frontend.surface.misregistration import measure_misregistration
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate

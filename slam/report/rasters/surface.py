@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.elevation import Elevation
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.render import Pictures
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import MosaicView, mosaic_view
 from frontend.surface.build import build_surface

@@ -8,9 +8,10 @@ import pytest
 from backend import se3
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.quality import ground_std, mosaic_quality
-from frontend.mosaic.render import Pictures, measure_exposure
+from frontend.mosaic.render import measure_exposure
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view
 from tests.frontend.mosaic.scene import FLOOR_Z_M, pose
 

@@ -11,8 +11,9 @@ import pytest
 from frontend.camera import Camera
 from frontend.mosaic.canvas import Tile
 from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
-from frontend.mosaic.render import Pictures, measure_exposure, render_tile, render_tiles
+from frontend.mosaic.render import measure_exposure, render_tile, render_tiles
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, Floor, photograph, pose, smooth_floor, survey
 
 LENS = dataclasses.replace(CAMERA, distortion=(-0.12, 0.03, 0.002, -0.001))

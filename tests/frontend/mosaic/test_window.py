@@ -10,8 +10,9 @@ import pytest
 
 from frontend.mosaic.canvas import Tile
 from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
-from frontend.mosaic.render import Pictures, RenderedTile, render_tiles
+from frontend.mosaic.render import RenderedTile, render_tiles
 from frontend.mosaic.window import window_of
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, pose, smooth_floor, survey
 

@@ -7,8 +7,8 @@ import pytest
 
 from frontend.camera import Camera
 from frontend.elevation import Elevation
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import plan_mosaic
-from frontend.mosaic.render import Pictures
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, raised_maps
 from frontend.surface.build import build_surface, filled

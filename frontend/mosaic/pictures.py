@@ -1,0 +1,108 @@
+"""Pictures of a planned mosaic: read on demand, reduced to its resolution, kept in limited memory."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+from hashlib import blake2b
+from threading import Lock
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.mosaic.plan import MosaicPlan
+from frontend.picture_check import unusable_reason
+
+Image = NDArray[np.uint8]
+Load = Callable[[int], "Image | None"]
+
+DARK, BRIGHT = 3, 252
+"""Limits of the grey levels that are used to estimate the exposure."""
+
+
+class Pictures:
+    """Pictures of the plan, at most at the mosaic's resolution, in a least-recently-used cache.
+
+    Several threads may use them. A copy in another process reads them anew.
+    """
+
+    def __init__(self, plan: MosaicPlan, load: Load, max_mb: float = 256, is_copy: bool = False) -> None:
+        self._plan, self._load, self.max_mb, self._is_copy = plan, load, max_mb, is_copy
+        self._cache: OrderedDict[int, Image] = OrderedDict()
+        self._bytes = 0
+        self._digests: dict[int, bytes] = {}
+        self._reading, self._caching = [Lock() for _ in plan.views], Lock()
+        self.unusable: dict[int, str] = {}
+        """Pose number -> reason why its picture cannot be used."""
+
+    def __reduce__(self) -> tuple[type[Pictures], tuple[MosaicPlan, Load, float, bool]]:
+        return Pictures, (self._plan, self._load, self.max_mb, True)
+
+    @property
+    def lost(self) -> bool:
+        """Whether a copy cannot use all pictures; a plan that is copied has usable ones alone."""
+        return self._is_copy and bool(self.unusable)
+
+    def __getitem__(self, index: int) -> Image | None:
+        """Return the picture of ``plan.views[index]`` as (h, w, 3) BGR, or None if it is unusable."""
+        with self._reading[index]:  # by one thread alone
+            with self._caching:
+                if index in self._cache:
+                    self._cache.move_to_end(index)
+                    return self._cache[index]
+            picture = self._read(index)
+            if picture is not None:
+                self._digests[index] = _digest(picture)
+                with self._caching:
+                    self._keep(index, picture)
+            return picture
+
+    def _read(self, index: int) -> Image | None:
+        view = self._plan.views[index]
+        if view.k in self.unusable:
+            return None
+        picture = self._load(view.k)
+        reason = _unusable_reason(picture, self._plan.camera.size_px)
+        if picture is None or reason:
+            self.unusable[view.k] = reason
+            return None
+        if picture.ndim == 2:
+            picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+        ratio = self._plan.gsd_m / view.gsd_m
+        if ratio > 1.2:
+            h, w = picture.shape[:2]
+            size = (max(2, round(w / ratio)), max(2, round(h / ratio)))
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        return picture
+
+    def _keep(self, index: int, picture: Image) -> None:
+        self._cache[index] = picture
+        self._bytes += picture.nbytes
+        while self._bytes > self.max_mb * 1e6 and len(self._cache) > 1:
+            self._bytes -= self._cache.popitem(last=False)[1].nbytes
+
+    def seen(self, index: int, digest: bytes) -> None:
+        """Note the digest of a usable picture that another process has read."""
+        self._digests[index] = digest
+
+    def digest(self, index: int) -> bytes:
+        """Return the digest of the picture of ``plan.views[index]``, or b"" if it is unusable."""
+        if index not in self._digests and self[index] is None:
+            return b""
+        return self._digests[index]
+
+
+def _digest(picture: Image) -> bytes:
+    digest = blake2b(repr(picture.shape).encode(), digest_size=16)
+    digest.update(picture.tobytes())
+    return digest.digest()
+
+
+def _unusable_reason(picture: Image | None, size_px: tuple[int, int]) -> str:
+    if picture is None:
+        return "cannot be read"
+    if reason := unusable_reason(picture, size_px):
+        return reason
+    extreme = np.count_nonzero((picture <= DARK) | (picture >= BRIGHT))
+    return "black or blown out" if extreme > 0.95 * picture.size else ""

@@ -1,0 +1,107 @@
+"""Photographs in their order, each read and searched for features in a job of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from hashlib import blake2b
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.features import Extractor, Features
+from frontend.masking import hides_any
+from frontend.picture_check import unusable_reason
+from frontend.views import SAME_PICTURE, Masks
+from frontend.workers import workers
+
+Image = NDArray[np.uint8]
+Load = Callable[[int], "Image | None"]
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """A usable photograph."""
+
+    frame: int
+    features: Features
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What the jobs of all photographs share."""
+
+    load: Load
+    extractor: Extractor
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What one job does."""
+
+    frame: int
+    mask: Image | None
+    known: bool
+    """Whether the features are known, so that the picture is only looked at."""
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What one job found."""
+
+    digest: bytes = b""
+    unusable: str = ""
+    features: Features | None = None
+
+
+def photographs(
+    load: Load,
+    count: int,
+    extractor: Extractor,
+    camera: Camera,
+    masks: Masks,
+    known: Callable[[int], Features | None],
+) -> Iterator[tuple[int, Photograph | str]]:
+    """Yield the number of each of ``count`` photographs, and the photograph or the reason for having none.
+
+    ``masks`` and ``known``: as in `frontend.keyframes.Tracker`.
+    """
+
+    def found_earlier(frame: int, mask: Image | None) -> Features | None:
+        # Masks that hide no feature change none: the others are still the strongest.
+        features = known(frame)
+        return None if features is None or hides_any(mask, features.pixel, camera) else features
+
+    def wanted() -> Iterator[_Wanted]:
+        for frame in range(count):
+            mask = masks(frame)
+            yield _Wanted(frame, mask, found_earlier(frame, mask) is not None)
+
+    at_once, before = extractor.config.searched_at_once(camera.size_px), b""
+    search = _Search(load, extractor, camera)
+    for frame, found in enumerate(workers().map(_looked_at, search, wanted(), at_once)):
+        if found is None:
+            yield frame, "unreadable"
+            continue
+        same, before = found.digest == before, found.digest
+        if found.unusable or same:
+            yield frame, found.unusable or SAME_PICTURE
+            continue
+        features = found.features or known(frame)
+        assert features is not None
+        yield frame, Photograph(frame, features)
+
+
+def _looked_at(search: _Search, wanted: _Wanted) -> _Found | None:
+    """Return the features of a photograph; None if it cannot be read."""
+    image = search.load(wanted.frame)
+    if image is None:
+        return None
+    digest = blake2b(f"{image.shape}{image.dtype}".encode(), digest_size=16)
+    digest.update(np.ascontiguousarray(image).data)
+    unusable = unusable_reason(image, search.camera.size_px)
+    if unusable or wanted.known:
+        return _Found(digest.digest(), unusable)
+    return _Found(digest.digest(), features=search.extractor(image, search.camera, wanted.mask))
