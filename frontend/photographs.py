@@ -30,7 +30,7 @@ class Photograph:
 
 @dataclass(frozen=True)
 class _Search:
-    """What the jobs of all photographs share."""
+    """Inputs that the jobs of all photographs share."""
 
     load: Load
     extractor: Extractor
@@ -39,7 +39,7 @@ class _Search:
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What one job does."""
+    """Task of one job."""
 
     frame: int
     mask: Image | None
@@ -49,7 +49,7 @@ class _Wanted:
 
 @dataclass(frozen=True)
 class _Found:
-    """What one job found."""
+    """Result of one job."""
 
     digest: bytes = b""
     unusable: str = ""

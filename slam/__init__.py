@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from slam.core.version import VERSION
 
 if TYPE_CHECKING:
+    from slam.core.cluster import cluster
     from slam.core.errors import InputError
     from slam.core.estimate import Estimate
     from slam.core.flight import Flight
@@ -37,6 +38,7 @@ _MODULES = {
     "LiveMapper": "slam.mapping.live.mapper",
     "PipelineConfig": "slam.mapping.config",
     "Relocalizer": "slam.mapping.relocation",
+    "cluster": "slam.core.cluster",
     "criticise": "slam.criticism",
     "evaluate": "slam.evaluation",
     "evaluate_loops": "slam.evaluation.loops",
@@ -62,6 +64,7 @@ __all__ = [
     "PipelineConfig",
     "Relocalizer",
     "__version__",
+    "cluster",
     "criticise",
     "evaluate",
     "evaluate_loops",

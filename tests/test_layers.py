@@ -20,7 +20,10 @@ ALLOWED = {
     "backend": ("backend", "numpy", "gtsam", "gtsam_unstable", "scipy", "networkx", "numba"),
     "frontend": ("frontend", "numpy", "cv2", "scipy", "networkx", "backend.measurements"),
 }
-HEAVY = ("gtsam", "gtsam_unstable", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba")
+HEAVY = (
+    "gtsam", "gtsam_unstable", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba", "dask",
+    "distributed",
+)  # fmt: skip
 
 
 def imported(source: str, package: str) -> list[tuple[int, str]]:

@@ -50,7 +50,7 @@ class RenderedTile:
 
 @dataclass(frozen=True)
 class _Exposed:
-    """What the jobs of all pictures, or of all tiles, share."""
+    """Inputs that the jobs of all pictures, or of all tiles, share."""
 
     plan: MosaicPlan
     pictures: Pictures

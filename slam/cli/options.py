@@ -66,9 +66,7 @@ def on_cluster(local: bool, scheduler: str | None) -> AbstractContextManager[Wor
     from slam.core.errors import InputError
 
     if local and scheduler is not None:
-        raise InputError(
-            "--cluster starts workers on this machine, and --scheduler uses others; give one"
-        )
+        raise InputError("--cluster starts workers on this machine, and --scheduler uses others; give one")
     return cluster(scheduler)
 
 

@@ -6,21 +6,23 @@ import logging
 import os
 import pickle
 import signal
+import socket
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from importlib import import_module
 from typing import Any
+from urllib.parse import urlsplit
 
 from frontend.cores import usable_cores
-from frontend.workers import Item, Result, Shared, Workers, share_with
+from frontend.workers import Item, Ready, Result, Shared, Workers, share_with
 from slam.core.errors import InputError
 from slam.core.processes import limit_threads
 from slam.core.version import VERSION
 
-UNREACHABLE_S = 5.0
+UNREACHABLE_S = 3.0
 """Time for the scheduler to answer, and for its first worker to come."""
 _NOTHING = logging.CRITICAL + 1
 """Level of the log that lets nothing through."""
@@ -43,6 +45,8 @@ def cluster(scheduler: str | None = None, count: int | None = None) -> Iterator[
     Raises ``InputError`` without the packages of the extra ``cluster``, where the scheduler does not answer
     or has no workers, and where a worker has another version of this package.
     """
+    if scheduler is not None:
+        _check_address(scheduler)  # in an instant, while the library takes seconds to load
     distributed = _distributed()
     with ExitStack() as stack:
         stack.enter_context(import_module("dask").config.set(_SETTINGS))
@@ -55,12 +59,16 @@ def cluster(scheduler: str | None = None, count: int | None = None) -> Iterator[
         else:
             client = stack.enter_context(_client(distributed, scheduler))
             count = _checked(client, scheduler)
-        workers = _Cluster(client, count, "--cluster" if scheduler is None else f"--scheduler {scheduler}")
+        workers = Cluster(client, count, "--cluster" if scheduler is None else f"--scheduler {scheduler}")
         stack.enter_context(share_with(workers))
         yield workers
 
 
-class _Cluster(Workers):
+class _TiedToProcessError(Exception):
+    """The shared input of a stage's jobs cannot be sent to another process."""
+
+
+class Cluster(Workers):
     """The workers of a scheduler."""
 
     def __init__(self, client: Any, count: int, name: str) -> None:
@@ -69,6 +77,7 @@ class _Cluster(Workers):
 
     @contextmanager
     def executor(self, count: int) -> Iterator[Executor]:
+        """Raises ``InputError`` where the scheduler goes away, or where one job ends several workers."""
         pool = self._client.get_executor(pure=False)
         try:
             yield pool
@@ -86,18 +95,38 @@ class _Cluster(Workers):
             pool.shutdown(wait=False)
 
     def share(self, value: Shared) -> Shared:
+        """Return a handle of the value, which each worker fetches once."""
         # The result of a task is computed again when the worker that holds it dies; scattered data are lost.
-        pickled = import_module("cloudpickle").dumps(value)
+        try:
+            pickled = import_module("cloudpickle").dumps(value)
+        except (pickle.PicklingError, TypeError, AttributeError, ValueError):
+            raise _TiedToProcessError from None
         shared: Shared = self._client.submit(_loaded, pickled, pure=False)
         return shared
 
     def within(self, at_once: int | None) -> int:
+        """Return the number of workers: they have memory of their own."""
         return self.count
 
     def submit(
         self, pool: Executor, job: Callable[[Shared, Item], Result], shared: Shared, item: Item
     ) -> Future[Result]:
+        """Hand out a job to a worker, where it uses one thread."""
         return pool.submit(_alone, job, shared, item)
+
+    def map(
+        self,
+        job: Callable[[Shared, Item], Result],
+        shared: Shared,
+        items: Iterable[Item | Ready[Result]],
+        at_once: int | None = None,
+        ahead: int | None = None,
+    ) -> Iterator[Result]:
+        """As `Workers.map`; jobs on what is open in this process, such as a video, are its threads' jobs."""
+        try:
+            yield from super().map(job, shared, items, at_once, ahead)
+        except _TiedToProcessError:
+            yield from Workers().map(job, shared, items, at_once, ahead)
 
     def _taken(
         self, job: Callable[[Shared, Item], Result], shared: Shared, item: Item | None, done: Future[Result]
@@ -108,7 +137,7 @@ class _Cluster(Workers):
             if result is not None:
                 raise InputError(
                     f"{self._name}: a worker cannot read a picture that can be read here; put the pictures "
-                    "into a folder that all workers see at the same path"
+                    "into a folder that all machines see at the same absolute path, and give that path"
                 )
         return result
 
@@ -126,25 +155,34 @@ def _distributed() -> Any:
 @contextmanager
 def _silent_log() -> Iterator[None]:
     """Keep what the library logs about lost workers and connections from the screen: they are survived."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(_NOTHING)
+    loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict if _of_library(name)]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:  # each has a level and a handler of its own
+        logger.setLevel(_NOTHING)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+def _of_library(name: str) -> bool:
+    return name.partition(".")[0] in ("distributed", "tornado")
 
 
 @contextmanager
 def _local(distributed: Any, count: int) -> Iterator[str]:
     """Start workers on this machine, which end with the block at once, whatever they are doing."""
-    with tempfile.TemporaryDirectory(prefix="slam-cluster-", ignore_cleanup_errors=True) as folder:
+    settings = import_module("dask").config
+    with (
+        tempfile.TemporaryDirectory(prefix="slam-cluster-", ignore_cleanup_errors=True) as folder,
+        settings.set({"temporary-directory": folder}),
+    ):
         local = distributed.LocalCluster(
             n_workers=0,
             threads_per_worker=1,
             memory_limit=0,
             dashboard_address=None,
-            local_directory=folder,
             silence_logs=_NOTHING,
         )
         try:
@@ -160,17 +198,34 @@ def _local(distributed: Any, count: int) -> Iterator[str]:
 
 @contextmanager
 def _client(distributed: Any, address: str) -> Iterator[Any]:
+    client = distributed.Client.__new__(distributed.Client)
     try:
-        client = distributed.Client(address, timeout=UNREACHABLE_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise InputError(
-            f"--scheduler {address}: no scheduler of Dask answers ({type(error).__name__}); check the "
-            "address, such as tcp://10.0.0.5:8786, and that `dask scheduler` runs there"
-        ) from None
+        client.__init__(address, timeout=UNREACHABLE_S, set_as_default=False)
+    except Exception:  # noqa: BLE001  of another program that answers, it takes any bytes for a message
+        client.status = "closed"  # or the library tries for ten more seconds to close it
+        raise _unreachable(address) from None
     try:
         yield client
     finally:
         client.close(timeout=1)
+
+
+def _check_address(scheduler: str) -> None:
+    """Raise ``InputError`` where nothing listens at an address: the library tries again until its timeout."""
+    try:
+        place = urlsplit(scheduler if "://" in scheduler else f"tcp://{scheduler}")
+        if place.scheme not in ("tcp", "tls") or not place.hostname or not place.port:
+            raise _unreachable(scheduler)
+        socket.create_connection((place.hostname, place.port), UNREACHABLE_S).close()
+    except (OSError, ValueError):
+        raise _unreachable(scheduler) from None
+
+
+def _unreachable(address: str) -> InputError:
+    return InputError(
+        f"--scheduler {address}: no scheduler of Dask answers; check the address, such as "
+        "tcp://10.0.0.5:8786, and that `dask scheduler` runs there"
+    )
 
 
 def _checked(client: Any, scheduler: str) -> int:
