@@ -35,7 +35,7 @@ def registration(camera, i: int, j: int) -> Registration:
 
 def readings(k: int) -> KeyframeReadings:
     level = np.zeros((1, 2))
-    return KeyframeReadings(np.array([5.0 * k]), (), (), (), 0.0, 0.0, level, level + 0.01)
+    return KeyframeReadings(np.array([5.0 * k]), (), (), (), (), 0.0, 0.0, level, level + 0.01)
 
 
 def test_keyframes_without_a_link_wait_for_a_loop(camera):

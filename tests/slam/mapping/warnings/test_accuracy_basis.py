@@ -10,10 +10,18 @@ from slam.mapping.warnings.accuracy_basis import accuracy_basis
 SONAR = SimpleNamespace(scale_std=0.05, datum_std_m=0.02)
 
 
-def basis(sonar=False, gps=False, accelerometer=False, velocity=False, gain_std=0.05, zero_std_m=0.02):
+def basis(
+    sonar=False,
+    gps=False,
+    accelerometer=False,
+    velocity=False,
+    barometer=False,
+    gain_std=0.05,
+    zero_std_m=0.02,
+):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
     map_ = SimpleNamespace(
-        bundle=SimpleNamespace(range_errors=errors, uses_reported_motion=velocity),
+        bundle=SimpleNamespace(range_errors=errors, uses_reported_motion=velocity, uses_barometer=barometer),
         georeferenced=gps,
         inertial=SimpleNamespace(helps=True) if accelerometer else None,
     )
@@ -26,6 +34,7 @@ def test_the_only_instrument_is_named():
     assert basis(velocity=True).startswith(
         "Lengths and their accuracy rest on the vehicle's own velocity alone"
     )
+    assert basis(barometer=True).startswith("Lengths and their accuracy rest on one barometer alone")
     assert "one height sensor alone" in basis(sonar=True, velocity=True)
 
 
