@@ -14,7 +14,7 @@ Only numpy is imported, so that the front end can use this module without the re
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
@@ -81,6 +81,29 @@ class BarometerHeight:
     k: int
     height_m: float
     std_m: float
+
+
+@dataclass(frozen=True)
+class ControlPoint:
+    """A surveyed point of the ground, and where the pictures show it."""
+
+    name: str
+    w_p_m: Array
+    """(3,) place in the world."""
+    std_m: Array
+    """(3,) standard deviation of the survey along each axis; ``inf`` for an axis that was not surveyed."""
+    keyframe: NDArray[np.int64]
+    """(m,) number of each keyframe that shows it."""
+    pixel: Array
+    """(m, 2) pixel coordinates as recorded, with the distortion of the lens."""
+    std_px: float
+    """Standard deviation of each coordinate."""
+
+    def of_keyframes(self, number: Mapping[int, int]) -> ControlPoint:
+        """Return the point with the views from some keyframes, which are renumbered: old -> new."""
+        mine = np.array([k in number for k in self.keyframe.tolist()], dtype=bool)
+        keyframe = np.array([number[k] for k in self.keyframe[mine].tolist()], dtype=np.int64)
+        return replace(self, keyframe=keyframe, pixel=self.pixel[mine])
 
 
 @dataclass(frozen=True)
@@ -252,6 +275,7 @@ class Measurements:
     ranges: tuple[SlantRange, ...] = ()
     positions: tuple[Position, ...] = ()
     heights: tuple[BarometerHeight, ...] = ()
+    control: tuple[ControlPoint, ...] = ()
     tracks: FloorTracks | None = None
     camera: PinholeModel | None = None
     inertial: Inertial | None = None
@@ -262,6 +286,9 @@ class Measurements:
     """Relative standard deviation of the scale error that all ranges share (temperature, calibration)."""
     range_datum_std_m: float = 0.02
     """Standard deviation of the zero offset that all ranges share."""
+    antenna_std_m: float = 0.0
+    """Standard deviation along each body axis of the point that ``positions`` belong to; 0: the body's
+    origin exactly."""
     names: tuple[str, ...] = field(default=())
     """Name of each keyframe in messages; empty: its number."""
     length_unit: str = "m"
@@ -271,6 +298,11 @@ class Measurements:
     def count(self) -> int:
         """Number of keyframes."""
         return len(self.stamps_s)
+
+    @property
+    def placed(self) -> bool:
+        """Whether positions or control points place the map in the world."""
+        return bool(self.positions or self.control)
 
     def of_keyframes(self, members: Sequence[int]) -> Measurements:
         """Return the measurements of some keyframes alone, numbered in the order of ``members`` (m,).
@@ -293,5 +325,6 @@ class Measurements:
             ranges=tuple(replace(r, k=number[r.k]) for r in self.ranges if r.k in number),
             positions=tuple(replace(p, k=number[p.k]) for p in self.positions if p.k in number),
             heights=tuple(replace(h, k=number[h.k]) for h in self.heights if h.k in number),
+            control=tuple(c for c in (c.of_keyframes(number) for c in self.control) if len(c.keyframe)),
             frames=tuple(replace(f, k=number[f.k]) for f in self.frames if f.k in number),
         )

@@ -1,10 +1,12 @@
 """Custom factors: metric measurements of poses that are in units of the mean height above the floor.
 
-The frame of the pictures has the floor at z = 0 and the mean height as its unit. One variable of eight
-numbers, (log s, f, log g, d, a, b, m, n), maps it to the measured world. A camera pose (R, p) has the
+The frame of the pictures has the floor at z = 0 and the mean height as its unit. One variable of fourteen
+numbers, (log s, f, log g, d, a, b, m, n, o, l), maps it to the measured world. A camera pose (R, p) has the
 position s A p + (0, 0, f) there and is rotated by A = Exp(a, b, 0), the slope of the floor. The rangefinder
 reads g times the range plus d, its zero offset. The mount of the camera is the nominal one rotated by
 M = Exp(m, n, 0) about the camera's axes: a direction fixed to the body is rotated by M' in camera axes.
+Measured positions are those of the point l of the body, three numbers, and all of them are off by o, three
+numbers: they and control points may refer to different datums.
 
 gtsam crashes on a custom factor with missing or ill-shaped Jacobians; these always return them.
 """
@@ -23,8 +25,9 @@ from backend.se3 import cross_matrix
 Array = NDArray[np.float64]
 
 LOG_SCALE, FLOOR_Z, LOG_GAIN, DATUM, SLOPE, MOUNT = 0, 1, 2, 3, slice(4, 6), slice(6, 8)
+OFFSET, ANTENNA = slice(8, 11), slice(11, 14)
 """Index of each number in the world variable."""
-WORLD_SIZE = 8
+WORLD_SIZE = 14
 
 
 def rotation_of(world: Array, which: slice) -> Array:
@@ -80,12 +83,13 @@ def scaled_range_factor(
 def scaled_position_factor(
     pose_key: int, world_key: int, w_p_b_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
 ) -> gtsam.CustomFactor:
-    """Return a position factor: A (s p + R t) + (0, 0, f) - measured, t the body in the camera."""
+    """Return a position factor: A (s p + R t) + (0, 0, f) + o - measured, t the antenna in the camera."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         pose, world = values.atPose3(pose_key).matrix(), values.atVector(world_key)
         R, p, scale = pose[:3, :3], pose[:3, 3], math.exp(world[LOG_SCALE])
-        A, t = rotation_of(world, SLOPE), rotation_of(world, MOUNT).T @ c_T_b[:3, 3]
+        A, turn = rotation_of(world, SLOPE), rotation_of(world, MOUNT).T
+        t = turn @ (c_T_b[:3, :3] @ world[ANTENNA] + c_T_b[:3, 3])
         over_floor = scale * p + R @ t
         if jacobians is not None:
             AR, t_cross = A @ R, cross_matrix(t)
@@ -96,8 +100,9 @@ def scaled_position_factor(
             of_world[:, LOG_SCALE], of_world[2, FLOOR_Z] = scale * A @ p, 1.0
             of_world[:, SLOPE] = -A @ cross_matrix(over_floor) @ rotation_jacobian(world, SLOPE)
             of_world[:, MOUNT] = AR @ t_cross @ rotation_jacobian(world, MOUNT)
+            of_world[:, OFFSET], of_world[:, ANTENNA] = np.eye(3), AR @ turn @ c_T_b[:3, :3]
             jacobians[1] = of_world
-        off = A @ over_floor - w_p_b_m
+        off = A @ over_floor + world[OFFSET] - w_p_b_m
         off[2] += world[FLOOR_Z]
         return np.asarray(off)
 

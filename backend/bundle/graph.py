@@ -10,12 +10,15 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.control import ControlWeights, add_control, start_control
 from backend.bundle.factors import (
+    ANTENNA,
     DATUM,
     FLOOR_Z,
     LOG_GAIN,
     LOG_SCALE,
     MOUNT,
+    OFFSET,
     SLOPE,
     WORLD_SIZE,
     body_up,
@@ -59,6 +62,10 @@ class BundleConfig:
 
 LARGEST_SLOPE_RAD = 3 * BundleConfig.slope_std_rad
 """Slope of the ground that is no error: three standard deviations of its prior."""
+_OFFSET_STD_M = np.array([5.0, 5.0, 100.0])
+"""Standard deviations of the offset between positions and control points, east, north and up. Two positions
+without corrections share errors of metres, as datums do that follow different continents; heights over an
+ellipsoid and over the sea differ by up to 106 m (EGM2008)."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +82,10 @@ class NoiseLevels:
     range_m: float
     height_m: float = np.inf
     """Height by a barometer."""
+    control: float = 1.0
+    """Factor on the stated deviations of the control points' survey."""
+    marks: float = 1.0
+    """Factor on the deviation of their marks in the pictures."""
     inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
     reported: ReportedNoise = NO_REPORTED_NOISE
 
@@ -105,7 +116,7 @@ class BundleProblem:
     def has_lengths(self) -> bool:
         """Whether ranges, positions or a prior observe the scale: better than any motion does."""
         measured = self.measurements
-        return bool(measured.ranges or measured.positions) or self.scale_prior is not None
+        return bool(measured.ranges or measured.placed) or self.scale_prior is not None
 
     @property
     def has_scale(self) -> bool:
@@ -146,6 +157,7 @@ def start_variables(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> V
     for k, pose in enumerate(w_T_c):
         values.insert(POSE(k), gtsam.Pose3(pose))
     values.insert(WORLD, np.array([np.log(scale), floor_z_m, *[0.0] * (WORLD_SIZE - 2)]))
+    start_control(values, problem.measurements, camera, w_T_c)
     return Variables(values, intersect_floor(tracks, camera, w_T_c))
 
 
@@ -155,6 +167,9 @@ def pose_side_graph(
     """Build the factors of everything but the floor points: sensors, calibration and gauge."""
     graph = gtsam.NonlinearFactorGraph()
     _add_sensors(graph, problem, noise)
+    lens = None if problem.self_calibrates else told_calibration(problem.camera)
+    weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
+    add_control(graph, problem.measurements.control, WORLD, lens, weights)
     if problem.self_calibrates:
         _add_calibration(graph, problem.camera)
     _add_gauge(graph, problem, start, noise.relief)
@@ -218,7 +233,7 @@ def _add_gauge(
     positions its position, its heading and the floor's height are fixed too; so is an unobserved scale.
     """
     held, free = 1e-5, 1e3
-    placed = bool(problem.measurements.positions)
+    measured, placed = problem.measurements, problem.measurements.placed
     first, plane = start.atPose3(POSE(0)), free if placed else held
     place = gtsam.noiseModel.Diagonal.Sigmas(np.array([plane, plane, held]))
     graph.push_back(gtsam.PoseTranslationPrior3D(POSE(0), first, place))
@@ -226,13 +241,17 @@ def _add_gauge(
     graph.push_back(gtsam.PoseRotationPrior3D(POSE(0), first, heading))
     sigmas = np.full(WORLD_SIZE, held)
     sigmas[LOG_SCALE] = free if problem.has_scale else held
-    sigmas[FLOOR_Z] = 1e5 if any(np.isfinite(p.std_m[2]) for p in problem.measurements.positions) else held
-    sigmas[LOG_GAIN] = max(problem.measurements.range_gain_std, held)
+    raised = measured.control or any(np.isfinite(p.std_m[2]) for p in measured.positions)
+    sigmas[FLOOR_Z] = 1e5 if raised else held
+    sigmas[LOG_GAIN] = max(measured.range_gain_std, held)
     # A beam measures a level within the relief with a constant bias, its tops for example.
     relief_m = relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
-    sigmas[DATUM] = max(float(np.hypot(problem.measurements.range_datum_std_m, relief_m)), held)
+    sigmas[DATUM] = max(float(np.hypot(measured.range_datum_std_m, relief_m)), held)
     sigmas[SLOPE] = problem.config.slope_std_rad if placed else held
     sigmas[MOUNT] = max(problem.camera.mount_std_rad, held)
+    if measured.positions and measured.control:
+        sigmas[OFFSET] = _OFFSET_STD_M
+    sigmas[ANTENNA] = max(measured.antenna_std_m, held)
     world = start.atVector(WORLD)
     if problem.scale_prior is not None:
         sigmas[LOG_SCALE] = problem.scale_prior.log_std

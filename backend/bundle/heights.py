@@ -54,7 +54,7 @@ def heights_prior(start: gtsam.Values) -> gtsam.PriorFactorVector:
 def start_heights(
     heights: tuple[BarometerHeight, ...], w_T_b: Array, world: Array, tells_scale: bool
 ) -> tuple[Array, Array]:
-    """Return the initial world variable (8,), and gain and zero (2,), from metric poses (n, 4, 4).
+    """Return the initial world variable (14,), and gain and zero (2,), from metric poses (n, 4, 4).
 
     If the heights alone tell the scale (``tells_scale``), poses and world get that of the heights.
     """

@@ -17,6 +17,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.control import CONTROL_SYMBOL
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
 from backend.bundle.heights import HEIGHTS
@@ -65,7 +66,7 @@ def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:
     w_T_b = metric_poses(problem, values)
     k = int(np.argmax(np.linalg.norm(w_T_b[:, :3, 3] - w_T_b[0, :3, 3], axis=1)))
     # Without positions the first keyframe is the origin by definition.
-    first = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
+    first = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
     J = metric_jacobians(problem, values, first)[k]
     J[3:] = w_T_b[k, :3, :3] @ J[3:]
     return k, J
@@ -83,6 +84,8 @@ def _of_pose_side(optimum: BundleOptimum) -> Iterator[str]:
             yield from _of_world(optimum.problem) if keys == [WORLD] else [own] * size
         elif HEIGHTS in keys:
             yield "barometer"
+        elif any(gtsam.Symbol(key).chr() == ord(CONTROL_SYMBOL) for key in keys):
+            yield from ["control"] * size
         elif WORLD in keys:
             yield from [_MEASURED[size]] * size
         else:

@@ -9,7 +9,8 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
+from backend.bundle.control import mark_residuals, survey_residuals
+from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
 from backend.bundle.heights import HEIGHTS, height_residuals
 from backend.bundle.observations import Cameras
@@ -30,6 +31,8 @@ _MIN_PIXEL_SCALE = 0.01
 _TOLERANCE = 0.15
 """Relative difference below which noise levels count as equal: slightly above the spacing of tried
 reliefs."""
+_SIMILARITY = 7.0
+"""Degrees of freedom by which control points place a map: position, attitude and scale."""
 STUDENT_SCALE = 0.831
 """Scale c of Student's t with 4 degrees of freedom fitted to N(0, 1): E[5 x^2 / (4 c^2 + x^2)] = 1."""
 
@@ -166,8 +169,16 @@ def _sensor_noise(
         nominal = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
         level = replace(level, roll_pitch_rad=_pooled(nominal, autocorrelated_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
-        position_m = _position_noise(measurements, w_T_b, level.position_m, absorbed)
+        position_m = _position_noise(measurements, w_T_b, world, level.position_m, absorbed)
         level = replace(level, position_m=position_m)
+    if len(measurements.control) > 3:
+        cameras, points = Cameras.of(problem, values), measurements.control
+        marks = mark_residuals(points, values, cameras.f_T_c, cameras.calibration)
+        level = replace(
+            level,
+            control=_survey_scale(survey_residuals(points, values, WORLD)),
+            marks=_mark_scale(marks, len(points)),
+        )
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
         metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
@@ -184,15 +195,40 @@ def _sensor_noise(
     return level
 
 
-def _position_noise(measurements: Measurements, w_T_b: Array, before: Array, absorbed: Array) -> Array:
+def _position_noise(
+    measurements: Measurements, w_T_b: Array, world: Array, before: Array, absorbed: Array
+) -> Array:
     """Return the standard deviations east, north, up of positions; up stays where altitudes are too few."""
-    off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
+    w_p_a = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ world[ANTENNA] + world[OFFSET]
+    off = np.array([p.w_p_b_m - w_p_a[p.k] for p in measurements.positions])
     high = off[np.isfinite([p.std_m[2] for p in measurements.positions]), 2:]
     horizontal = robust_autocorrelated_std(off[:, :2]) * _redundancy_factor(2 * len(off), absorbed[:2])
     vertical = float(before[2])
     if len(high) > 3:
         vertical = robust_autocorrelated_std(high) * _redundancy_factor(len(high), absorbed[2:]) + 1e-3
     return np.array([horizontal + 1e-3, horizontal + 1e-3, vertical])
+
+
+def _survey_scale(off: Array) -> float:
+    """Return the factor on the stated deviations of control points from whitened residuals (n, 3).
+
+    The median counts: of few points one that is wrong would raise any mean, and then bend the map.
+    """
+    median = float(np.median(np.linalg.norm(off, axis=1)) / np.sqrt(chi_square_quantile(0.5, 3)))
+    found = median * _redundancy_factor(off.size, np.array([_SIMILARITY]))
+    return max(1.0, _pooled(1.0, found, off.size))
+
+
+def _mark_scale(off: Array, points: int) -> float:
+    """Return the factor on the deviations of pixels of ``points`` from whitened residuals (m, 2).
+
+    Each point absorbs three of them.
+    """
+    left = off.size - 3 * points
+    if left <= 3:
+        return 1.0
+    found = huber_std(off, _POSITION_HUBER_SIGMAS) * _redundancy_factor(off.size, np.array([3.0 * points]))
+    return _pooled(1.0, found, left)
 
 
 def _redundancy_factor(count: int, absorbed: Array) -> float:

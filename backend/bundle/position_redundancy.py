@@ -14,6 +14,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.factors import ANTENNA, OFFSET
 from backend.bundle.graph import WORLD, metric_jacobians, metric_poses
 from backend.bundle.minimise import BundleOptimum
 from backend.sparse_cholesky import SingularMatrixError
@@ -40,6 +41,7 @@ def absorbed_positions(optimum: BundleOptimum) -> Array:
         return _RIGID
     w_R_b = metric_poses(problem, values)[poses, :3, :3]
     J = w_R_b @ metric_jacobians(problem, values, np.zeros(3))[poses, 3:]
+    J[:, :, 6:][:, :, OFFSET], J[:, :, 6:][:, :, ANTENNA] = np.eye(3), w_R_b
     variance = np.einsum("nij,njk,nik->ni", J, joint, J)[place]
     measured = np.isfinite([p.std_m for p in positions])
     # A fix that the robust loss holds off still counts as absorbed, but never more than itself.

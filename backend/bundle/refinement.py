@@ -24,11 +24,13 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.factors import (
+    ANTENNA,
     DATUM,
     FLOOR_Z,
     LOG_GAIN,
     LOG_SCALE,
     MOUNT,
+    OFFSET,
     SLOPE,
     WORLD_SIZE,
 )
@@ -77,6 +79,14 @@ class Bundle:
     """Height of the floor under the origin."""
     floor_slope_rad: tuple[float, float]
     """Rotation vector (x, y) from the horizontal plane to the floor."""
+    position_offset_m: Array
+    """(3,) by which measured positions lie off the control points' datum; 0 without both."""
+    position_offset_std_m: Array
+    """(3,)."""
+    antenna_m: Array
+    """(3,) point of the body that measured positions belong to."""
+    antenna_std_m: Array
+    """(3,)."""
     lens: LensEstimate | None
     """None if the calibration was held."""
     b_T_c: Array
@@ -257,7 +267,7 @@ def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Valu
     ``joint`` (n, 6 + w, 6 + w) holds the joint covariances of pose and world.
     """
     # Without positions the first keyframe is the origin by definition, its height above the floor included.
-    first = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
+    first = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
     in_world = metric_jacobians(problem, values, first)
     # Relative to the floor the origin is the point below it.
     over_floor = metric_jacobians(problem, values, first * [1.0, 1.0, 0.0])
@@ -277,7 +287,7 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
     world = values.atVector(WORLD)
     joint, of_lens = _covariances(optimum)
-    mount_std = float(np.sqrt(np.diag(joint[0, 6:, 6:])[MOUNT].max()))
+    world_std = np.sqrt(np.diag(joint[0, 6:, 6:]))
     in_world, over_floor = _metric_covariances(problem, joint, values)
     return Bundle(
         w_T_b=metric_poses(problem, values),
@@ -285,9 +295,13 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
         over_floor_covariances=over_floor,
         floor_z_m=float(world[FLOOR_Z]),
         floor_slope_rad=(float(world[SLOPE][0]), float(world[SLOPE][1])),
+        position_offset_m=world[OFFSET],
+        position_offset_std_m=world_std[OFFSET],
+        antenna_m=world[ANTENNA],
+        antenna_std_m=world_std[ANTENNA],
         lens=_lens(problem, values, of_lens) if problem.self_calibrates else None,
         b_T_c=problem.b_T_c(values),
-        mount_std_rad=mount_std if problem.camera.mount_std_rad > 0 else 0.0,
+        mount_std_rad=float(world_std[MOUNT].max()) if problem.camera.mount_std_rad > 0 else 0.0,
         range_errors=_range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
         scale_std=float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.has_scale else None,
         conditional_scale_std=_conditional_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,

@@ -1,4 +1,4 @@
-"""Robust noise models of factors whose errors are whitened."""
+"""Robust noise models."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ _WHOLE_WEIGHT = 0.99
 
 def robust_unit(size: int) -> gtsam.noiseModel.Robust:
     """Return Huber's loss of errors (size,) of unit variance."""
-    kernel = gtsam.noiseModel.mEstimator.Huber.Create(
-        float(np.sqrt(chi_square_quantile(_WHOLE_WEIGHT, size)))
-    )
-    return gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Unit.Create(size))
+    return robust(gtsam.noiseModel.Unit.Create(size))
+
+
+def robust(model: gtsam.noiseModel.Gaussian) -> gtsam.noiseModel.Robust:
+    """Return Huber's loss of errors with Gaussian noise."""
+    limit = float(np.sqrt(chi_square_quantile(_WHOLE_WEIGHT, model.dim())))
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(limit), model)

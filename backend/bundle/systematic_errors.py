@@ -185,7 +185,7 @@ def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
         return jacobian @ np.vstack([by_pose, by_point]), by_pose
 
     added = added_columns(optimum, linear, len(left))
-    origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
+    origin = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
     to_metres = metric_jacobians(problem, values, origin)
     n = len(to_metres)
     columns: dict[Kind, Array] = {}

@@ -24,7 +24,7 @@ class WorldTransform:
     """The transform by one value of the world variable (`backend.bundle.factors`)."""
 
     def __init__(self, world: Array, b_T_c: Array) -> None:
-        """Prepare the transform for a world variable (8,) and the nominal mount ``b_T_c`` (4, 4)."""
+        """Prepare the transform for a world variable (14,) and the nominal mount ``b_T_c`` (4, 4)."""
         self.scale = float(np.exp(world[LOG_SCALE]))
         self.slope, self.slope_jacobian = rotation_of(world, SLOPE), rotation_jacobian(world, SLOPE)
         self.mount_jacobian = rotation_jacobian(world, MOUNT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -42,6 +42,19 @@ _GSD = typer.Option(
     max=100.0,
     help="Metres per pixel of the mosaic; default: the resolution of the pictures.",
 )
+_GCP = typer.Option(
+    "--gcp",
+    metavar="FILE",
+    help="Control points: gcp_list.txt of OpenDroneMap; default: the one in the folder of photos, if any.",
+)
+_CHECK = typer.Option(
+    "--check",
+    metavar="NAME",
+    help="A control point to hold out and compare the map with. Can be repeated.",
+)
+_GCP_STD = typer.Option(
+    metavar="M", min=1e-4, max=100.0, help="Standard deviation of the control points; default: 0.02."
+)
 
 
 @dataclass(frozen=True)
@@ -52,6 +65,9 @@ class _FlightOptions:
     model: str | None
     incremental: bool
     mcap: bool
+    gcp: Path | None
+    check: tuple[str, ...]
+    gcp_std_m: float | None
 
 
 def optimize(
@@ -65,6 +81,9 @@ def optimize(
     model: Annotated[str | None, options.MODEL] = None,
     incremental: Annotated[bool, _INCREMENTAL] = False,
     mcap: Annotated[bool, _MCAP] = False,
+    gcp: Annotated[Path | None, _GCP] = None,
+    check: Annotated[list[str] | None, _CHECK] = None,
+    gcp_std: Annotated[float | None, _GCP_STD] = None,
     topic: Annotated[list[str] | None, options.TOPICS] = None,
     picture_rate: Annotated[float | None, options.PICTURE_RATE] = None,
     cluster: Annotated[bool, options.CLUSTER] = False,
@@ -86,7 +105,7 @@ def optimize(
     else:
         mosaics = MosaicOptions(mosaic, gsd, out)
         settings = options.pipeline_config(config, features)
-        wanted = _FlightOptions(settings, model, incremental, mcap)
+        wanted = _FlightOptions(settings, model, incremental, mcap, gcp, tuple(check or ()), gcp_std)
         request = options.request_of(topic, picture_rate)
         with options.on_cluster(cluster, scheduler):
             results = _flights(sources, request, out, mosaics, wanted, screen)
@@ -109,7 +128,6 @@ def _flights(
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.sources_table import show_sources
-    from slam.core.join_flights import join_flights
     from slam.io.exports.foxglove.foxglove_file import require_packages
     from slam.simulation.model import load_model
 
@@ -126,9 +144,26 @@ def _flights(
             show_sources(flight, screen)
         if instruments is not None:
             return _corrected(instruments, flights, folder, mosaic, wanted, progress)
-        flight = join_flights(flights)
+        flight = _joined(flights, wanted)
         estimate, tables = _mapped(flight, wanted, progress)
         return _written(folder, estimate, flight, mosaic, wanted, progress, tables)
+
+
+def _joined(flights: list[Flight], wanted: _FlightOptions) -> Flight:
+    """Return the flights as one, with the control points that the options give."""
+    from slam.core.join_flights import join_flights
+    from slam.core.surveyed_flight import with_surveyed
+    from slam.io.gcp_list import read_gcp_list
+
+    flight = join_flights(flights)
+    if wanted.gcp is not None:
+        points, notes = read_gcp_list(wanted.gcp, flight)
+        flight = with_surveyed(replace(flight, warnings=(*flight.warnings, *notes)), points)
+    flight = with_surveyed(flight, (), wanted.check) if wanted.check else flight
+    if wanted.gcp_std_m is not None:
+        told = tuple(replace(point, std_m=wanted.gcp_std_m) for point in flight.surveyed)
+        flight = replace(flight, surveyed=told)
+    return flight
 
 
 def _written(
@@ -186,7 +221,7 @@ def _corrected(
 
     save_model(model, folder / MODEL_NAME)
     results = [correct_flight(flight, model) for flight in flights]
-    flight = join_flights([each.flight.with_warning(each.summary(model)) for each in results])
+    flight = _joined([each.flight.with_warning(each.summary(model)) for each in results], wanted)
     estimate, tables = _mapped(flight, wanted, progress)
     recorded = join_flights(flights)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):

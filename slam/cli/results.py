@@ -17,6 +17,7 @@ from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
 from slam.io.estimate import write_estimate
+from slam.report.control_table import control_tables
 from slam.report.facts import Facts, chain_on_result, gather
 from slam.report.optimize_report import Mosaics, write_report
 
@@ -69,7 +70,8 @@ def write_results(
         )
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
-    return write_summary_and_report(folder, estimate, flight, mosaics, accuracy)
+    tables = (*control_tables(estimate.control), *accuracy)
+    return write_summary_and_report(folder, estimate, flight, mosaics, tables)
 
 
 def write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: Progress) -> None:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import RelativePose
 from frontend.camera import Camera
 from frontend.elevation import Elevation
+from slam.core.control_points import ControlReport
 from slam.core.errors import InputError
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_errors import NOTHING_KNOWN, InstrumentErrors
@@ -133,6 +134,8 @@ class Estimate:
     """Elevation of the ground over a level floor, as the sonar measured it; None without a sonar."""
     ground: GroundFacts | None = None
     """The ground of the mosaic; None without a mosaic."""
+    control: ControlReport | None = None
+    """Control points and check points; None without any."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
     """Names of ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` for tables and pictures."""
     folder: Path | None = field(default=None, compare=False)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.control_points import SurveyedPoint
 from slam.core.fix_check import FixCheck, check_fixes
 from slam.core.geodesy import GeoOrigin
 from slam.core.notebook import table_html
@@ -225,6 +226,8 @@ class Flight:
     """Surveyed points of the floor: name -> (3,) metres in the world."""
     landmark_pairs: tuple[tuple[str, str], ...] = ()
     """Pairs of landmarks whose distance the paper's table lists; empty for all pairs of neighbours."""
+    surveyed: tuple[SurveyedPoint, ...] = ()
+    """Ground control points and check points, with the pictures that show them."""
     gaps: tuple[tuple[str, str], ...] = ()
     """Pairs of landmarks whose short distance a loop must close (in the figure eight: A-E)."""
     notes: dict[str, str] = field(default_factory=dict)
@@ -302,14 +305,17 @@ class Flight:
     def geo_origin(self) -> GeoOrigin | None:
         """Return the origin of the local east-north-up world: the first GPS fix that the others confirm.
 
-        The altitude is the first known one among them, or 0. The result is None without a fix.
+        The altitude is the first known one among them, or 0. Without a fix it is the first control point that
+        can be used, else None.
         """
         gps, check = self.gps, self.fix_check()
+        surveyed = next((p for p in self.surveyed if not p.fault and np.isfinite(p.altitude_m)), None)
+        at_point = surveyed.origin if surveyed is not None else None
         if gps is None or check is None:
-            return None
+            return at_point
         known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
         if not known.any():
-            return None
+            return at_point
         k = int(np.argmax(known & check.consistent if (known & check.consistent).any() else known))
         altitude = gps.altitude_m[known & check.altitude_consistent & np.isfinite(gps.altitude_m)]
         return GeoOrigin(

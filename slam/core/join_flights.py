@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.arguments import flight_tuple
+from slam.core.control_points import SurveyedPoint
 from slam.core.duplicate_flights import without_duplicates
 from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, with_unique_names
@@ -64,6 +65,7 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         truth=_truth(truths) if len(truths) == len(parts) else None,
         landmarks={name: place for flight in reversed(parts) for name, place in flight.landmarks.items()},
         landmark_pairs=tuple(dict.fromkeys(pair for flight in parts for pair in flight.landmark_pairs)),
+        surveyed=_surveyed(parts),
         gaps=tuple(dict.fromkeys(gap for flight in parts for gap in flight.gaps)),
         warnings=(*(f"{flight.name}: {line}" for flight in parts for line in flight.warnings), *warnings),
         all_keyframes=parts[0].all_keyframes,
@@ -145,6 +147,22 @@ def _frames(parts: Sequence[Flight]) -> Frames:
         load,
         failures,
     )
+
+
+def _surveyed(parts: Sequence[Flight]) -> tuple[SurveyedPoint, ...]:
+    """Return the surveyed points of all flights, with the new names of the pictures.
+
+    A point that several flights show has the views of all, if they agree on its place.
+    """
+    found: dict[str, SurveyedPoint] = {}
+    for flight in parts:
+        for point in flight.surveyed:
+            views = tuple(v._replace(picture=f"{flight.name}/{v.picture}") for v in point.views)
+            before = found.get(point.name, replace(point, views=()))
+            same = (before.latitude_deg, before.longitude_deg) == (point.latitude_deg, point.longitude_deg)
+            fault = before.fault or point.fault or ("" if same else "flights give it different coordinates")
+            found[point.name] = replace(before, views=before.views + views, fault=fault)
+    return tuple(found.values())
 
 
 def _sonar(parts: list[Sonar]) -> Sonar | None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
     from backend.pose_graph.solution import RangeErrors
+    from slam.core.control_points import ControlReport
     from slam.core.estimate import Estimate, GroundFacts
     from slam.core.instrument_errors import InstrumentErrors
 
@@ -58,6 +59,8 @@ class Summary:
     """Direction -> instrument -> its share in the variance; empty without a refinement."""
     ground: GroundFacts | None = None
     """The ground of the mosaic; None without a mosaic."""
+    control: ControlReport | None = None
+    """Control points and check points; None without any."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
 
@@ -98,6 +101,8 @@ class Summary:
             }
         if self.ground is not None:
             record["ground"] = asdict(self.ground)
+        if self.control is not None:
+            record |= _control_record(self.control)
         if self.certificate is not None:
             record["certificate"] = asdict(self.certificate)
         return record
@@ -127,8 +132,19 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         accuracy_basis=estimate.accuracy_basis,
         information_shares=estimate.information_shares,
         ground=estimate.ground,
+        control=estimate.control,
         certificate=estimate.certificate,
     )
+
+
+def _control_record(control: ControlReport) -> dict[str, Any]:
+    record: dict[str, Any] = {"control_points": [asdict(point) for point in control.points]}
+    if control.gps_offset_m is not None:
+        offset = {"offset_m": control.gps_offset_m, "offset_std_m": control.gps_offset_std_m}
+        record["gps_against_control"] = offset
+    if control.survey_scale > 1:
+        record["survey_scale"] = control.survey_scale
+    return record
 
 
 def peak_rss_mb() -> float:

@@ -33,7 +33,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.homography_chain import chain
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
-from slam.mapping.refine import comparable
+from slam.mapping.place_part import comparable
 from slam.mapping.warnings.accuracy_basis import accuracy_basis
 from slam.mapping.warnings.messages import messages
 from slam.mapping.warnings.not_placed import pictures_not_placed
@@ -92,6 +92,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         not_placed=not_placed,
         timing_s=context.timer.seconds,
         warnings=said.warnings,
+        control=map_.control,
         floor_slope_rad=map_.slope_rad,
         instruments=InstrumentErrors(
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),

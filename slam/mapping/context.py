@@ -11,6 +11,7 @@ from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.calibration.clock_offset import NO_CORRECTION
 from slam.mapping.config import PipelineConfig
+from slam.mapping.control_points import surveyed_in_world
 from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.inertial.bridges import InertialBridges
 from slam.mapping.keyframe_readings import KeyframeReadings
@@ -42,8 +43,10 @@ class Context:
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:
         """Read the instruments at the keyframes."""
-        readings = KeyframeReadings.at(flight, observations.stamps_s, flight.geo_origin(), job.config)
-        setup = Setup(job.camera, readings, job.config)
+        origin = flight.geo_origin()
+        readings = KeyframeReadings.at(flight, observations.stamps_s, origin, job.config)
+        surveyed = surveyed_in_world(flight, origin, observations.frame_index)
+        setup = Setup(job.camera, readings, job.config, surveyed)
         bridges = InertialBridges(flight, setup, observations.links, job.config.inertial, job.progress)
         return Context(flight, job, front_end, setup, bridges)
 

@@ -12,6 +12,7 @@ from backend.clocks.picture_clock import PictureClock
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
+from slam.core.control_points import ControlReport
 from slam.core.estimate import over_floor
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.front_end import Observations
@@ -53,6 +54,8 @@ class Map:
     """Measurements that were left out without harm to the result."""
     stated_accuracy: tuple[Contradiction, ...] = ()
     """Parts whose GPS fixes differ by far more than the receiver states; the status is not ok."""
+    control: ControlReport | None = None
+    """Surveyed points on the largest part; None without any."""
     height_std_m: tuple[float, ...] = ()
     """Standard deviation of the height of each part's first keyframe over the floor, without the common
     error of all parts; 0 if unknown. The part's own covariances treat that height as certain."""

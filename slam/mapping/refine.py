@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
 from backend.clocks.picture_clock import PictureClock
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
-from backend.measurements import FloorTracks, InertialReadings, Position, ReportedMotion
+from backend.measurements import FloorTracks, InertialReadings, ReportedMotion
 from frontend.camera import Camera
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
+from slam.core.control_points import ControlReport
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
 from slam.mapping.calibration.fallback_scale import scaled_by_heights, scaled_by_velocity
@@ -25,13 +25,13 @@ from slam.mapping.calibration.inertial_scale import (
     InertialComparison,
     compare_with_inertia,
 )
+from slam.mapping.control_points import ControlComparison, control_warnings
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
-from slam.mapping.gps.georeferencing import align_with_positions
 from slam.mapping.gps.stated_accuracy import Contradiction
-from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.map import Map, largest_first
+from slam.mapping.place_part import aligned_part, aligned_with_control, headed
 from slam.mapping.refine_part import LEAST_SEEN, refine_part
 from slam.mapping.setup import Setup
 
@@ -40,8 +40,8 @@ Array = NDArray[np.float64]
 _MOST_SELECTIONS = 4
 """Largest number of refinements of one part with other GPS fixes. One suffices in most flights."""
 _NOT_SETTLED = (
-    f"which GPS fixes agree with the map still changed after {_MOST_SELECTIONS} refinements: fixes near the"
-    " limit are uncertain"
+    "which GPS fixes and control points agree with the map still changed after "
+    f"{_MOST_SELECTIONS} refinements: those near the limit are uncertain"
 )
 _NOT_PLACED = "{} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth"
 
@@ -89,9 +89,13 @@ def refine_map(
         camera=calibrated(setup.camera, main.bundle) if main and main.bundle else setup.camera,
         bundle=main.bundle if main else None,
         georeferenced=main.georeferenced if main else False,
-        warnings=tuple(line for part in parts for line in part.warnings),
+        warnings=(
+            *(line for part in parts for line in part.warnings),
+            *(control_warnings(main.control) if main and main.control else ()),
+        ),
         remarks=tuple(line for part in parts for line in part.remarks),
         stated_accuracy=tuple(found for part in parts for found in part.stated_accuracy),
+        control=main.control if main else None,
         height_std_m=tuple(part.height_std_m for part in parts),
         inertial=main.inertial if main else None,
         clock=main.clock if main else None,
@@ -128,9 +132,14 @@ class MapPart:
     """None where it could not be refined."""
     inertial: AccelerometerScale | None = None
     clock: PictureClock | None = None
+    control: ControlReport | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     stated_accuracy: tuple[Contradiction, ...] = ()
+
+    def without_offset(self, fixes: FixComparison) -> FixComparison:
+        """Return the fixes in the datum of the control points."""
+        return fixes if self.bundle is None else fixes.without_offset(self.bundle.position_offset_m)
 
     @property
     def metric(self) -> bool:
@@ -144,6 +153,16 @@ class MapPart:
         if self.bundle is None:
             return 0.0
         return self.bundle.conditional_scale_std * float(self.bundle.w_T_b[0, 2, 3] - self.bundle.floor_z_m)
+
+
+@dataclass(frozen=True)
+class _Used:
+    """Measurements that place a part."""
+
+    agreement: Agreement | None
+    """The fixes that agree; None without any to compare."""
+    points: NDArray[np.bool_]
+    """(p,) control points."""
 
 
 @dataclass(frozen=True)
@@ -165,9 +184,14 @@ class _Evidence:
         readings = self.setup.readings
         fixes = FixComparison(readings.fixes, readings.stamps_s[members]) if readings.fixes else None
         agreement = fixes.rough(w_T_b, ranged) if fixes else None
-        setup = self.setup.with_fixes(agreement)
-        aligned = align_with_positions(w_T_b, _renumbered(setup, members), ranged)
-        start, floor_z_m = aligned or (_headed(w_T_b, setup.readings, members), 0.0)
+        control = ControlComparison.of(self.setup.surveyed, members)
+        base = self.setup
+        aligned = aligned_part(base.with_fixes(agreement), members, w_T_b, ranged, control)
+        if aligned is None:
+            # Positions that could not place the part must not act on its shape either.
+            base, agreement = base.without_positions(), None
+            aligned = aligned_with_control(base.camera, w_T_b, ranged, control)
+        start, floor_z_m = aligned or (headed(w_T_b, self.setup.readings, members), 0.0)
         placed = MapPart(
             members=members,
             w_T_b=start,
@@ -175,18 +199,18 @@ class _Evidence:
             georeferenced=aligned is not None,
             ranged=ranged,
         )
-        if aligned is None:
-            # Positions that could not place the part must not act on its shape either.
-            setup, agreement = setup.without_positions(), None
-            warnings = [_NOT_PLACED.format(len(members))] if readings.positions else []
-            placed = replace(placed, warnings=tuple(warnings))
+        if aligned is None and readings.positions:
+            placed = replace(placed, warnings=(_NOT_PLACED.format(len(members)),))
         try:
-            placed, agreement = self._refined_with_agreeing(setup, placed, fixes, agreement)
+            followed = control.rough(base.camera, w_T_b, ranged) & placed.georeferenced
+            used = _Used(agreement, followed)
+            placed, agreement = self._refined_with_agreeing(base, placed, fixes, control, used)
         except BackendError as error:
             line = f"the part of the map with {len(members)} keyframes could not be refined: {error}"
             return replace(placed, warnings=(*placed.warnings, line))
         if agreement is None or fixes is None:
             return placed
+        fixes = placed.without_offset(fixes)
         messages = fixes.messages(agreement)
         return replace(
             placed,
@@ -196,11 +220,19 @@ class _Evidence:
         )
 
     def _refined_with_agreeing(
-        self, setup: Setup, part: MapPart, fixes: FixComparison | None, agreement: Agreement | None
+        self,
+        base: Setup,
+        part: MapPart,
+        fixes: FixComparison | None,
+        control: ControlComparison,
+        first: _Used,
     ) -> tuple[MapPart, Agreement | None]:
-        """Refine the part, and again while the refined map changes the verdict on a fix."""
+        """Refine the part, and again while the refined map changes the verdict on a fix or control point."""
+        agreement, used_points = first.agreement, first.points
         for _ in range(_MOST_SELECTIONS):
+            setup = base.with_fixes(agreement).with_control(used_points)
             bundle, compared, reasons = self._refined(setup, part)
+            verdict = control.judge(bundle, used_points)
             by_inertia = compared.scale if compared else None
             part = replace(
                 part,
@@ -209,13 +241,15 @@ class _Evidence:
                 bundle=bundle,
                 inertial=by_inertia if isinstance(by_inertia, AccelerometerScale) else None,
                 clock=compared.clock if compared else None,
+                control=verdict.report(bundle, used_points) if control.points else None,
             )
-            if fixes is None or agreement is None:
+            used, settled = agreement, np.array_equal(verdict.used, used_points)
+            if fixes is not None and used is not None:
+                agreement = part.without_offset(fixes).exact(bundle.w_T_b)
+                settled = settled and agreement.same(used)
+            if settled:
                 break
-            used, agreement = agreement, fixes.exact(bundle.w_T_b)
-            if agreement.same(used):
-                break
-            setup = self.setup.with_fixes(agreement)
+            used_points = verdict.used
         else:
             # The messages follow the fixes that the last refinement used.
             agreement = used
@@ -237,7 +271,7 @@ class _Evidence:
         start = np.full((len(self.metric), 4, 4), np.nan)
         start[members] = part.w_T_b
         # Heights alone may tell no scale: a level flight must not fail for them.
-        exact = setup if setup.readings.positions else setup.without_heights()
+        exact = setup if setup.readings.positions or setup.control else setup.without_heights()
         bundle = refine_part(exact, members, start, part.floor_z_m, tracks, step)
         compared, lengths = None, None
         if self.inertial is not None:
@@ -289,44 +323,6 @@ def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
     for r in kept:
         tied[[r.i, r.j]] = True
     return tied
-
-
-def _renumbered(setup: Setup, members: NDArray[np.int64]) -> list[Position]:
-    number = {int(k): m for m, k in enumerate(members)}
-    return [replace(p, k=number[p.k]) for p in setup.readings.positions if p.k in number]
-
-
-def comparable(w_T_b: Array, readings: KeyframeReadings, map_: Map) -> Array:
-    """Poses of a lesser method where the result stands, so that the two can be compared."""
-    if map_.georeferenced:
-        aligned = align_with_positions(w_T_b, readings.positions, metric=False)
-        return (
-            np.full_like(w_T_b, np.nan)
-            if aligned is None
-            else aligned[0] + _lift(map_.floor_z_m - aligned[1])
-        )
-    placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
-    comparable = w_T_b.copy()
-    if len(placed):
-        comparable[placed] = _headed(w_T_b[placed], readings, placed)
-    return comparable
-
-
-def _lift(z_m: float) -> Array:
-    shift = np.zeros((4, 4))
-    shift[2, 3] = z_m
-    return shift
-
-
-def _headed(w_T_b: Array, readings: KeyframeReadings, members: NDArray[np.int64]) -> Array:
-    """The first keyframe above the origin, its heading as its own attitude has it."""
-    yaw = next((a.roll_pitch_yaw_rad[2] for a in readings.attitudes if a.k == members[0]), 0.0)
-    now = np.arctan2(w_T_b[0, 1, 0], w_T_b[0, 0, 0])
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_euler("z", yaw - now).as_matrix()
-    shift = np.eye(4)
-    shift[:2, 3] = -w_T_b[0, :2, 3]
-    return turn @ shift @ w_T_b
 
 
 def calibrated(camera: Camera, bundle: Bundle) -> Camera:

@@ -54,6 +54,7 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
         ranges=readings.ranges,
         positions=readings.positions,
         heights=readings.heights,
+        control=setup.control,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
         camera=_model(setup.camera),

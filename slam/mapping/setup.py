@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import ControlPoint
 from frontend.camera import Camera
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.config import PipelineConfig
+from slam.mapping.control_points import Surveyed
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.keyframe_readings import KeyframeReadings
 
@@ -23,6 +25,10 @@ class Setup:
     camera: Camera
     readings: KeyframeReadings
     config: PipelineConfig
+    surveyed: tuple[Surveyed, ...] = ()
+    """Surveyed points, those included that the map does not follow."""
+    control: tuple[ControlPoint, ...] = ()
+    """Points that the refinement follows."""
 
     def with_tilts(self, w_T_b: Array, covariances: Array) -> Setup:
         """Replace roll and pitch by those of refined poses (n, 4, 4), where their covariances are known."""
@@ -43,6 +49,11 @@ class Setup:
         """Return the same setup without the barometer."""
         return replace(self, readings=replace(self.readings, heights=()))
 
+    def with_control(self, used: NDArray[np.bool_]) -> Setup:
+        """Return the same setup with the surveyed points in ``used`` (p,) as control points."""
+        chosen = tuple(s.point for s, use in zip(self.surveyed, used, strict=True) if use)
+        return replace(self, control=chosen)
+
     def without_positions(self) -> Setup:
-        """Return the same setup without GPS."""
-        return replace(self, readings=replace(self.readings, positions=()))
+        """Return the same setup without what places a map on Earth."""
+        return replace(self, readings=replace(self.readings, positions=()), control=())

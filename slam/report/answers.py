@@ -25,6 +25,7 @@ _INSTRUMENTS = {
     "flat_floor": ("how flat the ground is", "fly higher above the uneven ground, or map it in parts"),
     "attitude": ("the attitude sensor", "calibrate its level, or fly the same rows in both directions"),
     "position": ("the GPS", "use a receiver with corrections (RTK), or measure ground points"),
+    "control": ("the control points", "mark more of them, spread to the corners of the ground"),
     "imu": ("the IMU", "calibrate the IMU at rest before the flight"),
     "velocity": ("the vehicle's own velocity", "avoid stretches of floor without texture, or record the IMU"),
     "barometer": ("the barometer", "climb and descend more, or add a height sensor or GPS"),

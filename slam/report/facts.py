@@ -208,7 +208,9 @@ def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
     if not estimate.metric:
         return "none"
     sources = ["height sensor"] if estimate.range_errors is not None else []
-    sources += ["GPS"] if estimate.origin is not None else []
+    control = estimate.control is not None and any(point.used for point in estimate.control.points)
+    sources += ["control points"] if control else []
+    sources += ["GPS"] if estimate.origin is not None and flight.gps is not None else []
     accelerometer = estimate.instruments.accelerometer
     sources += ["accelerometer"] if accelerometer is not None and accelerometer.used else []
     if not sources and estimate.instruments.barometer is not None:

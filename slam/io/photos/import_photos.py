@@ -10,6 +10,7 @@ satellites', else from the order of the names.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -19,7 +20,9 @@ from numpy.typing import NDArray
 from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.surveyed_flight import with_surveyed
 from slam.io.files import brief
+from slam.io.gcp_list import FILE_NAME, read_gcp_list
 from slam.io.images import PictureFiles, common_levels
 from slam.io.photos.camera import photo_camera
 from slam.io.photos.exif import PhotoTags
@@ -37,6 +40,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
 
     The pictures stay on disk until they are requested. Of a multispectral camera one band is read: ``band``,
     or colour, or the one with the most photographs.
+    Control points come from ``gcp_list.txt`` in the folder, if it is there (`slam.io.gcp_list`).
     Raises ``InputError`` if there is no folder, no photograph in it, or no usable one.
     """
     folder = Path(folder)
@@ -51,7 +55,7 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
     vehicle = tags[0].model if tags[0].model.startswith(tags[0].make) else f"{tags[0].make} {tags[0].model}"
     date = datetime.fromtimestamp(epoch_ns // _SECOND_NS, UTC).date().isoformat() if epoch_ns else ""
     notes = {"vehicle": vehicle.strip(), "date": date}
-    return Flight(
+    flight = Flight(
         name=brief(folder.resolve().name, 120) or "photos",
         epoch_ns=epoch_ns,
         camera=camera,
@@ -70,6 +74,10 @@ def import_photos(folder: str | Path, progress: Progress = silent, band: str | N
         ),
         all_keyframes=True,
     )
+    if not (folder / FILE_NAME).is_file():
+        return flight
+    points, gcp_notes = read_gcp_list(folder / FILE_NAME, flight)
+    return with_surveyed(replace(flight, warnings=(*flight.warnings, *gcp_notes)), points)
 
 
 def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[str, ...]]:

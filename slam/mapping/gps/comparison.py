@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,10 @@ class FixComparison:
     fixes: Fixes
     stamps_s: Array
     """(m,) times of the keyframes."""
+
+    def without_offset(self, offset_m: Array) -> FixComparison:
+        """Return the comparison of fixes less an offset (3,) that all of them share."""
+        return replace(self, fixes=replace(self.fixes, w_p_b_m=self.fixes.w_p_b_m - offset_m))
 
     def rough(self, w_T_b: Array, metric: bool) -> Agreement:
         """Compare with the level, unplaced poses ``w_T_b`` (m, 4, 4)."""

@@ -12,6 +12,8 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     It is empty where two instruments check each other, or where lengths are not metres.
     """
     bundle = map_.bundle
+    measured = None if bundle is None else bundle.optimum.problem.measurements
+    by_gps = map_.georeferenced and (measured is None or bool(measured.positions))
     ranged = bundle is not None and bundle.range_errors is not None
     inertial = map_.inertial is not None and map_.inertial.helps
     by_barometer = bundle is not None and bundle.uses_barometer and not (map_.georeferenced or inertial)
@@ -20,7 +22,8 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
         name
         for name, used in (
             ("one height sensor", ranged),
-            ("one GPS receiver", map_.georeferenced),
+            ("one GPS receiver", by_gps),
+            ("control points", measured is not None and bool(measured.control)),
             ("one accelerometer", inertial),
             ("one barometer", by_barometer),
             ("the vehicle's own velocity", by_velocity),

@@ -178,3 +178,16 @@ def test_mutated_photographs_give_a_flight_or_a_refusal(tmp_path, seed):
             assert picture is None or picture.shape[:2] == flight.camera.size_px[::-1]
             outcomes["flight"] += 1
     assert min(outcomes.values()) > 0
+
+
+def test_control_points_in_the_folder_are_read(tmp_path):
+    photos = fill(tmp_path / "set", strip())
+    flight = import_photos(photos)
+    lat, lon = flight.gps.latitude_deg[0], flight.gps.longitude_deg[0]
+    rows = [f"{lon} {lat} 400.0 {10 + k} 20 {name} gate" for k, name in enumerate(flight.frames.names)]
+    (photos / "gcp_list.txt").write_text("\n".join(["EPSG:4326", *rows, f"{lon} {lat} 1 1 1 no.jpg x"]))
+    again = import_photos(photos)
+    (point,) = again.surveyed
+    assert (point.name, len(point.views)) == ("gate", len(rows))
+    assert warned(again, "gcp_list.txt, line 5", "no.jpg")
+    assert flight.surveyed == ()

@@ -1,0 +1,87 @@
+"""Ground control: surveyed points that pictures show, and what a map makes of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from slam.core.geodesy import GeoOrigin
+
+Role = Literal["control", "check"]
+STD_M = 0.02
+"""Standard deviation of a survey that states none: that of RTK receivers for a single measurement."""
+
+
+class PictureView(NamedTuple):
+    """Pixel at which a picture shows a point."""
+
+    picture: str
+    u_px: float
+    v_px: float
+
+
+@dataclass(frozen=True)
+class SurveyedPoint:
+    """A point of the ground with coordinates on Earth (WGS 84), and the pictures that show it."""
+
+    name: str
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    """NaN where only the horizontal place is known."""
+    views: tuple[PictureView, ...]
+    std_m: float = STD_M
+    """Standard deviation along each axis."""
+    role: Role = "control"
+    """A check point is held out: the map is compared with it."""
+    fault: str = ""
+    """Why its coordinates cannot be used; empty if they can."""
+
+    @property
+    def origin(self) -> GeoOrigin:
+        """The point as the origin of a world."""
+        return GeoOrigin(self.latitude_deg, self.longitude_deg, self.altitude_m)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointResidual:
+    """A surveyed point and its place on the map."""
+
+    name: str
+    role: Role
+    used: bool
+    """Whether the map follows it."""
+    reason: str
+    """Why it is not used; empty if it is, and for a check point that was compared."""
+    views: int
+    """Number of pictures on the map that show it."""
+    residual_m: tuple[float, float, float] | None = None
+    """East, north, up: its place by the pictures minus its surveyed coordinates; up is NaN without an
+    altitude. None where fewer than two pictures show it."""
+    std_m: tuple[float, float, float] | None = None
+    """Standard deviations of the residual by map, pictures and survey."""
+    residual_px: float | None = None
+    """Root mean square distance in its pictures between its place there and the pixels given."""
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the residual; NaN where there is none."""
+        known = [x for x in self.residual_m or () if math.isfinite(x)]
+        return math.hypot(*known) if known else math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlReport:
+    """Surveyed points on a finished map."""
+
+    points: tuple[PointResidual, ...]
+    gps_offset_m: tuple[float, float, float] | None = None
+    """East, north, up: by how much GPS positions lie off the control points' datum; None without either."""
+    gps_offset_std_m: tuple[float, float, float] | None = None
+    survey_scale: float = 1.0
+    """Factor on the stated deviations of the survey, where its residuals ask for more."""
+
+    def of_role(self, role: Role) -> tuple[PointResidual, ...]:
+        """Return the points of a role."""
+        return tuple(point for point in self.points if point.role == role)

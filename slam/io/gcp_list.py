@@ -1,0 +1,258 @@
+"""Reading of OpenDroneMap's ``gcp_list.txt``: ground control points and the pixels that show them.
+
+The first line names the coordinate system: ``EPSG:n``, ``WGS84 UTM 32N`` or a PROJ string. Every other line
+is one view: ``x y z u v picture [name] [check]``. Longitude comes before latitude. Source: OpenDroneMap's
+documentation, "Ground Control Points"; the word ``check``, which holds a point out, is an addition.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.control_points import STD_M, PictureView, Role, SurveyedPoint
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
+from slam.core.names import listed
+from slam.io.files import brief, read_text, refusal
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+
+Array = NDArray[np.float64]
+
+FILE_NAME = "gcp_list.txt"
+MAX_BYTES = 1 << 24
+FAR_M = 5000.0
+"""A point farther from every fix is on no picture: flights of photographs cross some kilometres, at heights
+below one."""
+_GIVE = "write EPSG:32632 there, WGS84 UTM 32N, or a PROJ string"
+_ROW = "write x y z u v picture [name] [check]"
+
+
+_Place = tuple[float, float, float | None]
+"""Coordinates as written; None for a height that is NaN."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """One view of a point."""
+
+    line: int
+    place: _Place
+    view: PictureView
+    name: str
+    is_check: bool
+
+
+def read_gcp_list(
+    path: Path, flight: Flight, std_m: float = STD_M
+) -> tuple[tuple[SurveyedPoint, ...], list[str]]:
+    """Return the points of a file with views in the pictures of a flight, and notes on lines not used.
+
+    Points whose coordinates contradict each other have a ``fault``. Raises ``InputError`` for a line that
+    cannot be read, and where all points lie far from the flight.
+    """
+    text, notes = read_text(path, path.resolve().parent, MAX_BYTES)
+    lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
+    lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
+    if not lines:
+        raise refusal(path, "is empty", f"{_GIVE}, and a line for each view of a point")
+    first, header = lines[0]
+    system = _system(path, first, header)
+    rows = [_row(path, number, line) for number, line in lines[1:]]
+    if not rows:
+        raise refusal(path, "holds no point", _ROW, first)
+    rows, unknown = _in_flight(path, rows, flight)
+    by_name: dict[str, list[_Row]] = {}
+    places = list(dict.fromkeys(row.place for row in rows))
+    for row in rows:
+        by_name.setdefault(row.name or f"GCP {places.index(row.place) + 1}", []).append(row)
+    degrees = _geodetic(path, first, header, system, np.array(places)[:, :2])
+    geodetic = {place: tuple(row) for place, row in zip(places, degrees.tolist(), strict=True)}
+    points = [_point(name, of, geodetic, std_m) for name, of in by_name.items()]
+    points = _with_two_names(points, by_name)
+    return _near_flight(path, points, flight, system.is_geographic), [*notes, *unknown]
+
+
+def _system(path: Path, line: int, header: str) -> CRS:
+    """Return the coordinate system of the first line."""
+    from rasterio.crs import CRS
+    from rasterio.errors import CRSError
+
+    utm = re.fullmatch(r"WGS\s?84\s+UTM\s+(\d{1,2})\s*([NS])", header, re.IGNORECASE)
+    if utm and 1 <= int(utm[1]) <= 60:
+        return CRS.from_epsg((32600 if utm[2].upper() == "N" else 32700) + int(utm[1]))
+    what = f"names {brief(header, 60)!r}, no coordinate system that is known"
+    if len(header.split()) >= 6 and _numbers(header.split()[:5]) is not None:
+        what = "has a point in its first line, not a coordinate system"
+    elif re.fullmatch(r"EPSG:\d+", header, re.IGNORECASE) or header.startswith("+"):
+        try:
+            return CRS.from_string(header)
+        except CRSError:
+            pass
+    raise refusal(path, what, _GIVE, line)
+
+
+def _numbers(fields: list[str]) -> list[float] | None:
+    try:
+        return [float(field) for field in fields]
+    except ValueError:
+        return None
+
+
+def _row(path: Path, line: int, text: str) -> _Row:
+    fields = [f.strip() for f in text.split("\t") if f.strip()] if text.count("\t") >= 5 else text.split()
+    if len(fields) < 6:
+        raise refusal(path, f"has {len(fields)} fields, fewer than 6", _ROW, line)
+    numbers = _numbers(fields[:5])
+    if numbers is None or not all(map(math.isfinite, (*numbers[:2], *numbers[3:]))):
+        wrong = next(f for f in fields[:5] if _numbers([f]) is None or not math.isfinite(float(f)))
+        raise refusal(path, f"holds {brief(wrong, 40)!r} where a number is needed", _ROW, line)
+    x, y, z, u, v = numbers
+    picture, *rest = fields[5:]
+    is_check = "check" in (word.lower() for word in rest[1:])
+    place = x, y, z if math.isfinite(z) else None
+    return _Row(line, place, PictureView(picture, u, v), rest[0] if rest else "", is_check)
+
+
+def _in_flight(path: Path, rows: list[_Row], flight: Flight) -> tuple[list[_Row], list[str]]:
+    """Return the rows of pictures of the flight, under its names of them, and a note about the others."""
+    frames, camera = flight.frames, flight.camera
+    names = _by_ending(() if frames is None else frames.names)
+    known, unknown = [], []
+    for row in rows:
+        found = names.get(row.view.picture.lower(), names.get(_file(row.view.picture).lower()))
+        if found == "":
+            what = f"names {brief(row.view.picture, 60)!r}, of which there are several"
+            raise refusal(path, what, "write its folder too", row.line)
+        if found is None:
+            unknown.append(row)
+            continue
+        width, height = camera.size_px if camera else (math.inf, math.inf)
+        if not (-0.5 <= row.view.u_px <= width - 0.5 and -0.5 <= row.view.v_px <= height - 0.5):
+            pixel = f"has the pixel {row.view.u_px:g} {row.view.v_px:g}"
+            what = f"{pixel}, outside of {found} of {width} x {height} px"
+            raise refusal(path, what, "give pixels of the pictures as they are", row.line)
+        known.append(replace(row, view=row.view._replace(picture=found)))
+    missing = list(dict.fromkeys(brief(row.view.picture, 60) for row in unknown))
+    if not known:
+        what = f"names {missing[0]!r}, no picture of the flight, and no other line names one"
+        raise refusal(path, what, "write the names of its pictures", unknown[0].line)
+    if not unknown:
+        return known, []
+    note = (
+        f"{brief(path.name, 80)}, line {unknown[0].line}: no picture of the flight has this name; lines that "
+        f"are not used: {len(unknown)}, of {listed(missing)}; check the names"
+    )
+    return known, [note]
+
+
+def _by_ending(names: tuple[str, ...]) -> Mapping[str, str]:
+    """Return lower-case name, file name or its stem -> name; empty where several have it."""
+    found: dict[str, str] = {}
+    for name in names:
+        for key in {name.lower(), _file(name).lower(), PurePosixPath(name).stem.lower()}:
+            found[key] = name if key not in found or key == name.lower() else ""
+    return found
+
+
+def _file(name: str) -> str:
+    return PurePosixPath(name.replace("\\", "/")).name
+
+
+def _geodetic(path: Path, line: int, header: str, system: CRS, xy: Array) -> Array:
+    """Return longitude and latitude (n, 2) in degrees; NaN for what the system does not hold."""
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import RasterioError
+    from rasterio.warp import transform
+
+    try:
+        degrees = np.array(transform(system, "EPSG:4326", *xy.T.tolist())).T
+    except (RasterioError, CPLE_BaseError) as error:
+        reason = brief(" ".join(str(error).split()), 120)
+        what = f"names {brief(header, 60)!r}, which cannot be brought to WGS 84 ({reason})"
+        raise refusal(path, what, _GIVE, line) from None
+    degrees[~np.isfinite(degrees).all(axis=1)] = np.nan
+    return degrees
+
+
+def _point(
+    name: str, rows: list[_Row], geodetic: Mapping[_Place, tuple[float, ...]], std_m: float
+) -> SurveyedPoint:
+    place = rows[0].place
+    longitude, latitude = geodetic[place]
+    views = tuple(dict.fromkeys(row.view for row in rows))
+    fault = ""
+    if other := next((row for row in rows if row.place != place), None):
+        fault = f"lines {rows[0].line} and {other.line} give it different coordinates"
+    elif len({view.picture for view in views}) < len(views):
+        fault = f"one picture shows it at two places ({listed(_repeated(views))})"
+    elif not math.isfinite(longitude + latitude):
+        fault = f"line {rows[0].line} has coordinates that its system does not hold"
+    elif wrong := position_fault(latitude, longitude):
+        fault = f"line {rows[0].line}: {wrong}"
+    role: Role = "check" if any(row.is_check for row in rows) else "control"
+    altitude_m = math.nan if place[2] is None else place[2]
+    return SurveyedPoint(name, latitude, longitude, altitude_m, views, std_m, role, fault)
+
+
+def _repeated(views: tuple[PictureView, ...]) -> list[str]:
+    pictures = [view.picture for view in views]
+    return list(dict.fromkeys(name for name in pictures if pictures.count(name) > 1))
+
+
+def _with_two_names(points: list[SurveyedPoint], by_name: Mapping[str, list[_Row]]) -> list[SurveyedPoint]:
+    """Return the points with a fault for places that have two names."""
+    named: dict[_Place, list[str]] = {}
+    for point in points:
+        named.setdefault(by_name[point.name][0].place, []).append(point.name)
+    twice = {name: names for names in named.values() if len(names) > 1 for name in names}
+    return [
+        replace(p, fault=p.fault or f"one place has {len(twice[p.name])} names ({listed(twice[p.name])})")
+        if p.name in twice
+        else p
+        for p in points
+    ]
+
+
+def _near_flight(
+    path: Path, points: list[SurveyedPoint], flight: Flight, geographic: bool
+) -> tuple[SurveyedPoint, ...]:
+    """Return the points with a fault for those far from all fixes. Raises ``InputError`` if all are."""
+    away_m, swapped_m = _away_m(points, flight, False), _away_m(points, flight, True)
+    if (away_m > FAR_M).all():
+        if geographic and (swapped_m < FAR_M).any():
+            what, do = "has latitude and longitude swapped", "write the longitude before the latitude"
+        else:
+            nearest = f"{1e-3 * away_m.min():.0f} km" if np.isfinite(away_m).any() else "far"
+            what, do = f"has all points {nearest} or more from the pictures", "check its coordinate system"
+        raise refusal(path, what, do)
+    far = zip(points, away_m.tolist(), strict=True)
+    return tuple(
+        replace(p, fault=p.fault or f"it lies {1e-3 * d:.0f} km from the pictures") if d > FAR_M else p
+        for p, d in far
+    )
+
+
+def _away_m(points: list[SurveyedPoint], flight: Flight, swapped: bool) -> Array:
+    """Return the distance (n,) of each point from the nearest fix; 0 without fixes."""
+    gps, origin = flight.gps, flight.geo_origin()
+    if gps is None or origin is None:
+        return np.zeros(len(points))
+    level = GeoOrigin(origin.latitude_deg, origin.longitude_deg, 0.0)
+    fixes = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, 0.0, level)[:, :2]
+    fixes = fixes[np.isfinite(fixes).all(axis=1)]
+    degrees = np.array([(p.latitude_deg, p.longitude_deg) for p in points])
+    latitude, longitude = degrees.T[::-1] if swapped else degrees.T
+    places = enu_from_geodetic(latitude, longitude, 0.0, level)[:, :2]
+    away = np.linalg.norm(places[:, None] - fixes[None], axis=2).min(axis=1)
+    # A place beyond the pole has no distance.
+    return np.where(np.isfinite(away) & (np.abs(latitude) <= 90), away, np.inf)

@@ -1,0 +1,237 @@
+"""Control points of one part of the map: which are used, which are wrong, and what remains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.locate import LocatedPoint, locate
+from backend.bundle.refinement import Bundle
+from backend.measurements import ControlPoint
+from backend.quantiles import chi_square_limit
+from frontend.camera import Camera
+from slam.core.control_points import ControlReport, PointResidual, SurveyedPoint
+from slam.core.flight import Flight
+from slam.core.geodesy import GeoOrigin, enu_from_geodetic
+from slam.core.names import listed
+from slam.mapping.gps.consensus import rough_agreement
+
+Array = NDArray[np.float64]
+
+LEAST_POINTS = 3
+"""Two points leave a turn about the line through them open, and cannot contradict each other."""
+LEAST_VIEWS = 2
+"""Two rays that meet give a place."""
+VIEW_STD_PX = 1.0
+"""Standard deviation of pixels that a person has marked."""
+FALSE_ALARM = 0.01
+"""Probability that a set of points without a wrong one loses one."""
+_CHECK_FALSE_ALARM = 1e-3
+"""Probability that check points are said to contradict a map whose deviations are right."""
+
+
+@dataclass(frozen=True)
+class Surveyed:
+    """A surveyed point in the world of the map."""
+
+    told: SurveyedPoint
+    point: ControlPoint
+    """Its coordinates in the world, and its views in keyframes."""
+
+    @property
+    def may_be_used(self) -> bool:
+        """Whether the map may follow it."""
+        return self.told.role == "control" and not self.told.fault and self.is_seen
+
+    @property
+    def is_seen(self) -> bool:
+        """Whether pictures give its place."""
+        return len(self.point.keyframe) >= LEAST_VIEWS
+
+
+def surveyed_in_world(
+    flight: Flight, origin: GeoOrigin | None, frame_index: NDArray[np.int64]
+) -> tuple[Surveyed, ...]:
+    """Return the flight's surveyed points, with the views in keyframes of the frames ``frame_index`` (n,)."""
+    if not flight.surveyed or origin is None or flight.frames is None:
+        return ()
+    keyframe = {flight.frames.names[frame]: k for k, frame in enumerate(frame_index.tolist())}
+    return tuple(Surveyed(told, _in_world(told, origin, keyframe)) for told in flight.surveyed)
+
+
+def _in_world(told: SurveyedPoint, origin: GeoOrigin, keyframe: Mapping[str, int]) -> ControlPoint:
+    place = enu_from_geodetic(told.latitude_deg, told.longitude_deg, told.altitude_m, origin)[0]
+    std_m = np.where(np.isfinite(place), told.std_m, np.inf)
+    views = [(keyframe[v.picture], v.u_px, v.v_px) for v in told.views if v.picture in keyframe]
+    table = np.array(views, dtype=float).reshape(-1, 3)
+    seen_by = table[:, 0].astype(np.int64)
+    return ControlPoint(told.name, np.nan_to_num(place), std_m, seen_by, table[:, 1:], VIEW_STD_PX)
+
+
+@dataclass(frozen=True)
+class ControlComparison:
+    """The surveyed points that one part of the map shows, its keyframes numbered from 0."""
+
+    points: tuple[Surveyed, ...]
+
+    @staticmethod
+    def of(points: Sequence[Surveyed], members: NDArray[np.int64]) -> ControlComparison:
+        """Return the comparison for the keyframes ``members`` (m,)."""
+        number = {k: place for place, k in enumerate(members.tolist())}
+        return ControlComparison(tuple(replace(s, point=s.point.of_keyframes(number)) for s in points))
+
+    @property
+    def candidates(self) -> NDArray[np.bool_]:
+        """(p,) which points the first refinement uses: all that may be, if they are enough."""
+        usable = np.array([s.may_be_used for s in self.points], dtype=bool)
+        return np.asarray(usable & (usable.sum() >= LEAST_POINTS))
+
+    def rough(self, camera: Camera, w_T_b: Array, metric: bool) -> NDArray[np.bool_]:
+        """Return the candidates (p,) without those far off the others on level, unplaced poses (m, 4, 4)."""
+        good = self.candidates
+        here, there = self.on_floor(camera, w_T_b, 0.0)
+        if len(here) == good.sum():
+            good[good] = rough_agreement(here, there, metric).used
+        return np.asarray(good & (good.sum() >= LEAST_POINTS))
+
+    def on_floor(self, camera: Camera, w_T_b: Array, floor_z_m: float) -> tuple[Array, Array]:
+        """Return where the candidates' pictures show them on the floor, and their surveys, each (q, 3).
+
+        ``w_T_b`` (m, 4, 4) are level poses over the floor at ``floor_z_m``. Points without a height, and
+        those above the horizon of a picture, are left out.
+        """
+        chosen = [s.point for s, use in zip(self.points, self.candidates, strict=True) if use]
+        here = np.array([_on_floor(p, camera, w_T_b, floor_z_m) for p in chosen]).reshape(-1, 3)
+        there = np.array([p.w_p_m for p in chosen]).reshape(-1, 3)
+        known = np.array([np.isfinite(p.std_m).all() for p in chosen], dtype=bool)
+        known &= np.isfinite(here).all(axis=1)
+        return here[known], there[known]
+
+    def off_floor(self, camera: Camera, w_T_b: Array, floor_z_m: float) -> Array:
+        """Return the surveys minus the places on the floor (q, 3), as `on_floor` defines both."""
+        here, there = self.on_floor(camera, w_T_b, floor_z_m)
+        return there - here
+
+    def judge(self, bundle: Bundle, used: NDArray[np.bool_]) -> ControlVerdict:
+        """Compare the points with a refined map that follows those in ``used`` (p,)."""
+        placed = bundle.optimum.problem.measurements.placed
+        seen = [k for k, s in enumerate(self.points) if s.is_seen and placed]
+        found = locate(bundle.optimum, [self.points[k].point for k in seen])
+        located = dict(zip(seen, found, strict=True))
+        # What the residuals ask for beyond the stated deviations is no error of a single point.
+        scale = bundle.noise.control
+        sigmas = np.full(len(self.points), np.nan)
+        for k, place in located.items():
+            sigmas[k] = _sigmas(self.points[k].point, place, scale)
+        usable = np.array([s.may_be_used for s in self.points], dtype=bool)
+        limit = np.sqrt(chi_square_limit(FALSE_ALARM / max(int(usable.sum()), 1), 3))
+        # Where too few agreed, the coarser map without them must not call them back.
+        agree = usable & (sigmas <= limit) & used.any()
+        return ControlVerdict(self.points, agree & (agree.sum() >= LEAST_POINTS), located, scale, placed)
+
+
+def _on_floor(point: ControlPoint, camera: Camera, w_T_b: Array, floor_z_m: float) -> Array:
+    places = [
+        camera.floor_points(w_T_b[k], uv[None], floor_z_m)[0]
+        for k, uv in zip(point.keyframe.tolist(), point.pixel, strict=True)
+    ]
+    return np.array([*np.median(places, axis=0)[:2], floor_z_m])
+
+
+def _sigmas(point: ControlPoint, place: LocatedPoint, scale: float) -> float:
+    """Return the whitened distance of a point's place on the map from its survey."""
+    known = np.isfinite(point.std_m)
+    off = (place.w_p_m - point.w_p_m)[known]
+    covariance = np.nan_to_num(place.covariance)[np.ix_(known, known)]
+    covariance = covariance + np.diag((scale * point.std_m[known]) ** 2)
+    return float(np.sqrt(off @ np.linalg.solve(covariance, off)))
+
+
+@dataclass(frozen=True)
+class ControlVerdict:
+    """Verdict of a refined map on the surveyed points."""
+
+    points: tuple[Surveyed, ...]
+    used: NDArray[np.bool_]
+    """(p,) which points agree, if enough do."""
+    located: Mapping[int, LocatedPoint]
+    """Number of each point that the map shows -> its place there."""
+    scale: float
+    """Factor on the stated deviations of the survey."""
+    placed: bool
+    """Whether the map is on Earth."""
+
+    def report(self, bundle: Bundle, used: NDArray[np.bool_]) -> ControlReport:
+        """Return the residuals of all points of a map that follows those in ``used`` (p,)."""
+        both = bool(used.any()) and bool(bundle.optimum.problem.measurements.positions)
+        rows = tuple(self._residual(k, bool(used[k])) for k in range(len(self.points)))
+        return ControlReport(
+            points=rows,
+            gps_offset_m=_three(bundle.position_offset_m) if both else None,
+            gps_offset_std_m=_three(bundle.position_offset_std_m) if both else None,
+            survey_scale=self.scale,
+        )
+
+    def _residual(self, k: int, used: bool) -> PointResidual:
+        told, point, place = self.points[k].told, self.points[k].point, self.located.get(k)
+        row = PointResidual(
+            name=told.name, role=told.role, used=used, reason=told.fault, views=len(point.keyframe)
+        )
+        if place is None:
+            reason = f"pictures on the map that show it: {row.views}, and {LEAST_VIEWS} are needed"
+            reason = reason if self.placed else "the map is not placed on Earth"
+            return replace(row, reason=told.fault or reason)
+        off = np.where(np.isfinite(point.std_m), place.w_p_m - point.w_p_m, np.nan)
+        std = np.sqrt(np.diag(place.covariance) + (self.scale * point.std_m) ** 2)
+        pixels = float(np.sqrt(np.mean(np.sum(place.residual_px**2, axis=1))))
+        row = replace(row, residual_m=_three(off), std_m=_three(std), residual_px=pixels)
+        if used or told.role == "check" or told.fault:
+            return row
+        if (usable := sum(s.may_be_used for s in self.points)) < LEAST_POINTS:
+            return replace(row, reason=f"{usable} can be used, and {LEAST_POINTS} are needed")
+        return replace(row, reason=f"{row.distance_m:.3g} m from where the pictures show it")
+
+
+def _three(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def control_warnings(report: ControlReport) -> list[str]:
+    """Return lines about control points that are wrong, or too few, and about check points that are off."""
+    control = report.of_role("control")
+    located = [p for p in control if p.residual_m is not None]
+    used = [p for p in control if p.used]
+    wrong = [p for p in located if not p.used]
+    lines = []
+    if control and not used:
+        if len(located) < LEAST_POINTS:
+            what = f"{len(located)} of {len(control)} can be placed, and {LEAST_POINTS} are needed"
+        else:
+            what = f"fewer than {LEAST_POINTS} agree with each other, and nobody can tell which are right"
+        lines.append(f"control points: none is used: {what}; their residuals are in the report")
+    elif wrong:
+        each = listed([f"{p.name} by {p.distance_m:.3g} m" for p in wrong])
+        lines.append(
+            f"control points: {len(wrong)} of {len(located)} contradict the others and the pictures, and are "
+            f"not used: {each}; check their coordinates and pixels"
+        )
+    return lines + _check_warnings(report)
+
+
+def _check_warnings(report: ControlReport) -> list[str]:
+    checks = [p for p in report.of_role("check") if p.residual_m is not None and p.std_m is not None]
+    z = np.array([[x / s for x, s in zip(p.residual_m or (), p.std_m or (), strict=True)] for p in checks])
+    z = z[np.isfinite(z)] if len(z) else z
+    if not any(p.used for p in report.points) or not len(z):
+        return []
+    if float(np.sum(z**2)) <= chi_square_limit(_CHECK_FALSE_ALARM, len(z)):
+        return []
+    off_m = max(p.distance_m for p in checks)
+    return [
+        f"check points lie up to {off_m:.3g} m from the map, {np.sqrt(np.mean(z**2)):.2g} times what is "
+        "told: the map is less accurate than its deviations, or a check point is wrong"
+    ]

@@ -1,0 +1,178 @@
+"""The list of control points: what is read, and what is refused or named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from frontend.camera import Camera
+from slam.core.control_points import PictureView
+from slam.core.errors import InputError
+from slam.core.flight import Flight, Frames, Gps
+from slam.core.geodesy import ECCENTRICITY_2
+from slam.core.join_flights import join_flights
+from slam.core.surveyed_flight import with_surveyed
+from slam.io.gcp_list import read_gcp_list
+
+NAMES = ("DJI_0010.JPG", "sub/DJI_0020.JPG", "DJI_0030.JPG")
+UTM = ["WGS84 UTM 32N"]
+ROWS = [
+    "465005.0 5249995.0 402.5 100.5 200 DJI_0010.JPG north",
+    "465005.0 5249995.0 402.5 300 210 dji_0020 north",
+    "465025.0 5250010.0 401 10 20 DJI_0010.JPG south check",
+]
+
+
+def flight() -> Flight:
+    camera = Camera((1000.0, 1000.0), (799.5, 649.5), (1600, 1300))
+    gps = Gps(np.arange(3.0), np.full(3, 47.4028), np.full(3, 8.5362), np.full(3, 450.0))
+    return Flight(
+        "photos",
+        camera=camera,
+        frames=Frames(np.arange(3.0), NAMES, lambda _: None),
+        gps=gps,
+        all_keyframes=True,
+    )
+
+
+def read(tmp_path, lines, of=None):
+    path = tmp_path / "gcp_list.txt"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return read_gcp_list(path, flight() if of is None else of)
+
+
+def refused(tmp_path, lines, of=None) -> str:
+    with pytest.raises(InputError) as error:
+        read(tmp_path, lines, of)
+    message = str(error.value)
+    assert "\n" not in message
+    assert "gcp_list.txt" in message
+    return message
+
+
+def test_points_and_their_views_are_read(tmp_path):
+    (north, south), notes = read(tmp_path, ["# survey", *UTM, "", *ROWS])
+    assert not notes
+    assert (north.name, north.role, south.name, south.role) == ("north", "control", "south", "check")
+    assert north.views == (
+        PictureView("DJI_0010.JPG", 100.5, 200.0), PictureView("sub/DJI_0020.JPG", 300.0, 210.0),
+    )  # fmt: skip
+    assert north.altitude_m == 402.5
+
+
+def test_the_middle_of_a_zone_is_where_its_meridian_lies(tmp_path):
+    """Northing is the length of the meridian from the equator, times 0.9996 (Snyder 1987, section 8)."""
+    row = "500000 5249995.0 402.5 100.5 200 DJI_0010.JPG"
+    ((point,), _) = read(tmp_path, [*UTM, row], replace(flight(), gps=None))
+    lat = np.radians(np.linspace(0.0, point.latitude_deg, 20001))
+    radius_m = 6378137.0 * (1 - ECCENTRICITY_2) / (1 - ECCENTRICITY_2 * np.sin(lat) ** 2) ** 1.5
+    assert 0.9996 * np.trapezoid(radius_m, lat) == pytest.approx(5249995.0, abs=1e-2)
+    assert point.longitude_deg == pytest.approx(9.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["EPSG:32632", "epsg:32632", "WGS84 UTM 32n", "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs"],
+)
+def test_one_system_has_several_names(tmp_path, header):
+    (first, _), _ = read(tmp_path, [*UTM, *ROWS])
+    (same, _), _ = read(tmp_path, [header, *ROWS])
+    assert same.latitude_deg == pytest.approx(first.latitude_deg, abs=1e-9)
+    assert same.longitude_deg == pytest.approx(first.longitude_deg, abs=1e-9)
+
+
+def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_path):
+    rows = [f"8.536 47.403 NaN {u} 20 DJI_00{u}.JPG" for u in (10, 30)]
+    ((point,), _) = read(tmp_path, ["EPSG:4326", *rows, "8.537 47.403 3 1 1 DJI_0010.JPG"][:3])
+    assert (point.name, point.latitude_deg, point.longitude_deg) == ("GCP 1", 47.403, 8.536)
+    assert np.isnan(point.altitude_m)
+    assert len(point.views) == 2
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([], ["is empty"]),
+        (["EPSG:32632"], ["line 1", "no point"]),
+        (["EPSG:999999", *ROWS], ["line 1", "'EPSG:999999'", "EPSG:32632"]),
+        (["Gauss-Krueger", *ROWS], ["line 1", "no coordinate system that is known"]),
+        (["WGS84 UTM 61N", *ROWS], ["line 1", "no coordinate system that is known"]),
+        (ROWS, ["line 1", "a point in its first line", "EPSG:32632"]),
+        ([*UTM, ROWS[0], "465005.0 5249995.0 402.5 100"], ["line 3", "4 fields", "x y z u v picture"]),
+        ([*UTM, ROWS[0].replace("100.5", "left")], ["line 2", "'left' where a number is needed"]),
+        ([*UTM, ROWS[0].replace("100.5", "nan")], ["line 2", "'nan' where a number is needed"]),
+        ([*UTM, ROWS[0].replace("100.5", "1700")], ["line 2", "1700 200", "1600 x 1300 px", "DJI_0010.JPG"]),
+        ([*UTM, ROWS[0].replace("DJI_0010", "IMG_1")], ["line 2", "'IMG_1.JPG'", "no picture of the flight"]),
+        (["EPSG:4326", "47.403 8.536 400 1 1 DJI_0010.JPG"], ["swapped", "longitude before the latitude"]),
+        (["EPSG:32633", *ROWS], ["km or more from the pictures", "coordinate system"]),
+        (["EPSG:5806", *ROWS], ["line 1", "EPSG:5806"]),
+    ],
+)
+def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, lines, words):
+    message = refused(tmp_path, lines)
+    for word in words:
+        assert word in message
+
+
+def test_a_name_of_two_pictures_is_refused(tmp_path):
+    two = replace(flight(), frames=Frames(np.arange(2.0), ("a/X.JPG", "b/X.JPG"), lambda _: None))
+    assert "several; write its folder too" in refused(tmp_path, [*UTM, "1 2 3 4 5 X.JPG"], two)
+
+
+def test_rows_of_other_pictures_are_named_and_left_out(tmp_path):
+    (north, _), (note,) = read(tmp_path, [*UTM, *ROWS, ROWS[0].replace("0010", "9999")])
+    assert len(north.views) == 2
+    assert "line 5: no picture of the flight has this name" in note
+    assert "DJI_9999.JPG" in note
+
+
+@pytest.mark.parametrize(
+    ("more", "name", "fault"),
+    [
+        (
+            "465005.0 5249996.0 402.5 9 9 DJI_0030.JPG north",
+            "north",
+            "lines 2 and 5 give it different coordinates",
+        ),
+        ("465005.0 5249995.0 402.5 9 9 DJI_0030.JPG pole", "pole", "one place has 2 names (north, pole)"),
+        (
+            "465005.0 5249995.0 402.5 9 9 DJI_0010.JPG north",
+            "north",
+            "one picture shows it at two places (DJI_0010.JPG)",
+        ),
+        ("475005.0 5249995.0 402.5 9 9 DJI_0030.JPG far", "far", "it lies 10 km from the pictures"),
+    ],
+)
+def test_points_that_contradict_themselves_are_named_and_left_out(tmp_path, more, name, fault):
+    points, _ = read(tmp_path, [*UTM, *ROWS, more])
+    assert {p.name: p.fault for p in points if p.name == name} == {name: fault}
+    assert not next(p for p in points if p.name == "south").fault
+    told = with_surveyed(flight(), points)
+    assert f"control point {name}: {fault}" in told.warnings
+
+
+def test_points_that_are_held_out_must_exist(tmp_path):
+    points, _ = read(tmp_path, [*UTM, *ROWS])
+    held = with_surveyed(flight(), points, ["north"])
+    assert [p.role for p in held.surveyed] == ["check", "check"]
+    with pytest.raises(InputError, match=r"--check west: no control point of that name; the points are nor"):
+        with_surveyed(flight(), points, ["west"])
+
+
+def test_the_origin_is_a_point_where_there_is_no_gps(tmp_path):
+    points, _ = read(tmp_path, [*UTM, *ROWS])
+    origin = with_surveyed(replace(flight(), gps=None), points).geo_origin()
+    assert (origin.latitude_deg, origin.altitude_m) == (points[0].latitude_deg, 402.5)
+
+
+def test_joined_flights_keep_their_points(tmp_path):
+    points, _ = read(tmp_path, [*UTM, *ROWS])
+    one = with_surveyed(flight(), points)
+    later = one.gps.latitude_deg + 1e-6
+    other = replace(one, name="other", gps=replace(one.gps, latitude_deg=later))
+    joined = join_flights([one, other])
+    assert [p.name for p in joined.surveyed] == ["north", "south"]
+    assert {v.picture for v in joined.surveyed[0].views} <= set(joined.frames.names)
+    assert len(joined.surveyed[0].views) == 4
