@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import RangeErrors
 from frontend.camera import Camera
+from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
 from slam.core.geodesy import GeoOrigin
@@ -141,6 +142,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "ways": list(estimate.trajectory_names),
         "accuracy_basis": estimate.accuracy_basis,
         "information_shares": {name: dict(shares) for name, shares in estimate.information_shares.items()},
+        "control": None if estimate.control is None else asdict(estimate.control),
         "ground": None if estimate.ground is None else asdict(estimate.ground),
     }
 
@@ -275,6 +277,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         accuracy_basis=str(record.get("accuracy_basis", "")),
         information_shares=_shares(record),
         ground=_ground(record),
+        control=_control(record),
     )
 
 
@@ -301,6 +304,23 @@ def _ground(record: dict[str, Any]) -> GroundFacts | None:
         return None
     pairs = {name: tuple(map(float, value[name])) for name in ("misregistration_px", "over_floor_px")}
     return GroundFacts(**{**value, **pairs})
+
+
+def _control(record: dict[str, Any]) -> ControlReport | None:
+    value = record.get("control")
+    if value is None:
+        return None
+    points = tuple(PointResidual(**_with_tuples(point)) for point in value["points"])
+    return ControlReport(**{**_with_tuples(value), "points": points})
+
+
+def _with_tuples(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a record with tuples of numbers for lists of them."""
+    return {key: tuple(map(float, x)) if _is_numbers(x) else x for key, x in record.items()}
+
+
+def _is_numbers(value: object) -> bool:
+    return isinstance(value, list) and all(isinstance(x, (int, float)) for x in value)
 
 
 def _trajectory_names(record: dict[str, Any]) -> tuple[str, str, str]:

@@ -16,6 +16,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import rasterio
@@ -28,6 +29,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from slam.core.errors import InputError
+from slam.core.estimate import Estimate
 from slam.core.geodesy import GeoOrigin
 from slam.io.atomic import atomic_file
 
@@ -80,10 +82,13 @@ class Grid:
         """
         if self.origin is None:
             return CRS.from_wkt(LOCAL_METRES) if self.metric else None
-        return CRS.from_proj4(
-            f"+proj=aeqd +lat_0={self.origin.latitude_deg!r} +lon_0={self.origin.longitude_deg!r} "
-            "+datum=WGS84 +units=m +no_defs"
+        latitude, longitude = self.origin.latitude_deg, self.origin.longitude_deg
+        plain = CRS.from_proj4(
+            f"+proj=aeqd +lat_0={latitude!r} +lon_0={longitude!r} +datum=WGS84 +units=m +no_defs"
         )
+        name = f"azimuthal equidistant on WGS 84 about {latitude:.7f}, {longitude:.7f}"
+        named = plain.to_wkt().replace('PROJCS["unknown"', f'PROJCS["{name}"', 1)
+        return CRS.from_wkt(named.replace('GEOGCS["unknown"', 'GEOGCS["WGS 84"', 1))
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,20 @@ EarlierBlock = Callable[[str, tuple[int, int]], "NDArray[np.uint8] | None"]
 """Map of fingerprint, rows and columns to the pixels (rows, cols, 4) in a file; None if it has none."""
 
 
-def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
+def height_tags(estimate: Estimate) -> dict[str, str]:
+    """Return metadata that say where the heights of a map begin; none without a place on Earth."""
+    if estimate.origin is None:
+        return {}
+    control = estimate.control is not None and any(point.used for point in estimate.control.points)
+    return {
+        "FLOOR_ALTITUDE_M": f"{estimate.origin.altitude_m + estimate.floor_z_m:.3f}",
+        "VERTICAL_DATUM": f"reference of the {'control points' if control else 'recorded altitudes'}",
+    }
+
+
+def write_geotiff(
+    path: Path, grid: Grid, blocks: Iterator[Block], tags: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Write a Cloud-Optimised GeoTIFF to ``path``, complete or not at all.
 
     Blocks first go into a plain tiled file beside it, since overviews need all of them.
@@ -126,7 +144,7 @@ def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
                     window = Window(block.col, block.row, cols, rows)
                     raster.write(np.moveaxis(block.rgba, 2, 0), window=window)
                     total += block.rgba.sum(axis=(0, 1), dtype=np.uint64)
-            raster.update_tags(**{FINGERPRINTS_TAG: json.dumps(fingerprints)})
+            raster.update_tags(**tags, **{FINGERPRINTS_TAG: json.dumps(fingerprints)})
         rasterio.shutil.copy(
             plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
             overview_resampling="AVERAGE", bigtiff="IF_SAFER",
@@ -166,7 +184,12 @@ def _digest(rgba: NDArray[np.uint8]) -> str:
     return hasher.hexdigest()
 
 
-def write_bands(path: Path, grid: Grid, bands: Mapping[str, NDArray[np.float32]]) -> None:
+def write_bands(
+    path: Path,
+    grid: Grid,
+    bands: Mapping[str, NDArray[np.float32]],
+    tags: Mapping[str, str] = MappingProxyType({}),
+) -> None:
     """Write a Cloud-Optimised GeoTIFF of values, one band each with its description; NaN where unknown.
 
     The file appears complete or not at all. Raises ``InputError`` if it cannot be written.
@@ -180,6 +203,7 @@ def write_bands(path: Path, grid: Grid, bands: Mapping[str, NDArray[np.float32]]
             for number, (description, values) in enumerate(bands.items(), start=1):
                 raster.write(values, number)
                 raster.set_band_description(number, description)
+            raster.update_tags(**tags)
         rasterio.shutil.copy(
             plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
             overview_resampling="AVERAGE",

@@ -19,6 +19,7 @@ from rasterio.vrt import WarpedVRT
 from slam.core.errors import InputError
 from slam.core.geodesy import GeoOrigin
 from slam.io.exports.exported_map import ExportedMap
+from slam.io.geotiff import height_tags
 
 RASTERS = {
     "mosaic.tif": Resampling.cubic,
@@ -43,11 +44,11 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     if folder is None or not files:
         raise InputError("--to geotiff: the map has no rasters; map the flight without --no-mosaic")
     crs = coordinate_system(exported.crs, estimate.origin)
-    floor_m = estimate.origin.altitude_m + estimate.floor_z_m
+    tags = height_tags(estimate)
     target.mkdir(exist_ok=True)
     for name in files:
         try:
-            _reproject(folder / name, target / name, crs, RASTERS[name], floor_m)
+            _reproject(folder / name, target / name, crs, RASTERS[name], tags)
         except (RasterioError, CPLE_BaseError) as error:
             reason = " ".join(str(error).split())
             raise InputError(
@@ -56,7 +57,8 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
             ) from None
     return (
         f"coordinate system: {crs.to_string()}",
-        f"heights are over the map's floor, at {floor_m:.2f} m in the reference of the recorded altitudes",
+        f"heights are over the map's floor, at {float(tags['FLOOR_ALTITUDE_M']):.2f} m in the "
+        f"{tags['VERTICAL_DATUM']}",
     )
 
 
@@ -77,7 +79,7 @@ def coordinate_system(name: str, origin: GeoOrigin) -> CRS:
     raise InputError(f"--crs {name}: no known coordinate system; give utm, or EPSG: and its number")
 
 
-def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, floor_m: float) -> None:
+def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, tags: dict[str, str]) -> None:
     """Resample a raster block by block, and say where its heights begin."""
     plain = target.with_name(f".{target.name}.scratch")
     with (
@@ -89,8 +91,6 @@ def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, flo
             warped, plain, driver="GTiff", tiled="YES", compress="DEFLATE", bigtiff="IF_SAFER"
         )
     with rasterio.open(plain, "r+") as raster:
-        raster.update_tags(
-            FLOOR_ALTITUDE_M=f"{floor_m:.3f}", VERTICAL_DATUM="reference of the recorded altitudes"
-        )
+        raster.update_tags(**tags)
     rasterio.shutil.copy(plain, target, driver="COG", compress="DEFLATE", bigtiff="IF_SAFER")
     plain.unlink()

@@ -12,7 +12,7 @@ from frontend.mosaic.surface import HeightSource, Surface
 from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.io.atomic import write_whole
-from slam.io.geotiff import Grid, write_bands
+from slam.io.geotiff import Grid, height_tags, write_bands
 
 HEIGHT_BAND = "height over the floor [m]"
 LEAST_SPAN_M = 0.1
@@ -41,7 +41,7 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
     else:
         return None
     grid = Grid(*corner, cell_m, shape[1], shape[0], estimate.origin, estimate.metric)
-    write_bands(out_dir / "elevation.tif", grid, bands)
+    write_bands(out_dir / "elevation.tif", grid, bands, height_tags(estimate))
     path, by = out_dir / "elevation.png", "the pictures" if surface is not None else "the sonar"
     write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, by))
     return path

@@ -25,7 +25,7 @@ from slam.core.flight import Flight, Image
 from slam.core.geodesy import GeoOrigin
 from slam.core.progress import Progress, silent
 from slam.core.units import unit
-from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, write_geotiff, write_png
+from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
 from slam.report.rasters.quality import write_quality
 from slam.report.rasters.surface import MeasuredGround, measure_ground
 
@@ -106,7 +106,7 @@ def write_mosaic(
         tif = work / "mosaic.tif"
         with earlier_blocks(earlier or out_dir / "mosaic.tif") as known:
             tiles = _Tiles(made, known)
-            write_geotiff(tif, made.grid, tiles.blocks())
+            write_geotiff(tif, made.grid, tiles.blocks(), height_tags(estimate))
         png_gsd_m = write_png(tif, work / "mosaic.png", MAX_PNG_PIXELS)
         write_quality(plan, made.exposure, estimate, work / "mosaic_quality.tif")
     return MosaicFiles(

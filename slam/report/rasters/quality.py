@@ -14,7 +14,7 @@ from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.core.units import unit
 from slam.io.atomic import write_whole
-from slam.io.geotiff import Grid, write_bands
+from slam.io.geotiff import Grid, height_tags, write_bands
 
 
 def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path: Path) -> None:
@@ -33,7 +33,7 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
         f"position, standard deviation [{unit(estimate.metric)}]": quality.position_std_m,
         "seam: brightness difference of two pictures, share": quality.seam_share,
     }
-    write_bands(path, grid, bands)
+    write_bands(path, grid, bands, height_tags(estimate))
     write_whole(path.with_suffix(".png"), quality_picture(quality, grid, estimate.metric))
 
 

@@ -16,6 +16,7 @@ from numpy.lib import format as npy
 
 from backend.measurements import RelativePose
 from frontend.camera import Camera
+from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
@@ -53,6 +54,23 @@ def full_estimate(seed=0, count=20) -> Estimate:
         iterations=9,
         accuracy_basis="one height sensor alone",
         information_shares={"scale": {"sonar0": 0.75, "imu0": 0.25}},
+        control=ControlReport(
+            points=(
+                PointResidual(
+                    name="P",
+                    role="control",
+                    used=True,
+                    reason="",
+                    views=3,
+                    residual_m=(0.1, 0.2, -0.3),
+                    std_m=(0.1, 0.1, 0.2),
+                    residual_px=0.5,
+                ),
+                PointResidual(name="Q", role="check", used=False, reason="not seen", views=0),
+            ),
+            gps_offset_m=(1.0, 2.0, 47.0),
+            gps_offset_std_m=(0.1, 0.1, 0.2),
+        ),
         ground=GroundFacts(
             misregistration_px=(0.2, 0.5), over_floor_px=(0.3, 4.0), relief_share=0.1, highest_m=2.5
         ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,10 +15,12 @@ import rasterio
 from rasterio.enums import ColorInterp
 from rasterio.warp import transform
 
+from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.flight import GeoOrigin
 from slam.core.geodesy import geodetic_from_enu
-from slam.io.geotiff import Block, Grid, write_geotiff, write_png
+from slam.io.geotiff import Block, Grid, height_tags, write_bands, write_geotiff, write_png
+from tests.slam.made_estimate import made_estimate
 
 ORIGIN = GeoOrigin(30.1712345678, -98.0897654321, 300.0)
 
@@ -173,3 +176,23 @@ def test_full_disk_is_reported_and_leaves_nothing(tmp_path: Path, kind: str, sha
     assert f"m.{kind}: cannot be written" in done.stdout
     assert done.stdout.count("\n") == 1
     assert sorted(p.name for p in tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize("writes", ["colours", "values"])
+def test_a_raster_names_its_coordinate_system_and_says_where_heights_begin(tmp_path, writes):
+    estimate = replace(made_estimate(), origin=ORIGIN, floor_z_m=-1.5)
+    path, grid, tags = tmp_path / "m.tif", Grid(0, 0, 0.1, 64, 64, ORIGIN), height_tags(estimate)
+    if writes == "colours":
+        write_geotiff(path, grid, blocks(picture(64, 64)), tags)
+    else:
+        write_bands(path, grid, {"height": np.zeros((64, 64), np.float32)}, tags)
+    with rasterio.open(path) as raster:
+        wkt, told = raster.crs.to_wkt(), raster.tags()
+        assert wkt.startswith(f'PROJCS["azimuthal equidistant on WGS 84 about {ORIGIN.latitude_deg:.7f}, ')
+        assert 'GEOGCS["WGS 84"' in wkt
+    assert float(told["FLOOR_ALTITUDE_M"]) == pytest.approx(ORIGIN.altitude_m - 1.5, abs=1e-3)
+    assert told["VERTICAL_DATUM"] == "reference of the recorded altitudes"
+    used = PointResidual(name="P", role="control", used=True, reason="", views=3)
+    control = replace(estimate, control=ControlReport(points=(used,)))
+    assert height_tags(control)["VERTICAL_DATUM"] == "reference of the control points"
+    assert height_tags(replace(estimate, origin=None)) == {}
