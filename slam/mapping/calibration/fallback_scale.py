@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +11,19 @@ from numpy.typing import NDArray
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
-from backend.measurements import FloorTracks, ReportedMotion
+from backend.measurements import BarometerHeight, FloorTracks, ReportedMotion
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.refine_part import part_measurements
 from slam.mapping.setup import Setup
 
+Array = NDArray[np.float64]
+
 MOST_SCALE_STD = 0.3
 """Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
+
+_SURE = 4.0
+"""Standard deviations from which on a sign is not chance."""
 
 
 def scaled_by_heights(
@@ -40,9 +45,24 @@ def scaled_by_heights(
         return bundle, f"the refinement with barometer0 failed ({error})"
     if not found.uses_barometer:
         return bundle, "its readings do not cover the pictures"
+    if falls_where_the_camera_climbs(measured.heights, bundle.w_T_b):
+        return bundle, "it falls where the camera climbs; check its sign (altitude grows upwards)"
     if found.scale_std is None or not found.scale_std < MOST_SCALE_STD:
         return bundle, "the flight climbs and descends too little for its noise"
     return found, ""
+
+
+def falls_where_the_camera_climbs(heights: Sequence[BarometerHeight], w_T_b: Array) -> bool:
+    """Return whether heights and those of poses (m, 4, 4) change in opposite senses, not only by chance.
+
+    Source: Fisher 1915, the transformed correlation of n pairs has the variance 1 / (n - 3).
+    """
+    if len(heights) < 4:
+        return False
+    read, z = np.array([(height.height_m, w_T_b[height.k, 2, 3]) for height in heights]).T
+    correlation = float(np.sum((read - read.mean()) * (z - z.mean())))
+    correlation /= max(len(z) * float(read.std() * z.std()), 1e-12)
+    return bool(np.arctanh(np.clip(correlation, -0.999, 0.999)) * np.sqrt(len(z) - 3) < -_SURE)
 
 
 def scaled_by_velocity(
