@@ -13,7 +13,7 @@ from slam.cli.options import CLUSTER, JSON, OUT, QUIET, SCHEDULER, on_cluster
 _NAMES = typer.Argument(
     metavar="NAME",
     help="table1, table2, feature_distance, table3 (with table 4), table5, hover, pulses, squares, "
-    "overlap_speed, arithmetic; all without a name.",
+    "eights, overlap_speed, arithmetic; all without a name.",
     show_default=False,
 )
 _SEEDS = typer.Option(min=1, max=100_000, help="Flights of each experiment; a few give a first impression.")

@@ -18,6 +18,7 @@ NAMES = (
     "hover",
     "pulses",
     "squares",
+    "eights",
     "overlap_speed",
     "arithmetic",
 )

@@ -23,7 +23,7 @@ from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table
 from slam.inertial.filter_chain import filter_chain
 from slam.mapping.config import PipelineConfig
-from slam.mapping.front_end import FrontEnd
+from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.homography_chain import chain
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
     """
     assert flight.camera is not None
     taken = at_pace(flight, PICTURE_S)
-    observations = FrontEnd(taken, flight.camera, _EVERY_PICTURE, silent).track()
+    observations = every_picture(taken)
     n = len(observations.stamps_s)
     roll_pitch = roll_pitch_yaw_of(estimate.over_floor_T_b[0, :3, :3])[:2]
     height_m = estimate.over_floor_T_b[0, 2, 3] - estimate.floor_z_m
@@ -75,12 +75,21 @@ def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
     )
 
 
-def filtered(flight: Flight, estimate: Estimate) -> Estimate:
+def every_picture(flight: Flight) -> Observations:
+    """Register each picture to the one before it."""
+    assert flight.camera is not None
+    return FrontEnd(flight, flight.camera, _EVERY_PICTURE, silent).track()
+
+
+def filtered(flight: Flight, estimate: Estimate, inertial_alone: bool = False) -> Estimate:
     """Make the paper's map with inertia (section 3.1.2): each picture at the Kalman filter's pose.
 
-    The filter uses the readings of all instruments except the camera until then. Pictures from before or
-    after its time range are left out.
+    The filter uses the readings of all instruments except the camera until then; ``inertial_alone``: only
+    acceleration and attitude as in the paper, and the sonar's height, which every map here has. Pictures
+    from before or after its time range are left out.
     """
+    if inertial_alone:
+        flight = replace(flight, velocity=None, gps=None)
     assert flight.frames is not None
     taken = at_pace(flight, PICTURE_S)
     numbers = _numbers(flight, taken)
