@@ -140,9 +140,15 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
         return tuple(f"{part.name}: {line}" for part in flight.parts for line in missing_for_map(part))
     lines = []
     if flight.attitude is None:
-        lines.append("no attitude: tilt is not measured, the camera is assumed to look straight down")
+        lines.append(
+            "no attitude: tilt is not measured, the camera is assumed to look straight down, and a "
+            "tilted flight gives a bent map; record attitude0, or use a gimbal"
+        )
     if flight.imu is None:
-        lines.append("no IMU: segments where pictures do not match cannot be bridged")
+        lines.append(
+            "no IMU: segments where pictures do not match cannot be bridged, and the map may fall into "
+            "parts; record imu0, or keep the floor in view"
+        )
     return tuple(lines)
 
 
@@ -171,9 +177,15 @@ def _missing_for_scale(flight: Flight) -> list[str]:
     elif not ranged and flight.gps is None and flight.velocity is not None and flight.attitude is not None:
         lines.append("no sonar and no GPS: no metric scale but that of the vehicle's own velocity")
     elif not ranged and flight.gps is None:
-        lines.append("no sonar and no GPS: no metric scale; distances in the map are relative")
+        lines.append(
+            "no sonar and no GPS: no metric scale; distances in the map are relative; record a height "
+            "sensor, or measure one distance on the ground and scale the map by it"
+        )
     elif not ranged:
-        lines.append("no sonar: the scale comes from GPS alone and is only as accurate as GPS")
+        lines.append(
+            "no sonar: the scale comes from GPS alone and is only as accurate as GPS; record a height "
+            "sensor, or measure one distance on the ground"
+        )
     if flight.gps is None:
         lines.append("no GPS: the map is not placed on Earth")
     return lines
@@ -183,7 +195,8 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     if flight.parts:
         return [f"{part.name}: {line}" for part in flight.parts for line in describe(part).anomalies]
     lines = [
-        f"{s.name}: {s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s"
+        f"{s.name}: {s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s; it "
+        "measured nothing then: check the recorder"
         for s in streams
         if s.gaps and not (flight.all_keyframes and s.name in ("cam0", "gps0"))
     ]
@@ -199,7 +212,10 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     if flight.velocity is not None:
         lines += velocity_anomalies(flight.velocity)
     lines += _gps_anomalies(flight)
-    lines += [f"{name}: its noise is given as zero, which no sensor has" for name in _noiseless(flight)]
+    lines += [
+        f"{name}: its noise is given as zero, which no sensor has; write its own into sensor.yaml"
+        for name in _noiseless(flight)
+    ]
     return lines
 
 
@@ -220,7 +236,10 @@ def _not_overlapping(streams: list[StreamInfo]) -> list[str]:
             )
         elif shared < 0.5 * reference.duration_s:
             part = 100 * shared / reference.duration_s
-            lines.append(f"{s.name}: covers only {part:.0f} % of the time of {reference.name}")
+            lines.append(
+                f"{s.name}: covers only {part:.0f} % of the time of {reference.name}; the rest is mapped "
+                "without it: check whether its recording is complete"
+            )
     return lines
 
 
@@ -230,11 +249,17 @@ def _attitude_anomalies(attitude: AttitudeSeries) -> list[str]:
         angle = attitude.roll_pitch_yaw_rad[:, axis]
         angle = angle[np.isfinite(angle)]
         if not len(angle):
-            lines.append(f"attitude0: {name} was not recorded")
+            lines.append(f"attitude0: {name} was not recorded and is left open; record it for a better map")
         elif (far := float(np.abs(angle).max())) > math.pi + 1e-3:
-            lines.append(f"attitude0: {name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad")
+            lines.append(
+                f"attitude0: {name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad; check that "
+                "it is in radians"
+            )
         elif name != "yaw" and far > 1.0:
-            lines.append(f"attitude0: {name} reaches {math.degrees(far):.0f} deg")
+            lines.append(
+                f"attitude0: {name} reaches {math.degrees(far):.0f} deg, where pictures do not show the "
+                "ground below; check its unit and axes"
+            )
     return lines
 
 
@@ -256,10 +281,16 @@ def _imu_anomalies(imu: Imu) -> list[str]:
     gyro = float(np.linalg.norm(np.median(imu.gyro_rad_s[rows], axis=0)))
     lines = []
     if abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
-        lines.append(f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81")
+        lines.append(
+            f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81; "
+            "lengths that rest on it are off as much: calibrate its scale"
+        )
     lines += imu_axis_anomalies(imu)
     if at_rest and gyro > GYRO_OFF_RAD_S:
-        lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
+        lines.append(
+            f"imu0: the gyro reads {gyro:.3f} rad/s at rest; the map estimates this offset, and other "
+            "programs need it subtracted"
+        )
     return lines
 
 

@@ -64,18 +64,33 @@ def sonar_anomalies(sonar: Sonar) -> list[str]:
     """Return a line for each kind of range that no healthy sensor gives."""
     known = np.isfinite(sonar.range_m)
     if not known.any():
-        return ["sonar0: gives no range at all"]
+        return [
+            "sonar0: gives no range at all, so that it measures no lengths; check its wiring and the column "
+            "range of its data.csv"
+        ]
     ranges = sonar.range_m[known]
     lines = []
     if negative := int((ranges <= 0).sum()):
-        lines.append(f"sonar0: {negative} ranges are zero or negative")
+        lines.append(
+            f"sonar0: {negative} ranges are zero or negative, which no distance is; leave readings without "
+            "an echo empty in data.csv"
+        )
     if (share := float(np.mean(ranges >= 0.999 * sonar.max_range_m))) > SATURATED_SHARE:
-        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are saturated at {sonar.max_range_m:g} m")
+        lines.append(
+            f"sonar0: {100 * share:.0f} % of the ranges are saturated at {sonar.max_range_m:g} m: they "
+            "are no heights; fly lower, or correct max_range in sensor.yaml"
+        )
     if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
-        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m")
+        lines.append(
+            f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m: they are no "
+            "heights; fly higher, or correct min_range in sensor.yaml"
+        )
     around = np.maximum(ranges[:-2], ranges[2:])
     if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
-        lines.append(f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?)")
+        lines.append(
+            f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?): most "
+            "are left out of the map; fly lower, or check what reflects the sound"
+        )
     if line := stuck_ranges(sonar):
         lines.append(line)
     return lines
@@ -92,7 +107,8 @@ def stuck_ranges(sonar: Sonar, least_share: float = 0.0) -> str:
         return ""
     return (
         f"sonar0: reads exactly {range_m[at]:g} m for {lasted_s:.1f} s from {stamps_s[at]:.1f} s "
-        "(stuck, or standing on the ground)"
+        "(stuck, or standing on the ground); if the vehicle flew then, heights and lengths of the map are "
+        "wrong: repair the sensor, or map without sonar0"
     )
 
 
@@ -120,5 +136,5 @@ def velocity_anomalies(velocity: Velocity) -> list[str]:
         return []
     return [
         f"velocity0: reads exactly {v_m_s[at, 0]:g}, {v_m_s[at, 1]:g} m/s for {lasted_s:.1f} s from "
-        f"{stamps_s[at]:.1f} s (stuck?)"
+        f"{stamps_s[at]:.1f} s (stuck?); if it flew at another speed then, leave velocity0 out"
     ]

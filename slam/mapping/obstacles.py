@@ -191,7 +191,10 @@ class Obstacles:
     @property
     def unusable_masks_warning(self) -> str:
         """One line for the user, where there is no map without what shows them."""
-        return f"{self.warning.split(';')[0]}; masking them would leave no map, so nothing is masked"
+        return (
+            f"{self.warning.split(';')[0]}; masking them would leave no map, so nothing is masked; what "
+            "stands on the floor may bend the map: fly higher over it"
+        )
 
     def cleared(self, flight: Flight) -> Flight:
         """The flight with heights over the floor alone."""

@@ -41,7 +41,8 @@ _MOST_SELECTIONS = 4
 """Largest number of refinements of one part with other GPS fixes. One suffices in most flights."""
 _NOT_SETTLED = (
     "which GPS fixes and control points agree with the map still changed after "
-    f"{_MOST_SELECTIONS} refinements: those near the limit are uncertain"
+    f"{_MOST_SELECTIONS} refinements: those near the limit are uncertain; compare their places in the report "
+    "with the ground"
 )
 _NOT_PLACED = "{} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth"
 
@@ -206,7 +207,10 @@ class _Evidence:
             used = _Used(agreement, followed)
             placed, agreement = self._refined_with_agreeing(base, placed, fixes, control, used)
         except BackendError as error:
-            line = f"the part of the map with {len(members)} keyframes could not be refined: {error}"
+            line = (
+                f"the part of the map with {len(members)} keyframes could not be refined: {error}; its "
+                "standard deviations are unknown: do not measure there"
+            )
             return replace(placed, warnings=(*placed.warnings, line))
         if agreement is None or fixes is None:
             return placed

@@ -56,7 +56,11 @@ def velocity_warning(found: VelocityErrors | None) -> str:
             words.append(f"± {found.fading_m_s[axis]:.2g} m/s {name} that change over the flight")
         if found.jump_m_s[axis] > _FADING_M_S:
             words.append(f"{found.jump_m_s[axis]:.2g} m/s more or less {name} from a picture on")
-    return f"velocity0 reads {', '.join(words)}: the map allows for it" if words else ""
+    return (
+        f"velocity0 reads {', '.join(words)}: the map allows for it, and other programs should not trust it"
+        if words
+        else ""
+    )
 
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:

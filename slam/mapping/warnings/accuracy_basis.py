@@ -36,7 +36,7 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     what = "Place, lengths" if map_.georeferenced else "Lengths"
     return (
         f"{what} and their accuracy rest on {source} alone; no second instrument checks them"
-        f"{_assumed(flight, map_)}."
+        f"{_assumed(flight, map_)}. One distance measured on the ground checks them."
     )
 
 

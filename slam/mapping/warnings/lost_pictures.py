@@ -13,8 +13,9 @@ from slam.mapping.front_end import Observations
 NOTABLE_SHARE = 0.02
 """Share of pictures above which one reason to leave them out, or something moving, is reported."""
 _HINTS = {
-    SAME_PICTURE: "did the camera freeze?",
-    "too few features": "is the floor without texture or light there?",
+    SAME_PICTURE: "did the camera freeze? What it passed then is missing from the map",
+    "too few features": "is the floor without texture or light there? What lies there is missing from the "
+    "map, unless the drone passes it again; fly higher, or lay out marks",
 }
 
 

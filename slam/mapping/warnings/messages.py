@@ -132,15 +132,21 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
     lost = [name for name, reason in not_placed.items() if reason == ALONE]
     if parts > 1:
         sizes = ", ".join(str(int((map_.component == k).sum())) for k in range(parts))
-        lines.append(f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect")
+        lines.append(
+            f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect: measure "
+            "within a part only, or fly again with rows that overlap by half"
+        )
     if lost:
         who = f"{len(lost)} keyframes overlap" if len(lost) > 1 else "1 keyframe overlaps"
-        lines.append(f"{who} too little with any other: not on the map ({listed(lost)})")
+        lines.append(
+            f"{who} too little with any other: not on the map ({listed(lost)}); fly slower or "
+            "with more overlap if you need that ground"
+        )
     vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
     if vague:
         lines.append(
             f"no uncertainty is known for {vague} keyframes: they could not be refined, or the measurements "
-            "do not determine them"
+            "do not determine them; do not measure there"
         )
     return lines
 
@@ -149,14 +155,23 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
     measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
     if map_.bundle is None or map_.bundle.scale_std is None:
-        return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
+        return (
+            f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor; "
+            "measure one distance on the ground and scale the map by it"
+        )
     std = 100 * map_.bundle.scale_std
     if map_.bundle.uses_barometer and not (map_.inertial is not None and map_.inertial.helps):
         source = "the barometer's changes of height"
         return f"{lacking}: no metric scale but that of {source}, known to {std:.2g} %"
     if map_.bundle.uses_reported_motion:
-        return f"{lacking}: no metric scale but that of the vehicle's own velocity, known to {std:.2g} %"
-    return f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %"
+        return (
+            f"{lacking}: no metric scale but that of the vehicle's own velocity, known to {std:.2g} %; one "
+            "distance measured on the ground would tell it better"
+        )
+    return (
+        f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %; one distance measured "
+        "on the ground would check them"
+    )
 
 
 def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:
@@ -167,11 +182,12 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
     if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:
         return [
             f"{pictures} some features do not move as the others do, which a lens distortion explains as "
-            "well as moving things; they are left out of the map"
+            "well as moving things; they are left out of the map; calibrate the camera if nothing moved"
         ]
     return [
         f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it are left "
-        "out of the map"
+        "out of the map, which is right but for that ground; if nothing moved there, compare the mosaic with "
+        "the place"
     ]
 
 

@@ -28,5 +28,5 @@ def one_place_warning(flight: Flight, map_: Map, min_overlap: float, by_metres: 
     return (
         f"the pictures show one place only: their centres move by {length(moved, by_metres)}, less than the "
         f"{length(step, by_metres)} of a keyframe; the vehicle stood or hovered, or its camera froze, and "
-        "nothing else is mapped"
+        "nothing else is mapped; fly over the ground that the map shall show"
     )

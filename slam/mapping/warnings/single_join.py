@@ -48,6 +48,7 @@ def single_join_warnings(flight: Flight, map_: Map, tied: NDArray[np.int64]) -> 
     names = flight.picture_names(flight.frames.stamps_s[map_.observations.frame_index])
     return [
         f"one pair of pictures alone ({names[i]} and {names[j]}) joins {count} keyframes to the others, and "
-        "no instrument confirms it: where the floor repeats, they may lie at a wrong place"
+        "no instrument confirms it: where the floor repeats, they may lie at a wrong place; compare the "
+        "mosaic with the ground there, or fly a second crossing"
         for i, j, count in single_joins(map_, tied)
     ]

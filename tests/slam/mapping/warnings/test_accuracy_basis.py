@@ -48,8 +48,9 @@ def test_nothing_is_stated_without_an_instrument_or_with_two(used):
     [
         (0.05, 0.02, ", and its gain (± 5 %) and its zero (± 20 mm) are assumed."),
         (0.02, 0.019, ", and its zero (± 20 mm) is assumed."),
-        (0.02, 0.01, " checks them."),
+        (0.02, 0.01, "; no second instrument checks them."),
     ],
 )
 def test_values_that_the_flight_does_not_determine_are_assumed(gain_std, zero_std_m, assumed):
-    assert basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m).endswith(assumed)
+    advice = " One distance measured on the ground checks them."
+    assert basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m).endswith(assumed + advice)
