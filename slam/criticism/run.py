@@ -53,7 +53,7 @@ from slam.criticism.verdict.held_out import HeldOut, held_out, with_step
 from slam.criticism.verdict.posterior import Posterior, is_term, likelier_pairs, likelier_term, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
-from slam.criticism.verdict.sentence import Finding, details, headline, unusable
+from slam.criticism.verdict.sentence import Finding, details, headline, next_step, unusable
 from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
 from slam.criticism.verdict.unexplained import left_over, nearest_term
 from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
@@ -220,7 +220,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     return Criticism(
         verdict=verdict,
         sentence=headline(finding),
-        details=details(finding),
+        details=(*details(finding), next_step(finding.verdict)),
         causes=causes,
         equivalence_set=equivalents,
         remainder=remainder,

@@ -20,6 +20,26 @@ MOST_SENTENCES = 3
 """Greatest number of sentences of a headline."""
 
 
+_USE_IT = (
+    "simulate, replay and map with --model extended.toml. Where the cause is a fault of an instrument, "
+    "repair or calibrate it, and fly again to see it gone."
+)
+_LOOK = (
+    "look at the pictures of the unexplained channel in the report, and check its sensor, mounting and clock "
+    "first. Do not rely on the model's prediction of that channel."
+)
+_WHAT_TO_DO: Mapping[Verdict, str] = {
+    "nothing_wrong": "simulate with the model as it is. To see smaller effects, fly longer, and the "
+    "manoeuvres that docs/recipes.md lists for each effect.",
+    "named": _USE_IT,
+    "ambiguous": "fly the manoeuvre that docs/recipes.md lists for these effects, and criticise the flights "
+    "together. Until then extended.toml predicts flights like these, but perhaps no others.",
+    "named_with_remainder": f"{_USE_IT} For the rest, {_LOOK}",
+    "unknown": _LOOK,
+}
+"""Verdict on flights that can be judged -> what their pilot should do."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """Content of a verdict that its sentences report."""
@@ -89,6 +109,11 @@ def details(finding: Finding) -> tuple[str, ...]:
         )
         lines.append(f"Smallest sizes that nine of ten such flights would have shown: {', '.join(sizes)}.")
     return tuple(lines)
+
+
+def next_step(verdict: Verdict) -> str:
+    """Return what the pilot should do after a verdict on flights that can be judged."""
+    return f"What to do next: {_WHAT_TO_DO[verdict]}"
 
 
 def unusable(reasons: Sequence[str], dropped: Sequence[str] = (), advice: str = "") -> Criticism:

@@ -21,7 +21,7 @@ from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.decision import CONFIRMED_NATS, is_unknown
-from slam.criticism.verdict.sentence import Finding, details, headline
+from slam.criticism.verdict.sentence import Finding, details, headline, next_step
 from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.consistency import varying_sizes
 from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
@@ -93,7 +93,12 @@ def criticise_without_commands(
     return Criticism(
         verdict=verdict,
         sentence=headline(finding),
-        details=(*details(finding), *noise_of(flights), *not_shown(data, unknown, seen, STANDS_OUT_Z)),
+        details=(
+            *details(finding),
+            *noise_of(flights),
+            *not_shown(data, unknown, seen, STANDS_OUT_Z),
+            next_step(finding.verdict),
+        ),
         causes=causes,
         equivalence_set=equivalents or tuple(c.name for c in causes[:1]),
         remainder=remainder,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from itertools import product
+from typing import get_args
 
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
+from slam.criticism.verdict.criticism import Verdict
 from slam.criticism.verdict.power import within_reach
-from slam.criticism.verdict.sentence import Finding, details, headline, unusable
+from slam.criticism.verdict.sentence import Finding, details, headline, next_step, unusable
 from slam.simulation.terms import CATALOGUE
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
@@ -191,3 +193,13 @@ def test_flights_that_cannot_be_judged_have_one_reason_in_the_headline_and_all_i
     found = unusable(["a: too short", "b: no readings", "c: no readings"], advice="Fly longer.")
     assert found.sentence == "These data cannot be judged: a: too short, and 2 further reasons. Fly longer."
     assert found.details == ("b: no readings.", "c: no readings.")
+
+
+def test_every_verdict_tells_a_pilot_what_to_do_next():
+    told = {v: next_step(v) for v in get_args(Verdict) if v != "unusable"}
+    assert len(set(told.values())) == len(told) == 5
+    for verdict, line in told.items():
+        assert line.startswith("What to do next: "), verdict
+        assert re.search(r"\b(simulate|fly|check|repair)\b", line), verdict
+    assert "extended.toml" in told["named"]
+    assert "extended.toml" not in told["unknown"]
