@@ -170,12 +170,19 @@ def _missing_for_scale(flight: Flight) -> list[str]:
     ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     if not ranged and flight.gps is None and flight.imu is not None:
         lines.append(
-            "no sonar and no GPS: lengths come from the accelerometer, if the flight moves it enough"
+            "no sonar and no GPS: lengths come from the accelerometer, if the flight moves it enough: fly "
+            "curves, and measure one distance on the ground"
         )
     elif not ranged and flight.gps is None and flight.barometer is not None:
-        lines.append("no sonar and no GPS: no metric scale but that of the barometer's changes of height")
+        lines.append(
+            "no sonar and no GPS: no metric scale but that of the barometer's changes of height: check it "
+            "by one distance on the ground"
+        )
     elif not ranged and flight.gps is None and flight.velocity is not None and flight.attitude is not None:
-        lines.append("no sonar and no GPS: no metric scale but that of the vehicle's own velocity")
+        lines.append(
+            "no sonar and no GPS: no metric scale but that of the vehicle's own velocity: check it "
+            "by one distance on the ground"
+        )
     elif not ranged and flight.gps is None:
         lines.append(
             "no sonar and no GPS: no metric scale; distances in the map are relative; record a height "

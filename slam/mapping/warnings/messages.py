@@ -161,17 +161,13 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
         )
     std = 100 * map_.bundle.scale_std
     if map_.bundle.uses_barometer and not (map_.inertial is not None and map_.inertial.helps):
-        source = "the barometer's changes of height"
-        return f"{lacking}: no metric scale but that of {source}, known to {std:.2g} %"
-    if map_.bundle.uses_reported_motion:
-        return (
-            f"{lacking}: no metric scale but that of the vehicle's own velocity, known to {std:.2g} %; one "
-            "distance measured on the ground would tell it better"
-        )
-    return (
-        f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %; one distance measured "
-        "on the ground would check them"
-    )
+        source = "no metric scale but that of the barometer's changes of height,"
+    elif map_.bundle.uses_reported_motion:
+        source = "no metric scale but that of the vehicle's own velocity,"
+    else:
+        source = "lengths come from the accelerometer and are"
+    check = "measure one distance on the ground to check it"
+    return f"{lacking}: {source} known to {std:.2g} %; {check}"
 
 
 def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:

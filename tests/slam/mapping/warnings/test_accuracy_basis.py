@@ -20,8 +20,14 @@ def basis(
     zero_std_m=0.02,
 ):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
+    measured = SimpleNamespace(positions=("fix",) if gps else (), control=())
     map_ = SimpleNamespace(
-        bundle=SimpleNamespace(range_errors=errors, uses_reported_motion=velocity, uses_barometer=barometer),
+        bundle=SimpleNamespace(
+            range_errors=errors,
+            uses_reported_motion=velocity,
+            uses_barometer=barometer,
+            optimum=SimpleNamespace(problem=SimpleNamespace(measurements=measured)),
+        ),
         georeferenced=gps,
         inertial=SimpleNamespace(helps=True) if accelerometer else None,
     )
