@@ -286,9 +286,10 @@ class Measurements:
     """Relative standard deviation of the scale error that all ranges share (temperature, calibration)."""
     range_datum_std_m: float = 0.02
     """Standard deviation of the zero offset that all ranges share."""
+    antenna_m: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) point of the body that ``positions`` belong to."""
     antenna_std_m: float = 0.0
-    """Standard deviation along each body axis of the point that ``positions`` belong to; 0: the body's
-    origin exactly."""
+    """Its standard deviation along each body axis; 0 holds it."""
     names: tuple[str, ...] = field(default=())
     """Name of each keyframe in messages; empty: its number."""
     length_unit: str = "m"

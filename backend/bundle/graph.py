@@ -156,7 +156,10 @@ def start_variables(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> V
     values = gtsam.Values()
     for k, pose in enumerate(w_T_c):
         values.insert(POSE(k), gtsam.Pose3(pose))
-    values.insert(WORLD, np.array([np.log(scale), floor_z_m, *[0.0] * (WORLD_SIZE - 2)]))
+    world = np.zeros(WORLD_SIZE)
+    world[LOG_SCALE], world[FLOOR_Z] = np.log(scale), floor_z_m
+    world[ANTENNA] = problem.measurements.antenna_m
+    values.insert(WORLD, world)
     start_control(values, problem.measurements, camera, w_T_c)
     return Variables(values, intersect_floor(tracks, camera, w_T_c))
 

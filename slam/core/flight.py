@@ -160,6 +160,10 @@ class Gps:
     """(n,); NaN where only the horizontal position is known."""
     noise_std_m: tuple[float, float, float] = (5.0, 5.0, 10.0)
     """Nominal standard deviations east, north, up; the back end estimates its own."""
+    b_T_s: Array = field(default_factory=lambda: np.eye(4))
+    """Its translation is the place of the antenna on the body."""
+    antenna_std_m: float = 0.0
+    """Standard deviation of that place along each axis; above 0 a map estimates it."""
 
 
 @dataclass(frozen=True)

@@ -136,6 +136,17 @@ class LensNumber:
 
 
 @dataclass(frozen=True)
+class AntennaPlace:
+    """Place of the GPS antenna on the body, forward, left and up."""
+
+    place_m: tuple[float, float, float]
+    std_m: tuple[float, float, float]
+    told_m: tuple[float, float, float]
+    """Place that ``gps0/sensor.yaml`` states."""
+    told_std_m: float
+
+
+@dataclass(frozen=True)
 class InstrumentErrors:
     """Errors of the instruments as the map determines them; None where it does not."""
 
@@ -153,6 +164,8 @@ class InstrumentErrors:
     """None where the map does not use the velocity."""
     barometer: BarometerErrors | None = None
     """None where the map does not use the barometer."""
+    antenna: AntennaPlace | None = None
+    """None where the antenna's place was held at what is told."""
 
 
 NOTHING_KNOWN = InstrumentErrors(None, None)

@@ -129,7 +129,7 @@ def _write_series(series: Series, name: str, folder: Path, epoch_ns: int, commen
         file.write(header_of(COLUMNS[name]) + "\n")
         for stamp, row in zip(_stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
             file.write(f"{stamp},{','.join(repr(v) if math.isfinite(v) else '' for v in row)}\n")
-    mount = series.b_T_s if isinstance(series, Imu | Sonar) else np.eye(4)
+    mount = series.b_T_s if isinstance(series, Imu | Sonar | Gps) else np.eye(4)
     entries = _commented(_sensor_entries(series), comment)
     _write_sensor(folder, name[:-1], mount, series.stamps_s, entries)
 
@@ -192,7 +192,9 @@ def _sensor_entries(series: Series) -> dict[str, object]:
         case Gps():
             east, north, up = series.noise_std_m
             latitude = float(series.latitude_deg[0]) if len(series.latitude_deg) else 0.0
-            return {"noise_std": [north / METRES_PER_DEGREE, east / metres_per_degree_east(latitude), up]}
+            noise = [north / METRES_PER_DEGREE, east / metres_per_degree_east(latitude), up]
+            antenna = {"antenna_std": series.antenna_std_m} if series.antenna_std_m else {}
+            return {"noise_std": noise, **antenna}
         case Truth():
             return {"noise_std": [0.0] * 16}
     assert_never(series)

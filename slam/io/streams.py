@@ -17,7 +17,7 @@ from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
 from slam.io.plausibility import GYRO_LIMIT_RAD_S
-from slam.io.sensor_yaml import YamlFile
+from slam.io.sensor_yaml import MAX_LEVER_M, YamlFile
 
 Array = NDArray[np.float64]
 Series = Imu | Sonar | AttitudeSeries | Velocity | Command | Scalar | Motor | Gps | Truth
@@ -73,7 +73,7 @@ KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
     "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
     "focal_std_ratio", "aspect_std_ratio", "center_std", "radial_std", "tangential_std", "mount_std",
-    "readout", "scale_std", "datum_std", *IMU_DENSITIES,
+    "readout", "scale_std", "datum_std", "antenna_std", *IMU_DENSITIES,
 )  # fmt: skip
 
 
@@ -257,7 +257,7 @@ def _motor(source: Source) -> Motor:
 
 
 def _gps(source: Source) -> Gps:
-    source.check_identity_mount()
+    b_T_s, antenna_std_m = source.sensor.transform(), source.sensor.std("antenna_std", 0.0, MAX_LEVER_M)
     for column, name, limit in ((0, "latitude", 90), (1, "longitude", 180)):
         too_large = np.abs(source.table.values[:, column]) > limit
         if too_large.any():
@@ -270,7 +270,8 @@ def _gps(source: Source) -> Gps:
     fixed = (source.table.values[:, 0] != 0) | (source.table.values[:, 1] != 0)
     source = source.keep_rows(fixed, "latitude and longitude are both 0 (no fix yet)")
     latitude, longitude, altitude = source.table.values.T
-    return Gps(source.stamps_s, latitude, longitude, altitude, _gps_noise(source, latitude))
+    noise = _gps_noise(source, latitude)
+    return Gps(source.stamps_s, latitude, longitude, altitude, noise, b_T_s, antenna_std_m)
 
 
 def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float]:

@@ -17,6 +17,7 @@ from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
 from slam.core.instrument_errors import InstrumentErrors
+from slam.mapping.calibration.antenna import antenna_place
 from slam.mapping.calibration.barometer_errors import barometer_errors
 from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import (
@@ -103,6 +104,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             lens_numbers(map_.bundle),
             velocity,
             barometer_errors(map_.bundle),
+            antenna_place(map_.bundle),
         ),
         accuracy_basis=accuracy_basis(flight, map_),
         information_shares=_information_shares(flight, map_),

@@ -138,9 +138,10 @@ class MapPart:
     remarks: tuple[str, ...] = ()
     stated_accuracy: tuple[Contradiction, ...] = ()
 
-    def without_offset(self, fixes: FixComparison) -> FixComparison:
-        """Return the fixes in the datum of the control points."""
-        return fixes if self.bundle is None else fixes.without_offset(self.bundle.position_offset_m)
+    def refined_fixes(self, fixes: FixComparison) -> FixComparison:
+        """Return the fixes in the datum of the control points, for the estimated antenna."""
+        refined = self.bundle
+        return fixes if refined is None else fixes.refined(refined.position_offset_m, refined.antenna_m)
 
     @property
     def metric(self) -> bool:
@@ -214,7 +215,7 @@ class _Evidence:
             return replace(placed, warnings=(*placed.warnings, line))
         if agreement is None or fixes is None:
             return placed
-        fixes = placed.without_offset(fixes)
+        fixes = placed.refined_fixes(fixes)
         messages = fixes.messages(agreement)
         return replace(
             placed,
@@ -249,7 +250,7 @@ class _Evidence:
             )
             used, settled = agreement, np.array_equal(verdict.used, used_points)
             if fixes is not None and used is not None:
-                agreement = part.without_offset(fixes).exact(bundle.w_T_b)
+                agreement = part.refined_fixes(fixes).exact(bundle.w_T_b)
                 settled = settled and agreement.same(used)
             if settled:
                 break

@@ -55,6 +55,8 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
         positions=readings.positions,
         heights=readings.heights,
         control=setup.control,
+        antenna_m=readings.fixes.antenna_m if readings.fixes else np.zeros(3),
+        antenna_std_m=readings.fixes.antenna_std_m if readings.fixes else 0.0,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
         camera=_model(setup.camera),

@@ -28,9 +28,10 @@ class FixComparison:
     stamps_s: Array
     """(m,) times of the keyframes."""
 
-    def without_offset(self, offset_m: Array) -> FixComparison:
-        """Return the comparison of fixes less an offset (3,) that all of them share."""
-        return replace(self, fixes=replace(self.fixes, w_p_b_m=self.fixes.w_p_b_m - offset_m))
+    def refined(self, offset_m: Array, antenna_m: Array) -> FixComparison:
+        """Return the comparison of fixes less an offset (3,) they share, for an estimated antenna (3,)."""
+        moved = replace(self.fixes, w_p_b_m=self.fixes.w_p_b_m - offset_m, antenna_m=antenna_m)
+        return replace(self, fixes=moved)
 
     def rough(self, w_T_b: Array, metric: bool) -> Agreement:
         """Compare with the level, unplaced poses ``w_T_b`` (m, 4, 4)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,10 @@ class Fixes:
     """Photograph or time of each fix, for messages."""
     suspect: NDArray[np.bool_]
     """(n,) whether the fix is out of reach of the other fixes (`slam.core.fix_check`)."""
+    antenna_m: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) place of the antenna on the body."""
+    antenna_std_m: float = 0.0
+    """Its standard deviation along each axis."""
 
     def __len__(self) -> int:
         return len(self.stamps_s)
@@ -63,19 +67,20 @@ class Fixes:
         return tuple(positions)
 
     def on_map(self, at_s: Array, w_T_b: Array) -> Array:
-        """Return the map's position (n, 3) at each fix, NaN where the map does not cover its time.
+        """Return the antenna's position (n, 3) on the map at each fix, NaN where the map lacks its time.
 
         ``w_T_b`` (k, 4, 4) are the keyframes at the times ``at_s`` (k,), in increasing order. Beyond the ends
         of a stretch of keyframes the map is extrapolated as far as a fix gives positions to a keyframe.
         """
-        here = _interpolated(w_T_b[:, :3, 3], _between(at_s, self.stamps_s))
+        antenna = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ self.antenna_m
+        here = _interpolated(antenna, _between(at_s, self.stamps_s))
         if len(at_s) < 2:
             return here
         near = nearest(at_s, self.stamps_s)
         away_s = self.stamps_s - at_s[near]
         beyond = np.isnan(here[:, 0]) & (np.abs(away_s) < LONGEST_STEP_S)
-        velocity_m_s = _velocity(at_s, w_T_b[:, :3, 3])[near]
-        here[beyond] = (w_T_b[near, :3, 3] + velocity_m_s * away_s[:, None])[beyond]
+        velocity_m_s = _velocity(at_s, antenna)[near]
+        here[beyond] = (antenna[near] + velocity_m_s * away_s[:, None])[beyond]
         return here
 
 
@@ -98,6 +103,8 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         stated=gps.noise_std_m != Gps.noise_std_m,
         names=flight.picture_names(stamps_s),
         suspect=~check.consistent[known][order],
+        antenna_m=gps.b_T_s[:3, 3],
+        antenna_std_m=gps.antenna_std_m,
     )
 
 

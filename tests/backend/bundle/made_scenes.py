@@ -80,3 +80,17 @@ def errors_squared(made: Made, bundle: Bundle) -> np.ndarray:
 def position_rms(made: Made, w_T_b: np.ndarray) -> float:
     hat = w_T_b if made.measurements.positions else aligned(w_T_b, made.w_T_b)
     return float(np.sqrt(np.mean(np.sum((hat - made.w_T_b)[:, :3, 3] ** 2, axis=1))))
+
+
+def turned(made: Made, quarters: np.ndarray) -> Made:
+    """Return the flight with each body turned by quarter turns: an error in body axes is then none of the
+    world."""
+    angle = 0.5 * np.pi * quarters
+    turn = np.tile(np.eye(4), (len(quarters), 1, 1))
+    turn[:, :3, :3] = Rotation.from_euler("z", angle[:, None]).as_matrix()
+    tracks, center = made.measurements.tracks, np.array(CAMERA.center_px)
+    # The camera looks along -z of the body, so its picture turns the other way.
+    in_picture = Rotation.from_euler("z", angle[tracks.keyframe][:, None]).as_matrix()[:, :2, :2]
+    pixel = center + np.einsum("mab,mb->ma", in_picture, tracks.pixel - center)
+    measurements = replace(made.measurements, tracks=replace(tracks, pixel=pixel))
+    return replace(made, measurements=measurements, start=made.start @ turn, w_T_b=made.w_T_b @ turn)

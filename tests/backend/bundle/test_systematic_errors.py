@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 from backend.bundle.refinement import Bundle, refine
@@ -14,6 +13,7 @@ from backend.bundle.systematic_errors import _eliminate, systematic_errors
 from backend.bundle.systematic_terms import LENS_KINDS, lens_displacement
 from backend.errors import BackendError
 from backend.sparse_cholesky import SingularMatrixError
+from tests.backend.bundle.made_scenes import turned
 from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make
 
 SONAR = Scene()
@@ -94,20 +94,6 @@ def test_a_strong_distortion_is_found() -> None:
         assert found is not None
         assert next(iter(found.coefficients)) == "radial"
         assert found.excess > 1.0
-
-
-def turned(made: Made, quarters: np.ndarray) -> Made:
-    """Return the flight with each body turned by quarter turns: an error in body axes is then none of the
-    world."""
-    angle = 0.5 * np.pi * quarters
-    turn = np.tile(np.eye(4), (len(quarters), 1, 1))
-    turn[:, :3, :3] = Rotation.from_euler("z", angle[:, None]).as_matrix()
-    tracks, center = made.measurements.tracks, np.array(CAMERA.center_px)
-    # The camera looks along -z of the body, so its picture turns the other way.
-    in_picture = Rotation.from_euler("z", angle[tracks.keyframe][:, None]).as_matrix()[:, :2, :2]
-    pixel = center + np.einsum("mab,mb->ma", in_picture, tracks.pixel - center)
-    measurements = replace(made.measurements, tracks=replace(tracks, pixel=pixel))
-    return replace(made, measurements=measurements, start=made.start @ turn, w_T_b=made.w_T_b @ turn)
 
 
 def quarters_at_random(seed: int) -> np.ndarray:

@@ -321,3 +321,14 @@ def test_measured_flight_against_a_plain_reader():
     assert flight.epoch_ns == int(first.split(",")[0])
     assert flight.frames[0].read().shape == (144, 176, 3)
     assert set(flight.landmarks) == set("ABCDEFGH")
+
+
+def test_the_antenna_s_place_survives(tmp_path):
+    flight = made_flight()
+    mount = np.eye(4)
+    mount[:3, 3] = [0.1, -0.2, 0.3]
+    gps = dataclasses.replace(flight.gps, b_T_s=mount, antenna_std_m=0.05)
+    write_flight(dataclasses.replace(flight, gps=gps), tmp_path / "flight")
+    back = read_flight(tmp_path / "flight").gps
+    np.testing.assert_array_equal(back.b_T_s, mount)
+    assert back.antenna_std_m == 0.05

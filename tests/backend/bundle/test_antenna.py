@@ -1,0 +1,52 @@
+"""The place of the GPS antenna on the body: told, or estimated where the vehicle turns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.bundle.refinement import Bundle, refine
+from tests.backend.bundle.made_scenes import SURVEY, position_rms, turned
+from tests.backend.made_floor import Made, make, nees
+
+ARM_M = np.array([0.3, -0.5, 0.2])
+RTK = replace(SURVEY, position_std_m=(0.02, 0.03))
+
+
+def flown(seed: int) -> Made:
+    """A survey by RTK whose antenna is away from the body's origin, over all headings."""
+    headings = np.random.default_rng(100 + seed).integers(0, 4, RTK.keyframes)
+    made = turned(make(RTK, seed), headings)
+    positions = tuple(
+        replace(p, w_p_b_m=p.w_p_b_m + made.w_T_b[p.k, :3, :3] @ ARM_M) for p in made.measurements.positions
+    )
+    return replace(made, measurements=replace(made.measurements, positions=positions))
+
+
+def refined(made: Made, antenna_m: np.ndarray, std_m: float) -> Bundle:
+    measured = replace(made.measurements, antenna_m=antenna_m, antenna_std_m=std_m)
+    return refine(measured, made.start, made.floor_z_m)
+
+
+def test_a_told_antenna_leaves_no_error() -> None:
+    made = flown(0)
+    told, ignored = refined(made, ARM_M, 0.0), refined(made, np.zeros(3), 0.0)
+    assert position_rms(made, told.w_T_b) < 0.2 < position_rms(made, ignored.w_T_b)
+    np.testing.assert_allclose(told.antenna_m, ARM_M, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_an_unknown_antenna_is_found_where_the_vehicle_turns() -> None:
+    squares, of_poses = [], []
+    for seed in range(12):
+        made = flown(seed)
+        bundle = refined(made, np.zeros(3), 0.5)
+        squares.append(((bundle.antenna_m - ARM_M) / bundle.antenna_std_m)[:2])
+        of_poses.append(nees(bundle.w_T_b, made.w_T_b, bundle.covariances)[6])
+        assert (bundle.antenna_std_m[:2] < 0.25).all()
+        # Upward it is one with the height of the ground.
+        assert bundle.antenna_std_m[2] > 0.4
+    assert 0.3 < np.mean(np.square(squares)) < 2.0
+    assert 2.5 < np.mean(of_poses) < 10.5
