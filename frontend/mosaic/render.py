@@ -64,15 +64,15 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
     """
     parts: list[tuple[Array, ...]] = []
     shared, count = _Exposed(plan, pictures), len(plan.views)
+    if report:
+        report("exposure", 0, count)
     for index, found in enumerate(workers().map(_measured, shared, range(count))):
-        if report:
-            report("exposure", index, count)
         if found is not None:
             digest, part = found
             pictures.seen(index, digest)
             parts.append(part)
-    if report:
-        report("exposure", count, count)
+        if report:
+            report("exposure", index + 1, count)
     if not parts:
         return Exposure.neutral(len(plan.views))
     point, view, rho2, log_bgr = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -146,13 +146,13 @@ def render_tiles(
             yield tile if old is None else Ready(old)
 
     rendered = (share or workers()).map(_rendered, _Exposed(plan, pictures, exposure), wanted())
+    if report:
+        report("mosaic", 0, len(tiles))
     for done, (tile, rgba) in enumerate(zip(tiles, rendered, strict=True)):
         assert rgba is not None
-        if report:
-            report("mosaic", done, len(tiles))
         yield RenderedTile(tile, rgba, *marks[done])
-    if report:
-        report("mosaic", len(tiles), len(tiles))
+        if report:
+            report("mosaic", done + 1, len(tiles))
 
 
 def _rendered(shared: _Exposed, tile: Tile) -> Image | None:

@@ -48,6 +48,7 @@ TITLES = {
     "incremental": "Incremental back end",
     "live": "Live map at the pace of the camera",
     "flow": "Optical flow on rendered pairs",
+    "cluster": "Photographs on a cluster of Dask",
     "front_end": "Front end",
     "side_by_side": "Side by side on the demo's keyframes",
     "refinement": "Refinement of made surveys",

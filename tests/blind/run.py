@@ -9,10 +9,12 @@ import argparse
 import shutil
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
+from frontend.workers import Workers
+from slam.core.cluster import cluster
 from tests.benchmarks.commit import commit
 from tests.blind.answers import earlier, write
 from tests.blind.cases import KINDS, make, name_of, suite
@@ -29,12 +31,13 @@ SUITE = (
 """Options that define the suite; the others only select a part of it."""
 
 
-def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace) -> Answer:
-    """Make a case, criticise it, delete it."""
+def judged(options: argparse.Namespace, drawn: tuple[int, tuple[str, str | None]]) -> Answer:
+    """Make a case of this number, kind and fault, criticise it, delete it."""
+    index, (kind, fault) = drawn
     with tempfile.TemporaryDirectory(prefix="flights-") as home:
         case = make(
-            kind, options.seed, index, Path(home), options.flights, options.seconds, fault, options.strength,
-            options.coloured,
+            kind, options.seed, index, Path(home), options.flights, options.seconds, options.fault or fault,
+            options.strength, options.coloured,
         )  # fmt: skip
         begin = time.monotonic()
         judge = verdict_of_call if options.library else verdict_on
@@ -79,6 +82,10 @@ def main() -> None:
         help="take the command logs out of the folders",
     )
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument(
+        "--scheduler",
+        help="share the cases among the workers of this scheduler of Dask, begun in this folder",
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--flights", type=int, default=4, help="a case")
     parser.add_argument("--seconds", type=float, default=40.0, help="a flight")
@@ -97,8 +104,8 @@ def main() -> None:
     state, done = commit(), {answer.case.name for answer in answers}
     drawn = list(enumerate(suite(options.first + options.cases, options.kinds)))[options.first :]
     drawn = [(k, case) for k, case in drawn if name_of(k) not in done]
-    with ThreadPoolExecutor(options.jobs) as pool:
-        for answer in pool.map(lambda it: judged(it[1][0], options.fault or it[1][1], it[0], options), drawn):
+    with cluster(options.scheduler) if options.scheduler else nullcontext(Workers(options.jobs)) as workers:
+        for answer in workers.map(judged, options, drawn, ahead=len(drawn) or 1):
             answers.append(replace(answer, commit=state))
             print(described(answer), flush=True)
             write(options.out, asked, answers)

@@ -28,7 +28,8 @@ def test_answers_are_read_as_they_were_written(tmp_path):
 def test_a_run_goes_on_where_one_was_stopped(tmp_path, monkeypatch, capsys):
     judged = []
 
-    def judge(kind, fault, index, options):
+    def judge(options, drawn):
+        index, (kind, _) = drawn
         judged.append(index)
         made = case(kind)
         return Answer(type(made)(f"case_{index:03d}", kind, (), 40.0), says("nothing_wrong"), 1.0, "abc")
