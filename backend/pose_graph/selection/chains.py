@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from backend import se3
+from backend.pose_graph.initialize import tree_edges
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import MAX_HYPOTHESES
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
@@ -46,6 +47,14 @@ def chain_members(problem: Problem) -> list[Index]:
     label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), directed=False)[1]
     order = np.argsort(label, kind="stable")
     return [np.sort(each) for each in np.split(order, np.flatnonzero(np.diff(label[order])) + 1)]
+
+
+def connected(problem: Problem, chosen: Mask, among: Mask, w_T: Array) -> Mask:
+    """Return ``chosen`` edges (m,), plus the best ``among`` others (m,) that connect all poses."""
+    rank = np.where(chosen, 1e-9, np.where(among, 1, 1e9))
+    cost = rank * (1 + (problem.residuals(w_T) ** 2).sum(axis=1))
+    tree = tree_edges(problem.count, problem.i, problem.j, cost)
+    return np.asarray(chosen | np.isin(np.arange(len(chosen)), tree))
 
 
 def join_chains(problem: Problem, chains: list[Chain], out_of_time: Callable[[], bool]) -> tuple[Mask, Array]:

@@ -61,13 +61,14 @@ def doubtful_odometry(problem: Problem, kept: Mask) -> Mask | None:
     return np.asarray(problem.trusted & (low <= step) & (step < high))
 
 
-def odometry_dispute(problem: Problem, doubted: Mask, agreeing: Mask) -> str:
+def odometry_dispute(problem: Problem, doubted: Mask, agreeing: Mask, probable: bool = False) -> str:
     """Return a sentence about rejected loops that agree with each other; empty if chance explains them.
 
     ``agreeing`` (m,) are those loops, ``doubted`` (m,) the trusted edges that they contradict. Loops between
-    one pair of places may be false together, where a floor repeats; two pairs of places hardly are.
+    one pair of places may be false together, where a floor repeats; two pairs of places hardly are. With
+    ``probable`` they have the higher evidence than the odometry and its loops, and are named in any case.
     """
-    if len(np.unique(place_pairs(problem.i[agreeing], problem.j[agreeing]))) < 2:
+    if not probable and len(np.unique(place_pairs(problem.i[agreeing], problem.j[agreeing]))) < 2:
         return ""
     return (
         f"{np.count_nonzero(agreeing)} loops agree with each other and contradict the odometry from"
@@ -75,20 +76,14 @@ def odometry_dispute(problem: Problem, doubted: Mask, agreeing: Mask) -> str:
     )
 
 
-def rejection_dispute(problem: Problem, doubted: Mask, agreeing: Mask, kept: Mask) -> str:
-    """Return a sentence about loops that were rejected with odometry; empty if the gate explains them.
+def agreement_is_lost(agreeing: Mask, kept: Mask) -> bool:
+    """Return whether more loops were lost than the gate rejects by chance.
 
-    ``agreeing`` (m,) are the loops that agreed with the ``doubted`` trusted edges (m,) while these were
-    believed, and ``kept`` (m,) the edges that are believed now. The gate rejects some true loops by chance.
-    False ones hardly agree with odometry by chance: that so many of them are lost speaks for it.
+    ``agreeing`` (m,) are the loops that agreed with all odometry, and ``kept`` (m,) the edges of a selection
+    that trusts less of it. False loops hardly agree with odometry by chance: so many lost ones speak for it.
     """
-    lost = int(np.count_nonzero(agreeing & ~kept))
-    if binomial_tail(lost, int(np.count_nonzero(agreeing)), SIGNIFICANCE) > SIGNIFICANCE:
-        return ""
-    return (
-        f"{lost} loops agree with the odometry from {_span(problem, doubted)}, and were rejected with it"
-        " because other loops contradict it: those may be what is wrong"
-    )
+    lost, count = int(np.count_nonzero(agreeing & ~kept)), int(np.count_nonzero(agreeing))
+    return binomial_tail(lost, count, SIGNIFICANCE) <= SIGNIFICANCE
 
 
 def _span(problem: Problem, doubted: Mask) -> str:

@@ -16,14 +16,14 @@ from backend.pose_graph.gauge_fixed_problem import (
     GraphFit,
     least_squares_fit,
 )
-from backend.pose_graph.initialize import tree_edges
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import recheck_rejected
-from backend.pose_graph.selection.chains import chain_members
-from backend.pose_graph.selection.doubts import doubtful_odometry, odometry_dispute, rejection_dispute
+from backend.pose_graph.selection.chains import chain_members, connected
+from backend.pose_graph.selection.doubts import agreement_is_lost, doubtful_odometry, odometry_dispute
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
+from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import noise_scale, sample_posterior
 from backend.pose_graph.selection.swap import swap_loops
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-_ROUNDS = 4
+_ROUNDS = 7
 _MANY_LOOPS = 5000
 """Loops beyond which the growth from odometry takes many minutes: a round accepts at most 150 of them."""
 
@@ -79,7 +79,9 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Sel
 def _select(gauge_fixed: GaugeFixedProblem) -> Selection:
     """Select the loops that agree with the trusted edges."""
     grown, trusted = grow_from_odometry(gauge_fixed), gauge_fixed.problem.trusted
-    found = _swap(gauge_fixed, _refit(gauge_fixed, grown.kept, grown.w_T, ~trusted))
+    # The exchange comes before loops are taken back: those that a bent map takes back would hold it bent.
+    swapped = _swap(gauge_fixed, _fitted(gauge_fixed, grown.kept, grown.w_T))
+    found = _refit(gauge_fixed, swapped.kept, swapped.fit.w_T, ~trusted)
     if not (found.kept & ~trusted).any():
         # Odometry that drifts far predicts no loop sharply. All loops at once may still have one consistent
         # fit. That of fewer than half of them may be false loops that are consistent with each other.
@@ -99,14 +101,17 @@ def _gnc(gauge_fixed: GaugeFixedProblem, w_T: Array, candidate: Mask) -> tuple[M
 
 
 def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
-    """Select again without the step of odometry that is most in doubt, as long as the evidence grows."""
-    doubting, lost, believed = gauge_fixed, "", ""
+    """Select again without the step of odometry that is most in doubt, as long as the evidence grows.
+
+    Loops that agreed with the step speak for it: if more of them are lost than by chance, it stays.
+    """
+    problem, doubting, said = gauge_fixed.problem, gauge_fixed, ""
     while time.monotonic() < gauge_fixed.options.deadline:
         step = doubtful_odometry(doubting.problem, found.kept)
         if step is None:
             break
         trusted = doubting.problem.trusted & ~step
-        doubting = replace(gauge_fixed, problem=replace(gauge_fixed.problem, trusted=trusted))
+        doubting = replace(gauge_fixed, problem=replace(problem, trusted=trusted))
         if not has_loops_on_odometry(doubting.problem):
             break
         try:
@@ -114,16 +119,19 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         except BackendError:
             # Without that step too little is known: it stays.
             break
-        if not _is_more_probable(gauge_fixed, other, found):
-            agreeing = other.kept & ~found.kept & ~gauge_fixed.problem.trusted
-            if other.fit.test.passed:
-                believed = odometry_dispute(gauge_fixed.problem, step, agreeing)
+        if np.array_equal(other.kept, found.kept):
             break
-        if found.fit.test.passed:
-            loops = found.kept & ~gauge_fixed.problem.trusted
-            lost = rejection_dispute(gauge_fixed.problem, step, loops, other.kept) or lost
+        agreeing = found.kept & ~problem.trusted
+        supported = found.fit.test.passed and agreement_is_lost(agreeing, other.kept)
+        supported = supported and bool((step & ~other.kept).any())
+        probable = _is_more_probable(gauge_fixed, other, found)
+        if supported or not probable:
+            against = other.kept & ~found.kept & ~problem.trusted
+            if other.fit.test.passed:
+                said = odometry_dispute(problem, step, against, probable)
+            break
         found = other
-    return replace(found, disputed_odometry=tuple(each for each in (lost, believed) if each))
+    return replace(found, disputed_odometry=(said,) if said else ())
 
 
 def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
@@ -165,39 +173,84 @@ def _swap(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
     if np.array_equal(kept, found.kept):
         return found
     # The search counts places, not loops: it may lose true loops of a place that it takes for one.
-    other = _refit(gauge_fixed, kept, w_T, ~gauge_fixed.problem.trusted)
-    return other if _is_more_probable(gauge_fixed, other, found) else found
+    other = _fitted(gauge_fixed, kept, w_T)
+    return other if _explains_more_places(gauge_fixed, other, found) else found
 
 
-def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
-    """Return kept edges, plus the best of the others that are needed to keep the graph connected."""
-    cost = np.where(kept, 1e-9, 1) * (1 + (problem.residuals(w_T) ** 2).sum(axis=1))
-    tree = tree_edges(problem.count, problem.i, problem.j, cost)
-    return kept | np.isin(np.arange(len(kept)), tree)
+def _explains_more_places(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
+    """Return whether the other selection has the higher evidence if a row of loops is one piece of it."""
+    problem = gauge_fixed.problem
+    pair = thinned(problem, other, found), thinned(problem, found, other)
+    return _is_more_probable(gauge_fixed, *pair)
+
+
+def thinned(problem: Problem, found: Selection, beside: Selection) -> Selection:
+    """Return a selection with one loop for each pair of places where the one beside it has none.
+
+    False loops of a row agree with each other as true ones do: only the nearest is evidence for the row.
+    """
+    place, loops = place_pairs(problem.i, problem.j, ROW_LENGTH), ~problem.trusted
+    own = np.flatnonzero(found.kept & loops & ~np.isin(place, place[beside.kept & loops]))
+    own = own[np.argsort(np.linalg.norm(problem.residuals(found.fit.w_T)[own], axis=1))]
+    kept = found.kept.copy()
+    kept[own] = False
+    kept[own[np.unique(place[own], return_index=True)[1]]] = True
+    return replace(found, kept=connected(problem, kept, found.kept, found.fit.w_T))
+
+
+def _fitted(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array) -> Selection:
+    kept = connected(gauge_fixed.problem, kept, np.ones_like(kept), w_T)
+    fit = least_squares_fit(gauge_fixed, kept, w_T)
+    return Selection(kept, fit, np.linalg.norm(gauge_fixed.problem.residuals(fit.w_T), axis=1))
 
 
 def _refit(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array, candidate: Mask) -> Selection:
-    """Fit the kept edges; restore edges that the prediction's uncertainty explains, and drop outliers."""
-    problem, limit = gauge_fixed.problem, edge_limit(gauge_fixed.problem)
-    banned, kept = np.zeros_like(kept), _connected(problem, kept, w_T)
+    """Fit the kept edges; restore edges that the prediction's uncertainty explains, and drop outliers.
+
+    Edges are restored only if that raises the evidence: together they may bend the map until they agree.
+    """
+    found = _fitted(gauge_fixed, kept, w_T)
+    banned = np.zeros_like(kept)
     for remaining in reversed(range(_ROUNDS)):
-        fit = least_squares_fit(gauge_fixed, kept, w_T)
-        w_T = fit.w_T
-        sigma = np.linalg.norm(problem.residuals(w_T), axis=1)
-        outliers = np.zeros_like(kept)
-        if not fit.test.passed:
-            outliers = kept & candidate & (sigma > limit * max(1.0, noise_scale(problem, kept, w_T)))
-        samples = sample_posterior(gauge_fixed.graph(kept), fit.minimum.values, problem.dof)
-        back = np.zeros_like(kept)
-        if samples is not None:
-            back, innovation = recheck_rejected(problem, kept, w_T, samples)
-            back &= ~banned
-            sigma = np.where(kept, sigma, innovation)
+        back, found = _judged(gauge_fixed, found)
+        outliers, back = _misfits(gauge_fixed.problem, found, candidate), back & ~banned
         if remaining == 0 or not (back.any() or outliers.any()):
             break
-        banned |= outliers
-        kept = _connected(problem, (kept | back) & ~outliers, w_T)
-    return Selection(kept, fit, sigma)
+        if outliers.any():
+            banned |= outliers
+            found = _fitted(gauge_fixed, found.kept & ~outliers, found.fit.w_T)
+        else:
+            banned |= back
+            found = _taken_back(gauge_fixed, found, back)
+    return found
+
+
+def _taken_back(gauge_fixed: GaugeFixedProblem, found: Selection, back: Mask) -> Selection:
+    """Add the edges ``back`` (m,) to a selection; their worse half is left out until the evidence grows."""
+    while back.any():
+        other = _fitted(gauge_fixed, found.kept | back, found.fit.w_T)
+        if _explains_more_places(gauge_fixed, other, found):
+            return other
+        back = back & (found.innovation_sigma < np.quantile(found.innovation_sigma[back], 0.5))
+    return found
+
+
+def _judged(gauge_fixed: GaugeFixedProblem, found: Selection) -> tuple[Mask, Selection]:
+    """Return which rejected edges (m,) agree with the others, and the selection with their innovations."""
+    problem, kept, fit = gauge_fixed.problem, found.kept, found.fit
+    samples = sample_posterior(gauge_fixed.graph(kept), fit.minimum.values, problem.dof)
+    if samples is None:
+        return np.zeros_like(kept), found
+    back, innovation = recheck_rejected(problem, kept, fit.w_T, samples)
+    return back, replace(found, innovation_sigma=np.where(kept, found.innovation_sigma, innovation))
+
+
+def _misfits(problem: Problem, found: Selection, candidate: Mask) -> Mask:
+    """Return the ``candidate`` edges (m,) beyond their limit at the noise of a fit that fails its test."""
+    if found.fit.test.passed:
+        return np.zeros_like(candidate)
+    scale = max(1.0, noise_scale(problem, found.kept, found.fit.w_T))
+    return np.asarray(found.kept & candidate & (found.innovation_sigma > edge_limit(problem) * scale))
 
 
 def reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import Solve
+from backend.pose_graph.selection.chains import connected
 from backend.pose_graph.selection.evidence import Graph, LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.places import place_pairs
 from backend.pose_graph.selection.prediction import (
@@ -72,7 +73,7 @@ def _one_loop_a_place(problem: Problem, kept: Mask, w_T: Array, place: Index) ->
     chosen, loops = kept & problem.trusted, np.flatnonzero(kept & ~problem.trusted)
     off = (problem.residuals(w_T)[loops] ** 2).sum(axis=1)
     chosen[_first_of_each(loops[np.argsort(off)], place)] = True
-    return chosen
+    return connected(problem, chosen, kept, w_T)
 
 
 def _first_of_each(loops: Index, place: Index) -> Index:
