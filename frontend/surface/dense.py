@@ -19,8 +19,9 @@ Offer = tuple[float, Mask, tuple[MosaicView, MosaicView]]
 """Value of a pair by its base, the nodes that both pictures see, and the pictures."""
 
 LEAST_BASE, BEST_BASE, LARGEST_BASE = 0.08, 0.3, 0.6
-"""Base over height. Below the least, an error of a third of a pixel is four pixels of height; above the
-largest, pictures of houses differ too much to be matched. Up to the best, precision grows with it."""
+"""Level base over height: a climb shows hardly any height. Below the least, an error of a third of a pixel is
+four pixels of height; above the largest, pictures of houses differ too much to be matched. Up to the best,
+precision grows with it."""
 WANTED = 5
 """Number of pairs for each piece of ground: the median then resists two that are wrong."""
 AGREEING = 2
@@ -81,7 +82,7 @@ def _pairs(
     for i, (a, seen_a) in enumerate(over):
         for b, seen_b in over[i + 1 :]:
             height = min(a.height_m, b.height_m)
-            ratio = float(np.linalg.norm(a.w_p_c_m - b.w_p_c_m)) / height
+            ratio = float(np.linalg.norm((a.w_p_c_m - b.w_p_c_m)[:2])) / height
             both = seen_a & seen_b
             if LEAST_BASE <= ratio <= LARGEST_BASE and both.any():
                 offered.append((min(ratio, BEST_BASE) / max(ratio, BEST_BASE), both, (a, b)))
@@ -121,14 +122,16 @@ def _apart(over: list[tuple[MosaicView, Mask]]) -> list[tuple[MosaicView, Mask]]
 def _pair_heights(a: Placed, b: Placed, lattice: Lattice, gsd_m: float) -> Float32:
     """Return the heights (rows, cols) of the cells by one pair; NaN where it does not match."""
     height = min(a.view.height_m, b.view.height_m)
-    coarse = ground_points(a, b, rectified(a, b, lattice, (LOW * height, HIGH * height), COARSE * gsd_m))
+    unknown = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
+    over = rectified(a, b, lattice, (LOW * height, HIGH * height), COARSE * gsd_m)
+    coarse = np.zeros((0, 3)) if over is None else ground_points(a, b, over)
     if len(coarse) == 0:
-        return np.full((lattice.rows, lattice.cols), np.nan, np.float32)
+        return unknown
     low, high = np.percentile(coarse[:, 2], [TAIL_PERCENT, 100 - TAIL_PERCENT])
     # The height of one disparity of the coarse pictures.
     margin = COARSE * gsd_m * height / float(np.linalg.norm(a.w_p_c_m - b.w_p_c_m))
-    limits = float(low - margin), float(high + margin)
-    return _on_cells(ground_points(a, b, rectified(a, b, lattice, limits, gsd_m)), lattice)
+    fine = rectified(a, b, lattice, (float(low - margin), float(high + margin)), gsd_m)
+    return unknown if fine is None else _on_cells(ground_points(a, b, fine), lattice)
 
 
 def _on_cells(points: Array, lattice: Lattice) -> Float32:

@@ -29,6 +29,9 @@ UNIQUE_PERCENT = 5
 """Margin in percent by which the best cost must be below the next: OpenCV's recommendation is 5 to 15."""
 SPECKLE_PX, SPECKLE_STEP = 100, 2
 """Regions of less than this area whose disparity differs from their surroundings' are dropped, likewise."""
+MOST_GROWTH = 2.0
+"""Pixels of a turned picture over those for a level base. With more, a pixel of the picture is stretched over
+several, which tell no more than it did."""
 STEP = 16
 """Disparities of `cv2.StereoSGBM` are multiples of 1/16 px, and their number is a multiple of 16."""
 
@@ -75,26 +78,47 @@ class Rectified:
 
 def rectified(
     a: Placed, b: Placed, lattice: Lattice, heights_m: tuple[float, float], gsd_m: float
-) -> Rectified:
-    """Return the rectification of two pictures over a lattice, for heights from the lowest to the highest."""
+) -> Rectified | None:
+    """Return the rectification of two pictures over a lattice, for heights from the lowest to the highest.
+
+    None for a base so steep that the turned pictures would look past the ground, or grow by `MOST_GROWTH`.
+    """
     base = b.w_p_c_m - a.w_p_c_m
-    x = base / np.linalg.norm(base)
+    east, south = lattice.step_m * np.array([lattice.cols, lattice.rows])
+    x0, y0 = lattice.x0_m - lattice.step_m / 2, lattice.y0_m + lattice.step_m / 2
+    corners = np.array([(x0 + e, y0 - s, h) for e in (0, east) for s in (0, south) for h in heights_m])
+    focal = a.view.height_m / gsd_m
+    found, level = (
+        _rectangle(along, float(np.linalg.norm(base)), focal, corners - a.w_p_c_m)
+        for along in (base, base * [1.0, 1.0, 0.0])
+    )
+    if found is None or level is None or found.rows * found.cols > MOST_GROWTH * level.rows * level.cols:
+        return None
+    return found
+
+
+def _rectangle(along: Array, base_m: float, focal_px: float, corners: Array) -> Rectified | None:
+    """Return the rectification with rows ``along`` (3,) over corners (n, 3), both from the first camera.
+
+    None where the turned picture does not look at all corners.
+    """
+    if not np.linalg.norm(along[:2]) > 0:
+        return None
+    x = along / np.linalg.norm(along)
     z = np.array([0.0, 0.0, -1.0]) - x * -x[2]
     z /= np.linalg.norm(z)
     v_R_w = np.array([x, np.cross(z, x), z])
-    east, south = lattice.step_m * np.array([lattice.cols, lattice.rows])
-    x0, y0 = lattice.x0_m - lattice.step_m / 2, lattice.y0_m + lattice.step_m / 2
-    corners = [(x0 + e, y0 - s, h) for e in (0, east) for s in (0, south) for h in heights_m]
-    v_p = (np.array(corners) - a.w_p_c_m) @ v_R_w.T
-    focal = a.view.height_m / gsd_m
-    u, v = focal * v_p[:, 0] / v_p[:, 2], focal * v_p[:, 1] / v_p[:, 2]
-    disparity = focal * np.linalg.norm(base) / v_p[:, 2]
+    v_p = corners @ v_R_w.T
+    if (v_p[:, 2] <= 0).any():
+        return None
+    u, v = focal_px * v_p[:, 0] / v_p[:, 2], focal_px * v_p[:, 1] / v_p[:, 2]
+    disparity = focal_px * base_m / v_p[:, 2]
     offset = float(np.floor(disparity.min()) - 1)
     count = int(np.ceil((disparity.max() - offset + 2) / STEP)) * STEP
     # Matching needs as many columns to the left of a pixel as there are disparities.
     left, top = float(np.floor(u.min())) - count, float(np.floor(v.min()))
     return Rectified(
-        v_R_w=v_R_w, base_m=float(np.linalg.norm(base)), focal_px=focal, left_px=left, top_px=top,
+        v_R_w=v_R_w, base_m=base_m, focal_px=focal_px, left_px=left, top_px=top,
         offset_px=offset, disparities=count, rows=int(np.ceil(v.max() - top)) + 1,
         cols=int(np.ceil(u.max() - left)) + 1,
     )  # fmt: skip

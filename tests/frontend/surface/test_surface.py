@@ -95,6 +95,20 @@ def test_two_pictures_give_the_height_of_the_ground(pictures):
     assert np.percentile(np.abs(points[over, 2] - HEIGHT_M), 90) < 0.03
 
 
+@pytest.mark.parametrize(
+    ("along_m", "climb_m", "fits"), [(0.4, 0.0, True), (0.4, 0.1, True), (0.1, 0.6, False), (0.0, 0.5, False)]
+)
+def test_pictures_of_a_climb_are_not_turned_to_the_horizon(along_m, climb_m, fits):
+    """Rows along a steep base would look past the ground: gigabytes of it, for no height."""
+    lattice = Lattice(-0.8, 0.8, 0.02, 80, 80)
+    poses = [pose(0.0, 0.0, 2.0, 0.0, 0.0, 0.0), pose(along_m, 0.0, 2.0 + climb_m, 0.0, 0.0, 0.0)]
+    grey = np.zeros((CAMERA.size_px[1], CAMERA.size_px[0]), np.uint8)
+    a, b = (Placed(CAMERA, mosaic_view(CAMERA, k, pose, 0.0), grey) for k, pose in enumerate(poses))
+    over = rectified(a, b, lattice, (-0.2, 0.5), 0.01)
+    assert (over is not None) is fits
+    assert over is None or over.rows * over.cols < 4e5
+
+
 def test_over_the_measured_surface_pictures_agree(pictures):
     floor_z_m = FLOOR_Z_M - HEIGHT_M
     plan, before = measured(pictures, POSES, floor_z_m)
