@@ -89,7 +89,7 @@ def photographs(
         if found.unusable or same:
             yield frame, found.unusable or SAME_PICTURE
             continue
-        features = found.features or known(frame)
+        features = known(frame) if found.features is None else found.features
         assert features is not None
         yield frame, Photograph(frame, features)
 

@@ -183,6 +183,13 @@ def test_every_photo_is_a_keyframe_linked_where_it_overlaps(flight: SmallFlight)
     check_links(flight, found, dict(zip([0, 1, 2, 4, 5], order, strict=True)))
 
 
+def test_a_black_photograph_is_left_out(flight: SmallFlight) -> None:
+    images: list[Image | None] = [flight.images[0], np.zeros_like(flight.images[0]), flight.images[4]]
+    follow = tracker(flight)
+    assert [k.frame for k in follow.every(images.__getitem__, len(images))] == [0, 2]
+    assert follow.dropped == {1: "too few features"}
+
+
 def test_photographs_are_searched_at_once_with_the_same_result(flight: SmallFlight, monkeypatch) -> None:
     images: list[Image | None] = [flight.images[k] for k in (0, 4, 8)]
     found = []
