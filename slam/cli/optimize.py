@@ -213,7 +213,6 @@ def _corrected(
 ) -> Results:
     """Map corrected readings; with truth, compare the map with that of the recorded readings."""
     from slam.cli.output_folder import MODEL_NAME
-    from slam.core.join_flights import join_flights
     from slam.evaluation.map_gain import can_be_compared, map_gain
     from slam.report.accuracy import map_gain_table
     from slam.simulation.inverse import correct_flight
@@ -223,7 +222,7 @@ def _corrected(
     results = [correct_flight(flight, model) for flight in flights]
     flight = _joined([each.flight.with_warning(each.summary(model)) for each in results], wanted)
     estimate, tables = _mapped(flight, wanted, progress)
-    recorded = join_flights(flights)
+    recorded = _joined(flights, wanted)
     if any(each.corrected_terms for each in results) and can_be_compared(recorded):
         tables = (map_gain_table([map_gain(recorded, flight, estimate, wanted.settings, progress)]), *tables)
     return _written(folder, estimate, flight, mosaic, wanted, progress, tables)

@@ -159,10 +159,14 @@ def _surveyed(parts: Sequence[Flight]) -> tuple[SurveyedPoint, ...]:
         for point in flight.surveyed:
             views = tuple(v._replace(picture=f"{flight.name}/{v.picture}") for v in point.views)
             before = found.get(point.name, replace(point, views=()))
-            same = (before.latitude_deg, before.longitude_deg) == (point.latitude_deg, point.longitude_deg)
+            same = np.array_equal(_place(before), _place(point), equal_nan=True)
             fault = before.fault or point.fault or ("" if same else "flights give it different coordinates")
             found[point.name] = replace(before, views=before.views + views, fault=fault)
     return tuple(found.values())
+
+
+def _place(point: SurveyedPoint) -> tuple[float, float, float]:
+    return point.latitude_deg, point.longitude_deg, point.altitude_m
 
 
 def _sonar(parts: list[Sonar]) -> Sonar | None:

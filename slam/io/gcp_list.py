@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.control_points import STD_M, PictureView, Role, SurveyedPoint
+from slam.core.control_points import PictureView, Role, SurveyedPoint
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
 from slam.core.names import listed
@@ -52,9 +52,7 @@ class _Row:
     is_check: bool
 
 
-def read_gcp_list(
-    path: Path, flight: Flight, std_m: float = STD_M
-) -> tuple[tuple[SurveyedPoint, ...], list[str]]:
+def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...], list[str]]:
     """Return the points of a file with views in the pictures of a flight, and notes on lines not used.
 
     Points whose coordinates contradict each other have a ``fault``. Raises ``InputError`` for a line that
@@ -77,7 +75,7 @@ def read_gcp_list(
         by_name.setdefault(row.name or f"GCP {places.index(row.place) + 1}", []).append(row)
     degrees = _geodetic(path, first, header, system, np.array(places)[:, :2])
     geodetic = {place: tuple(row) for place, row in zip(places, degrees.tolist(), strict=True)}
-    points = [_point(name, of, geodetic, std_m) for name, of in by_name.items()]
+    points = [_point(name, of, geodetic) for name, of in by_name.items()]
     points = _with_two_names(points, by_name)
     return _near_flight(path, points, flight, system.is_geographic), [*notes, *unknown]
 
@@ -184,9 +182,7 @@ def _geodetic(path: Path, line: int, header: str, system: CRS, xy: Array) -> Arr
     return degrees
 
 
-def _point(
-    name: str, rows: list[_Row], geodetic: Mapping[_Place, tuple[float, ...]], std_m: float
-) -> SurveyedPoint:
+def _point(name: str, rows: list[_Row], geodetic: Mapping[_Place, tuple[float, ...]]) -> SurveyedPoint:
     place = rows[0].place
     longitude, latitude = geodetic[place]
     views = tuple(dict.fromkeys(row.view for row in rows))
@@ -201,7 +197,7 @@ def _point(
         fault = f"line {rows[0].line}: {wrong}"
     role: Role = "check" if any(row.is_check for row in rows) else "control"
     altitude_m = math.nan if place[2] is None else place[2]
-    return SurveyedPoint(name, latitude, longitude, altitude_m, views, std_m, role, fault)
+    return SurveyedPoint(name, latitude, longitude, altitude_m, views, role=role, fault=fault)
 
 
 def _repeated(views: tuple[PictureView, ...]) -> list[str]:
@@ -232,13 +228,12 @@ def _near_flight(
         if geographic and (swapped_m < FAR_M).any():
             what, do = "has latitude and longitude swapped", "write the longitude before the latitude"
         else:
-            nearest = f"{1e-3 * away_m.min():.0f} km" if np.isfinite(away_m).any() else "far"
-            what, do = f"has all points {nearest} or more from the pictures", "check its coordinate system"
+            far = f"{1e-3 * away_m.min():.0f} km or more" if np.isfinite(away_m).any() else "too far"
+            what, do = f"has all points {far} from the pictures", "check its coordinate system"
         raise refusal(path, what, do)
-    far = zip(points, away_m.tolist(), strict=True)
     return tuple(
         replace(p, fault=p.fault or f"it lies {1e-3 * d:.0f} km from the pictures") if d > FAR_M else p
-        for p, d in far
+        for p, d in zip(points, away_m.tolist(), strict=True)
     )
 
 
@@ -250,6 +245,8 @@ def _away_m(points: list[SurveyedPoint], flight: Flight, swapped: bool) -> Array
     level = GeoOrigin(origin.latitude_deg, origin.longitude_deg, 0.0)
     fixes = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, 0.0, level)[:, :2]
     fixes = fixes[np.isfinite(fixes).all(axis=1)]
+    if not len(fixes):
+        return np.zeros(len(points))
     degrees = np.array([(p.latitude_deg, p.longitude_deg) for p in points])
     latitude, longitude = degrees.T[::-1] if swapped else degrees.T
     places = enu_from_geodetic(latitude, longitude, 0.0, level)[:, :2]

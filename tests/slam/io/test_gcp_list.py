@@ -176,3 +176,20 @@ def test_joined_flights_keep_their_points(tmp_path):
     assert [p.name for p in joined.surveyed] == ["north", "south"]
     assert {v.picture for v in joined.surveyed[0].views} <= set(joined.frames.names)
     assert len(joined.surveyed[0].views) == 4
+
+
+def test_a_point_with_two_altitudes_in_joined_flights_is_left_out(tmp_path):
+    points, _ = read(tmp_path, [*UTM, *ROWS])
+    one = with_surveyed(flight(), points)
+    higher = tuple(replace(p, altitude_m=p.altitude_m + 10 * (p.name == "north")) for p in points)
+    gps = replace(one.gps, latitude_deg=one.gps.latitude_deg + 1e-6)
+    joined = join_flights([one, replace(one, name="other", gps=gps, surveyed=higher)])
+    assert [p.fault for p in joined.surveyed] == ["flights give it different coordinates", ""]
+
+
+def test_a_list_replaces_points_of_a_flight_whose_receiver_had_no_fix(tmp_path):
+    points, _ = read(tmp_path, [*UTM, *ROWS])
+    nowhere = np.full(3, np.nan)
+    blind = replace(flight(), gps=Gps(np.arange(3.0), nowhere, nowhere, nowhere), surveyed=points)
+    again, _ = read(tmp_path, [*UTM, *ROWS], blind)
+    assert again == points
