@@ -166,6 +166,8 @@ def _missing(flight: Flight) -> list[str]:
 
 def _missing_for_scale(flight: Flight) -> list[str]:
     """Return what is missing for the scale of a map and its place on Earth."""
+    if flight.gps is None and any(p.role == "control" and not p.fault for p in flight.surveyed):
+        return ["no GPS: the control points place the map and tell its lengths, if it shows three or more"]
     lines = []
     ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     if not ranged and flight.gps is None and flight.imu is not None:

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from frontend.camera import Camera
 from slam.cli.flight_tables import print_info
+from slam.core.control_points import SurveyedPoint
 from slam.core.flight import Flight, Sonar
 from slam.core.flight_info import describe
 from slam.core.stream_anomalies import camera_anomalies
@@ -186,6 +187,14 @@ def test_texts_are_printed_without_markup():
         assert text in shown
     assert "imu0" in shown
     assert len(shown) < 4000
+
+
+def test_control_points_place_a_flight_without_gps():
+    point = SurveyedPoint("north", 47.4, 8.5, 402.5, ())
+    blind = dataclasses.replace(made_flight(), sonar=None, gps=None, surveyed=(point,))
+    assert [line for line in describe(blind).missing if "GPS" in line] == [
+        "no GPS: the control points place the map and tell its lengths, if it shows three or more"
+    ]
 
 
 @pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
