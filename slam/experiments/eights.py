@@ -216,9 +216,9 @@ def _pose(roll_pitch_yaw_rad: Array, position_m: Array) -> Array:
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     freedom = [over_seeds(trials, f"{MAGAZINES}/{name}").median for name in FREEDOM_MM]
     coarsest, finest = (over_seeds(trials, f"resolution/{p}").median for p in (33, 100))
-    fewer_is_better = freedom == sorted(freedom)
+    fewer_is_better = bool(np.isfinite(freedom).all()) and freedom == sorted(freedom)
     # A method that lost its way at the coarsest resolution has no error there.
-    coarse_is_worst = not coarsest < finest
+    coarse_is_worst = bool(np.isfinite(finest)) and not coarsest < finest
     visual, one_map = (over_seeds(trials, f"{MAGAZINES}/{way}") for way in (VISUAL, MAP))
     mapped = {floor: over_seeds(trials, f"{floor}/{MAP}").seeds for floor in PATH_M}
     unmapped = [floor for floor, seeds in mapped.items() if not seeds]

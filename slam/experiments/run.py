@@ -16,8 +16,8 @@ def run(
 ) -> dict[str, tuple[Trial, ...]]:
     """Fly ``seeds`` trials of each experiment on workers; the first one also for drawing.
 
-    The result does not depend on the workers; one of them is this process. An experiment that is not random
-    has one trial.
+    The result does not depend on the workers. A single worker is replaced by this process. An experiment
+    that is not random has one trial.
     """
     tasks = [(name, seed) for name in names for seed in range(seeds if experiment(name).random else 1)]
     total = {name: sum(1 for task in tasks if task[0] == name) for name in names}

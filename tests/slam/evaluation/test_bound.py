@@ -93,6 +93,11 @@ def test_twice_the_noise_doubles_the_bound():
     assert np.sqrt(two / one) == pytest.approx(2.0, rel=0.15)
 
 
+def test_a_barometer_does_not_change_the_bound():
+    with_it = bound_of(make(Scene(barometer_std_m=0.3), 0))
+    assert with_it.position_rmse_m == pytest.approx(bound_of(make(Scene(), 0)).position_rmse_m, rel=0.1)
+
+
 def test_a_landmarks_place_moves_as_its_gradient_says():
     flight, made = flown(), make(Scene(), 0)
     assert flight.camera is not None

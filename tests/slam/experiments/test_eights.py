@@ -64,3 +64,5 @@ def test_the_verdict_is_on_degrees_of_freedom_and_resolution():
     assert HALL in agrees.reason
     assert eights.EXPERIMENT.conclude(trials(told, np.nan, visual=0.013)).verdict == "agrees in part"
     assert eights.EXPERIMENT.conclude(trials({**told, "translation": 3.0}, 0.1)).verdict == "agrees in part"
+    lost = eights.EXPERIMENT.conclude(trials(dict.fromkeys(FREEDOM_MM, float("nan")), 0.1))
+    assert "not in that order" in lost.reason
