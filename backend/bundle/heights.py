@@ -7,6 +7,8 @@ are autocorrelated noise (`backend.bundle.noise`), as they are for ranges.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
@@ -51,15 +53,21 @@ def heights_prior(start: gtsam.Values) -> gtsam.PriorFactorVector:
     return gtsam.PriorFactorVector(HEIGHTS, np.array([1.0, start.atVector(HEIGHTS)[ZERO]]), model)
 
 
+def read_and_mapped(heights: Sequence[BarometerHeight], w_T_b: Array) -> tuple[Array, Array]:
+    """Return the heights in metres that were read, and those of metric poses (n, 4, 4) there, both (h,)."""
+    read = np.array([height.height_m for height in heights])
+    return read, w_T_b[[height.k for height in heights], 2, 3]
+
+
 def start_heights(
     heights: tuple[BarometerHeight, ...], w_T_b: Array, world: Array, tells_scale: bool
 ) -> tuple[Array, Array]:
     """Return the initial world variable (14,), and gain and zero (2,), from metric poses (n, 4, 4).
 
-    If the heights alone tell the scale (``tells_scale``), poses and world get that of the heights.
+    If the heights alone tell the scale (``tells_scale``), the world gets theirs.
     """
     world = world.copy()
-    read, z = np.array([(height.height_m, w_T_b[height.k, 2, 3]) for height in heights]).T
+    read, z = read_and_mapped(heights, w_T_b)
     ratio = 1.0
     if tells_scale and len(heights) > 1:
         # The poses' changes of height have hardly any noise beside those of the barometer.
@@ -72,5 +80,5 @@ def start_heights(
 
 def height_residuals(heights: tuple[BarometerHeight, ...], w_T_b: Array, gain_zero: Array) -> Array:
     """Return heights by metric poses (n, 4, 4) less those that were read, (h,)."""
-    read, z = np.array([(height.height_m, w_T_b[height.k, 2, 3]) for height in heights]).T
+    read, z = read_and_mapped(heights, w_T_b)
     return np.asarray(gain_zero[GAIN] * z + gain_zero[ZERO] - read)

@@ -63,7 +63,10 @@ def _renumbered(setup: Setup, members: NDArray[np.int64]) -> list[Position]:
 
 
 def comparable(w_T_b: Array, readings: KeyframeReadings, map_: Map) -> Array:
-    """Poses of a lesser method where the result stands, so that the two can be compared."""
+    """Return the poses (n, 4, 4) of a lesser method where the result stands, to compare the two.
+
+    They are NaN on a map on Earth if the positions do not place them.
+    """
     if map_.georeferenced:
         aligned = align_with_positions(w_T_b, readings.positions, metric=False)
         return (
@@ -85,7 +88,10 @@ def _lift(z_m: float) -> Array:
 
 
 def headed(w_T_b: Array, readings: KeyframeReadings, members: NDArray[np.int64]) -> Array:
-    """The first keyframe above the origin, its heading as its own attitude has it."""
+    """Return level poses (m, 4, 4) with the first one above the origin and at the heading of its attitude.
+
+    Without a measured attitude the heading is 0.
+    """
     yaw = next((a.roll_pitch_yaw_rad[2] for a in readings.attitudes if a.k == members[0]), 0.0)
     now = np.arctan2(w_T_b[0, 1, 0], w_T_b[0, 0, 0])
     turn = np.eye(4)
