@@ -65,6 +65,9 @@ def fuse_parts(
     if not motion.name or not joined.bridges:
         return joined
     setup = setup.without_positions()
+    if joined.bundle is None or not joined.bundle.uses_barometer:
+        # A barometer that the parts could not use must not act on the whole either.
+        setup = setup.without_heights()
     for number in range(int(joined.component.max()) + 1):
         members = np.flatnonzero(joined.component == number)
         if len(np.unique(parts.component[members])) > 1:

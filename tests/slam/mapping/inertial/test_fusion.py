@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from backend import se3
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Scalar
 from slam.evaluation import evaluate
+from slam.mapping.config import PipelineConfig
 from slam.mapping.inertial.bridges import joined
-from slam.mapping.inertial.fusion import _apart, _doubted, _from_first
+from slam.mapping.inertial.fusion import _apart, _doubted, _from_first, fuse_parts
 from slam.mapping.inertial.measurements import tracked_frames
+from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.pipeline import optimize
+from slam.mapping.setup import Setup
 from tests.slam.mapping.inertial.test_bridges import made_parts, one_way
 from tests.slam.mapping.made_map import CAMERA
 from tests.slam.mapping.test_tracking_gaps import observations
@@ -55,6 +58,23 @@ def test_behind_a_bridge_of_readings_that_are_wrong_nothing_is_certain():
     (line,) = found.warnings
     assert "the instruments bridge the gap with an unknown error, because imu0 does not fit" in line
     assert "±" not in line
+
+
+def test_a_barometer_that_the_parts_could_not_use_does_not_act_on_the_whole(monkeypatch):
+    _, parts, edge = made_parts(np.random.default_rng(0))
+    at_s = np.arange(8.0)
+    readings = KeyframeReadings.at(Flight("read", barometer=Scalar(at_s, at_s)), at_s, None, PipelineConfig())
+    assert len(readings.heights) == 8
+    given = []
+
+    def fused(parts, joined, members, setup, motion):
+        given.append(setup.readings.heights)
+        return joined
+
+    monkeypatch.setattr("slam.mapping.inertial.fusion._fused", fused)
+    setup = Setup(CAMERA, readings, PipelineConfig())
+    fuse_parts(parts, joined(parts, [edge]), setup, object(), None)
+    assert given == [()]
 
 
 def test_parts_that_a_wrong_velocity_joined_are_taken_apart():
