@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
+from slam.core.lost_pictures import NOTABLE_SHARE, SHOW_NOTHING
 from slam.core.units import SPACE, length, percent
 from slam.report.facts import Facts
 from slam.report.page import Item
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 _INSTRUMENTS = {
     "range": (
         "the height sensor",
-        "calibrate its gain and zero, or fly with GPS as a second source of lengths",
+        "measure one distance on the ground and compare it with map.html; hold the drone at two heights "
+        "measured by tape, and state gain and zero of the height sensor in sensor.yaml",
     ),
     "pictures": ("the pictures themselves", "fly lower, with more overlap, or with a sharper camera"),
     "flat_floor": ("how flat the ground is", "fly higher above the uneven ground, or map it in parts"),
@@ -64,7 +66,7 @@ def limit_sentence(shares: Mapping[str, Mapping[str, float]]) -> str:
 def pilots_answers(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a flight."""
     rows = [
-        Item("Can I use this map?", _usable(summary)),
+        Item("Can I use this map?", _usable(estimate, summary)),
         Item("How accurate is a place on it?", _place(facts)),
         Item("How accurate is a distance on it?", _distance(facts)),
         Item("What limits the accuracy?", _limit(estimate, facts)),
@@ -82,11 +84,13 @@ def _words(name: str) -> tuple[str, str]:
     return _INSTRUMENTS.get(name, (name.replace("_", " "), ""))
 
 
-def _usable(summary: Summary) -> str:
+def _usable(estimate: Estimate, summary: Summary) -> str:
     if summary.status == "ok":
         notes = len(summary.warnings)
         more = f" Read the {notes} note{'s' * (notes > 1)} under Warnings." if notes else ""
-        return f"Yes: nothing in the data contradicts it, within the accuracy below.{more}"
+        assumed = " What no second instrument checks is under “What limits the accuracy?”."
+        alone = assumed if estimate.accuracy_basis else ""
+        return f"Yes: all measurements agree with each other, within the accuracy below.{alone}{more}"
     return "Only with care: the status above names what is wrong and what to do first."
 
 
@@ -95,8 +99,9 @@ def _place(facts: Facts) -> str:
         return "Not known: no uncertainty could be computed for most of it."
     relative = f" relative to {facts.relative_to}" if facts.relative_to else ""
     return (
-        f"A keyframe is known to ±{SPACE}{facts.length(facts.sigma_median_m)}{relative} (one standard "
-        "deviation, median). Two times out of three the error is smaller on each axis."
+        f"A keyframe (a picture that the map is made of) is typically known to "
+        f"±{SPACE}{facts.length(facts.sigma_median_m)}{relative}: one standard deviation. Two times out of "
+        "three the error is smaller on each axis, and hardly ever it is three times as large."
     )
 
 
@@ -110,8 +115,9 @@ def _distance(facts: Facts) -> str:
         return f"About ±{SPACE}{facts.length(np.sqrt(2) * facts.sigma_median_m)} between two far places."
     std_m = facts.scale_std * apart_m
     return (
-        f"A distance of {facts.length(apart_m)} is known to ±{SPACE}{length(std_m)} from the scale "
-        f"({percent(facts.scale_std)}) alone. map.html measures any distance with its uncertainty."
+        f"The scale of all lengths makes ±{SPACE}{length(std_m)} of {facts.length(apart_m)} "
+        f"({percent(facts.scale_std)}); the errors of both ends come on top. map.html measures any distance "
+        "with all of it."
     )
 
 
@@ -139,6 +145,12 @@ def _next_step(estimate: Estimate, facts: Facts) -> str:
 
 def _complete(facts: Facts, summary: Summary) -> str:
     thing = "poses" if facts.is_graph else "keyframes"
+    bare = sum(summary.rejected.get(reason, 0) for reason in SHOW_NOTHING)
+    if bare > NOTABLE_SHARE * facts.frames and facts.maps <= 1:
+        return (
+            f"No: {bare} of {facts.frames} pictures show too little, and what they alone saw is missing; the "
+            f"warnings name the times. {facts.placed} of {facts.keyframes} {thing} lie on one map."
+        )
     if facts.placed == facts.keyframes and facts.maps <= 1:
         return f"Yes: all {facts.keyframes} {thing} lie on one map."
     parts = f", in {facts.maps} separate maps" if facts.maps > 1 else ""
@@ -160,9 +172,18 @@ def _rejected(facts: Facts) -> str:
 def _left_out(facts: Facts, summary: Summary) -> str:
     if not summary.rejected:
         return "Nothing."
-    reason, count = max(summary.rejected.items(), key=lambda item: item[1])
-    total = sum(summary.rejected.values())
-    return f"{total} measurements, most often “{reason}” ({count}). Rejected data below lists all."
+    kinds = {
+        "matches of places": "loop: ",
+        "single views of floor points": "view of ",
+        "pictures or links": "",
+    }
+    count, most = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, ("", 0))
+    for reason, number in summary.rejected.items():
+        kind = next(kind for kind, prefix in kinds.items() if reason.startswith(prefix))
+        count[kind] += number
+        most[kind] = max(most[kind], (reason.removeprefix(kinds[kind]), number), key=lambda each: each[1])
+    parts = [f"{count[kind]} {kind} (most often “{most[kind][0]}”)" for kind in kinds if count[kind]]
+    return f"{', '.join(parts)}. The table Rejected data below lists all; the map does not rest on them."
 
 
 def _on_earth(estimate: Estimate) -> str:

@@ -121,7 +121,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Keyframes, of pictures read", f"{facts.keyframes} of {facts.frames}"),
         Item("Separate maps", str(facts.maps)),
         Item("Extent of the path", " x ".join(facts.length(side) for side in facts.extent_m)),
-        Item("Duration", f"{facts.duration_s:.1f} s"),
+        Item("Flight time", f"{facts.duration_s:.1f} s"),
         Item("Edges between neighbours", str(summary.odometry_edges)),
         Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
         Item("Lengths come from", facts.scale_source),
@@ -147,7 +147,8 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
             "Final error of the graph", f"{estimate.graph_error:.6g} after {estimate.iterations} iterations"
         ),
         Item("Global optimum", _optimum(estimate)),
-        *(Item(f"Time: {stage}", f"{seconds:.2f} s") for stage, seconds in summary.timing_s.items()),
+        Item("Computing time", f"{sum(summary.timing_s.values()):.1f} s" if summary.timing_s else ""),
+        *(Item(f"of it: {stage}", f"{seconds:.2f} s") for stage, seconds in summary.timing_s.items()),
         Item("Peak memory", f"{summary.peak_rss_mb:.0f} MB"),
     ]
     return tuple(row for row in rows if row.value and not (facts.is_graph and row.label in _FLIGHT_ONLY))
@@ -157,7 +158,7 @@ def _optimum(estimate: Estimate) -> str:
     return "" if estimate.certificate is None else estimate.certificate.sentence(estimate.graph_error)
 
 
-_FLIGHT_ONLY = ("Keyframes, of pictures read", "Duration")
+_FLIGHT_ONLY = ("Keyframes, of pictures read", "Flight time")
 
 
 def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:

@@ -6,22 +6,24 @@ from collections import defaultdict
 
 import numpy as np
 
+from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import Flight
+from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.mapping.front_end import Observations
 
-NOTABLE_SHARE = 0.02
-"""Share of pictures above which one reason to leave them out, or something moving, is reported."""
 _HINTS = {
     SAME_PICTURE: "did the camera freeze? What it passed then is missing from the map",
-    "too few features": "is the floor without texture or light there? What lies there is missing from the "
+    TOO_FEW: "is the floor without texture or light there? What lies there is missing from the "
     "map, unless the drone passes it again; fly higher, or lay out marks",
 }
 
+_MOST_STRETCHES, _NOTABLE_STRETCH = 3, 0.5
+"""Number of stretches that are named, and their least length over that of the longest."""
+
 
 def lost_picture_warnings(flight: Flight, observations: Observations) -> list[str]:
-    """Return a line for each reason for which a flight's pictures were left out in numbers, with the longest
-    time."""
+    """Return a line for each reason for which a flight's pictures were left out in numbers, with times."""
     if flight.all_keyframes:  # photographs are named one by one
         return []
     frames: dict[str, list[int]] = defaultdict(list)
@@ -33,10 +35,14 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[st
         if len(left_out) <= NOTABLE_SHARE * observations.frames:
             continue
         runs = np.split(left_out, np.flatnonzero(np.diff(left_out) > 1) + 1)
-        longest = max(runs, key=len)
-        begin_s, end_s = observations.camera_stamps_s[longest[[0, -1]]]
+        longest = sorted(runs, key=len, reverse=True)[:_MOST_STRETCHES]
+        notable = [run for run in longest if len(run) >= _NOTABLE_STRETCH * len(longest[0])]
+        times = [
+            observations.camera_stamps_s[run[[0, -1]]] for run in sorted(notable, key=lambda run: run[0])
+        ]
+        stretches = " and ".join(f"from {begin_s:.1f} to {end_s:.1f} s" for begin_s, end_s in times)
         lines.append(
             f"cam0: {len(left_out)} of {observations.frames} pictures are left out ({reason}), the longest "
-            f"stretch from {begin_s:.1f} to {end_s:.1f} s: {hint}"
+            f"stretch{'es' * (len(times) > 1)} {stretches}: {hint}"
         )
     return lines

@@ -11,6 +11,7 @@ from backend.bundle.systematic_errors import SystematicErrors
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.instrument_errors import MountTilt
+from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.attitude_floor_tilt import (
@@ -29,7 +30,7 @@ from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.warnings.contradictions import contradictions
-from slam.mapping.warnings.lost_pictures import NOTABLE_SHARE, lost_picture_warnings
+from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.single_join import single_join_warnings

@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from frontend.keyframes import TOO_FEW
+from frontend.views import SAME_PICTURE
 from slam.core.flight import GeoOrigin
+from slam.core.lost_pictures import SHOW_NOTHING
 from slam.core.summary import summarise
 from slam.report.answers import limit, limit_sentence, pilots_answers
 from slam.report.facts import gather
@@ -52,3 +55,25 @@ def test_answers_follow_the_map():
     assert answers(no_metres, flight)["How accurate is a distance on it?"].startswith("In metres not at all")
     unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
     assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")
+
+
+def test_pictures_that_show_too_little_are_missing_ground():
+    """All keyframes may have a place although a sixth of the pictures shows none."""
+    estimate, flight = made_estimate(), made_flight()
+    rejected = {
+        TOO_FEW: estimate.frames // 6 + 1,
+        "loop: too few matches": 7,
+        "view of a floor point far off": 3,
+    }
+    found = answers(replace(estimate, rejected=rejected), flight)
+    assert found["Is everything on it?"].startswith(f"No: {rejected[TOO_FEW]} of {estimate.frames} pictures")
+    assert "7 matches of places (most often “too few matches”)" in found["What was left out?"]
+    assert "3 single views" in found["What was left out?"]
+    assert set(SHOW_NOTHING) == {TOO_FEW, SAME_PICTURE}
+
+
+def test_an_instrument_that_nothing_checks_is_no_plain_yes():
+    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    alone = replace(estimate, accuracy_basis="Lengths and their accuracy rest on one height sensor alone.")
+    assert "no second instrument checks" in answers(alone, flight)["Can I use this map?"]
+    assert "no second instrument checks" not in answers(estimate, flight)["Can I use this map?"]
