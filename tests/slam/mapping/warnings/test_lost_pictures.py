@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from frontend.keyframes import TOO_FEW
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.summary import summarise
 from slam.mapping.pipeline import optimize
+from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
 
@@ -79,3 +82,16 @@ def test_a_stated_accuracy_names_the_one_instrument_that_it_rests_on(moving: Fli
         "One distance measured on the ground checks them."
     )
     assert summarise(estimate).to_json()["accuracy_basis"] == estimate.accuracy_basis
+
+
+def test_all_long_stretches_are_named_in_order_of_time():
+    """Two stretches of ten and eight pictures at 2 pictures a second; a single lost one is no stretch."""
+    bare = [*range(60, 68), *range(20, 30), 90]
+    observations = SimpleNamespace(
+        dropped=dict.fromkeys(bare, TOO_FEW), frames=100, camera_stamps_s=np.arange(100) / 2
+    )
+    (line,) = lost_picture_warnings(SimpleNamespace(all_keyframes=False), observations)
+    assert line.startswith(
+        "cam0: 19 of 100 pictures are left out (too few features), the longest stretches "
+        "from 10.0 to 14.5 s and from 30.0 to 33.5 s: "
+    )
