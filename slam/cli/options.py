@@ -43,7 +43,7 @@ PICTURE_RATE = typer.Option(
     help="Most pictures per second to take from a recording; default: all.",
 )
 CLUSTER = typer.Option(
-    "--cluster", help="Share the work among processes, one on each core, by Dask; needs the extra cluster."
+    "--cluster", help="Share the work among processes of Dask, one on each core; needs the extra cluster."
 )
 SCHEDULER = typer.Option(
     metavar="ADDRESS",

@@ -88,7 +88,7 @@ def _usable(estimate: Estimate, summary: Summary) -> str:
     if summary.status == "ok":
         notes = len(summary.warnings)
         more = f" Read the {notes} note{'s' * (notes > 1)} under Warnings." if notes else ""
-        assumed = " What no second instrument checks is under “What limits the accuracy?”."
+        assumed = " But no second instrument checks this accuracy: see “What limits the accuracy?”."
         alone = assumed if estimate.accuracy_basis else ""
         return f"Yes: all measurements agree with each other, within the accuracy below.{alone}{more}"
     return "Only with care: the status above names what is wrong and what to do first."
@@ -148,8 +148,8 @@ def _complete(facts: Facts, summary: Summary) -> str:
     bare = sum(summary.rejected.get(reason, 0) for reason in SHOW_NOTHING)
     if bare > NOTABLE_SHARE * facts.frames and facts.maps <= 1:
         return (
-            f"No: {bare} of {facts.frames} pictures show too little, and what they alone saw is missing; the "
-            f"warnings name the times. {facts.placed} of {facts.keyframes} {thing} lie on one map."
+            f"No: {bare} of {facts.frames} pictures show too little. Ground that only they saw is missing; the "
+            f"warnings say which. {facts.placed} of {facts.keyframes} {thing} lie on one map."
         )
     if facts.placed == facts.keyframes and facts.maps <= 1:
         return f"Yes: all {facts.keyframes} {thing} lie on one map."

@@ -29,8 +29,8 @@ _LOOK = (
     "first. Do not rely on the model's prediction of that channel."
 )
 _WHAT_TO_DO: Mapping[Verdict, str] = {
-    "nothing_wrong": "simulate with the model as it is. To see smaller effects, fly longer, and the "
-    "manoeuvres that docs/recipes.md lists for each effect.",
+    "nothing_wrong": "simulate with the model as it is. To see smaller effects, fly longer, and fly "
+    "the manoeuvres that docs/recipes.md lists for each effect.",
     "named": _USE_IT,
     "ambiguous": "fly the manoeuvre that docs/recipes.md lists for these effects, and criticise the flights "
     "together. Until then extended.toml predicts flights like these, but perhaps no others.",
