@@ -6,8 +6,7 @@ import csv
 import json
 import math
 import shutil
-from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import assert_never
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
+from frontend.workers import Workers
 from slam.core.errors import one_line
 from slam.core.flight import (
     FIELD_BY_FOLDER,
@@ -45,8 +45,8 @@ from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, m
 
 Array = NDArray[np.float64]
 
-MAX_PENDING, ENCODERS = 4, 2
-"""Pictures that wait to be encoded, and threads that encode: to encode takes longer than to decode."""
+ENCODERS, ENCODED_AHEAD = 2, 5
+"""Threads that encode, as this takes longer than to decode; pictures that are encoded or wait for it."""
 JPEG_QUALITY = 92
 _JPEG = [
     *(cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY),
@@ -255,33 +255,31 @@ def _python_number(value: object) -> object:
 
 def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progress, image_format: str) -> None:
     used: set[str] = set()
-    pending: deque[Future[None]] = deque()
     parameters = _parameters(frames.load, image_format)
-    # Pictures are encoded while the next is read or rendered. A loader is never called by two threads.
-    with (
-        open(folder / "data.csv", "w", newline="", encoding="utf-8") as file,
-        ThreadPoolExecutor(ENCODERS) as encoder,
-    ):
+    with open(folder / "data.csv", "w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["#timestamp [ns]", "filename"])
-        for k, stamp in enumerate(_stamps_ns(frames.stamps_s, epoch_ns)):
-            picture = _picture(frames, k)
-            suffixes = _suffixes(picture, frames.load, image_format)
-            name = _file_name(frames.names[k], k, suffixes, used)
-            target = folder / "data" / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            if isinstance(picture, Path):
-                _copy(picture, target)
-            elif isinstance(picture, bytes):
-                target.write_bytes(picture)
-            elif picture is not None:
-                pending.append(encoder.submit(_encode, picture, target, parameters))
-            rows.writerow([stamp, name])
-            if len(pending) > MAX_PENDING:
-                pending.popleft().result()
-            progress("writing pictures", k + 1, len(frames))
-        for encoded in pending:
-            encoded.result()
+
+        def to_encode() -> Iterator[tuple[Image, Path]]:
+            """Store the pictures that need no encoder, and yield the others."""
+            for k, stamp in enumerate(_stamps_ns(frames.stamps_s, epoch_ns)):
+                picture = _picture(frames, k)
+                suffixes = _suffixes(picture, frames.load, image_format)
+                name = _file_name(frames.names[k], k, suffixes, used)
+                target = folder / "data" / name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                if isinstance(picture, Path):
+                    _copy(picture, target)
+                elif isinstance(picture, bytes):
+                    target.write_bytes(picture)
+                elif picture is not None:
+                    yield picture, target
+                rows.writerow([stamp, name])
+                progress("writing pictures", k + 1, len(frames))
+
+        # Pictures are encoded while the next is read or rendered. A loader is never called by two threads.
+        for _ in Workers(ENCODERS).map(_encode, parameters, to_encode(), ahead=ENCODED_AHEAD):
+            pass
 
 
 def _picture(frames: Frames, k: int) -> Path | bytes | Image | None:
@@ -339,7 +337,8 @@ def _parameters(load: object, image_format: str) -> list[int]:
     return _PNG if image_format == "png" else _JPEG
 
 
-def _encode(image: Image, target: Path, parameters: list[int]) -> None:
+def _encode(parameters: list[int], wanted: tuple[Image, Path]) -> None:
+    image, target = wanted
     done, content = cv2.imencode(target.suffix.lower(), image, parameters)
     if not done:
         raise OSError(f"{target}: the picture cannot be encoded")

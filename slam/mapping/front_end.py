@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,8 +16,9 @@ from frontend.loops import overlapping, propose_loops, verify
 from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
+from frontend.workers import Workers
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight, Frames, Image
 from slam.core.progress import Progress
 from slam.mapping.config import PipelineConfig
 from slam.mapping.earlier_pass import EarlierPass, comparison_key
@@ -305,12 +305,11 @@ def _with_reasons(rejected: Counter[str], failures: Mapping[int, str]) -> Counte
 def read_ahead(flight: Flight, progress: Progress) -> Iterator[Image | None]:
     """Pictures in order, the next one decoded while the last is worked on."""
     assert flight.frames is not None
-    frames, total = flight.frames, len(flight.frames)
-    with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(frames.load, 0) if total else None
-        for k in range(total):
-            assert coming is not None
-            image = coming.result()
-            coming = pool.submit(frames.load, k + 1) if k + 1 < total else None
-            yield image
-            progress("track", k + 1, total)
+    total = len(flight.frames)
+    for k, image in enumerate(Workers(1).map(_loaded, flight.frames, range(total), ahead=2)):
+        yield image
+        progress("track", k + 1, total)
+
+
+def _loaded(frames: Frames, k: int) -> Image | None:
+    return frames.load(k)

@@ -105,7 +105,7 @@ def main() -> None:
     drawn = list(enumerate(suite(options.first + options.cases, options.kinds)))[options.first :]
     drawn = [(k, case) for k, case in drawn if name_of(k) not in done]
     with cluster(options.scheduler) if options.scheduler else nullcontext(Workers(options.jobs)) as workers:
-        for answer in workers.map(judged, options, drawn, ahead=len(drawn) or 1):
+        for answer in workers.map(judged, options, drawn, ahead=len(drawn)):
             answers.append(replace(answer, commit=state))
             print(described(answer), flush=True)
             write(options.out, asked, answers)

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.cores import usable_cores
+from frontend.workers import Workers
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight, Frames, Image
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]
@@ -72,14 +71,13 @@ def _pictures(estimate: Estimate, flight: Flight, placed: NDArray[np.int64]) -> 
     count = max(1, min(_MOST_PICTURES, affordable, len(placed)))
     chosen = placed[np.unique(np.linspace(0, len(placed) - 1, count).round().astype(int))].tolist()
 
-    def small(k: int) -> str | None:
-        picture = frames[int(estimate.frame_index[k])].read()
+    def small(shared: Frames, k: int) -> str | None:
+        picture = shared[int(estimate.frame_index[k])].read()
         return None if picture is None else _small(picture)
 
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        for k, code in zip(chosen, pool.map(small, chosen), strict=True):
-            if code is not None:
-                yield str(k), code
+    for k, code in zip(chosen, Workers().map(small, frames, chosen), strict=True):
+        if code is not None:
+            yield str(k), code
 
 
 def _small(picture: Image) -> str:

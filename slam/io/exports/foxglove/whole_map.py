@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from frontend.camera import Camera
-from frontend.cores import usable_cores
+from frontend.workers import Workers
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Frames
@@ -25,7 +24,6 @@ _PIXELS_PER_POINT = 256
 """Pixels of the pictures for each point of the ground. A point takes 16 bytes and a pixel a quarter of one,
 so that the ground takes a quarter of the pictures."""
 _LEAST_POINTS, _MOST_POINTS = 2_000, 250_000
-_DECODED_AT_ONCE = 16
 
 
 def map_facts(estimate: Estimate) -> dict[str, str]:
@@ -88,14 +86,13 @@ def _pictures(exported: ExportedMap, frames: Frames, camera: Camera) -> Iterator
     """Yield the picture of each keyframe as JPEG; None for one that cannot be read."""
     chosen = exported.estimate.frame_index[exported.keyframes.numbers].tolist()
 
-    def read(frame: int) -> bytes | None:
-        picture = frames[frame].read()
+    def read(shared: Frames, frame: int) -> bytes | None:
+        picture = shared[frame].read()
         return None if picture is None else jpeg(picture, camera)
 
-    with ThreadPoolExecutor(usable_cores()) as pool:
-        for begin in range(0, len(chosen), _DECODED_AT_ONCE):
-            exported.progress("pictures", begin, len(chosen))
-            yield from pool.map(read, chosen[begin : begin + _DECODED_AT_ONCE])
+    for done, picture in enumerate(Workers().map(read, frames, chosen)):
+        exported.progress("pictures", done, len(chosen))
+        yield picture
     exported.progress("pictures", len(chosen), len(chosen))
 
 
