@@ -20,11 +20,11 @@ from frontend.features import Extractor, Features
 from frontend.flow import FlowTemplate
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
-from frontend.masking import hides_any
+from frontend.masking import unless_hidden
 from frontend.motions import MOST_LEAD, Expectation
-from frontend.photographs import Load, Photograph, photographs
+from frontend.photographs import Photograph, photographs
 from frontend.registration import Registration, register
-from frontend.views import SAME_PICTURE, Masks, View, Views
+from frontend.views import SAME_PICTURE, Load, Masks, View, Views
 
 Image = NDArray[np.uint8]
 Picture = TypeVar("Picture", View, Photograph)
@@ -250,11 +250,8 @@ class Tracker:
                 yield picture
 
     def _extract(self, view: View) -> Features:
-        known = self._known(view.frame)
-        # Masks that hide no feature change none: the others are still the strongest.
-        if known is not None and not hides_any(view.mask, known.pixel, self.camera):
-            return known
-        return self.extractor(view.image, self.camera, view.mask)
+        known = unless_hidden(self._known(view.frame), view.mask, self.camera)
+        return self.extractor(view.image, self.camera, view.mask) if known is None else known
 
     def _has_features(self, picture: View | Photograph) -> bool:
         """Return whether a picture has enough features; count it as dropped if it has not."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.elevation import Elevation
+from frontend.features import Features
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -50,6 +51,14 @@ class ObstacleMask:
         # One step wider: edges are known to a cell, and features have a support region.
         wide = cv2.dilate(high.reshape(self._shape).astype(np.uint8), np.ones((3, 3), np.uint8))
         return np.asarray(cv2.resize(255 * (1 - wide), self.camera.size_px, interpolation=cv2.INTER_NEAREST))
+
+
+def unless_hidden(features: Features | None, mask: Image | None, camera: Camera) -> Features | None:
+    """Return the features of a whole picture, None if its mask (h, w) hides any of them.
+
+    A mask that hides no feature changes none: the others are still the strongest.
+    """
+    return None if features is None or hides_any(mask, features.pixel, camera) else features
 
 
 def hides_any(mask: Image | None, pixel: Array, camera: Camera) -> bool:

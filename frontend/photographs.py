@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from hashlib import blake2b
@@ -11,13 +12,12 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Extractor, Features
-from frontend.masking import hides_any
+from frontend.masking import unless_hidden
 from frontend.picture_check import unusable_reason
-from frontend.views import SAME_PICTURE, Masks
+from frontend.views import SAME_PICTURE, Load, Masks
 from frontend.workers import workers
 
 Image = NDArray[np.uint8]
-Load = Callable[[int], "Image | None"]
 
 
 @dataclass(frozen=True)
@@ -68,20 +68,18 @@ def photographs(
 
     ``masks`` and ``known``: as in `frontend.keyframes.Tracker`.
     """
-
-    def found_earlier(frame: int, mask: Image | None) -> Features | None:
-        # Masks that hide no feature change none: the others are still the strongest.
-        features = known(frame)
-        return None if features is None or hides_any(mask, features.pixel, camera) else features
+    earlier: deque[Features | None] = deque()  # of the photographs that are handed out
 
     def wanted() -> Iterator[_Wanted]:
         for frame in range(count):
             mask = masks(frame)
-            yield _Wanted(frame, mask, found_earlier(frame, mask) is not None)
+            earlier.append(unless_hidden(known(frame), mask, camera))
+            yield _Wanted(frame, mask, earlier[-1] is not None)
 
     at_once, before = extractor.config.searched_at_once(camera.size_px), b""
     search = _Search(load, extractor, camera)
     for frame, found in enumerate(workers().map(_looked_at, search, wanted(), at_once)):
+        features = earlier.popleft()
         if found is None:
             yield frame, "unreadable"
             continue
@@ -89,7 +87,7 @@ def photographs(
         if found.unusable or same:
             yield frame, found.unusable or SAME_PICTURE
             continue
-        features = known(frame) if found.features is None else found.features
+        features = found.features if features is None else features
         assert features is not None
         yield frame, Photograph(frame, features)
 

@@ -18,6 +18,8 @@ Image = NDArray[np.uint8]
 SAME_PICTURE = "same picture as the one before"
 """Reason to drop a picture that equals the one before, pixel by pixel."""
 
+Load = Callable[[int], Image | None]
+"""Function of a frame's number: its picture, (h, w) or (h, w, 3) BGR; None if it cannot be read."""
 Masks = Callable[[int], Image | None]
 """Function of a frame's number: its mask (h, w), 0 on pixels to ignore; None for none."""
 

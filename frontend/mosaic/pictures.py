@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
 from hashlib import blake2b
 from threading import Lock
 
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 
 from frontend.mosaic.plan import MosaicPlan
 from frontend.picture_check import unusable_reason
+from frontend.views import Load
 
 Image = NDArray[np.uint8]
-Load = Callable[[int], "Image | None"]
 
 DARK, BRIGHT = 3, 252
 """Limits of the grey levels that are used to estimate the exposure."""

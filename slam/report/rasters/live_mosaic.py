@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import replace
 
 import cv2
@@ -16,6 +15,7 @@ from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.render import render_tiles
+from frontend.views import Load
 from frontend.workers import Workers
 from slam.core.flight import Image
 
@@ -31,7 +31,7 @@ _KEPT_MB = 64
 class LiveMosaic:
     """Draws the keyframes at their current poses. ``load`` returns the picture of a frame."""
 
-    def __init__(self, camera: Camera, load: Callable[[int], Image | None]) -> None:
+    def __init__(self, camera: Camera, load: Load) -> None:
         self._camera, self._load = camera.narrowed(_PICTURE_PX), load
         self._drawn: dict[int, Array] = {}
         """Frame -> the pose at which it was drawn last."""

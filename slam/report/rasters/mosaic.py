@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from frontend.mosaic.canvas import MosaicError, Tile
 from frontend.mosaic.exposure import Exposure
-from frontend.mosaic.pictures import Load, Pictures
+from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan, plan_mosaic
 from frontend.mosaic.render import measure_exposure, render_tiles
 from frontend.surface.misregistration import measure_misregistration
+from frontend.views import Load
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Image

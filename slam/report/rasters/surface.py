@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,12 +15,11 @@ from frontend.mosaic.view import MosaicView, mosaic_view
 from frontend.surface.build import build_surface
 from frontend.surface.misregistration import Misregistration, measure_misregistration
 from frontend.surface.relief import relief_squares
+from frontend.views import Load
 from slam.core.estimate import GroundFacts
-from slam.core.flight import Image
 from slam.core.progress import Progress
 
 Array = NDArray[np.float64]
-Load = Callable[[int], "Image | None"]
 PERCENTS = (50, 95)
 """Percentiles of the misregistration that are reported."""
 
