@@ -184,25 +184,23 @@ def _by_freedom(flight: Flight, seen: Observations) -> dict[str, Track]:
         for column in np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0).T
     ])  # fmt: skip
     height_m = np.interp(stamps_s, flight.sonar.stamps_s, flight.sonar.range_m)
-    poses = {"homography": chain(seen.links, flight.camera, angles[:, :2], height_m)}
-    for name in ("Euclidean", "translation"):
-        poses[name] = np.full((len(stamps_s), 4, 4), np.nan)
-        poses[name][0] = _pose(angles[0], np.array([0.0, 0.0, height_m[0]]))
+    floor_T_b = {name: np.full((len(stamps_s), 4, 4), np.nan) for name in ("Euclidean", "translation")}
+    for track in floor_T_b.values():
+        track[0] = _pose(angles[0], np.array([0.0, 0.0, height_m[0]]))
     for k, link in enumerate(seen.links[1:], 1):
         if link is None:
             break
         tilt = angles[None, k - 1, :2]
         lifted = lift(link.i_H_j[None], link.corner_covariance[None], flight.camera, tilt, 0 * tilt)
         step, _ = lifted.scale(height_m[k - 1 : k], np.zeros(1))
-        for name, track in poses.items():
-            if name == "homography":
-                continue
+        for name, track in floor_T_b.items():
             # The tilt of the pose before is the attitude's; what the pair adds is a heading and a shift.
             there = track[k - 1] @ step[0]
             heading = roll_pitch_yaw_of(there[:3, :3])[2] if name == "Euclidean" else angles[k, 2]
             position = np.array([*there[:2, 3], height_m[k]])
             track[k] = _pose(np.array([*angles[k, :2], heading]), position)
-    ways = {name: _aligned(flight, stamps_s, track) for name, track in poses.items()}
+    floor_T_b["homography"] = chain(seen.links, flight.camera, angles[:, :2], height_m)
+    ways = {name: _aligned(flight, stamps_s, track) for name, track in floor_T_b.items()}
     return {**ways, VISUAL: ways["translation"]}
 
 

@@ -48,10 +48,12 @@ def test_a_method_that_lost_its_way_has_no_error():
     assert np.isnan(eights.error_m(flight, stamps_s, positions))
 
 
-def trials(freedom: dict[str, float], hall: float, visual: float = 0.3) -> tuple[Trial, ...]:
+def trials(
+    freedom: dict[str, float], hall: float, visual: float = 0.3, coarse: float = np.nan
+) -> tuple[Trial, ...]:
     figures = {f"{MAGAZINES}/{name}": value for name, value in freedom.items()}
     figures |= {f"{MAGAZINES}/{eights.VISUAL}": visual, f"{MAGAZINES}/{eights.MAP}": 0.002}
-    figures |= {f"{HALL}/{eights.MAP}": hall, "resolution/33": np.nan, "resolution/100": 0.1}
+    figures |= {f"{HALL}/{eights.MAP}": hall, "resolution/33": coarse, "resolution/100": 0.1}
     return (Trial(0, figures),)
 
 
@@ -63,6 +65,13 @@ def test_the_verdict_is_on_degrees_of_freedom_and_resolution():
     assert "no map" in agrees.reason
     assert HALL in agrees.reason
     assert eights.EXPERIMENT.conclude(trials(told, np.nan, visual=0.013)).verdict == "agrees in part"
-    assert eights.EXPERIMENT.conclude(trials({**told, "translation": 3.0}, 0.1)).verdict == "agrees in part"
+    turned = {**told, "translation": 3.0}
+    for coarse, by_freedom, expected in (
+        (np.nan, turned, "agrees in part"),
+        (0.2, told, "agrees"),
+        (0.05, told, "agrees in part"),
+        (0.05, turned, "does not agree"),
+    ):
+        assert eights.EXPERIMENT.conclude(trials(by_freedom, 0.1, coarse=coarse)).verdict == expected
     lost = eights.EXPERIMENT.conclude(trials(dict.fromkeys(FREEDOM_MM, float("nan")), 0.1))
     assert "not in that order" in lost.reason
