@@ -148,8 +148,8 @@ def _complete(facts: Facts, summary: Summary) -> str:
     bare = sum(summary.rejected.get(reason, 0) for reason in SHOW_NOTHING)
     if bare > NOTABLE_SHARE * facts.frames and facts.maps <= 1:
         return (
-            f"No: {bare} of {facts.frames} pictures show too little. Ground that only they saw is missing; the "
-            f"warnings say which. {facts.placed} of {facts.keyframes} {thing} lie on one map."
+            f"No: {bare} of {facts.frames} pictures show too little. Ground that only they saw is missing; "
+            f"the warnings say which. {facts.placed} of {facts.keyframes} {thing} lie on one map."
         )
     if facts.placed == facts.keyframes and facts.maps <= 1:
         return f"Yes: all {facts.keyframes} {thing} lie on one map."
