@@ -19,7 +19,8 @@ HEADLINES = {
     "5 seeds, worst: A-E gap error, with loops": f"{_DEMO}: a gap of 0.30 m seen a whole loop apart",
     "position error after similarity (ate_sim3_m)": "A real drone's motion: positions after a similarity",
     "position error (ate_m)": "A real drone's motion: positions without alignment, sonar 4 % short",
-    "RMS to sfm_reference.csv after a similarity": "75 aerial photographs: distance to structure from motion",
+    "RMS to pycolmap with a free principal point after a similarity": "75 aerial photographs: distance to "
+    "structure from motion",
     "our time over pycolmap's": "75 aerial photographs: our time over pycolmap's",
     "front end on the demo's frames, 320x240, two cores": "Pictures a second, 320x240",
     "sphere2500: solve over raw gtsam's, both from arrays": "A graph of 2500 poses: our time over gtsam's",
