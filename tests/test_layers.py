@@ -195,7 +195,7 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
-        ("errors", "measurements", "quantiles", "quaternions", "se3", "compilation"),
+        ("errors", "measurements", "quantiles", "quaternions", "se3", "triple", "compilation"),
         ("gauge", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),
         ("bundle", "g2o", "clocks"),

@@ -28,9 +28,6 @@ from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]
 
-CONTROL_SYMBOL = "g"
-"""Letter of the variables of control points."""
-
 
 class ControlWeights(NamedTuple):
     """How control points are weighted."""

@@ -14,13 +14,16 @@ from collections.abc import Iterator, Mapping
 
 import gtsam
 import numpy as np
+from gtsam.symbol_shorthand import B as BIAS
+from gtsam.symbol_shorthand import G as CONTROL_POINT
+from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.control import CONTROL_SYMBOL
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
 from backend.bundle.heights import HEIGHTS
+from backend.bundle.inertial.graph import IMU
 from backend.bundle.inertial.preintegrate import STATE_SIZE
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reported.graph import row_instruments
@@ -30,7 +33,18 @@ Array = NDArray[np.float64]
 DIRECTIONS = ("roll", "pitch", "yaw", "x", "y", "z", "scale")
 _MEASURED = {1: "range", 2: "attitude", 3: "position", STATE_SIZE: "imu"}
 """Rows of a measured factor that holds the world variable -> instrument."""
-_OWN_ERRORS = {ord("a"): "imu", ord("b"): "imu", ord("k"): "pictures", ord("h"): "barometer"}
+
+
+def _letter(key: int) -> int:
+    return int(gtsam.Symbol(key).chr())
+
+
+_OWN_ERRORS = {
+    _letter(key): instrument
+    for key, instrument in (
+        (IMU, "imu"), (BIAS(0), "imu"), (CALIBRATION(0), "pictures"), (HEIGHTS, "barometer"),
+    )
+}  # fmt: skip
 """Letter of a variable that holds errors of one instrument -> that instrument."""
 
 
@@ -80,11 +94,11 @@ def _of_pose_side(optimum: BundleOptimum) -> Iterator[str]:
         if reported := row_instruments(keys, size):
             yield from reported
         elif not isinstance(factor, gtsam.CustomFactor):
-            own = _OWN_ERRORS.get(gtsam.Symbol(keys[0]).chr(), "assumed")
+            own = _OWN_ERRORS.get(_letter(keys[0]), "assumed")
             yield from _of_world(optimum.problem) if keys == [WORLD] else [own] * size
         elif HEIGHTS in keys:
             yield "barometer"
-        elif any(gtsam.Symbol(key).chr() == ord(CONTROL_SYMBOL) for key in keys):
+        elif any(_letter(key) == _letter(CONTROL_POINT(0)) for key in keys):
             yield from ["control"] * size
         elif WORLD in keys:
             yield from [_MEASURED[size]] * size

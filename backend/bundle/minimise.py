@@ -103,6 +103,17 @@ class BundleOptimum:
         """Return the linear system at the optimum."""
         return self.cost.linearise(self.at, self.structure)
 
+    def standard_deviations(self, key: int) -> Array:
+        """Return those of the numbers (d,) of a vector among the variables of the pose side.
+
+        Raises ``SingularMatrixError`` if a direction is open.
+        """
+        reduced = self.linearise().eliminate()
+        columns = reduced.structure.columns(key)
+        right = np.zeros((reduced.size, columns.stop - columns.start))
+        right[columns] = np.eye(right.shape[1])
+        return np.sqrt(np.diag(reduced.factor.solve(right)[columns]))
+
 
 @dataclass(frozen=True)
 class BundleMinimum(Outcome):

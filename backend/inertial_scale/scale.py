@@ -35,6 +35,7 @@ from backend.inertial_scale.regression_rows import (
     regressor_covariance,
 )
 from backend.measurements import InertialReadings
+from backend.triple import triple
 
 Array = NDArray[np.float64]
 
@@ -196,15 +197,10 @@ def _result(
     return InertialScale(
         scale=scale,
         scale_std=float(std[0]),
-        offset_m_s2=_triple(offset),
-        offset_std_m_s2=_triple(std[1:4]),
-        arm_m=_triple(arm),
-        arm_std_m=_triple(std[4:7]),
-        gain_slopes=_triple(gain_effect / scale),
+        offset_m_s2=triple(offset),
+        offset_std_m_s2=triple(std[1:4]),
+        arm_m=triple(arm),
+        arm_std_m=triple(std[4:7]),
+        gain_slopes=triple(gain_effect / scale),
         lag=lag,
     )
-
-
-def _triple(values: Array) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.ekf.inputs import READINGS, FilterModel, InitialState, Readings, Series
+from backend.triple import triple
 from slam.core.errors import InputError, one_line
 from slam.core.rotations import rotation_of
 from slam.inertial.instruments import (
@@ -125,14 +126,10 @@ def _model(
         velocity_scale=0.0,
         velocity_error_m_s=trust.velocity_error_m_s,
         barometer_walk_m=trust.barometer_walk_m,
-        b_beam=_triple(-sonar.b_T_s[:3, 2]) if sonar else FilterModel.b_beam,
-        b_p_range_m=_triple(sonar.b_T_s[:3, 3]) if sonar else FilterModel.b_p_range_m,
-        b_p_camera_m=_triple(camera.b_T_c[:3, 3]) if camera else FilterModel.b_p_camera_m,
+        b_beam=triple(-sonar.b_T_s[:3, 2]) if sonar else FilterModel.b_beam,
+        b_p_range_m=triple(sonar.b_T_s[:3, 3]) if sonar else FilterModel.b_p_range_m,
+        b_p_camera_m=triple(camera.b_T_c[:3, 3]) if camera else FilterModel.b_p_camera_m,
     )
-
-
-def _triple(v: Array) -> tuple[float, float, float]:
-    return float(v[0]), float(v[1]), float(v[2])
 
 
 def _span(flight: Flight) -> tuple[float, float]:
@@ -216,7 +213,7 @@ def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: fl
         w_R_b=w_R_b,
         tilt_std_rad=tilt_std,
         yaw_std_rad=0.5 if positions is not None else 0.0,
-        place_m=_triple(positions.values[0])[:2] if positions is not None else (0.0, 0.0),
+        place_m=triple(positions.values[0])[:2] if positions is not None else (0.0, 0.0),
         place_std_m=float(positions.std[0]) if positions is not None else 0.0,
         w_v_m_s=w_v,
         velocity_std_m_s=trust.start_speed_m_s

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from backend.bundle.reported.factor import CHANNELS, vector
 from backend.bundle.reported.integrate import ReportedInterval
 from backend.measurements import ReportedNoise
+from backend.triple import triple
 
 Array = NDArray[np.float64]
 
@@ -61,12 +62,7 @@ def identify_reported_noise(steps: Sequence[Step], stamps_s: Array, nominal: Rep
     found = np.array([_levels(*_series(steps, channel), lasts_s, middle_s) for channel in range(CHANNELS)])
     density, error, time_s = found.T
     density = np.maximum(density, _LEAST_DENSITY)
-    return ReportedNoise(*(_triple(row) for row in (density, error, time_s)))
-
-
-def _triple(row: Array) -> tuple[float, float, float]:
-    x, y, z = row.tolist()
-    return x, y, z
+    return ReportedNoise(*(triple(row) for row in (density, error, time_s)))
 
 
 def _series(steps: Sequence[Step], channel: int) -> tuple[Array, Array]:

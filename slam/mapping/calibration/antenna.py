@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
 from backend.bundle.refinement import Bundle
+from backend.triple import triple
 from slam.core.instrument_errors import AntennaPlace
 
 
@@ -16,10 +14,5 @@ def antenna_place(bundle: Bundle | None) -> AntennaPlace | None:
     measured = bundle.optimum.problem.measurements
     if not measured.positions or measured.antenna_std_m == 0:
         return None
-    place, std, told = map(_three, (bundle.antenna_m, bundle.antenna_std_m, measured.antenna_m))
+    place, std, told = map(triple, (bundle.antenna_m, bundle.antenna_std_m, measured.antenna_m))
     return AntennaPlace(place, std, told, measured.antenna_std_m)
-
-
-def _three(values: NDArray[np.float64]) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from backend.bundle.heights import GAIN, HEIGHTS
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
@@ -15,13 +13,11 @@ def barometer_errors(bundle: Bundle | None) -> BarometerErrors | None:
     if bundle is None or not bundle.uses_barometer:
         return None
     try:
-        reduced = bundle.optimum.linearise().eliminate()
+        std = bundle.optimum.standard_deviations(HEIGHTS)
     except SingularMatrixError:
         return None
-    unit = np.zeros(reduced.size)
-    unit[reduced.structure.columns(HEIGHTS).start + GAIN] = 1.0
     return BarometerErrors(
         gain=float(bundle.optimum.values.atVector(HEIGHTS)[GAIN]),
-        gain_std=float(np.sqrt(unit @ reduced.factor.solve(unit))),
+        gain_std=float(std[GAIN]),
         noise_m=bundle.noise.height_m,
     )

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.refinement import Bundle
 from backend.bundle.reported.factor import BIAS, CHANNELS, GAINS, LAG
-from backend.bundle.reported.verdict import reported_constants
+from backend.bundle.reported.graph import REPORTED
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import VelocityErrors
 
@@ -22,9 +22,10 @@ def velocity_errors(bundle: Bundle | None) -> VelocityErrors | None:
     if bundle is None or bundle.optimum.problem.reported is None:
         return None
     try:
-        value, std = reported_constants(bundle.optimum)
+        std = bundle.optimum.standard_deviations(REPORTED)
     except SingularMatrixError:
         return None
+    value = bundle.optimum.values.atVector(REPORTED)
     noise, part = bundle.noise.reported, bundle.optimum.problem.reported
     jumps = np.array([np.zeros(CHANNELS), *part.jumps.values()]) * noise.error
     return VelocityErrors(

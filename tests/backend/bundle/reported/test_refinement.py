@@ -11,7 +11,7 @@ from backend.bundle.information_shares import information_shares
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.factor import BIAS, GAINS
 from backend.bundle.reported.graph import REPORTED
-from backend.bundle.reported.verdict import reported_constants, reported_damage
+from backend.bundle.reported.verdict import reported_damage
 from backend.quantiles import chi_square_limit
 from tests.backend.bundle.inertial.made_inertial import InertialScene, MadeInertial
 from tests.backend.bundle.reported.made_reported import Errors, make_reported
@@ -68,7 +68,8 @@ def test_gain_and_offset_are_found_and_do_not_move_the_map():
     made = make_reported(SCENE, 0, errors)
     bundle, plain = refined(made), refined(make_reported(SCENE, 0))
     assert damage(bundle) == ""
-    constants, std = reported_constants(bundle.optimum)
+    constants = bundle.optimum.values.atVector(REPORTED)
+    std = bundle.optimum.standard_deviations(REPORTED)
     for which, true in ((GAINS, errors.gains), (BIAS, errors.bias_m_s)):
         assert (np.abs(constants[which] - true) < 4 * std[which]).all()
     off, off_plain = (
