@@ -29,6 +29,8 @@ _AT_ONCE = 1_000
 def from_measurements(measurements: Measurements, initial: Array | None) -> tuple[Problem, list[str]]:
     """Return the problem of a flight and warnings about dropped measurements.
 
+    It holds relative poses, attitudes, ranges and positions. The other kinds are of the refinement alone
+    (`backend.bundle`), and positions count as those of the body's origin, wherever the antenna is.
     Raises ``BackendError`` for invalid values.
     """
     n = measurements.count

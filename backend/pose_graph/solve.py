@@ -47,6 +47,7 @@ def solve(
 ) -> Solution:
     """Estimate the most likely trajectory of a flight's keyframes.
 
+    Relative poses, attitudes, ranges and positions count, and no other measurements.
     ``initial`` (n, 4, 4), NaN where unknown, is the initial guess; without it odometry provides one.
     ``loops_robust`` allows the rejection of edges if the global test fails. Raises ``BackendError`` for
     invalid values.

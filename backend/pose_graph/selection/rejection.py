@@ -32,6 +32,7 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _ROUNDS = 7
+"""Largest number of judgements of a selection: each but the last drops edges or takes some back."""
 _MANY_LOOPS = 5000
 """Loops beyond which the growth from odometry takes many minutes: a round accepts at most 150 of them."""
 
@@ -105,7 +106,7 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
 
     Loops that agreed with the step speak for it: if more of them are lost than by chance, it stays.
     """
-    problem, doubting, said = gauge_fixed.problem, gauge_fixed, ""
+    problem, doubting = gauge_fixed.problem, gauge_fixed
     while time.monotonic() < gauge_fixed.options.deadline:
         step = doubtful_odometry(doubting.problem, found.kept)
         if step is None:
@@ -121,17 +122,20 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
             break
         if np.array_equal(other.kept, found.kept):
             break
-        agreeing = found.kept & ~problem.trusted
-        supported = found.fit.test.passed and agreement_is_lost(agreeing, other.kept)
-        supported = supported and bool((step & ~other.kept).any())
-        probable = _is_more_probable(gauge_fixed, other, found)
-        if supported or not probable:
-            against = other.kept & ~found.kept & ~problem.trusted
-            if other.fit.test.passed:
-                said = odometry_dispute(problem, step, against, probable)
-            break
-        found = other
-    return replace(found, disputed_odometry=(said,) if said else ())
+        loops = ~problem.trusted
+        is_supported = (
+            found.fit.test.passed
+            and agreement_is_lost(found.kept & loops, other.kept)
+            and bool((step & ~other.kept).any())
+        )
+        is_probable = _is_more_probable(gauge_fixed, other, found)
+        if is_probable and not is_supported:
+            found = other
+            continue
+        against = other.kept & ~found.kept & loops
+        said = odometry_dispute(problem, step, against, is_probable) if other.fit.test.passed else ""
+        return replace(found, disputed_odometry=(said,) if said else ())
+    return found
 
 
 def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
