@@ -151,19 +151,16 @@ def _flights(
 
 def _joined(flights: list[Flight], wanted: _FlightOptions) -> Flight:
     """Return the flights as one, with the control points that the options give."""
+    from slam.core.control_points import SurveyedPoint
     from slam.core.join_flights import join_flights
     from slam.core.surveyed_flight import with_surveyed
     from slam.io.gcp_list import read_gcp_list
 
-    flight = join_flights(flights)
+    flight, points = join_flights(flights), tuple[SurveyedPoint, ...]()
     if wanted.gcp is not None:
         points, notes = read_gcp_list(wanted.gcp, flight)
-        flight = with_surveyed(replace(flight, warnings=(*flight.warnings, *notes)), points)
-    flight = with_surveyed(flight, (), wanted.check) if wanted.check else flight
-    if wanted.gcp_std_m is not None:
-        told = tuple(replace(point, std_m=wanted.gcp_std_m) for point in flight.surveyed)
-        flight = replace(flight, surveyed=told)
-    return flight
+        flight = replace(flight, warnings=(*flight.warnings, *notes))
+    return with_surveyed(flight, points, wanted.check, wanted.gcp_std_m)
 
 
 def _written(

@@ -40,8 +40,9 @@ class SurveyedPoint:
 
     @property
     def origin(self) -> GeoOrigin:
-        """The point as the origin of a world."""
-        return GeoOrigin(self.latitude_deg, self.longitude_deg, self.altitude_m)
+        """The point as the origin of a world; an unknown altitude is 0."""
+        altitude_m = 0.0 if math.isnan(self.altitude_m) else self.altitude_m
+        return GeoOrigin(self.latitude_deg, self.longitude_deg, altitude_m)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,7 @@ class PointResidual:
     """Number of pictures on the map that show it."""
     residual_m: tuple[float, float, float] | None = None
     """East, north, up: its place by the pictures minus its surveyed coordinates; up is NaN without an
-    altitude. None where fewer than two pictures show it."""
+    altitude. None where fewer than two pictures show it, or its coordinates cannot be used."""
     std_m: tuple[float, float, float] | None = None
     """Standard deviations of the residual by map, pictures and survey."""
     residual_px: float | None = None

@@ -309,12 +309,12 @@ class Flight:
     def geo_origin(self) -> GeoOrigin | None:
         """Return the origin of the local east-north-up world: the first GPS fix that the others confirm.
 
-        The altitude is the first known one among them, or 0. Without a fix it is the first control point that
-        can be used, else None.
+        The altitude is the first known one among them, or 0. Without a fix it is the first surveyed point
+        that can be used, if possible one with an altitude. Without any it is None.
         """
         gps, check = self.gps, self.fix_check()
-        surveyed = next((p for p in self.surveyed if not p.fault and np.isfinite(p.altitude_m)), None)
-        at_point = surveyed.origin if surveyed is not None else None
+        surveyed = [p for p in self.surveyed if not p.fault]
+        at_point = min(surveyed, key=lambda p: np.isnan(p.altitude_m)).origin if surveyed else None
         if gps is None or check is None:
             return at_point
         known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)

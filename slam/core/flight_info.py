@@ -166,38 +166,37 @@ def _missing(flight: Flight) -> list[str]:
 
 def _missing_for_scale(flight: Flight) -> list[str]:
     """Return what is missing for the scale of a map and its place on Earth."""
-    if flight.gps is None and any(p.role == "control" and not p.fault for p in flight.surveyed):
+    control = [p for p in flight.surveyed if p.role == "control" and not p.fault]
+    if flight.gps is None and any(math.isfinite(p.altitude_m) for p in control):
         return ["no GPS: the control points place the map and tell its lengths, if it shows three or more"]
-    lines = []
-    ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
-    if not ranged and flight.gps is None and flight.imu is not None:
-        lines.append(
-            "no sonar and no GPS: lengths come from the accelerometer, if the flight moves it enough: fly "
-            "curves, and measure one distance on the ground"
-        )
-    elif not ranged and flight.gps is None and flight.barometer is not None:
-        lines.append(
-            "no sonar and no GPS: no metric scale but that of the barometer's changes of height: check it "
-            "by one distance on the ground"
-        )
-    elif not ranged and flight.gps is None and flight.velocity is not None and flight.attitude is not None:
-        lines.append(
-            "no sonar and no GPS: no metric scale but that of the vehicle's own velocity: check it "
-            "by one distance on the ground"
-        )
-    elif not ranged and flight.gps is None:
-        lines.append(
-            "no sonar and no GPS: no metric scale; distances in the map are relative; record a height "
-            "sensor, or measure one distance on the ground and scale the map by it"
-        )
-    elif not ranged:
-        lines.append(
+    on_earth = [] if flight.gps is not None else ["no GPS: the map is not placed on Earth"]
+    if flight.sonar is not None and np.isfinite(flight.sonar.range_m).any():
+        return on_earth
+    if flight.gps is not None:
+        return [
             "no sonar: the scale comes from GPS alone and is only as accurate as GPS; record a height "
             "sensor, or measure one distance on the ground"
+        ]
+    if flight.imu is not None:
+        source = (
+            "lengths come from the accelerometer, if the flight moves it enough: fly curves, and measure one "
+            "distance on the ground"
         )
-    if flight.gps is None:
-        lines.append("no GPS: the map is not placed on Earth")
-    return lines
+    elif flight.barometer is not None:
+        source = (
+            "no metric scale but that of the barometer's changes of height: check it by one distance on the "
+            "ground"
+        )
+    elif flight.velocity is not None and flight.attitude is not None:
+        source = (
+            "no metric scale but that of the vehicle's own velocity: check it by one distance on the ground"
+        )
+    else:
+        source = (
+            "no metric scale; distances in the map are relative; record a height sensor, or measure one "
+            "distance on the ground and scale the map by it"
+        )
+    return [f"no sonar and no GPS: {source}", *on_earth]
 
 
 def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:

@@ -7,12 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
 from frontend.camera import Camera
 from frontend.lift import level_T_body, lift
 from frontend.registration import Registration
+from slam.mapping.level_motion import heading_of, moved_level
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,8 @@ def chain(
         if first > 0:
             if first not in over_gap:
                 break
-            stretch = _moved_to(poses[first - 1] @ over_gap[first].i_T_j, stretch)
+            there = poses[first - 1] @ over_gap[first].i_T_j
+            stretch = moved_level(stretch, heading_of(there), there[:2, 3])
         poses[first:behind] = stretch
     return poses
 
@@ -64,12 +65,3 @@ def _composed(
     start[2, 3] = height_m
     first_T_k, _ = lifted.scale(np.full(m, height_m), np.zeros(m))
     return np.asarray(start @ first_T_k)
-
-
-def _moved_to(w_T_first: Array, stretch: Array) -> Array:
-    """Turn and shift a level stretch so that its first keyframe has a heading and a place on the floor."""
-    now, there = (np.arctan2(T[1, 0], T[0, 0]) for T in (stretch[0], w_T_first))
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_euler("z", float(there - now)).as_matrix()
-    turn[:2, 3] = w_T_first[:2, 3] - (turn @ stretch[0])[:2, 3]
-    return np.asarray(turn @ stretch)

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.measurements import Position
 from frontend.camera import Camera
@@ -14,6 +13,7 @@ from slam.mapping.control_points import ControlComparison
 from slam.mapping.gps.consensus import rough_agreement
 from slam.mapping.gps.georeferencing import align_with_places, align_with_positions
 from slam.mapping.keyframe_readings import KeyframeReadings
+from slam.mapping.level_motion import moved_level
 from slam.mapping.map import Map
 from slam.mapping.setup import Setup
 
@@ -93,9 +93,4 @@ def headed(w_T_b: Array, readings: KeyframeReadings, members: NDArray[np.int64])
     Without a measured attitude the heading is 0.
     """
     yaw = next((a.roll_pitch_yaw_rad[2] for a in readings.attitudes if a.k == members[0]), 0.0)
-    now = np.arctan2(w_T_b[0, 1, 0], w_T_b[0, 0, 0])
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_euler("z", yaw - now).as_matrix()
-    shift = np.eye(4)
-    shift[:2, 3] = -w_T_b[0, :2, 3]
-    return turn @ shift @ w_T_b
+    return moved_level(w_T_b, yaw, np.zeros(2))

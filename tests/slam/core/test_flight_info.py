@@ -195,6 +195,8 @@ def test_control_points_place_a_flight_without_gps():
     assert [line for line in describe(blind).missing if "GPS" in line] == [
         "no GPS: the control points place the map and tell its lengths, if it shows three or more"
     ]
+    flat = dataclasses.replace(blind, surveyed=(dataclasses.replace(point, altitude_m=np.nan),))
+    assert "no GPS: the map is not placed on Earth" in describe(flat).missing
 
 
 @pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")

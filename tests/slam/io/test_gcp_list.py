@@ -161,10 +161,23 @@ def test_points_that_are_held_out_must_exist(tmp_path):
         with_surveyed(flight(), points, ["west"])
 
 
+def test_a_standard_deviation_counts_for_all_points_and_is_refused_without_any(tmp_path):
+    points, _ = read(tmp_path, [*UTM, *ROWS])
+    both = with_surveyed(with_surveyed(flight(), points[:1]), points[1:], std_m=0.1)
+    assert [p.std_m for p in both.surveyed] == [0.1, 0.1]
+    with pytest.raises(InputError, match=r"--gcp-std: there are no control points; give --gcp FILE"):
+        with_surveyed(flight(), (), std_m=0.1)
+
+
 def test_the_origin_is_a_point_where_there_is_no_gps(tmp_path):
     points, _ = read(tmp_path, [*UTM, *ROWS])
     origin = with_surveyed(replace(flight(), gps=None), points).geo_origin()
     assert (origin.latitude_deg, origin.altitude_m) == (points[0].latitude_deg, 402.5)
+    flat = [replace(points[0], altitude_m=np.nan), points[1]]
+    origin = with_surveyed(replace(flight(), gps=None), flat).geo_origin()
+    assert (origin.latitude_deg, origin.altitude_m) == (points[1].latitude_deg, 401.0)
+    origin = with_surveyed(replace(flight(), gps=None), flat[:1]).geo_origin()
+    assert (origin.latitude_deg, origin.altitude_m) == (points[0].latitude_deg, 0.0)
 
 
 def test_joined_flights_keep_their_points(tmp_path):
