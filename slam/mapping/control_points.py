@@ -12,12 +12,12 @@ from backend.bundle.locate import LocatedPoint, locate
 from backend.bundle.refinement import Bundle
 from backend.measurements import ControlPoint
 from backend.quantiles import chi_square_limit
+from backend.triple import triple
 from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual, SurveyedPoint
 from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic
-from slam.core.names import listed
-from slam.mapping.gps.consensus import rough_agreement
+from slam.mapping.gps.consensus import FALSE_ALARM, rough_agreement
 
 Array = NDArray[np.float64]
 
@@ -27,10 +27,6 @@ LEAST_VIEWS = 2
 """Two rays that meet give a place."""
 VIEW_STD_PX = 1.0
 """Standard deviation of pixels that a person has marked."""
-FALSE_ALARM = 0.01
-"""Probability that a set of points without a wrong one loses one."""
-_CHECK_FALSE_ALARM = 1e-3
-"""Probability that check points are said to contradict a map whose deviations are right."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +40,12 @@ class Surveyed:
     @property
     def may_be_used(self) -> bool:
         """Whether the map may follow it."""
-        return self.told.role == "control" and not self.told.fault and self.is_seen
+        return self.told.role == "control" and self.can_be_compared
 
     @property
-    def is_seen(self) -> bool:
-        """Whether pictures give its place."""
-        return len(self.point.keyframe) >= LEAST_VIEWS
+    def can_be_compared(self) -> bool:
+        """Whether pictures give its place, and its coordinates have no fault."""
+        return len(self.point.keyframe) >= LEAST_VIEWS and not self.told.fault
 
 
 def surveyed_in_world(
@@ -118,7 +114,7 @@ class ControlComparison:
     def judge(self, bundle: Bundle, used: NDArray[np.bool_]) -> ControlVerdict:
         """Compare the points with a refined map that follows those in ``used`` (p,)."""
         placed = bundle.optimum.problem.measurements.placed
-        seen = [k for k, s in enumerate(self.points) if s.is_seen and placed]
+        seen = [k for k, s in enumerate(self.points) if s.can_be_compared and placed]
         found = locate(bundle.optimum, [self.points[k].point for k in seen])
         located = dict(zip(seen, found, strict=True))
         # What the residuals ask for beyond the stated deviations is no error of a single point.
@@ -158,7 +154,7 @@ class ControlVerdict:
     used: NDArray[np.bool_]
     """(p,) which points agree, if enough do."""
     located: Mapping[int, LocatedPoint]
-    """Number of each point that the map shows -> its place there."""
+    """Number of each point that can be compared -> its place on the map."""
     scale: float
     """Factor on the stated deviations of the survey."""
     placed: bool
@@ -170,8 +166,8 @@ class ControlVerdict:
         rows = tuple(self._residual(k, bool(used[k])) for k in range(len(self.points)))
         return ControlReport(
             points=rows,
-            gps_offset_m=_three(bundle.position_offset_m) if both else None,
-            gps_offset_std_m=_three(bundle.position_offset_std_m) if both else None,
+            gps_offset_m=triple(bundle.position_offset_m) if both else None,
+            gps_offset_std_m=triple(bundle.position_offset_std_m) if both else None,
             survey_scale=self.scale,
         )
 
@@ -180,58 +176,17 @@ class ControlVerdict:
         row = PointResidual(
             name=told.name, role=told.role, used=used, reason=told.fault, views=len(point.keyframe)
         )
+        if told.fault:
+            return row
         if place is None:
             reason = f"pictures on the map that show it: {row.views}, and {LEAST_VIEWS} are needed"
-            reason = reason if self.placed else "the map is not placed on Earth"
-            return replace(row, reason=told.fault or reason)
+            return replace(row, reason=reason if self.placed else "the map is not placed on Earth")
         off = np.where(np.isfinite(point.std_m), place.w_p_m - point.w_p_m, np.nan)
         std = np.sqrt(np.diag(place.covariance) + (self.scale * point.std_m) ** 2)
         pixels = float(np.sqrt(np.mean(np.sum(place.residual_px**2, axis=1))))
-        row = replace(row, residual_m=_three(off), std_m=_three(std), residual_px=pixels)
-        if used or told.role == "check" or told.fault:
+        row = replace(row, residual_m=triple(off), std_m=triple(std), residual_px=pixels)
+        if used or told.role == "check":
             return row
         if (usable := sum(s.may_be_used for s in self.points)) < LEAST_POINTS:
             return replace(row, reason=f"{usable} can be used, and {LEAST_POINTS} are needed")
         return replace(row, reason=f"{row.distance_m:.3g} m from where the pictures show it")
-
-
-def _three(values: Array) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
-
-
-def control_warnings(report: ControlReport) -> list[str]:
-    """Return lines about control points that are wrong, or too few, and about check points that are off."""
-    control = report.of_role("control")
-    located = [p for p in control if p.residual_m is not None]
-    used = [p for p in control if p.used]
-    wrong = [p for p in located if not p.used]
-    lines = []
-    if control and not used:
-        if len(located) < LEAST_POINTS:
-            what = f"{len(located)} of {len(control)} can be placed, and {LEAST_POINTS} are needed"
-        else:
-            what = f"fewer than {LEAST_POINTS} agree with each other, and nobody can tell which are right"
-        lines.append(f"control points: none is used: {what}; their residuals are in the report")
-    elif wrong:
-        each = listed([f"{p.name} by {p.distance_m:.3g} m" for p in wrong])
-        lines.append(
-            f"control points: {len(wrong)} of {len(located)} contradict the others and the pictures, and are "
-            f"not used: {each}; check their coordinates and pixels"
-        )
-    return lines + _check_warnings(report)
-
-
-def _check_warnings(report: ControlReport) -> list[str]:
-    checks = [p for p in report.of_role("check") if p.residual_m is not None and p.std_m is not None]
-    z = np.array([[x / s for x, s in zip(p.residual_m or (), p.std_m or (), strict=True)] for p in checks])
-    z = z[np.isfinite(z)] if len(z) else z
-    if not any(p.used for p in report.points) or not len(z):
-        return []
-    if float(np.sum(z**2)) <= chi_square_limit(_CHECK_FALSE_ALARM, len(z)):
-        return []
-    off_m = max(p.distance_m for p in checks)
-    return [
-        f"check points lie up to {off_m:.3g} m from the map, {np.sqrt(np.mean(z**2)):.2g} times what is "
-        "told: the map is less accurate than its deviations, or a check point is wrong"
-    ]

@@ -4,36 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.refinement import Bundle
-from backend.clocks.picture_clock import PictureClock
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import FloorTracks, InertialReadings, ReportedMotion
 from frontend.camera import Camera
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
-from slam.core.control_points import ControlReport
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
-from slam.mapping.calibration.fallback_scale import scaled_by_heights, scaled_by_velocity
+from slam.mapping.calibration.fallback_scale import (
+    WRONG_SIGN,
+    falls_where_the_camera_climbs,
+    scaled_by_heights,
+    scaled_by_velocity,
+)
 from slam.mapping.calibration.inertial_scale import (
     AccelerometerScale,
     InertialComparison,
     compare_with_inertia,
 )
-from slam.mapping.control_points import ControlComparison, control_warnings
+from slam.mapping.control_points import ControlComparison
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
-from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.map import Map, largest_first
+from slam.mapping.map_part import MapPart
 from slam.mapping.place_part import aligned_part, aligned_with_control, headed
 from slam.mapping.refine_part import LEAST_SEEN, refine_part
 from slam.mapping.setup import Setup
+from slam.mapping.warnings.control_points import control_warnings
 
 Array = NDArray[np.float64]
 
@@ -117,47 +122,6 @@ def floor_tracks(solved: Map, setup: Setup) -> FloorTracks:
 
 
 @dataclass(frozen=True)
-class MapPart:
-    """One connected part of the map."""
-
-    members: NDArray[np.int64]
-    """(m,) its keyframes, sorted."""
-    w_T_b: Array
-    """(m, 4, 4) refined; placed at least."""
-    floor_z_m: float
-    georeferenced: bool
-    """Whether positions have placed it; else it stands in coordinates of its own."""
-    ranged: bool
-    """Whether its heights were measured in metres."""
-    bundle: Bundle | None = None
-    """None where it could not be refined."""
-    inertial: AccelerometerScale | None = None
-    clock: PictureClock | None = None
-    control: ControlReport | None = None
-    warnings: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()
-    stated_accuracy: tuple[Contradiction, ...] = ()
-
-    def refined_fixes(self, fixes: FixComparison) -> FixComparison:
-        """Return the fixes in the datum of the control points, for the estimated antenna."""
-        refined = self.bundle
-        return fixes if refined is None else fixes.refined(refined.position_offset_m, refined.antenna_m)
-
-    @property
-    def metric(self) -> bool:
-        """Whether its lengths are metres."""
-        refined = self.bundle is not None and self.bundle.scale_std is not None
-        return self.ranged or self.georeferenced or refined
-
-    @property
-    def height_std_m(self) -> float:
-        """Standard deviation of the first keyframe's height over the floor; 0 if unknown."""
-        if self.bundle is None:
-            return 0.0
-        return self.bundle.conditional_scale_std * float(self.bundle.w_T_b[0, 2, 3] - self.bundle.floor_z_m)
-
-
-@dataclass(frozen=True)
 class _Used:
     """Measurements that place a part."""
 
@@ -165,6 +129,16 @@ class _Used:
     """The fixes that agree; None without any to compare."""
     points: NDArray[np.bool_]
     """(p,) control points."""
+
+
+class _Refinement(NamedTuple):
+    """A refinement of a part."""
+
+    bundle: Bundle
+    compared: InertialComparison | None
+    reasons: list[str]
+    """Why barometer and velocity do not tell the scale."""
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -220,7 +194,7 @@ class _Evidence:
         return replace(
             placed,
             warnings=(*placed.warnings, *messages.warnings),
-            remarks=messages.remarks,
+            remarks=(*placed.remarks, *messages.remarks),
             stated_accuracy=tuple(fixes.contradictions(agreement, placed.w_T_b)),
         )
 
@@ -236,7 +210,8 @@ class _Evidence:
         agreement, used_points = first.agreement, first.points
         for _ in range(_MOST_SELECTIONS):
             setup = base.with_fixes(agreement).with_control(used_points)
-            bundle, compared, reasons = self._refined(setup, part)
+            refined = self._refined(setup, part)
+            bundle, compared = refined.bundle, refined.compared
             verdict = control.judge(bundle, used_points)
             by_inertia = compared.scale if compared else None
             part = replace(
@@ -259,14 +234,14 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        warnings = [*_scale_warnings(by_inertia, bundle, reasons), *convergence_warnings(bundle)]
-        return replace(part, warnings=(*part.warnings, *warnings)), agreement
+        warnings = [*_scale_warnings(by_inertia, bundle, refined.reasons), *convergence_warnings(bundle)]
+        part = replace(part, warnings=(*part.warnings, *warnings), remarks=refined.remarks)
+        return part, agreement
 
-    def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, InertialComparison | None, list[str]]:
+    def _refined(self, setup: Setup, part: MapPart) -> _Refinement:
         """Refine the part, with the accelerometer's scale where other sensors determine it less well.
 
-        Without any of these the velocity determines it. Returns also the reasons why barometer and velocity
-        do not.
+        Without any of these the barometer determines it, or else the velocity.
         """
 
         def step(iteration: int, _: float) -> None:
@@ -289,16 +264,19 @@ class _Evidence:
         reasons = []
         if lengths is None and setup.readings.heights and bundle.scale_std is None:
             bundle, reason = scaled_by_heights(bundle, setup, members, tracks, step)
-            reasons += [f"barometer0 could not determine the metric scale: {reason}"] if reason else []
+            reasons += [reason] if reason else []
         if lengths is None and self.reported is not None and bundle.scale_std is None:
             bundle, reason = scaled_by_velocity(
                 bundle, setup, members, tracks, self.observations, self.reported, step
             )
-            reasons += [f"velocity0 could not determine the metric scale: {reason}"] if reason else []
+            reasons += [reason] if reason else []
         if lengths is not None:
             start[members], noise = bundle.w_T_b, bundle.noise
             bundle = refine_part(setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise)
-        return bundle, compared, reasons
+        if falls_where_the_camera_climbs(bundle.optimum.problem.measurements.heights, bundle.w_T_b):
+            without = self._refined(setup.without_heights(), part)
+            return without._replace(remarks=(f"barometer0 is left out of the map: {WRONG_SIGN}",))
+        return _Refinement(bundle, compared, reasons)
 
 
 def _scale_warnings(

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.graph import BundleConfig
 from backend.bundle.heights import read_and_mapped
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
-from backend.measurements import BarometerHeight, FloorTracks, ReportedMotion
+from backend.measurements import BarometerHeight, FloorTracks, Measurements, ReportedMotion
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.refine_part import part_measurements
@@ -20,11 +21,15 @@ from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
 
-MOST_SCALE_STD = 0.3
+_MOST_SCALE_STD = 0.3
 """Largest relative deviation of a scale that is worth stating: lengths may else be wrong by two times."""
 
+WRONG_SIGN = "it falls where the camera climbs; check its sign (altitude grows upwards)"
 _SURE = 4.0
 """Standard deviations from which on a sign is not chance."""
+_NOT_COVERED = "its readings do not cover the pictures"
+
+OnStep = Callable[[int, float], None]
 
 
 def scaled_by_heights(
@@ -32,25 +37,74 @@ def scaled_by_heights(
     setup: Setup,
     members: NDArray[np.int64],
     tracks: FloorTracks,
-    on_step: Callable[[int, float], None] | None = None,
+    on_step: OnStep | None = None,
 ) -> tuple[Bundle, str]:
     """Refine keyframes ``members`` (m,) again with heights by the barometer, from a ``bundle`` without them.
 
     Returns the bundle as it was, and the reason, if the heights do not tell the scale.
     """
+    measured = part_measurements(setup, members, tracks)
+
+    def fault(found: Bundle) -> str:
+        if not found.uses_barometer:
+            return _NOT_COVERED
+        if falls_where_the_camera_climbs(measured.heights, bundle.w_T_b):
+            return WRONG_SIGN
+        return "" if _tells_lengths(found) else "the flight climbs and descends too little for its noise"
+
+    return _scaled(bundle, measured, setup.config.bundle, "barometer0", fault, on_step)
+
+
+def scaled_by_velocity(
+    bundle: Bundle,
+    setup: Setup,
+    members: NDArray[np.int64],
+    tracks: FloorTracks,
+    observations: Observations,
+    reported: ReportedMotion,
+    on_step: OnStep | None = None,
+) -> tuple[Bundle, str]:
+    """Refine keyframes ``members`` (m,) again with the reported motion, from a ``bundle`` without it.
+
+    Returns the bundle as it was, and the reason, if the velocity does not tell the scale.
+    """
+    measured = replace(
+        part_measurements(setup, members, tracks),
+        reported=reported,
+        frames=tracked_frames(observations, members, setup.camera),
+    )
+
+    def fault(found: Bundle) -> str:
+        if not found.uses_reported_motion:
+            return _NOT_COVERED
+        if damage := reported_damage(found.optimum):
+            return damage
+        return "" if _tells_lengths(found) else "the flight is too short or too slow for its noise"
+
+    return _scaled(bundle, measured, setup.config.bundle, "velocity0", fault, on_step)
+
+
+def _scaled(
+    bundle: Bundle,
+    measured: Measurements,
+    config: BundleConfig,
+    name: str,
+    fault: Callable[[Bundle], str],
+    on_step: OnStep | None,
+) -> tuple[Bundle, str]:
+    """Refine again with what an instrument measured, unless it has a ``fault``."""
     try:
-        measured = part_measurements(setup, members, tracks)
-        config = setup.config.bundle
         found = refine(measured, bundle.w_T_b, bundle.floor_z_m, config, on_step, noise=bundle.noise)
+        reason = fault(found)
     except BackendError as error:
-        return bundle, f"the refinement with barometer0 failed ({error})"
-    if not found.uses_barometer:
-        return bundle, "its readings do not cover the pictures"
-    if falls_where_the_camera_climbs(measured.heights, bundle.w_T_b):
-        return bundle, "it falls where the camera climbs; check its sign (altitude grows upwards)"
-    if found.scale_std is None or not found.scale_std < MOST_SCALE_STD:
-        return bundle, "the flight climbs and descends too little for its noise"
+        reason = f"the refinement with {name} failed ({error})"
+    if reason:
+        return bundle, f"{name} could not determine the metric scale: {reason}"
     return found, ""
+
+
+def _tells_lengths(bundle: Bundle) -> bool:
+    return bundle.scale_std is not None and bundle.scale_std < _MOST_SCALE_STD
 
 
 def falls_where_the_camera_climbs(heights: Sequence[BarometerHeight], w_T_b: Array) -> bool:
@@ -64,36 +118,3 @@ def falls_where_the_camera_climbs(heights: Sequence[BarometerHeight], w_T_b: Arr
     correlation = float(np.sum((read - read.mean()) * (z - z.mean())))
     correlation /= max(len(z) * float(read.std() * z.std()), 1e-12)
     return bool(np.arctanh(np.clip(correlation, -0.999, 0.999)) * np.sqrt(len(z) - 3) < -_SURE)
-
-
-def scaled_by_velocity(
-    bundle: Bundle,
-    setup: Setup,
-    members: NDArray[np.int64],
-    tracks: FloorTracks,
-    observations: Observations,
-    reported: ReportedMotion,
-    on_step: Callable[[int, float], None] | None = None,
-) -> tuple[Bundle, str]:
-    """Refine keyframes ``members`` (m,) again with the reported motion, from a ``bundle`` without it.
-
-    Returns the bundle as it was, and the reason, if the velocity does not tell the scale.
-    """
-    try:
-        measured = replace(
-            part_measurements(setup, members, tracks),
-            reported=reported,
-            frames=tracked_frames(observations, members, setup.camera),
-        )
-        config = setup.config.bundle
-        start, floor_z_m = bundle.w_T_b, bundle.floor_z_m
-        found = refine(measured, start, floor_z_m, config, on_step, noise=bundle.noise)
-    except BackendError as error:
-        return bundle, f"the refinement with velocity0 failed ({error})"
-    if found.optimum.problem.reported is None:
-        return bundle, "its readings do not cover the pictures"
-    if damage := reported_damage(found.optimum):
-        return bundle, damage
-    if found.scale_std is None or not found.scale_std < MOST_SCALE_STD:
-        return bundle, "the flight is too short or too slow for its noise"
-    return found, ""

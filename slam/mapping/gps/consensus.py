@@ -24,7 +24,8 @@ BENT_MAP = 20.0
 """Limit of the first comparison in robust standard deviations. A map that is bent as a parabola fits a line
 over half of its fixes with a median error of 1/17 of that at its far end, which is 20 of these deviations."""
 FALSE_ALARM = 0.01
-"""Probability that a set of fixes with Gaussian noise loses one of them in the second comparison."""
+"""Probability that a set of fixes, or of control points, with Gaussian noise loses one of them in the second
+comparison."""
 STATED_SIGMAS = 3.0
 """No fix is an outlier that is so close to the map in the nominal standard deviations."""
 LEAST_FIXES = 4

@@ -14,8 +14,9 @@ from slam.core.estimate import Estimate
 from slam.core.geodesy import enu_from_geodetic
 from slam.core.summary import summarise
 from slam.core.surveyed_flight import with_surveyed
-from slam.mapping.control_points import ControlComparison, Surveyed, control_warnings
+from slam.mapping.control_points import ControlComparison, Surveyed
 from slam.mapping.pipeline import optimize
+from slam.mapping.warnings.control_points import control_warnings
 from slam.report.control_table import control_tables
 from slam.report.optimize_report import render
 from tests.backend.bundle.made_control import DATUM_M as DATUM
@@ -89,6 +90,18 @@ def test_too_few_points_are_not_used_and_said():
     assert [p.reason for p in report.points] == ["2 can be used, and 3 are needed"] * 2
     (line,) = control_warnings(report)
     assert "none is used: 2 of 2 can be placed, and 3 are needed" in line
+
+
+def test_a_point_with_a_fault_is_said_to_contradict_nothing():
+    """Its fault is a warning already, and its place may be that of another point."""
+    _, bundle, points, _ = refined(0)
+    first = told(points[0])
+    faulty = replace(first, told=replace(first.told, fault="one place has 2 names (P0, gate)"))
+    verdict = ControlComparison((faulty, *(told(p) for p in points[1:6]))).judge(bundle, np.ones(6, bool))
+    assert verdict.used.tolist() == [False] + [True] * 5
+    report = verdict.report(bundle, verdict.used)
+    assert control_warnings(report) == []
+    assert (report.points[0].reason, report.points[0].residual_m) == (faulty.told.fault, None)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import pytest
 
 from backend.bundle.lens import LensEstimate
 from backend.bundle.refinement import Bundle
+from backend.measurements import BarometerHeight, Position
 from frontend.camera import Camera
 from frontend.features import Features
 from frontend.points import Points
@@ -68,6 +69,25 @@ def test_the_largest_part_comes_first_and_each_is_right_by_itself():
         ]
         assert distances[0] == pytest.approx(distances[1], abs=0.01)
         assert found.w_T_b[own, 2, 3] == pytest.approx(w_T_b[own, 2, 3], abs=0.01)
+
+
+def test_a_barometer_of_the_wrong_sign_beside_gps_is_left_out_with_a_remark():
+    w_T_b = truth()
+    setup = setup_of(w_T_b, sonar=False)
+    positions = tuple(Position(k, w_T_b[k, :3, 3], np.full(3, 0.02)) for k in range(len(w_T_b)))
+    without = replace(setup, readings=replace(setup.readings, positions=positions))
+
+    def found_with(sign: float) -> Map:
+        heights = [BarometerHeight(k, 500.0 + sign * z, 0.05) for k, z in enumerate(w_T_b[:, 2, 3])]
+        readings = replace(without.readings, heights=tuple(heights))
+        return refined(replace(without, readings=readings), w_T_b)
+
+    right, wrong = found_with(1.0), found_with(-1.0)
+    assert (right.remarks, right.bundle.uses_barometer) == ((), True)
+    assert not wrong.bundle.uses_barometer
+    assert wrong.remarks[0].startswith("barometer0 is left out of the map: it falls where the camera climbs")
+    own = right.component == 0
+    np.testing.assert_allclose(wrong.w_T_b[own], refined(without, w_T_b).w_T_b[own], atol=1e-9)
 
 
 def test_a_refinement_that_did_not_converge_is_a_warning_of_its_part(monkeypatch: pytest.MonkeyPatch):
