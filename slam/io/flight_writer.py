@@ -5,19 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import math
-import shutil
-from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import assert_never
 
-import cv2
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
-from frontend.workers import Workers
 from slam.core.errors import one_line
 from slam.core.flight import (
     FIELD_BY_FOLDER,
@@ -26,7 +22,6 @@ from slam.core.flight import (
     Flight,
     Frames,
     Gps,
-    Image,
     Imu,
     Motor,
     Scalar,
@@ -37,34 +32,11 @@ from slam.core.flight import (
 from slam.core.progress import Progress, silent
 from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
-from slam.io.images import PictureFiles, UnreadableImageError, image_size, suffix_of
+from slam.io.frames_writer import SUFFIXES, stamps_ns, write_frames
 from slam.io.landmarks import HEADER
-from slam.io.narrow_pictures import NarrowPictures
-from slam.io.recorded_pictures import RecordedPictures
 from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
 
 Array = NDArray[np.float64]
-
-ENCODERS, ENCODED_AHEAD = 2, 5
-"""Threads that encode, as this takes longer than to decode; pictures that are encoded or wait for it."""
-JPEG_QUALITY = 92
-_JPEG = [
-    *(cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY),
-    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444),
-]
-_JPEG_OF_VIDEO = [
-    *(cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY),
-    *(cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_420),
-]
-"""Videos have one colour for each four pixels; to store more takes half as much time again."""
-_PNG = [
-    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
-    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
-]
-"""Compression without a search for repeats. Camera noise has none, so it is twice as fast and files are
-smaller.
-"""
-_SUFFIXES = {"png": (".png",), "jpg": (".jpg", ".jpeg")}
 
 
 def write_flight(
@@ -77,7 +49,7 @@ def write_flight(
     unreadable picture is listed without a file. Raises
     ``InputError`` if the target is not empty or cannot be written, ``ValueError`` for another format.
     """
-    if image_format not in _SUFFIXES:
+    if image_format not in SUFFIXES:
         raise ValueError(f"image_format {image_format!r}: png or jpg")
     with atomic_folder(path) as folder:
         (folder / "flight.yaml").write_text(_metadata_text(flight), encoding="utf-8")
@@ -90,15 +62,11 @@ def write_flight(
             (mav0 / "cam0" / "data").mkdir(parents=True)
             _write_camera(flight.camera, flight.frames, mav0 / "cam0", comments.get("cam0"))
         if flight.frames is not None:
-            _write_frames(flight.frames, mav0 / "cam0", flight.epoch_ns, progress, image_format)
+            write_frames(flight.frames, mav0 / "cam0", flight.epoch_ns, progress, image_format)
         for name in COLUMNS:
             series: Series | None = getattr(flight, FIELD_BY_FOLDER[name])
             if series is not None:
                 _write_series(series, name, mav0 / name, flight.epoch_ns, comments.get(name))
-
-
-def _stamps_ns(stamps_s: Array, epoch_ns: int) -> list[int]:
-    return [int(s) + epoch_ns for s in np.round(np.asarray(stamps_s) * 1e9)]
 
 
 def _metadata_text(flight: Flight) -> str:
@@ -127,7 +95,7 @@ def _write_series(series: Series, name: str, folder: Path, epoch_ns: int, commen
     values = _values(series, len(COLUMNS[name])).tolist()
     with open(folder / "data.csv", "w", encoding="ascii", newline="") as file:
         file.write(header_of(COLUMNS[name]) + "\n")
-        for stamp, row in zip(_stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
+        for stamp, row in zip(stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
             file.write(f"{stamp},{','.join(repr(v) if math.isfinite(v) else '' for v in row)}\n")
     mount = series.b_T_s if isinstance(series, Imu | Sonar | Gps) else np.eye(4)
     entries = _commented(_sensor_entries(series), comment)
@@ -251,95 +219,3 @@ def _commented(nominal: dict[str, object], comment: str | None) -> dict[str, obj
 def _python_number(value: object) -> object:
     """Return a numpy scalar as a Python number, since the text of a numpy scalar contains its type."""
     return value.item() if isinstance(value, np.generic) else value
-
-
-def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progress, image_format: str) -> None:
-    used: set[str] = set()
-    parameters = _parameters(frames.load, image_format)
-    with open(folder / "data.csv", "w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["#timestamp [ns]", "filename"])
-
-        def to_encode() -> Iterator[tuple[Image, Path]]:
-            """Store the pictures that need no encoder, and yield the others."""
-            for k, stamp in enumerate(_stamps_ns(frames.stamps_s, epoch_ns)):
-                picture = _picture(frames, k)
-                suffixes = _suffixes(picture, frames.load, image_format)
-                name = _file_name(frames.names[k], k, suffixes, used)
-                target = folder / "data" / name
-                target.parent.mkdir(parents=True, exist_ok=True)
-                if isinstance(picture, Path):
-                    _copy(picture, target)
-                elif isinstance(picture, bytes):
-                    target.write_bytes(picture)
-                elif picture is not None:
-                    yield picture, target
-                rows.writerow([stamp, name])
-                progress("writing pictures", k + 1, len(frames))
-
-        # Pictures are encoded while the next is read or rendered. A loader is never called by two threads.
-        for _ in Workers(ENCODERS).map(_encode, parameters, to_encode(), ahead=ENCODED_AHEAD):
-            pass
-
-
-def _picture(frames: Frames, k: int) -> Path | bytes | Image | None:
-    """Return picture k as it is stored (a file, or the bytes of one), else its pixels; None if unreadable."""
-    if isinstance(frames.load, PictureFiles):
-        return frames.load.paths[k]
-    return frames.load.stored(k) if isinstance(frames.load, RecordedPictures) else frames.load(k)
-
-
-def _suffixes(picture: Path | bytes | Image | None, load: object, image_format: str) -> tuple[str, ...]:
-    if isinstance(picture, Path):
-        return (picture.suffix.lower(),)
-    if isinstance(picture, bytes):
-        return (suffix_of(picture),)
-    return _SUFFIXES[recorded.picture_format if (recorded := _recorded(load)) else image_format]
-
-
-def _file_name(name: str, k: int, suffixes: tuple[str, ...], used: set[str]) -> str:
-    """Return the frame's name if it is a valid file name, with the suffix of its content, else its number."""
-    path = PurePosixPath(name.strip())
-    if path.suffix.lower() not in suffixes:
-        path = path.with_name(path.name + suffixes[0]) if path.name else path
-    if (
-        path.is_absolute()
-        or ".." in path.parts
-        or not str(path).isprintable()
-        or not path.name
-        or len(str(path)) > 180
-    ):
-        path = PurePosixPath(f"{k:06d}{suffixes[0]}")
-    if str(path).lower() in used:
-        path = path.with_name(f"{path.stem}_{k:06d}{path.suffix}")
-    used.add(str(path).lower())
-    return str(path)
-
-
-def _copy(source: Path, target: Path) -> None:
-    try:
-        image_size(source)
-    except UnreadableImageError:
-        return
-    shutil.copyfile(source, target)
-
-
-def _recorded(load: object) -> RecordedPictures | None:
-    """Return the pictures of a recording that a loader gives as they are, or reduced."""
-    whole = load.whole if isinstance(load, NarrowPictures) else load
-    return whole if isinstance(whole, RecordedPictures) else None
-
-
-def _parameters(load: object, image_format: str) -> list[int]:
-    """Return the encoder's parameters."""
-    if recorded := _recorded(load):
-        return _PNG if recorded.picture_format == "png" else _JPEG_OF_VIDEO
-    return _PNG if image_format == "png" else _JPEG
-
-
-def _encode(parameters: list[int], wanted: tuple[Image, Path]) -> None:
-    image, target = wanted
-    done, content = cv2.imencode(target.suffix.lower(), image, parameters)
-    if not done:
-        raise OSError(f"{target}: the picture cannot be encoded")
-    target.write_bytes(content.tobytes())

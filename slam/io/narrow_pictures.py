@@ -24,7 +24,11 @@ class NarrowPictures:
     def __call__(self, k: int) -> Image | None:
         """Return picture k reduced, as it is if it has another size than the whole ones, or None."""
         image = self.whole(k)
-        if image is None or image.shape[1::-1] != self.size_px:
+        return None if image is None else self.reduced(image)
+
+    def reduced(self, image: Image) -> Image:
+        """Return a whole picture reduced, as it is if it has another size."""
+        if image.shape[1::-1] != self.size_px:
             return image  # the front end names a picture of another size
         return np.asarray(cv2.resize(image, self.narrow_px, interpolation=cv2.INTER_AREA))
 
