@@ -16,6 +16,7 @@ from frontend.camera import Camera
 from frontend.elevation import Elevation
 from slam.core.control_points import ControlReport
 from slam.core.errors import InputError
+from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_errors import NOTHING_KNOWN, InstrumentErrors
 from slam.core.notebook import table_html, trajectory_svg
@@ -132,6 +133,9 @@ class Estimate:
     """Whether the solution is the global optimum; for pose graphs only."""
     elevation: Elevation | None = None
     """Elevation of the ground over a level floor, as the sonar measured it; None without a sonar."""
+    floor_points: FloorPoints | None = None
+    """Points of the ground that the refinement has placed; None without one, and in an estimate that was
+    read."""
     ground: GroundFacts | None = None
     """The ground of the mosaic; None without a mosaic."""
     control: ControlReport | None = None

@@ -112,6 +112,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         range_errors=map_.bundle.range_errors if map_.bundle else None,
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
+        floor_points=map_.floor_points,
     )
 
 

@@ -14,6 +14,7 @@ from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
 from slam.core.control_points import ControlReport
 from slam.core.estimate import over_floor
+from slam.core.floor_points import FloorPoints
 from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.stated_accuracy import Contradiction
@@ -67,6 +68,8 @@ class Map:
     """Whether lengths of the largest part are metres; otherwise the unit is the camera's mean height."""
     bridges: tuple[RelativePose, ...] = ()
     """Edges of kind ``inertial`` that join parts (`slam.mapping.inertial.bridges`)."""
+    floor_points: FloorPoints | None = None
+    """Points of the ground that each part's refinement has placed; None before it."""
 
     @property
     def slope_rad(self) -> tuple[float, float]:

@@ -16,6 +16,7 @@ from backend.measurements import FloorTracks, InertialReadings, ReportedMotion
 from frontend.camera import Camera
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
+from slam.core.floor_points import FloorPoints
 from slam.core.heap import trim_heap
 from slam.core.progress import Progress
 from slam.mapping.calibration.fallback_scale import (
@@ -30,6 +31,7 @@ from slam.mapping.calibration.inertial_scale import (
     compare_with_inertia,
 )
 from slam.mapping.control_points import ControlComparison
+from slam.mapping.floor_points import refined_floor_points
 from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
@@ -106,6 +108,9 @@ def refine_map(
         inertial=main.inertial if main else None,
         clock=main.clock if main else None,
         metric=main.metric if main else True,
+        floor_points=FloorPoints.joined(
+            [refined_floor_points(p.bundle, p.members) for p in parts if p.bundle]
+        ),
     )
 
 

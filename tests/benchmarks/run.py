@@ -54,6 +54,7 @@ TITLES = {
     "refinement": "Refinement of made surveys",
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
+    "map_page": "Interactive map in a browser",
     "video_import": "Import of an hour of video",
     "criticism": "Criticism of ten flights",
     "blind_dev": "Blind cases of the test data (`blind-dev`)",

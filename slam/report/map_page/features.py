@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,11 +19,16 @@ Array = NDArray[np.float64]
 
 MOST_LINKS = 4000
 """Links of a kind on the page: more hide the map. loops.csv and graph.g2o have all of them."""
+MOST_POINTS = 6000
+"""Points of the ground on the page: a mark every nine pixels of a map that fills a screen, 130 kB."""
 _MOST_PICTURES = 120
 _MOST_DECODED_PIXELS = 300_000_000
 """Pixels of the pictures that are decoded for the page: about three seconds on two cores."""
 _PICTURE_PX = 200
 _PICTURE_QUALITY = 60
+_BRIGHTEST = 99.0
+"""Percentile of the numbers of keyframes that has the brightest colour: few points are seen by far more."""
+_COARSER = 1.1
 _DIGITS = 6
 """Significant digits of coordinates: a millimetre in a kilometre."""
 
@@ -60,6 +66,44 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
         some = shown[:: max(1, -(-len(shown) // MOST_LINKS))]
         found[kind] = {"count": len(pairs), "pairs": some}
     return found
+
+
+def floor_points(estimate: Estimate) -> dict[str, Any] | None:
+    """Return the points of the ground, thinned evenly over it; None where there are none.
+
+    ``data`` holds rows of x, y, height over the floor and number of keyframes, float32 in base64.
+    """
+    found = estimate.floor_points
+    if found is None:
+        return None
+    place = found.on_map(estimate.over_floor_T_b)
+    known = np.isfinite(place).all(axis=1)
+    place, views = place[known], found.views[known]
+    if len(place) == 0:
+        return None
+    chosen = spread(place[:, :2], views, MOST_POINTS)
+    height = place[chosen, 2] - estimate.floor_z_m
+    rows = np.column_stack([place[chosen, :2], height, views[chosen]]).astype("<f4")
+    return {
+        "count": len(place),
+        "high": max(float(np.percentile(views[chosen], _BRIGHTEST)), 3.0),
+        "data": base64.b64encode(rows.tobytes()).decode("ascii"),
+    }
+
+
+def spread(xy: Array, weight: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return the numbers of at most ``most`` points (t, 2): from each square cell the one of most weight."""
+    if len(xy) <= most:
+        return np.arange(len(xy))
+    order = np.argsort(-weight, kind="stable")
+    size = np.ptp(xy, axis=0)
+    # A line of points has no area; the cells then share its length.
+    cell = max(float(np.sqrt(np.prod(size) / most)), float(size.max()) / most, np.finfo(float).tiny)
+    while True:
+        _, first = np.unique(np.floor(xy[order] / cell), axis=0, return_index=True)
+        if len(first) <= most:
+            return np.sort(order[first])
+        cell *= _COARSER
 
 
 def _pictures(estimate: Estimate, flight: Flight, placed: NDArray[np.int64]) -> Iterator[tuple[str, str]]:

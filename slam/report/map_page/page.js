@@ -102,10 +102,8 @@
 
   /* ---- grids of values: elevation, uncertainty ---- */
 
-  Object.values(data.grids).forEach((grid) => {
-    const bytes = Uint8Array.from(atob(grid.data), (c) => c.charCodeAt(0));
-    grid.values = new Float32Array(bytes.buffer);
-  });
+  const floats = (code) => new Float32Array(Uint8Array.from(atob(code), (c) => c.charCodeAt(0)).buffer);
+  Object.values(data.grids).forEach((grid) => { grid.values = floats(grid.data); });
 
   function valueAt(grid, x, y) {
     const col = Math.floor((x - grid.west) / grid.cell), row = Math.floor((grid.north - y) / grid.cell);
@@ -184,7 +182,14 @@
     return box;
   }
 
-  const keyframes = L.layerGroup(placed.map((at, k) =>
+  // Thousands of marks are made when they are first asked for, so that the page opens at once.
+  function lazily(marks) {
+    const layer = L.layerGroup();
+    layer.once("add", () => marks().forEach((mark) => mark.addTo(layer)));
+    return layer;
+  }
+
+  const keyframes = lazily(() => placed.map((at, k) =>
     L.circleMarker(at, { radius: 4, weight: 2, color: BLACK, fillColor: "#fff", fillOpacity: 1, renderer: canvas })
       .bindPopup(() => keyframeText(k))));
   const rowOf = new Map(frames.number.map((number, k) => [number, k]));
@@ -196,9 +201,33 @@
 
   function linkLayer(kind) {
     const [, color, dashArray, words] = linkKinds[kind];
-    return L.layerGroup(data.links[kind].pairs.map(([i, j, reason]) =>
+    return lazily(() => data.links[kind].pairs.map(([i, j, reason]) =>
       L.polyline([placed[rowOf.get(i)], placed[rowOf.get(j)]], { color, dashArray, weight: 2, opacity: 0.8, renderer: canvas })
         .bindPopup(() => lines([`Keyframes ${i} and ${j}`, words + reason]))));
+  }
+
+  /* ---- points of the ground ---- */
+
+  const FEWEST = 2; // keyframes that determine a point
+
+  function points() {
+    const values = floats(data.points.data);
+    return Array.from({ length: values.length / 4 }, (_, k) => {
+      const [x, y, height, views] = values.subarray(4 * k, 4 * k + 4);
+      const fillColor = css(colourOf((views - FEWEST) / (data.points.high - FEWEST)));
+      return L.circleMarker([y, x], { radius: 3, weight: 1, color: BLACK, opacity: 0.6, fillColor, fillOpacity: 1, renderer: canvas })
+        .bindPopup(() => pointText(x, y, height, views));
+    });
+  }
+
+  function pointText(x, y, height, views) {
+    const std = pointStd([x, y]);
+    return lines([
+      `Point of the ground, seen in ${views} keyframes`,
+      `x ${exactText(x)}, y ${exactText(y)}`,
+      `${lengthText(Math.abs(height))} ${height < 0 ? "below" : "over"} the floor`,
+      Number.isFinite(std) ? `position known to ${lengthText(std)} (1σ)` : "",
+    ]);
   }
 
   /* ---- the panel ---- */
@@ -243,6 +272,10 @@
       const grid = data.grids[name];
       if (grid && shown.has(name)) legend.append(bar(title, grid.low, grid.high, lengthText));
     });
+    if (shown.has("points")) {
+      const title = "Points of the ground: number of keyframes that see each";
+      legend.append(bar(title, FEWEST, data.points.high, (value) => Math.round(value).toString()));
+    }
   }
 
   let colouring = Object.keys(paths)[0];
@@ -266,6 +299,10 @@
   addLayer("map", "Mosaic", imageLayer("map", "mosaic"), true);
   addLayer("elevation", "Height of the ground, by the sonar", data.grids.elevation && valueLayer(data.grids.elevation), false);
   addLayer("sigma", "Uncertainty of the ground", data.grids.sigma && valueLayer(data.grids.sigma), false);
+  if (data.points) {
+    const drawn = floats(data.points.data).length / 4, some = drawn < data.points.count ? `, ${drawn} drawn` : "";
+    addLayer("points", `Points of the ground that hold the map (${data.points.count}${some})`, lazily(points), false);
+  }
   addLayer("path", "Path of the drone", path, true);
   Object.keys(linkKinds).forEach((kind) => {
     const { count, pairs } = data.links[kind], [title, color, dashed] = linkKinds[kind];

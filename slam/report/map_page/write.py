@@ -14,7 +14,7 @@ from slam.core.flight import Flight
 from slam.core.units import unit
 from slam.core.version import VERSION
 from slam.report.facts import Facts, sentence
-from slam.report.map_page.features import keyframes, links
+from slam.report.map_page.features import floor_points, keyframes, links
 from slam.report.map_page.rasters import read_images, tile_set, value_grid
 from slam.report.page import render_page
 
@@ -42,6 +42,7 @@ def write_map_page(
         "scaleStd": estimate.scale_std or 0.0,
         "keyframes": keyframes(estimate, flight),
         "links": links(estimate),
+        "points": floor_points(estimate),
         "tiles": _tiles(folder),
         "grids": _grids(folder),
         "colours": _colours(),

@@ -90,6 +90,24 @@ def test_a_barometer_of_the_wrong_sign_beside_gps_is_left_out_with_a_remark():
     np.testing.assert_allclose(wrong.w_T_b[own], refined(without, w_T_b).w_T_b[own], atol=1e-9)
 
 
+def test_floor_points_of_all_parts_lie_where_the_keyframes_see_them():
+    """Each projects into its keyframe onto one of the features there, and lies on the floor."""
+    w_T_b = truth()
+    setup = setup_of(w_T_b)
+    found = refined(setup, w_T_b)
+    points, camera = found.floor_points, found.camera
+    assert set(points.keyframe) == {0, 1, 3, 4, 5, 6, 8, 9, 10}, "the last of each part sees none first"
+    assert (points.views >= 2).all()
+    assert points.on_map(found.w_T_b)[:, 2] == pytest.approx(found.floor_z_m, abs=0.01)
+    c_T_b = np.linalg.inv(camera.b_T_c)
+    ray = points.b_p_m @ c_T_b[:3, :3].T + c_T_b[:3, 3]
+    pixel = ray[:, :2] / ray[:, 2:] * camera.focal_px + camera.center_px
+    for k in (0, 5, 9):
+        features = seen(w_T_b[k])[1]
+        off = np.linalg.norm(pixel[points.keyframe == k][:, None] - features[None], axis=-1)
+        assert off.min(axis=1).max() < 1.0
+
+
 def test_a_refinement_that_did_not_converge_is_a_warning_of_its_part(monkeypatch: pytest.MonkeyPatch):
     w_T_b = truth()
     assert not refined(setup_of(w_T_b), w_T_b).warnings

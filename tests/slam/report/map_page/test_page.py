@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import html
+import base64
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,15 +12,16 @@ import cv2
 import numpy as np
 import pytest
 
+from slam.core.floor_points import FloorPoints
 from slam.io.geotiff import Grid, write_bands
 from slam.report.facts import gather
+from slam.report.map_page.features import MOST_POINTS, floor_points, spread
 from slam.report.map_page.write import write_map_page
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
+from tests.slam.report.map_page.browser import BROWSER, in_browser, paint_times
+from tests.slam.report.map_page.largest_page import largest_page
 
 HOSTILE = "</script><script>alert(1)</script><!-- \u2028 \x1b[31m {{ 7 * 7 }}"
-BROWSER = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
 SIGMA_M = 0.01
 
@@ -54,32 +53,12 @@ def with_rasters(folder: Path) -> None:
     write_bands(folder / "mosaic_quality.tif", Grid(-0.25, 4.75, 0.1, 50, 50), bands)
 
 
-def in_browser(path: Path, script: str) -> dict:
-    """Run ``script``, the body of a function that returns an object, in the page; return that object.
-
-    The page's own errors fail the test.
-    """
-    tried = path.with_name("tried.html")
-    listener = "<script>window.errors=[];addEventListener('error',e=>errors.push(e.message))</script>"
-    runner = (
-        "<script>addEventListener('load',()=>setTimeout(()=>{let found;"
-        f"try{{found=(()=>{{{script}}})()}}catch(e){{errors.push(String(e))}}"
-        "const out=document.createElement('pre');out.id='found';"
-        "out.textContent=JSON.stringify({found,errors});document.body.append(out)},50))</script>"
-    )
-    text = path.read_text(encoding="utf-8").replace("<head>", f"<head>{listener}", 1)
-    tried.write_text(text.replace("</body>", f"{runner}</body>"), encoding="utf-8")
-    assert BROWSER is not None
-    command = [
-        BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1200,800",
-        f"--user-data-dir={path.parent / 'profile'}", "--virtual-time-budget=3000", "--dump-dom",
-        tried.as_uri(),
-    ]  # fmt: skip
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
-    (answer,) = re.findall(r'<pre id="found">(.*?)</pre>', done.stdout, re.DOTALL)
-    answer = json.loads(html.unescape(answer))
-    assert answer["errors"] == []
-    return answer["found"]
+def with_points(count: int = 200):
+    """An estimate with points of the ground under its keyframes; 0.8 m below them."""
+    estimate = made_estimate()
+    keyframe = np.arange(count) % len(estimate.w_T_b)
+    b_p_m = np.column_stack([np.linspace(-0.2, 0.2, count), np.zeros(count), np.full(count, -0.8)])
+    return replace(estimate, floor_points=FloorPoints(keyframe, b_p_m, 2 + np.arange(count) % 7))
 
 
 def test_names_from_outside_stay_text(tmp_path):
@@ -124,6 +103,34 @@ def test_keyframes_that_are_not_placed_are_left_out(tmp_path):
     assert all(7 not in pair[:2] for pair in data["links"]["odometry"]["pairs"])
 
 
+def test_points_of_the_ground_are_where_the_keyframes_see_them(tmp_path):
+    estimate = with_points()
+    assert data_of(written(tmp_path, made_estimate()))["points"] is None
+    points = data_of(written(tmp_path, estimate))["points"]
+    rows = np.frombuffer(base64.b64decode(points["data"]), "<f4").reshape(-1, 4)
+    assert points["count"] == len(rows) == 200
+    found, own = estimate.floor_points, estimate.w_T_b[estimate.floor_points.keyframe]
+    np.testing.assert_allclose(rows[:, :3], own[:, :3, 3] + found.b_p_m, atol=1e-5)
+    np.testing.assert_array_equal(rows[:, 3], found.views)
+    lost = estimate.w_T_b.copy()
+    lost[0] = np.nan
+    assert floor_points(replace(estimate, w_T_b=lost))["count"] == 200 - 4
+
+
+def test_many_points_are_thinned_evenly_and_keep_what_most_keyframes_see():
+    rng = np.random.default_rng(0)
+    xy = rng.uniform(0, [40, 10], (50_000, 2))
+    xy[:40_000] *= 0.1  # a place where the drone hovered
+    views = rng.integers(2, 20, len(xy))
+    chosen = spread(xy, views, MOST_POINTS)
+    assert 0.3 * MOST_POINTS < len(chosen) <= MOST_POINTS
+    assert views[chosen].mean() > views.mean() + 2
+    assert (xy[chosen] > [4, 1]).any(axis=1).mean() > 0.9
+    line = np.column_stack([np.arange(9000.0), np.zeros(9000)])
+    assert 0.4 * MOST_POINTS < len(spread(line, np.full(9000, 2), MOST_POINTS)) <= MOST_POINTS
+    assert len(spread(np.zeros((9000, 2)), np.full(9000, 2), MOST_POINTS)) == 1
+
+
 def test_nothing_placed_gives_no_page(tmp_path):
     estimate = made_estimate()
     nowhere = replace(estimate, w_T_b=np.full_like(estimate.w_T_b, np.nan))
@@ -135,7 +142,7 @@ def test_nothing_placed_gives_no_page(tmp_path):
 def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
     with_rasters(tmp_path)
     found = in_browser(
-        written(tmp_path, flight=made_flight()),
+        written(tmp_path, with_points(), made_flight()),
         """
         const boxes = [...document.querySelectorAll("#layers input")];
         const before = boxes.map((box) => box.checked);
@@ -163,12 +170,26 @@ def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
     )
     assert found["names"] == [
         f"show-{n}"
-        for n in ("map", "elevation", "sigma", "path", "loop", "rejected", "odometry", "keyframes")
+        for n in (
+            "map",
+            "elevation",
+            "sigma",
+            "points",
+            "path",
+            "loop",
+            "rejected",
+            "odometry",
+            "keyframes",
+        )
     ]
     assert found["tiles"] > 0
-    assert (found["overlays"], found["legends"], found["left"]) == (2, 3, 0)
+    assert (found["overlays"], found["legends"], found["left"]) == (2, 4, 0)
     assert any(REJECTION in words for words in found["words"])
     assert sum(words.startswith("Keyframe ") for words in found["words"]) == 60
+    points = [words for words in found["words"] if words.startswith("Point of the ground")]
+    assert len(points) == 200
+    assert "seen in 2 keyframes" in points[0]
+    assert "position known to 10 mm" in points[0]
     assert found["clips"][0] != found["clips"][1]
 
 
@@ -227,3 +248,15 @@ def test_a_graph_without_pictures_is_a_map_too(tmp_path):
         "return [...document.querySelectorAll('#layers input')].map((box) => box.id);",
     )
     assert found == [f"show-{name}" for name in ("path", "loop", "rejected", "odometry", "keyframes")]
+
+
+@needs_browser
+@pytest.mark.slow
+def test_the_largest_page_is_seen_within_two_seconds(tmp_path, capsys):
+    path = largest_page(tmp_path)
+    found = paint_times(path)
+    with capsys.disabled():
+        print(f"\nmap.html of {path.stat().st_size / 1e6:.1f} MB: {found}")
+    assert path.stat().st_size < 25e6
+    assert found.contentful_s < 2.0
+    assert found.shown_s < 4.0
