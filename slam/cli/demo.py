@@ -28,7 +28,8 @@ def demo(
     from slam.cli.tables import outcome_table
     from slam.evaluation import evaluate
     from slam.mapping.pipeline import optimize
-    from slam.report.accuracy import accuracy_tables
+    from slam.report.accuracy import accuracy_tables, against_truth
+    from slam.report.optimize_report import Accuracy
     from slam.simulation import simulate
 
     screen = Screen(quiet)
@@ -38,8 +39,9 @@ def demo(
         evaluation = evaluate(estimate, flight)
         tables = accuracy_tables(evaluation)
         write_evaluation(folder, evaluation)
+        accuracy = Accuracy(tables, against_truth(evaluation))
         results = write_results(
-            folder, estimate, flight, MosaicOptions(previous_output=out), progress, tables
+            folder, estimate, flight, MosaicOptions(previous_output=out), progress, accuracy
         )
     screen.print(outcome_table(results.facts, results.summary))
     for table in tables:

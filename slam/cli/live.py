@@ -78,6 +78,7 @@ def live(
     from slam.mapping.live.arrival import first_state, follow_flight, replay_flight
     from slam.mapping.live.mapper import LiveMapper
     from slam.report.accuracy import live_table
+    from slam.report.optimize_report import Accuracy
 
     check_outputs(preview, mcap)
     screen = Screen(quiet, as_json)
@@ -103,7 +104,9 @@ def live(
             frames, poses = mapper.keyframes()
             estimate = mapper.finish(progress)
         tables = (live_table(state, live_error(frames, poses, estimate), estimate.metric),)
-        results = write_results(folder, estimate, flight, MosaicOptions(mosaic, None, out), progress, tables)
+        results = write_results(
+            folder, estimate, flight, MosaicOptions(mosaic, None, out), progress, Accuracy(tables)
+        )
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in tables:

@@ -52,7 +52,9 @@ def locate(
         (folder / "locations.csv").write_text(locations_csv(found), encoding="utf-8")
         reasons = [location.reason for _, location in found if not location.found]
         record = {
-            "status": "ok" if not reasons else f"{len(reasons)} of {len(found)} pictures not found",
+            "status": "ok"
+            if not reasons
+            else f"{len(reasons)} of {len(found)} pictures not found; locations.csv says why",
             "pictures": len(found),
             "found": len(found) - len(reasons),
             "rejected": {reason: reasons.count(reason) for reason in dict.fromkeys(reasons)},

@@ -111,7 +111,7 @@ def optimize(
             results = _flights(sources, request, out, mosaics, wanted, screen)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
-    for table in results.accuracy:
+    for table in results.tables:
         screen.table(table)
     first = [out / name for name in ("report.html", "map.html", "mosaic.png", MAP_MCAP)]
     screen.files([path for path in first if path.exists()])
@@ -173,12 +173,10 @@ def _written(
     tables: tuple[FigureTable, ...],
 ) -> Results:
     """Write all files of the map."""
-    from slam.cli.results import write_map_mcap, write_results
+    from slam.cli.results import write_results
+    from slam.report.optimize_report import Accuracy
 
-    results = write_results(folder, estimate, flight, mosaic, progress, tables)
-    if wanted.mcap:
-        write_map_mcap(folder, estimate, flight, progress)
-    return results
+    return write_results(folder, estimate, flight, mosaic, progress, Accuracy(tables), wanted.mcap)
 
 
 def _mapped(

@@ -16,10 +16,11 @@ from slam.core.flight import Flight
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
+from slam.core.units import length
 from slam.io.estimate import write_estimate
 from slam.report.control_table import control_tables
 from slam.report.facts import Facts, chain_on_result, gather
-from slam.report.optimize_report import Mosaics, write_report
+from slam.report.optimize_report import Accuracy, Mosaics, write_report
 
 if TYPE_CHECKING:
     from backend.pose_graph.graph import PoseGraph
@@ -43,7 +44,7 @@ class Results:
 
     facts: Facts
     summary: Summary
-    accuracy: tuple[FigureTable, ...] = ()
+    tables: tuple[FigureTable, ...] = ()
 
 
 def write_results(
@@ -52,9 +53,13 @@ def write_results(
     flight: Flight,
     options: MosaicOptions,
     progress: Progress,
-    accuracy: tuple[FigureTable, ...] = (),
+    accuracy: Accuracy = Accuracy(),
+    mcap: bool = False,
 ) -> Results:
-    """Write trajectory, graph, mosaics, summary and report of a flight. Raises ``InputError``."""
+    """Write trajectory, graph, mosaics, summary and report of a flight, and ``map.mcap`` if wanted.
+
+    Raises ``InputError``.
+    """
     from backend.pose_graph.graph import build_pose_graph
     from slam.report.rasters.elevation import write_elevation
 
@@ -62,6 +67,8 @@ def write_results(
     start = time.perf_counter()
     mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress)
     write_elevation(estimate, folder, made.ground.surface if made else None)
+    if mcap:
+        _write_map_mcap(folder, estimate, flight, progress)
     if options.wanted:
         estimate = replace(
             estimate,
@@ -70,11 +77,11 @@ def write_results(
         )
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
-    tables = (*control_tables(estimate.control), *accuracy)
-    return write_summary_and_report(folder, estimate, flight, mosaics, tables)
+    tables = (*control_tables(estimate.control), *accuracy.tables)
+    return write_summary_and_report(folder, estimate, flight, mosaics, replace(accuracy, tables=tables))
 
 
-def write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: Progress) -> None:
+def _write_map_mcap(folder: Path, estimate: Estimate, flight: Flight, progress: Progress) -> None:
     """Write the map for Foxglove and Rerun beside its rasters, if any keyframe is placed.
 
     Raises ``InputError`` as `slam.io.exports.mcap.write` does.
@@ -102,7 +109,7 @@ def write_summary_and_report(
     estimate: Estimate,
     flight: Flight | None,
     mosaics: Mosaics = Mosaics(),
-    accuracy: tuple[FigureTable, ...] = (),
+    accuracy: Accuracy = Accuracy(),
 ) -> Results:
     """Write summary.json, report.html and map.html; ``flight`` is None where the input was a graph."""
     from slam.report.map_page.write import write_map_page
@@ -110,21 +117,24 @@ def write_summary_and_report(
     landmarks = len(flight.landmarks) if flight is not None else 0
     summary = summarise(estimate, landmarks, graph_alone=flight is None)
     facts = gather(estimate, flight)
-    write_report(folder / "report.html", estimate, summary, flight, mosaics, accuracy)
     write_map_page(folder, estimate, flight, facts, summary.status)
     (folder / "summary.json").write_text(json_text(summary.to_json()), encoding="utf-8")
-    return Results(facts, summary, accuracy)
+    # Last, as it links to the others.
+    write_report(folder / "report.html", estimate, summary, flight, mosaics, accuracy)
+    return Results(facts, summary, accuracy.tables)
 
 
-def _ground_notes(ground: GroundFacts) -> list[str]:
+def _ground_notes(ground: GroundFacts, metric: bool) -> list[str]:
     """Return the sentence about ground that is not flat, if there is any."""
     if ground.relief_share == 0:
         return []
     before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]
     return [
-        f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat and was measured: "
-        f"{ground.lowest_m:.3g} to {ground.highest_m:.3g} over the floor, {100 * ground.filled_share:.0f} % "
-        f"filled in; 95 % of the ground agrees within {after:.2g} px, on a floor within {before:.2g} px"
+        f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat: its height was measured, from "
+        f"{length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over the floor, and "
+        f"{100 * ground.filled_share:.0f} % of it filled in from around; pictures of 95 % of the ground "
+        f"agree within {after:.2g} px, on a flat floor it would be {before:.2g} px; trust no height where "
+        "elevation.tif has no standard deviation"
     ]
 
 
@@ -141,7 +151,7 @@ def _write_mosaics(
     if not options.wanted:
         return Mosaics(), (), None
     if not np.isfinite(estimate.w_T_b).all(axis=(1, 2)).any():
-        return Mosaics(), ("no mosaic: no keyframe could be placed",), None
+        return Mosaics(), ("no mosaic: no keyframe could be placed; the status says why",), None
     chain_picture: Path | None = None
     try:
         earlier = options.previous_output / "mosaic.tif" if options.previous_output else None
@@ -157,7 +167,7 @@ def _write_mosaics(
     notes = [f"mosaic: {len(of)} keyframes left out: {why} ({listed(of)})" for why, of in names.items()]
     if made.note:
         notes.append(f"mosaic: {made.note}")
-    notes += _ground_notes(made.ground.facts)
+    notes += _ground_notes(made.ground.facts, estimate.metric)
     if made.kept:
         notes.append(f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged")
     try:

@@ -58,7 +58,8 @@ def path_list(paths: Sequence[Path]) -> Text:
 def _position_sigma(facts: Facts) -> str:
     if not math.isfinite(facts.sigma_median_m):
         return "not known"
-    text = f"{facts.length(facts.sigma_median_m)} median, {facts.length(facts.sigma_max_m)} largest"
+    worst = facts.length(facts.sigma_max_m)
+    text = f"typically {facts.length(facts.sigma_median_m)}, {worst} where least certain"
     if facts.relative_to:
         text += f", relative to {facts.relative_to}"
     return text + (f"; mostly the common scale ({percent(facts.scale_std)})" if facts.mostly_scale else "")

@@ -51,7 +51,9 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
     shifts_s, warnings = _shifts(parts)
     with_truth = [flight.name for flight in parts if flight.truth is not None]
     if 0 < len(with_truth) < len(parts):
-        warnings.append(f"truth of {', '.join(with_truth)} left out: the other flights have none")
+        warnings.append(
+            f"truth of {', '.join(with_truth)} left out: the other flights have none; evaluate it alone"
+        )
     shifted = [_shifted(flight, shift_s) for flight, shift_s in zip(parts, shifts_s, strict=True)]
     truths = [flight.truth for flight in shifted if flight.truth is not None]
     return Flight(

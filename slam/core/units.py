@@ -10,7 +10,7 @@ SPACE = "\N{NO-BREAK SPACE}"
 
 def percent(share: float) -> str:
     """Return a share as percent with up to two significant figures."""
-    return f"{100 * share:.2g}{SPACE}%"
+    return f"{float(f'{100 * share:.2g}'):g}{SPACE}%"
 
 
 def unit(metric: bool) -> str:

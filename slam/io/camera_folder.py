@@ -55,7 +55,10 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
             "intrinsics", f"puts the centre at {cu:g}, {cv:g}", "write [fu, fv, cu, cv] in px"
         )
     if not 0.1 < fu / width < 20 or not 0.5 < fu / fv < 2:
-        notes.append(f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide")
+        notes.append(
+            f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide; check "
+            "intrinsics in sensor.yaml"
+        )
     if (readout_s := sensor.number("readout", 0.0)) > _MAX_READOUT_S:
         raise sensor.refuse(
             "readout",
@@ -63,20 +66,23 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
             f"write seconds, {_MAX_READOUT_S:g} at most",
         )
     if not sensor.has("T_BS"):
-        notes.append("sensor.yaml has no T_BS: a down-looking camera with the nose at the top is assumed")
+        notes.append(
+            "sensor.yaml has no T_BS: a down-looking camera with the nose at the top is assumed; add T_BS "
+            "if it is mounted otherwise"
+        )
     distortion = _distortion(sensor)
     corner = math.hypot(max(cu, width - 1 - cu) / fu, max(cv, height - 1 - cv) / fv)
     if (share := _valid_share(distortion, corner)) < 0.5:
         raise sensor.refuse(
             "distortion_coefficients",
-            f"are only valid over {100 * share:.0f} % of the way from centre to corner; beyond, the picture "
-            "folds back on itself",
+            f"are only valid over {100 * share:.0f} % of the way from centre to corner; beyond, the "
+            "picture folds back on itself",
             "calibrate again, or write zeros",
         )
     if share < 1:
         notes.append(
             f"distortion_coefficients are valid over {100 * share:.0f} % of the way from centre to corner, "
-            "not beyond"
+            "not beyond; calibrate again with a target that reaches the corners"
         )
     return Camera(
         focal_px=(fu, fv),
@@ -145,10 +151,16 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
             folder, f"holds none of the {len(paths)} pictures that data.csv lists", "copy them there"
         )
     if missing:
-        notes.append(f"{missing} of {len(paths)} pictures are missing")
+        notes.append(
+            f"{missing} of {len(paths)} pictures are missing in data/; copy them there, or ground may be "
+            "missing on the map"
+        )
     unlisted = len(set(entries) - set(table.names))
     if unlisted:
-        notes.append(f"{unlisted} files in data/ are not listed in data.csv and are ignored")
+        notes.append(
+            f"{unlisted} files in data/ are not listed in data.csv and are ignored; add a line for each "
+            "that the map shall use"
+        )
     _check_sizes(paths, camera, notes)
     stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
     files = PictureFiles(paths, camera.size_px, common_levels(paths, notes))
@@ -198,4 +210,4 @@ def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[str]) -> N
     what = f"is {width} x {height} px but sensor.yaml gives {w} x {h}"
     if matching == 0:
         raise refusal(path, what, "correct resolution and intrinsics in cam0/sensor.yaml")
-    notes.append(f"pictures change their size: {path.name} {what}; those are left out")
+    notes.append(f"pictures change their size: {path.name} {what}; those are left out; record with one size")

@@ -61,7 +61,7 @@ def _without_twins(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
             seen.add(key)
             keep.append(k)
     if dropped := len(table.stamps_ns) - len(keep):
-        remarks.append(f"{name}: {dropped} repeated rows dropped")
+        remarks.append(f"{name}: {dropped} repeated rows dropped, one of each is kept")
     rows = np.array(keep)
     return table.rows(rows, table.stamps_ns[rows])
 
@@ -111,7 +111,10 @@ def _find_jumps(name: str, table: CsvTable, remarks: list[str]) -> tuple[CsvTabl
     kept = _without_strays(table.stamps_ns, pieces)
     rows = np.concatenate(kept)
     if dropped := len(table.stamps_ns) - len(rows):
-        remarks.append(f"{name}: {dropped} rows dropped whose stamps lie far from all others")
+        remarks.append(
+            f"{name}: {dropped} rows dropped whose stamps lie far from all others; correct the stamps if "
+            "they belong to the flight"
+        )
     stamps = table.stamps_ns[rows]
     interval = round(_interval_ns(stamps))
     jumps = []
@@ -162,7 +165,8 @@ def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[str]
         way = "ahead" if jump.ahead_ns > 0 else "back"
         remarks.append(
             f"{name}: the clock jumps {way} by {abs(jump.ahead_ns) * 1e-9:.3f} s at {table.row_word} "
-            f"{table.lines[jump.row]}; later stamps were moved to continue, assuming that no time was lost"
+            f"{table.lines[jump.row]}; later stamps were moved to continue, assuming that no time was "
+            "lost; compare the map with the ground there"
         )
     return table.rows(np.arange(len(stamps)), stamps)
 
@@ -172,12 +176,15 @@ def _sorted(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
     stamps = table.stamps_ns
     late = int((np.diff(stamps) < 0).sum())
     if late:
-        remarks.append(f"{name}: rows out of order in {late} places, sorted")
+        remarks.append(f"{name}: rows out of order in {late} places, sorted by their stamps")
     order = np.argsort(stamps, kind="stable")
     first = np.ones(len(stamps), dtype=bool)
     first[1:] = np.diff(stamps[order]) > 0
     if not first.all():
-        remarks.append(f"{name}: {int((~first).sum())} rows with the stamp of another row dropped")
+        remarks.append(
+            f"{name}: {int((~first).sum())} rows with the stamp of another row dropped; check the recorder "
+            "if they are many"
+        )
     if not late and first.all():
         return table
     return table.rows(order[first], stamps[order[first]])

@@ -29,6 +29,11 @@ MAX_STAMP_NS = 4 * 10**18
 BLOCK_ROWS = 5000
 
 
+_LONGER = "copy the file again if the recording is longer"
+_LAST_LINE = f"last line, cut short, dropped; {_LONGER}"
+_NO_STAMP = "rows without a finite stamp dropped; check the clock that stamps them"
+
+
 @dataclass(frozen=True)
 class CsvTable:
     """Rows of one ``data.csv``, in the order of the file."""
@@ -88,7 +93,7 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
     notes, cut = list(text.notes), bool(text.notes)
     if text.lines and text.unterminated and _last_row_is_truncated(text.lines, width):
         text.lines.pop(), text.numbers.pop()
-        notes.append("the last line is cut short and was dropped (1 row)")
+        notes.append(f"the last line is cut short and was dropped (1 row); {_LONGER}")
         cut = True
     if not text.lines:
         empty = np.empty((0, len(columns)))
@@ -108,7 +113,8 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
         stamps, values, lines, found = _parse_line_by_line(text, indices, columns)
         notes += [f"{count} {what}" for what, count in found.items()]
     if extra := extra_columns(text.header, columns):
-        notes.append(f"columns not of this stream ignored: {brief(', '.join(extra), 120)}")
+        ignored = brief(", ".join(extra), 120)
+        notes.append(f"columns not of this stream ignored: {ignored}; check their names if they should count")
     return check_limits(
         CsvTable(
             path=path,
@@ -137,7 +143,7 @@ def read_names(path: Path, root: Path, title: str) -> CsvTable:
     cut = bool(text.notes)
     if text.lines and text.unterminated and _last_name_is_truncated(text.lines):
         text.lines.pop(), text.numbers.pop()
-        lost["last line, cut short, dropped"] += 1
+        lost[_LAST_LINE] += 1
         cut = True
     for raw, number in zip(text.lines, text.numbers, strict=True):
         try:
@@ -146,7 +152,7 @@ def read_names(path: Path, root: Path, title: str) -> CsvTable:
             raise refusal(path, "is not UTF-8 text", "repair or remove the line", number) from None
         if len(fields) != width or not fields[at].strip():
             if text.unterminated and number == text.numbers[-1]:
-                lost["last line, cut short, dropped"] += 1
+                lost[_LAST_LINE] += 1
                 cut = True
                 continue
             raise refusal(
@@ -154,7 +160,7 @@ def read_names(path: Path, root: Path, title: str) -> CsvTable:
             )
         stamp = _stamp(fields[0], path, number)
         if stamp is None:
-            lost["rows without a finite stamp dropped"] += 1
+            lost[_NO_STAMP] += 1
             continue
         stamps.append(stamp)
         names.append(fields[at].strip())
@@ -256,13 +262,13 @@ def _parse_line_by_line(
             )
         stamp = _stamp(fields[0], text.path, number)
         if stamp is None:
-            found["rows without a finite stamp dropped"] += 1
+            found[_NO_STAMP] += 1
             continue
         row = []
         for column, at in zip(columns, indices, strict=True):
             value = np.nan if at is None else _number(fields[at], column, text.path, number)
             if np.isinf(value):
-                found["infinite values treated as missing"] += 1
+                found["infinite values treated as missing; check the sensor"] += 1
                 value = np.nan
             row.append(value)
         stamps.append(stamp)
@@ -318,6 +324,7 @@ def check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
         table.values[too_large, k] = np.nan
         what = f"{column.name} beyond {column.most}"
         notes.append(
-            f"{count} values of {what} treated as missing (first: {table.row_word} {table.lines[first]})"
+            f"{count} values of {what} treated as missing (first: {table.row_word} {table.lines[first]}); "
+            "check the sensor there"
         )
     return replace(table, notes=tuple(notes))

@@ -18,4 +18,7 @@ def axis_tilt_deg(b_axis: Array) -> float:
 
 def tilt_remark(tilt_deg: float) -> str:
     """Return the remark about a camera whose tilt exceeds ``MAX_TILT_DEG``."""
-    return f"looks {tilt_deg:.0f} degrees away from straight down; a map of the floor cannot fit it"
+    return (
+        f"looks {tilt_deg:.0f} degrees away from straight down; a map of the floor cannot fit it: "
+        "turn the camera, or correct its mount"
+    )

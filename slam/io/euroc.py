@@ -64,13 +64,15 @@ def import_euroc(folder: str | Path) -> Flight:
         line for line in flight.warnings if not line.startswith(tuple(f"{name}: " for name in _EUROC_ONLY))
     ]
     if "cam1" in present:
-        remarks.append("cam1: the second camera is ignored")
+        remarks.append("cam1: the second camera is ignored: the map is made of cam0")
     if flight.truth is None and "vicon0" in present:
         truth, notes = _vicon(mav0 / "vicon0", root, flight.epoch_ns)
         flight = replace(flight, truth=truth)
         remarks += [f"vicon0: {note}" for note in ("used as the ground truth", *notes)]
     if flight.truth is None and "leica0" in present:
-        remarks.append("leica0: holds positions without attitude, which is not a complete reference; ignored")
+        remarks.append(
+            "leica0: holds positions without attitude, which are no truth; ignored: record vicon0 too"
+        )
     flight, renamed = _to_forward_left_up(flight)
     remarks += renamed + _camera_direction_remarks(flight)
     return replace(flight, warnings=tuple(remarks))

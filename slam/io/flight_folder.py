@@ -134,7 +134,10 @@ def _read_streams(recording: _Recording) -> None:
         if folder.name in known:
             _read_stream(recording, folder)
         else:
-            recording.warnings.append(f"{brief(folder.name, 60)}: not a stream of the flight format, skipped")
+            recording.warnings.append(
+                f"{brief(folder.name, 60)}: not a stream of the flight format, skipped; "
+                "docs/flight-format.md lists the streams"
+            )
 
 
 def _read_stream(recording: _Recording, folder: Path) -> None:
@@ -149,13 +152,13 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
         recording.note(name, (*sensor.notes, *sensor.misspelt_keys(KNOWN_KEYS)))
     else:
         sensor = YamlFile(folder / "sensor.yaml")
-        recording.note(name, ["has no sensor.yaml: nominal figures assumed"])
+        recording.note(name, ["has no sensor.yaml: nominal figures assumed; add one with its noise_std"])
     csv = folder / "data.csv"
     table = read_names(csv, root, "filename") if name == "cam0" else read_numbers(csv, root, COLUMNS[name])
     notes = list(table.notes)
     check_stamp_unit(table, sensor, notes)
     if not len(table.stamps_ns):
-        notes.append("data.csv has no rows; treated as not recorded")
+        notes.append("data.csv has no rows; treated as not recorded; check that the sensor was on")
     recording.note(name, notes)
     recording.tables[name], recording.sensors[name] = table, sensor
 
@@ -177,7 +180,10 @@ def _note_truncation(recording: _Recording, truncated: list[str]) -> None:
     ends = {name: int(t.stamps_ns[-1]) for name, t in recording.tables.items() if len(t.stamps_ns)}
     for name in truncated:
         if name in ends and (lost := (max(ends.values()) - ends[name]) * 1e-9) > 0.5:
-            recording.note(name, [f"was cut short: its last {lost:.1f} s are lost"])
+            recording.note(
+                name,
+                [f"was cut short: its last {lost:.1f} s are lost; copy it again if the recorder has them"],
+            )
 
 
 def _flag(metadata: YamlFile, key: str) -> bool:
@@ -203,6 +209,8 @@ def _notes(recording: _Recording) -> dict[str, str]:
         if isinstance(value, str):
             notes[key] = value
         else:
-            recording.warnings.append(f"flight.yaml: {brief(key, 40)} is not plain text, ignored")
+            recording.warnings.append(
+                f"flight.yaml: {brief(key, 40)} is not plain text, ignored; write one line"
+            )
     recording.note("flight.yaml", recording.metadata.misspelt_keys((*_FLIGHT_KEYS, *_NOTE_KEYS)))
     return notes

@@ -157,7 +157,7 @@ def levels_of_sample(pictures: Iterable[tuple[Raw, bool]], notes: list[str]) -> 
     levels = levels_of(ranges, integer)
     notes.append(
         f"pictures have more than 8 bits per pixel: the values {levels} are read as 8 bits, from the range "
-        f"in {len(ranges)} of them"
+        f"in {len(ranges)} of them; convert them to 8 bits yourself if the mosaic is too dark or too bright"
     )
     return levels
 
@@ -168,7 +168,11 @@ def _unread_samples(paths: Sequence[Path]) -> list[str]:
     for k in sample_of(len(paths)):
         with contextlib.suppress(UnreadableImageError):
             most = max(most, _header(paths[k]).of_samples)
-    return [f"pictures have {most} samples a pixel: the first alone is read"] if most else []
+    return (
+        [f"pictures have {most} samples a pixel: the first alone is read; convert them if others show more"]
+        if most
+        else []
+    )
 
 
 def _deep_pictures(paths: Sequence[Path]) -> Iterator[tuple[Raw, bool]]:

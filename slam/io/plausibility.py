@@ -50,7 +50,10 @@ def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[str]) -> Non
     if nominal_hz > 0 and (
         min(rate_hz, mean_hz) > 1.5 * nominal_hz or max(rate_hz, mean_hz) < nominal_hz / 1.5
     ):
-        notes.append(f"its rate is {rate_hz:.3g} Hz but sensor.yaml gives {nominal_hz:g} Hz")
+        notes.append(
+            f"its rate is {rate_hz:.3g} Hz but sensor.yaml gives {nominal_hz:g} Hz; check for lost rows, "
+            "or correct rate_hz"
+        )
 
 
 def check_stamps_agree(tables: dict[str, CsvTable]) -> None:

@@ -31,7 +31,7 @@ def build_fields(
         notes: list[str] = []
         series = build_series(name, Source(table, sensors[name], epoch_ns, notes))
         if series is None and len(table.stamps_ns):
-            notes.append("no row is left; treated as not recorded")
+            notes.append("no row is left; treated as not recorded; the lines before say why")
         fields[FIELD_BY_FOLDER[name]] = series
         note(name, notes)
     if fields.get("imu") is not None:

@@ -96,7 +96,7 @@ class Source:
         rows = np.atleast_1d(rows)
         if rows.all():
             return self
-        self.notes.append(f"{int((~rows).sum())} rows dropped: {why}")
+        self.notes.append(f"{int((~rows).sum())} of {len(self.table.stamps_ns)} rows dropped: {why}")
         keep = np.flatnonzero(rows)
         return Source(
             self.table.rows(keep, self.table.stamps_ns[keep]), self.sensor, self.epoch_ns, self.notes
@@ -105,7 +105,7 @@ class Source:
     def set_missing(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
         """Set values of one column to missing, and note their number and the reason."""
         if bad.any():
-            self.notes.append(f"{int(bad.sum())} values treated as missing: {why}")
+            self.notes.append(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}")
             self.table.values[bad, column] = np.nan
 
     def row_error(self, row: int, what: str, do: str) -> Exception:
@@ -127,7 +127,10 @@ class Source:
     def check_identity_mount(self) -> None:
         """Check T_BS of a stream that does not use it, and note a value other than the identity."""
         if not np.array_equal(self.sensor.transform(), np.eye(4)):
-            self.notes.append("T_BS in sensor.yaml is not the identity; body axes assumed for the values")
+            self.notes.append(
+                "T_BS in sensor.yaml is not the identity; body axes assumed for the values; turn the values "
+                "into body axes, or write the identity"
+            )
 
 
 def _limits(folder: str) -> tuple[float, ...]:
@@ -280,7 +283,9 @@ def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float
         return Gps.noise_std_m
     north, east, up = source.noise(Gps.noise_std_m, (MAX_ALTITUDE_M,) * 3)
     if max(north, east) > 0.1:
-        source.notes.append("noise_std of latitude and longitude is beyond 0.1 deg: metres assumed")
+        source.notes.append(
+            "noise_std of latitude and longitude is beyond 0.1 deg: metres assumed; write degrees"
+        )
         return east, north, up
     return east * metres_per_degree_east(float(latitude_deg[0])), north * METRES_PER_DEGREE, up
 

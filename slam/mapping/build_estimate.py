@@ -138,7 +138,8 @@ def _systematic_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
     try:
         return (None if map_.bundle is None else systematic_errors(map_.bundle)), []
     except BackendError as error:
-        return None, [f"errors that all pictures or all positions share cannot be tested for: {error}"]
+        line = f"errors that all pictures or all positions share cannot be tested for: {error}"
+        return None, [f"{line}; compare one distance with the ground"]
 
 
 def _information_shares(flight: Flight, map_: Map) -> Mapping[str, Mapping[str, float]]:

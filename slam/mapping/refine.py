@@ -48,10 +48,13 @@ _MOST_SELECTIONS = 4
 """Largest number of refinements of one part with other GPS fixes. One suffices in most flights."""
 _NOT_SETTLED = (
     "which GPS fixes and control points agree with the map still changed after "
-    f"{_MOST_SELECTIONS} refinements: those near the limit are uncertain; compare their places in the report "
-    "with the ground"
+    f"{_MOST_SELECTIONS} refinements: those near the limit are uncertain; compare their places in the "
+    "report with the ground"
 )
-_NOT_PLACED = "{} keyframes have no usable GPS position: they are in coordinates of their own, not on Earth"
+_NOT_PLACED = (
+    "{} keyframes have no usable GPS position: they are in coordinates of their own, not on "
+    "Earth; measure within them only"
+)
 
 
 def refine_map(

@@ -106,17 +106,26 @@ class Relocalizer:
         """Locate a picture of the map's camera."""
         if image.shape[1::-1] != tuple(self.camera.size_px):
             w, h = self.camera.size_px
-            return nowhere(f"the picture has {image.shape[1]}x{image.shape[0]} px, the map's camera {w}x{h}")
+            return nowhere(
+                f"the picture has {image.shape[1]}x{image.shape[0]} px, the map's camera {w}x{h}; take it "
+                "at that size"
+            )
         seen = self._extractor(image, self.camera)
         if len(seen) < self.config.gates.min_inliers:
-            return nowhere(f"too few features: {len(seen)}")
+            return nowhere(
+                f"too few features: {len(seen)}; take it with more light, or over ground with texture"
+            )
         held = self._registered(seen)
         if not held:
-            return nowhere("no keyframe that looks like it shows the same ground")
+            return nowhere(
+                "no keyframe that looks like it shows the same ground; take it over the map, at its height"
+            )
         w_p, pixel, std_px = self._floor_points(held, seen)
         resected = _resect(w_p, pixel, std_px, self.camera)
         if resected is None:
-            return nowhere("no pose explains where the floor's points appear")
+            return nowhere(
+                "no pose explains where the floor's points appear; take it looking down at flat ground"
+            )
         f_T_b, covariance, points = resected
         best = held[0].i
         of_map = self._covariances[best]

@@ -20,7 +20,35 @@ if TYPE_CHECKING:
     from slam.evaluation.score import Evaluation
     from slam.mapping.live.mapper import LiveState
 
-_NEES = "squared errors over covariances (mean NEES)"
+_NEES = "errors beside the stated uncertainty (mean NEES)"
+
+
+def against_truth(evaluation: Evaluation) -> str:
+    """Return in one sentence how far a map lies from its reference, and whether its uncertainty is right."""
+    if not evaluation.metric:
+        return ""
+    whom = "the truth" if evaluation.reference == "truth" else "the GPS"
+    error = evaluation.ate_m
+    text = (
+        f"Typically {length(error.rmse)}, and {length(error.max)} at most, by {whom} at "
+        f"{evaluation.associated} keyframes."
+    )
+    if evaluation.landmarks:
+        ways = [row.error_percent for row in evaluation.landmarks]
+        with_loops, without = (
+            _largest([getattr(way, name) for way in ways]) for name in ("loops", "odometry")
+        )
+        text += (
+            f" Distances between landmarks are wrong by {_percent(with_loops)} at most "
+            f"({_percent(without)} without loop closures)."
+        )
+    if evaluation.nees is not None:
+        pose = evaluation.nees.pose
+        if pose.mean > pose.upper95:
+            text += " The errors are larger than the stated uncertainty allows: trust it less."
+        else:
+            text += " The errors are as small as the stated uncertainty says."
+    return text
 
 
 def accuracy_tables(evaluation: Evaluation) -> tuple[FigureTable, ...]:
@@ -53,9 +81,10 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
         errors = (gap.error_m.chain, gap.error_m.odometry, gap.error_m.loops)
         ours = (_length(error) for error in errors)
         rows.append((f"gap {gap.name}", f"{gap.truth_m:.3f} m", *("" for _ in theirs), *ours))
-    headings = ("paper, stitched", "paper, EKF") if theirs else ()
+    headings = ("paper, stitched", "paper, filter") if theirs else ()
     return FigureTable(
-        "Error of the distances between landmarks on the map",
+        "Error of the distances between landmarks on the map; chain: each picture placed by the one before"
+        + ("; paper: Visser and others 2011" if theirs else ""),
         ("landmarks", "true", *headings, *_columns(evaluation.trajectory_names)),
         tuple(rows),
     )
@@ -162,7 +191,7 @@ def _share(value: float) -> str:
 
 
 def _spread(rmse: float, largest: float) -> str:
-    return f"{length(rmse)} RMSE, {length(largest)} largest"
+    return f"typically {length(rmse)} (root mean square), {length(largest)} at most"
 
 
 def live_table(state: LiveState, error: float, metric: bool) -> FigureTable:

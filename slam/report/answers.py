@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
-from slam.core.lost_pictures import NOTABLE_SHARE, SHOW_NOTHING
-from slam.core.units import SPACE, length, percent
+from slam.core.lost_pictures import NOTABLE_SHARE, SHOW_NOTHING, TRACKING_LOST
+from slam.core.units import SPACE, length, percent, unit
 from slam.report.facts import Facts
+from slam.report.left_out import left_out
 from slam.report.page import Item
+from slam.report.rasters.mosaic import REDUNDANT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,6 +39,8 @@ _INSTRUMENTS = {
     ),
 }
 """Name of a share in `backend.bundle.information_shares` -> in words, and what improves it."""
+_MOST_GAPS = 3
+"""Stretches without pictures that are named."""
 _EXAMPLE_M = 10.0
 """Length of the example; a map smaller than this takes its own size."""
 
@@ -60,22 +64,31 @@ def limit_sentence(shares: Mapping[str, Mapping[str, float]]) -> str:
     if found is None:
         return ""
     name, share = found
-    return f"What limits this: {_words(name)[0]} ({percent(share)} of the variance)."
+    return f"What limits this: {_words(name)[0]}, the cause of {percent(share)} of the squared error."
 
 
-def pilots_answers(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, ...]:
-    """Return questions and answers; only those that apply to a flight."""
+def pilots_answers(
+    estimate: Estimate, summary: Summary, facts: Facts, against_truth: str = ""
+) -> tuple[Item, ...]:
+    """Return questions and answers; only those that apply to a flight.
+
+    ``against_truth``: the comparison with the truth in one sentence, where there is a truth.
+    """
     rows = [
         Item("Can I use this map?", _usable(estimate, summary)),
         Item("How accurate is a place on it?", _place(facts)),
-        Item("How accurate is a distance on it?", _distance(facts)),
-        Item("What limits the accuracy?", _limit(estimate, facts)),
-        Item("How do I make the next map better?", _next_step(estimate, facts)),
-        Item("Is everything on it?", _complete(facts, summary)),
+        Item("Where is it least certain?", _least_certain(estimate, facts)),
+        Item("How far is it from the truth?", against_truth),
+        Item("How far can I trust a distance or an area?", _distance(facts)),
+        Item("Is the scale right, and by which instrument?", _scale(estimate, facts, summary)),
+        Item("What limits the accuracy?", _limit(estimate)),
+        Item("How do I make the next map better?", _next_step(estimate, facts, summary)),
+        Item("Is any of the ground missing?", _missing(estimate, facts, summary)),
+        Item("What failed?", _failed(estimate, facts, summary)),
+        Item("What was left out, and do I have to act?", _left_out(summary)),
         Item("Was a place recognised again?", _loops(facts)),
-        Item("What was left out?", _left_out(facts, summary)),
+        Item("Which way do x and y point, and where is north?", _axes(estimate, facts)),
         Item("Where on Earth is it?", _on_earth(estimate)),
-        Item("Where do I look next?", _files(facts)),
     ]
     return tuple(row for row in rows if row.value)
 
@@ -88,10 +101,10 @@ def _usable(estimate: Estimate, summary: Summary) -> str:
     if summary.status == "ok":
         notes = len(summary.warnings)
         more = f" Read the {notes} note{'s' * (notes > 1)} under Warnings." if notes else ""
-        assumed = " But no second instrument checks this accuracy: see “What limits the accuracy?”."
+        assumed = " But no second instrument checks this accuracy: see “Is the scale right?” below."
         alone = assumed if estimate.accuracy_basis else ""
         return f"Yes: all measurements agree with each other, within the accuracy below.{alone}{more}"
-    return "Only with care: the status above names what is wrong and what to do first."
+    return "Only with care: “Check this first” above names what is wrong and what to do about it."
 
 
 def _place(facts: Facts) -> str:
@@ -105,32 +118,66 @@ def _place(facts: Facts) -> str:
     )
 
 
+def _least_certain(estimate: Estimate, facts: Facts) -> str:
+    k = facts.least_certain
+    if k is None:
+        return ""
+    x, y, _ = estimate.w_T_b[k, :3, 3].tolist()
+    m = unit(facts.metric)
+    what = "pose" if facts.is_graph else "keyframe"
+    name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
+    shown = "" if facts.is_graph else " map.html shows it everywhere: “Uncertainty of the ground”."
+    return (
+        f"Around x = {x:.3g} {m}, y = {y:.3g} {m} ({what} {k}{f', {name}' * bool(name)}), where a position "
+        f"is known to ±{SPACE}{facts.length(facts.sigma_max_m)}.{shown}"
+    )
+
+
 def _distance(facts: Facts) -> str:
     if not facts.metric:
         return "In metres not at all: no sensor measured a length. Ratios of distances are right."
     if not np.isfinite(facts.sigma_median_m):
         return "Not known."
     apart_m = min(_EXAMPLE_M, max(facts.extent_m))
-    if not facts.scale_std or not np.isfinite(apart_m):
-        return f"About ±{SPACE}{facts.length(np.sqrt(2) * facts.sigma_median_m)} between two far places."
-    std_m = facts.scale_std * apart_m
+    ends = f"±{SPACE}{facts.length(np.sqrt(2) * facts.sigma_median_m)}"
+    if not facts.scale_std or not apart_m > 0:
+        return f"A distance between two far places to about {ends}, one between near places better."
+    by_scale = f"±{SPACE}{length(facts.scale_std * apart_m)} ({percent(facts.scale_std)})"
     return (
-        f"The scale of all lengths makes ±{SPACE}{length(std_m)} of {facts.length(apart_m)} "
-        f"({percent(facts.scale_std)}); the errors of both ends come on top. map.html measures any distance "
-        "with all of it."
+        f"A distance of {facts.length(apart_m)} is right to {by_scale} by the scale, and an area to twice "
+        f"that share ({percent(2 * facts.scale_std)}). The errors of both ends come on top, together "
+        f"typically less than {ends}. map.html measures any distance and area with all of it."
     )
 
 
-def _limit(estimate: Estimate, facts: Facts) -> str:
+def _scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    if facts.is_graph:
+        return "As right as the edges of the graph, which give it."
+    if not facts.metric:
+        return "Not known: no instrument measured a length. Record a height sensor or GPS."
+    known = f"to ±{SPACE}{percent(facts.scale_std)}" if facts.scale_std else "with an unknown uncertainty"
+    if estimate.accuracy_basis:
+        return (
+            f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right. {estimate.accuracy_basis}"
+        )
+    if summary.status != "ok":
+        return f"By {facts.scale_source}, {known}; but read “Check this first” above."
+    if " and " not in facts.scale_source:
+        return f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right."
+    return f"Yes, {known}: {facts.scale_source} tell it, and they agree."
+
+
+def _limit(estimate: Estimate) -> str:
     found = limit(estimate.information_shares)
     if found is None:
-        return estimate.accuracy_basis
+        return ""
     name, share = found
-    basis = f" {estimate.accuracy_basis}" if estimate.accuracy_basis else ""
-    return f"Mostly {_words(name)[0]}: {percent(share)} of the variance of the farthest place.{basis}"
+    return (
+        f"Mostly {_words(name)[0]}: the cause of {percent(share)} of the squared error at the farthest place."
+    )
 
 
-def _next_step(estimate: Estimate, facts: Facts) -> str:
+def _next_step(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     steps = []
     if not facts.loops_kept and not facts.is_graph:
         steps.append("cross or repeat an earlier part of the path, so that errors do not add up")
@@ -139,22 +186,59 @@ def _next_step(estimate: Estimate, facts: Facts) -> str:
     found = limit(estimate.information_shares)
     if found is not None and _words(found[0])[1]:
         steps.append(_words(found[0])[1])
+    if any(gap.shows_nothing for gap in facts.gaps) or _bare(facts, summary):
+        steps.append("cross the missing ground higher, with more light, or with marks on it")
     text = "; ".join(steps)
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def _complete(facts: Facts, summary: Summary) -> str:
-    thing = "poses" if facts.is_graph else "keyframes"
+def _bare(facts: Facts, summary: Summary) -> int:
+    """Return the number of pictures that show nothing, if they are worth telling."""
     bare = sum(summary.rejected.get(reason, 0) for reason in SHOW_NOTHING)
-    if bare > NOTABLE_SHARE * facts.frames and facts.maps <= 1:
-        return (
-            f"No: {bare} of {facts.frames} pictures show too little. Ground that only they saw is missing; "
-            f"the warnings say which. {facts.placed} of {facts.keyframes} {thing} lie on one map."
-        )
-    if facts.placed == facts.keyframes and facts.maps <= 1:
-        return f"Yes: all {facts.keyframes} {thing} lie on one map."
-    parts = f", in {facts.maps} separate maps" if facts.maps > 1 else ""
-    return f"No: {facts.placed} of {facts.keyframes} {thing} have a place{parts}. The warnings name the rest."
+    return bare if bare > NOTABLE_SHARE * facts.frames else 0
+
+
+def _missing(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    thing = "poses" if facts.is_graph else "keyframes"
+    told = []
+    long = [gap for gap in facts.gaps if gap.shows_nothing]
+    for gap in long[:_MOST_GAPS]:
+        (x0, y0), (x1, y1) = (estimate.w_T_b[k, :2, 3].tolist() for k in (gap.i, gap.j))
+        told.append(f"{facts.length(gap.length_m)} from ({x0:.3g}, {y0:.3g}) to ({x1:.3g}, {y1:.3g})")
+    if told:
+        more = f", and {len(long) - len(told)} more" if len(long) > len(told) else ""
+        told = [
+            f"no usable picture shows the ground under the path along {' and '.join(told)}{more} (x, y in "
+            f"{unit(facts.metric)}; dotted in the picture of the path)"
+        ]
+    if bare := _bare(facts, summary):
+        told.append(f"{bare} of {facts.frames} pictures show too little, and the warnings say when")
+    if facts.placed < facts.keyframes or facts.maps > 1:
+        parts = f", in {facts.maps} separate maps" if facts.maps > 1 else ""
+        rest = "; the warnings name the rest" if facts.placed < facts.keyframes else ""
+        told.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
+    if told:
+        return f"Yes: {'; '.join(told)}."
+    return (
+        f"No: all {facts.keyframes} {thing} lie on one map, and no stretch of the path is without pictures."
+    )
+
+
+def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    told = []
+    if summary.status != "ok":
+        told.append("what “Check this first” above names")
+    if unplaced := facts.keyframes - facts.placed:
+        told.append(f"{unplaced} {'poses' if facts.is_graph else 'keyframes'} could not be placed")
+    if lost := summary.rejected.get(TRACKING_LOST, 0):
+        times = "once" if lost == 1 else f"{lost} times"
+        told.append(f"{times} a picture had nothing in common with the one before, and tracking began anew")
+    if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
+        are = "keyframe is" if number == 1 else "keyframes are"
+        told.append(f"{number} {are} not in the mosaic (summary.json says why)")
+    if told:
+        return f"{told[0][0].upper()}{'; '.join(told)[1:]}."
+    return "Nothing."
 
 
 def _loops(facts: Facts) -> str:
@@ -169,34 +253,33 @@ def _rejected(facts: Facts) -> str:
     return f"{facts.loops_rejected} other matches were rejected, each with its reason below."
 
 
-def _left_out(facts: Facts, summary: Summary) -> str:
-    if not summary.rejected:
+def _left_out(summary: Summary) -> str:
+    rows = left_out(summary.rejected)
+    if not rows:
         return "Nothing."
+    act = [row for row in rows if not row.no_need_to_act]
     kinds = {
         "matches of places": "loop: ",
         "single views of floor points": "view of ",
         "pictures or links": "",
     }
-    count, most = dict.fromkeys(kinds, 0), dict.fromkeys(kinds, ("", 0))
-    for reason, number in summary.rejected.items():
-        kind = next(kind for kind, prefix in kinds.items() if reason.startswith(prefix))
-        count[kind] += number
-        most[kind] = max(most[kind], (reason.removeprefix(kinds[kind]), number), key=lambda each: each[1])
-    parts = [f"{count[kind]} {kind} (most often “{most[kind][0]}”)" for kind in kinds if count[kind]]
-    return f"{', '.join(parts)}. The table Rejected data below lists all; the map does not rest on them."
+    count = dict.fromkeys(kinds, 0)
+    for row in rows:
+        count[next(kind for kind, prefix in kinds.items() if row.reason.startswith(prefix))] += row.count
+    parts = ", ".join(f"{number} {kind}" for kind, number in count.items() if number)
+    if not act:
+        return f"{parts}. No need to act: the map does not rest on them. The table below has the reasons."
+    first = f"“{act[0].reason}” ({act[0].count}): {act[0].act[0].lower()}{act[0].act[1:]}"
+    return f"{parts}. The map does not rest on them. Act on {first} The table below has the others."
+
+
+def _axes(estimate: Estimate, facts: Facts) -> str:
+    unknown = "" if estimate.origin is not None or facts.is_graph else " Where north is, is not known."
+    return f"{facts.axes}{unknown}"
 
 
 def _on_earth(estimate: Estimate) -> str:
     origin = estimate.origin
     if origin is None:
-        return "Not known: no GPS was used. The map starts at the first keyframe, along its heading."
-    return f"At {origin.latitude_deg:.6f}°, {origin.longitude_deg:.6f}°; x points east and y north."
-
-
-def _files(facts: Facts) -> str:
-    if facts.is_graph:
-        return "trajectory.tum holds the poses, loops.csv each link with its verdict."
-    return (
-        "map.html shows the map with each link and its uncertainty; mosaic.tif is for GIS programs, and "
-        "mosaic_quality.tif says how reliable each piece is."
-    )
+        return "Not known: no GPS was used."
+    return f"Its origin is at {origin.latitude_deg:.6f}°, {origin.longitude_deg:.6f}°."

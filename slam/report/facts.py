@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from slam.core.estimate import Estimate
 from slam.core.units import SPACE, length, percent
 from slam.evaluation.trajectory import gauge
+from slam.report.gaps import Gap, gaps
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -37,9 +38,10 @@ class Facts:
     sigma_median_m: float
     """Position of a keyframe: one standard deviation over the three axes together."""
     sigma_max_m: float
+    least_certain: int | None
+    """Keyframe with that uncertainty; None where some are not known."""
     scale_std: float
-    """Relative uncertainty that all lengths share: the height sensor's unless GPS is more accurate; else
-    0."""
+    """Relative uncertainty that all lengths share; 0 where it is not known."""
     mostly_scale: bool
     """Whether that uncertainty causes more than half of the variance of a position."""
     relative_to: str
@@ -50,6 +52,10 @@ class Facts:
     sensor_gain: str
     """Gain and offset of the height sensor, in words; empty without one."""
     sensor_zero: str
+    axes: str
+    """Directions of x and y, and the place of the origin, in words."""
+    gaps: tuple[Gap, ...]
+    """Stretches of the path that no usable picture shows."""
     is_graph: bool
     metric: bool = True
     """Whether lengths are metres, as `slam.core.estimate.Estimate` defines it."""
@@ -64,16 +70,16 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
     known = is_placed(estimate)
     main = np.flatnonzero(known & (estimate.component == 0))
     position = estimate.w_T_b[main, :3, 3]
-    sigma = position_sigma_m(estimate.covariances[known])
     # An unknown standard deviation has no upper limit: the median counts it as the largest.
-    sigma = np.append(sigma, np.full(int(known.sum()) - len(sigma), np.inf))
+    every_sigma = _each_sigma_m(estimate.covariances)
+    sigma = every_sigma[known]
     verdicts = [loop.verdict for loop in estimate.loops]
     sizes = (
         np.bincount(estimate.component[estimate.component >= 0]) if len(estimate.component) else np.zeros(0)
     )
     extent = np.ptp(position[:, :2], axis=0) if len(position) else np.full(2, np.nan)
     kinds = [edge.kind for edge in estimate.relative_poses]
-    scale_std = _scale_std(estimate, flight)
+    scale_std = estimate.scale_std or 0.0 if flight is not None else 0.0
     gain, zero = _height_sensor(estimate, flight)
     return Facts(
         keyframes=len(known),
@@ -87,13 +93,16 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         loops_rejected=verdicts.count("rejected"),
         sigma_median_m=_or_nan(np.median(sigma)) if len(sigma) else float("nan"),
         sigma_max_m=_or_nan(sigma.max()) if len(sigma) else float("nan"),
+        least_certain=_least_certain(every_sigma, known),
         scale_std=scale_std,
-        mostly_scale=_is_mostly_scale(estimate, main, scale_std),
+        mostly_scale=estimate.origin is None and _is_mostly_scale(estimate, main, scale_std),
         relative_to=_relative_to(estimate, flight),
         chain_moved_m=_moved_m(estimate, main),
         scale_source=_scale_source(estimate, flight),
         sensor_gain=gain,
         sensor_zero=zero,
+        axes=_axes(estimate, flight),
+        gaps=gaps(estimate, flight),
         is_graph=flight is None,
         metric=estimate.metric,
     )
@@ -106,8 +115,21 @@ def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
 
 def position_sigma_m(covariances: Array) -> Array:
     """Standard deviation (m,) of a position over its three axes together, where known, from (n, 6, 6)."""
+    found = _each_sigma_m(covariances)
+    return found[np.isfinite(found)]
+
+
+def _each_sigma_m(covariances: Array) -> Array:
+    """Standard deviation (n,) of a position over its three axes together; infinite where it is not known."""
     variance = np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2)
-    return np.asarray(np.sqrt(variance[np.isfinite(variance) & (variance >= 0)]))
+    return np.asarray(np.sqrt(np.where(variance >= 0, variance, np.inf)))
+
+
+def _least_certain(sigma_m: Array, known: NDArray[np.bool_]) -> int | None:
+    placed = np.flatnonzero(known)
+    if len(placed) == 0 or not np.isfinite(sigma_m[placed]).all():
+        return None
+    return int(placed[np.argmax(sigma_m[placed])])
 
 
 def _or_nan(value: float) -> float:
@@ -119,6 +141,7 @@ def sentence(facts: Facts) -> str:
     thing = "poses" if facts.is_graph else "keyframes"
     if facts.placed == 0:
         return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
+    of_map = "" if facts.is_graph else " (the pictures that the map is made of)"
     whole = (
         f"All {facts.keyframes}"
         if facts.placed == facts.keyframes
@@ -127,18 +150,24 @@ def sentence(facts: Facts) -> str:
     maps = (
         "one consistent map" if facts.maps <= 1 else f"{facts.maps} separate maps that share no common ground"
     )
-    text = f"{whole} {thing} lie on {maps}"
+    text = f"{whole} {thing}{of_map} lie on {maps}"
     if np.isfinite(facts.sigma_median_m):
         median, worst = facts.length(facts.sigma_median_m), facts.length(facts.sigma_max_m)
-        worst = f"±{SPACE}{worst} at worst" if np.isfinite(facts.sigma_max_m) else "others are not known"
+        worst = (
+            f"and to ±{SPACE}{worst} where it is least certain"
+            if np.isfinite(facts.sigma_max_m)
+            else "and others are not known"
+        )
         relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
-        text += f"; {relative}a position is known to ±{SPACE}{median} (median), {worst}"
+        text += f"; {relative}a position is typically known to ±{SPACE}{median}, {worst}"
         if facts.mostly_scale:
             text += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
     text += "."
     if facts.loops_kept:
-        closures = "loop closure holds" if facts.loops_kept == 1 else "loop closures hold"
-        text += f" {facts.loops_kept} {closures} it together."
+        one = facts.loops_kept == 1
+        closures = "loop closure" if one else "loop closures"
+        what = "" if facts.is_graph else f" ({'a place' if one else 'places'} recognised on a second visit)"
+        text += f" {facts.loops_kept} {closures}{what} {'holds' if one else 'hold'} it together."
     else:
         text += " No place was recognised a second time with certainty, so errors add up along the path."
     if not facts.metric:
@@ -169,11 +198,16 @@ def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
     return "" if estimate.origin is not None else "the first keyframe"
 
 
-def _scale_std(estimate: Estimate, flight: Flight | None) -> float:
-    """Relative standard deviation of the common scale; positions on Earth determine it best."""
-    if flight is None or estimate.scale_std is None or estimate.origin is not None:
-        return 0.0
-    return estimate.scale_std
+def _axes(estimate: Estimate, flight: Flight | None) -> str:
+    if flight is None:
+        return "Those of the file."
+    if estimate.origin is not None:
+        return "x points east, y north and z up."
+    start = "The origin is on the ground below the first keyframe; z points up."
+    headed = flight.attitude is not None and bool(np.isfinite(flight.attitude.roll_pitch_yaw_rad[:, 2]).any())
+    if headed:
+        return f"{start} x points where the recorded heading (yaw) is zero, y to the left of it."
+    return f"{start} x points where the drone's nose pointed at the first keyframe, y to the left of it."
 
 
 def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: float) -> bool:

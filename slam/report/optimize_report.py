@@ -1,4 +1,4 @@
-"""The page ``report.html`` of one optimization: a summary sentence for the pilot, tables for an engineer."""
+"""The page ``report.html`` of one optimization: a pilot's questions answered, tables for an engineer."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ from slam.report.instrument_errors import (
     shares_text,
     velocity_text,
 )
+from slam.report.left_out import left_out
+from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
 
@@ -57,16 +59,26 @@ class Mosaics:
     quality: Path | None = None
 
 
+@dataclass(frozen=True)
+class Accuracy:
+    """Errors of a map, as references outside of it show them."""
+
+    tables: tuple[FigureTable, ...] = ()
+    against_truth: str = ""
+    """The comparison with the truth in one sentence; empty without a truth."""
+
+
 def write_report(
     path: Path,
     estimate: Estimate,
     summary: Summary,
     flight: Flight | None = None,
     mosaics: Mosaics = Mosaics(),
-    accuracy: tuple[FigureTable, ...] = (),
+    accuracy: Accuracy = Accuracy(),
 ) -> None:
-    """Write the page to ``path``; ``flight`` is None where the input was a graph."""
-    path.write_text(render(estimate, summary, flight, mosaics, accuracy), encoding="utf-8", errors="replace")
+    """Write the page to ``path``, with links to the files beside it; ``flight`` is None for a graph."""
+    page = render(estimate, summary, flight, mosaics, accuracy, path.parent)
+    path.write_text(page, encoding="utf-8", errors="replace")
 
 
 def render(
@@ -74,9 +86,10 @@ def render(
     summary: Summary,
     flight: Flight | None = None,
     mosaics: Mosaics = Mosaics(),
-    accuracy: tuple[FigureTable, ...] = (),
+    accuracy: Accuracy = Accuracy(),
+    folder: Path | None = None,
 ) -> str:
-    """Return the page as HTML."""
+    """Return the page as HTML; ``folder`` is where it will lie, for links to the files there."""
     facts = gather(estimate, flight)
     drawable = facts.placed > 0
     before = "as given" if facts.is_graph else "chain alone"
@@ -89,18 +102,22 @@ def render(
         sentence=sentence(facts),
         summary=summary,
         limit=limit_sentence(estimate.information_shares),
-        answers=pilots_answers(estimate, summary, facts),
+        answers=pilots_answers(estimate, summary, facts, accuracy.against_truth),
         tiles=_tiles(facts),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
         widths=_widths(mosaics),
         quality=_embedded(mosaics.quality),
-        trajectory=embedded(trajectory_picture(estimate, before)) if drawable else None,
-        altitude=embedded(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
+        trajectory=embedded(trajectory_picture(estimate, before, facts.gaps)) if drawable else None,
+        altitude=embedded(altitude_picture(estimate, facts.gaps))
+        if drawable and not facts.is_graph
+        else None,
+        left_out=left_out(summary.rejected),
         rejected_loops=_rejected_loops(estimate),
         figures=_figures(estimate, summary, facts),
-        accuracy=accuracy,
+        accuracy=accuracy.tables,
+        files={file.name: file for file in output_files(folder)},
     )
 
 
@@ -108,11 +125,11 @@ def _tiles(facts: Facts) -> tuple[Item, ...]:
     tiles = [
         Item("poses placed" if facts.is_graph else "keyframes placed", f"{facts.placed} / {facts.keyframes}"),
         Item("loop closures kept", str(facts.loops_kept)),
-        Item("position, 1σ (median)", facts.length(facts.sigma_median_m)),
+        Item("typical uncertainty of a place (1σ)", facts.length(facts.sigma_median_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
     if np.isfinite(facts.chain_moved_m) and not facts.is_graph:
-        tiles.append(Item("drift of the chain alone", facts.length(facts.chain_moved_m)))
+        tiles.append(Item("off before the optimization, at most", facts.length(facts.chain_moved_m)))
     return tuple(tiles)
 
 
@@ -122,11 +139,11 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Separate maps", str(facts.maps)),
         Item("Extent of the path", " x ".join(facts.length(side) for side in facts.extent_m)),
         Item("Flight time", f"{facts.duration_s:.1f} s"),
-        Item("Edges between neighbours", str(summary.odometry_edges)),
+        Item("Links between neighbours", str(summary.odometry_edges)),
         Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
         Item("Lengths come from", facts.scale_source),
         Item("Accuracy", estimate.accuracy_basis),
-        Item("Largest share in the errors", shares_text(estimate.information_shares)),
+        Item("Largest share of the squared error", shares_text(estimate.information_shares)),
         Item("Gain of the height sensor", facts.sensor_gain),
         Item("Zero of the height sensor", facts.sensor_zero),
         Item("Attitude sensor against the map", attitude_text(estimate.instruments.attitude)),
@@ -141,17 +158,19 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Vehicle's own velocity", velocity_text(estimate.instruments.velocity)),
         Item("Barometer", barometer_text(estimate.instruments.barometer)),
         Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
-        Item("Position of a keyframe, 1σ: median", facts.length(facts.sigma_median_m)),
+        Item("Position of a keyframe, 1σ: typical", facts.length(facts.sigma_median_m)),
         Item("Position of a keyframe, 1σ: largest", facts.length(facts.sigma_max_m)),
-        Item(
-            "Final error of the graph", f"{estimate.graph_error:.6g} after {estimate.iterations} iterations"
-        ),
+        Item("Error of the graph", _graph_error(estimate) if facts.is_graph else ""),
         Item("Global optimum", _optimum(estimate)),
         Item("Computing time", f"{sum(summary.timing_s.values()):.1f} s" if summary.timing_s else ""),
         *(Item(f"of it: {stage}", f"{seconds:.2f} s") for stage, seconds in summary.timing_s.items()),
         Item("Peak memory", f"{summary.peak_rss_mb:.0f} MB"),
     ]
     return tuple(row for row in rows if row.value and not (facts.is_graph and row.label in _FLIGHT_ONLY))
+
+
+def _graph_error(estimate: Estimate) -> str:
+    return f"{estimate.graph_error:.6g} after {estimate.iterations} iterations"
 
 
 def _optimum(estimate: Estimate) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ from slam.core.plot_style import (
 )
 from slam.core.units import length, unit
 from slam.report.facts import chain_on_result, is_placed
+from slam.report.gaps import Gap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,10 +43,10 @@ _ELLIPSE_SHARE = 0.03
 """Ellipses are scaled until the median one spans at most this share of the map."""
 
 
-def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes:
+def trajectory_picture(estimate: Estimate, before: str = "chain alone", gaps: Sequence[Gap] = ()) -> bytes:
     """Draw the top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed).
 
-    ``before`` names ``chain_w_T_b``, which is drawn behind.
+    ``before`` names ``chain_w_T_b``, which is drawn behind. Over ``gaps`` the path is dotted.
     """
     figure, axes = new_figure(6.4, 6.0)
     known = is_placed(estimate)
@@ -54,7 +55,8 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     _loops(axes, estimate, position)
     for part in range(int(estimate.component.max(initial=0)) + 1):
         own = np.where((estimate.component == part)[:, None], position, np.nan)
-        _path(axes, own, color=BLUE, linewidth=1.6, label="path" if part == 0 else None)
+        _path(axes, _broken(own, gaps), color=BLUE, linewidth=1.6, label="path" if part == 0 else None)
+    _dotted(axes, position[:, 0], position[:, 1], gaps)
     size = _ellipses(axes, estimate, position, known)
     if known.any():
         start = position[known][0]
@@ -68,8 +70,11 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     return png(figure)
 
 
-def altitude_picture(estimate: Estimate) -> bytes:
-    """Draw the height above the floor over time, with its 2-sigma band and the height without loops."""
+def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
+    """Draw the height above the floor over time, with its 2-sigma band and the height without loops.
+
+    Over ``gaps`` the height is dotted.
+    """
     figure, axes = new_figure(6.4, 3.0)
     time = estimate.stamps_s - estimate.stamps_s[0]
     height = estimate.w_T_b[:, 2, 3] - estimate.floor_z_m
@@ -82,13 +87,15 @@ def altitude_picture(estimate: Estimate) -> bytes:
         axes.plot(time, before, color=GREY, linewidth=1.0, label="without loops")
     # The band is often narrower than a line, so the legend gives its size.
     known = sigma[np.isfinite(sigma)]
-    size = f" (median ± {length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""
+    size = f" (typically ± {length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""
     band = height - 2 * sigma, height + 2 * sigma
     axes.fill_between(time, *band, color=ORANGE, alpha=0.6, linewidth=0, label=f"± 2σ{size}")
-    axes.plot(time, height, color=BLUE, linewidth=0.8, label="height above the floor")
+    curve = _broken(np.column_stack([time, height]), gaps)
+    axes.plot(curve[:, 0], curve[:, 1], color=BLUE, linewidth=0.8, label="height above the floor")
+    _dotted(axes, time, height, gaps)
     axes.set_xlabel("time since the first keyframe [s]")
     axes.set_ylabel(f"height [{unit(estimate.metric)}]")
-    legend_below(axes)
+    legend_below(axes, columns=2)
     return png(figure)
 
 
@@ -141,6 +148,19 @@ def _shrunk(path: Path, most_px: int) -> Iterator[NDArray[np.uint8]]:
 def _path(axes: Axes, position: Array, **style: Any) -> None:
     if np.isfinite(position).any():
         axes.plot(position[:, 0], position[:, 1], **style)
+
+
+def _broken(points: Array, gaps: Sequence[Gap]) -> Array:
+    """Return the points (n, k) with a row of NaN behind each keyframe before a gap, which ends a line."""
+    return np.insert(points, [gap.i + 1 for gap in gaps], np.nan, axis=0)
+
+
+def _dotted(axes: Axes, x: Array, y: Array, gaps: Sequence[Gap]) -> None:
+    label: str | None = "no usable picture"
+    for gap in gaps:
+        ends = [gap.i, gap.j]
+        axes.plot(x[ends], y[ends], color=BLUE, linewidth=1.4, linestyle=(0, (1, 2)), label=label)
+        label = None
 
 
 def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:

@@ -115,7 +115,11 @@ class LoopEvaluation:
     @property
     def status(self) -> str:
         """Status word: ``ok``, or the reason why nothing could be measured."""
-        return "ok" if self.true_pairs else "no true loop in this flight: recall is not defined"
+        return (
+            "ok"
+            if self.true_pairs
+            else "no true loop in this flight: recall is not defined; fly over one place twice"
+        )
 
 
 def evaluate_loops(

@@ -72,7 +72,7 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
         radial_std=0.02 if best in ("dewarp", "lens") else 0.1,
         tangential_std=_TANGENTIAL_STD,
     )
-    distortion = "; no lens distortion assumed"
+    distortion = "; no lens distortion assumed, the map estimates it"
     if best == "dewarp":
         camera, distortion = _dewarped(camera, tags), ""
     elif best == "lens":
@@ -115,7 +115,7 @@ def _focal(tags: PhotoTags) -> _Focal:
     if film is not None:
         candidates.append(film)
     none = "no plausible one" if candidates else "none"
-    remark = f"assumed: {ASSUMED_VIEW}; the tags give {none}"
+    remark = f"assumed: {ASSUMED_VIEW}; the tags give {none}; copy the originals with their tags"
     fallback = _Focal(assumed_focal_px(tags.size_px), "assumed", remark)
     return next((c for c in candidates if _is_plausible(c.px, tags)), fallback)
 
@@ -175,7 +175,9 @@ def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, str]:
     radius_px = float(np.linalg.norm(camera.corners_px - center_px, axis=1).max())
     found = radial_of_fisheye(lens, radius_px / scale)
     if found is None:
-        remark = "; its fisheye is too wide for a pinhole camera: no distortion assumed"
+        remark = (
+            "; its fisheye is too wide for a pinhole camera: no distortion assumed; undistort the pictures"
+        )
         return replace(camera, radial_std=0.1), remark
     ratio, distortion, error_px = found
     return (

@@ -17,7 +17,10 @@ from slam.io.photos.position import UNSIGNED, PhotoPosition
 
 Array = NDArray[np.float64]
 
-_NO_PLACE = "the map has no metric scale and no place on Earth"
+_NO_PLACE = (
+    "the map has no metric scale and no place on Earth; copy the originals with their tags, or give "
+    "control points (--gcp)"
+)
 
 
 def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tuple[str, ...]]:
@@ -31,15 +34,22 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         return None, (*remarks, f"no GPS position of any photograph {what}: {_NO_PLACE}")
     if len(known) < len(positions):
         remarks.append(
-            f"{len(positions) - len(known)} of {len(positions)} photographs have no GPS position to use"
+            f"{len(positions) - len(known)} of {len(positions)} photographs have no GPS position to use: the "
+            "pictures alone place them"
         )
     fixes = [positions[k] for k in known]
     altitude_m = _column(fixes, "altitude_m")
     if np.isnan(altitude_m).any():
-        remarks.append(f"{int(np.isnan(altitude_m).sum())} of {len(known)} GPS positions have no altitude")
+        lacking = int(np.isnan(altitude_m).sum())
+        remarks.append(
+            f"{lacking} of {len(known)} GPS positions have no altitude: the others alone tell the height"
+        )
     gap_m = np.abs(altitude_m - _column(fixes, "exif_altitude_m"))
     if (gap_m > 1).any():
-        remarks.append(f"altitude from the maker's tag; Exif's differs by up to {np.nanmax(gap_m):.0f} m")
+        remarks.append(
+            f"altitude from the maker's tag; Exif's differs by up to {np.nanmax(gap_m):.0f} m; check the "
+            "altitude of one point if altitudes matter"
+        )
     std_m, accuracy = _accuracy(fixes)
     gps = Gps(
         stamps_s[known], _column(fixes, "latitude_deg"), _column(fixes, "longitude_deg"), altitude_m, std_m
@@ -55,7 +65,11 @@ def _accuracy(fixes: Sequence[PhotoPosition]) -> tuple[tuple[float, float, float
     """Return the standard deviations of the set, the medians of those stated, and a remark if assumed."""
     stated = [p.std_m for p in fixes if p.std_m is not None]
     if not stated:
-        return Gps.noise_std_m, ["accuracy of the GPS assumed: {:g}, {:g}, {:g} m".format(*Gps.noise_std_m)]
+        assumed = "{:g}, {:g}, {:g} m".format(*Gps.noise_std_m)
+        return Gps.noise_std_m, [
+            f"accuracy of the GPS assumed: {assumed}; if it is better, run slam import and correct "
+            "noise_std in gps0/sensor.yaml"
+        ]
     east, north, up = np.median(stated, axis=0).tolist()
     lacking = len(fixes) - len(stated)
     line = f"{lacking} of {len(fixes)} GPS positions state no accuracy: that of the others is assumed"
@@ -106,7 +120,8 @@ def _with_letters_of_others(
         )
     line = (
         f"{_photographs(len(lacking))} without the letters N or S, E or W: those of the others, "
-        f"{there[0]} and {there[1]}, assumed ({listed([names[k] for k in lacking])})"
+        f"{there[0]} and {there[1]}, assumed ({listed([names[k] for k in lacking])}); "
+        "write the letters where that is wrong"
     )
     return complete, [line] if lacking else []
 

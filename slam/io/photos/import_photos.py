@@ -93,7 +93,10 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
     for times, remark in (
         (
             camera,
-            "" if zones_known else "times from the camera's clock, time zone unknown, UTC assumed",
+            ""
+            if zones_known
+            else "times from the camera's clock, time zone unknown, UTC assumed; the map does not "
+            "depend on it",
         ),
         (satellite, "times from the satellites' clock"),
     ):
@@ -152,4 +155,8 @@ def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str
 
 def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
     damaged = sum(t.xmp_damaged for t in tags)
-    return (f"{damaged} photographs have XMP tags that cannot be read, ignored",) if damaged else ()
+    return (
+        (f"{damaged} photographs have XMP tags that cannot be read, ignored; copy the originals",)
+        if damaged
+        else ()
+    )

@@ -79,7 +79,9 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
         )
     without = sum(photo.w_R_b is None for photo in photos)
     if source is None or without == len(photos):
-        attitude = "no attitude recorded: straight down assumed"
+        attitude = (
+            "no attitude recorded: straight down assumed; use a gimbal, as a tilted camera bends the map"
+        )
     else:
         attitude = f"attitude from {source.description}, good to {max(source.std_deg):g} degrees assumed"
         attitude += f"; {without} photographs without it" if without else ""
@@ -95,7 +97,7 @@ def _read(
         try:
             if not name.isprintable():
                 name = name.encode("unicode_escape").decode()  # for the message
-                raise InputError("a control character in the file's name")
+                raise InputError("a control character in the file's name; rename it")
             if not path.is_file():
                 raise InputError("not a regular file")
             photos.append(Photo(name, path, read_tags(path)))
@@ -161,7 +163,10 @@ def _down_looking(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> li
     down = []
     for photo in photos:
         if photo.w_R_b is not None and tilt_deg(photo.w_R_b) > MAX_TILT_DEG:
-            reason = f"looks more than {MAX_TILT_DEG:g} degrees away from straight down"
+            reason = (
+                f"looks more than {MAX_TILT_DEG:g} degrees away from straight down; this map needs the "
+                "camera down"
+            )
             left_out[reason].append(photo.name)
         else:
             down.append(photo)
@@ -178,11 +183,17 @@ def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> l
         if kind == most[0][0]:
             kept.append(photo)
         elif kind[1] != size:
-            left_out[f"another size than the {size[0]} x {size[1]} px of most"].append(photo.name)
+            left_out[f"another size than the {size[0]} x {size[1]} px of most; map them alone"].append(
+                photo.name
+            )
         elif kind[0] != most[0][0][0]:
-            left_out[f"another camera than the {model or 'nameless one'} of most"].append(photo.name)
+            left_out[f"another camera than the {model or 'nameless one'} of most; map them alone"].append(
+                photo.name
+            )
         elif kind[2] == focal_mm:
-            left_out["another lens of the camera than that of most"].append(photo.name)
+            left_out["another lens of the camera than that of most; map them alone"].append(photo.name)
         else:
-            left_out[f"another focal length than the {focal_mm or '(unknown)'} mm of most"].append(photo.name)
+            left_out[
+                f"another focal length than the {focal_mm or '(unknown)'} mm of most; map them alone"
+            ].append(photo.name)
     return kept

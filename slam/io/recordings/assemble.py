@@ -44,7 +44,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
         check_stamp_unit(table, sensors[name], notes)
         note(name, notes)
     for name in [name for name, table in tables.items() if _is_empty(table)]:
-        note(name, ["no message has a value; treated as not recorded"])
+        note(name, ["no message has a value; treated as not recorded; check that it was on"])
         del tables[name]
     check_stamps_agree(tables)
     recorded = dict(tables)

@@ -15,7 +15,7 @@ from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
 from slam.io.photos.camera import ASSUMED_FOCAL_STD_RATIO, ASSUMED_VIEW, assumed_focal_px
 from slam.io.recordings.recording import PictureChannel
 
-MOUNT_NOTE = "looking straight down with the nose at the top assumed"
+MOUNT_NOTE = "looking straight down with the nose at the top assumed; run slam import to correct T_BS"
 
 
 def listed_pictures(
@@ -58,7 +58,7 @@ def assumed_camera(size_px: tuple[int, int]) -> tuple[Camera, str]:
         size_px=size_px,
         focal_std_ratio=ASSUMED_FOCAL_STD_RATIO,
     )
-    return camera, f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}"
+    return camera, f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera"
 
 
 def _size(path: Path, names: tuple[str, ...]) -> tuple[int, int]:

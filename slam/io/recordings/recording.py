@@ -22,6 +22,9 @@ from slam.io.sensor_yaml import Value
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
+COPY_AGAIN = "copy the file again from the recorder if it has more"
+"""Advice for a file that is damaged or cut short, but can be read in part."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Offer:

@@ -202,7 +202,9 @@ def read_table(path: Path) -> Table:
     fields = {name: _numbers(rows, k, decimal) * factor for name, (k, factor) in found.items()}
     known = np.isfinite(fields["time"])
     if lost := int((~known).sum()):
-        notes.append(f"{path.name}: {lost} rows without a time left out")
+        notes.append(
+            f"{path.name}: {lost} rows without a time left out; write times there if they should count"
+        )
     fields = {name: values[known] for name, values in fields.items()}
     stamps_ns = np.round(fields["time"] * 1e9).astype(np.int64)
     left = tuple((title, "column", len(stamps_ns)) for title in unread)
@@ -217,7 +219,7 @@ def _text_of(path: Path) -> tuple[str, list[str]]:
     refuse_other_content(path, data)
     text, encoding = decode_text(data)
     if encoding == "Windows-1252":
-        notes.append(f"is neither UTF-8 nor UTF-16; {encoding} assumed")
+        notes.append(f"is neither UTF-8 nor UTF-16; {encoding} assumed; save it as UTF-8 if names look wrong")
     return text, [f"{path.name}: {note}" for note in notes]
 
 

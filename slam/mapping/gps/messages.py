@@ -118,7 +118,7 @@ def _too_few(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_]) -> 
     )
     return [
         f"gps0: the {n} fixes contradict the pictures by {length(rms)}, and it takes {which} wrong "
-        f"({names}); scale and place of the map may be wrong"
+        f"({names}); scale and place of the map may be wrong: check the fixes, or add control points"
     ]
 
 
@@ -132,8 +132,8 @@ def _used_suspects(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_
     names = listed([fixes.names[k] for k in suspects], MOST_LISTED_FIXES)
     return [
         f"gps0: the map uses {len(suspects)} fixes out of reach of the others ({names}), because the fixes "
-        f"differ from it by {length(rms)} a horizontal axis anyway; if these are wrong, so are its scale and "
-        "place: check them"
+        f"differ from it by {length(rms)} a horizontal axis anyway; if these are wrong, so are its scale "
+        "and place: check them"
     ]
 
 

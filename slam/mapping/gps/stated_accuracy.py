@@ -19,13 +19,16 @@ Array = NDArray[np.float64]
 
 _DOUBTED = {
     "body": "they are constant in the axes of the vehicle ({value}), as a wrong principal point, mount or "
-    "antenna position makes them: the camera model is doubted, not the GPS",
+    "antenna position makes them: the camera model is doubted, not the GPS; calibrate the camera, and state "
+    "the antenna's place in gps0/sensor.yaml",
     "place": "they vary smoothly over the map ({value}), as lens distortion makes them: the map's shape is "
-    "doubted, not the GPS",
-    "delay": "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the GPS",
+    "doubted, not the GPS; calibrate the lens",
+    "delay": "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the "
+    "GPS; check the stamps of pictures and fixes",
     "altitude": "altitudes that drift make such differences, and so does a map that is bent or tilted: "
-    "heights and slopes of the map are doubted",
-    "": "they have no pattern that camera, lens or clock would make: the {said} accuracy is doubted",
+    "heights and slopes of the map are doubted; do not measure these on it, or add control points",
+    "": "they have no pattern that camera, lens or clock would make: the {said} accuracy is doubted; correct "
+    "noise_std in gps0/sensor.yaml",
 }
 
 
@@ -70,7 +73,7 @@ class Contradiction:
         value = f"{self.pattern.value}; {100 * self.pattern.share:.0f} % of the squares"
         said = "stated" if self.stated else "assumed"
         why = _DOUBTED[self.pattern.kind].format(value=value, said=said)
-        return f"{self.differs}: {why}; the fixes count with what they differ by"
+        return f"{self.differs}, by which they count: {why}"
 
 
 def stated_accuracy_contradiction(

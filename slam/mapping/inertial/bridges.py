@@ -231,7 +231,7 @@ def _composed(parent: _PartPose, child: _PartPose) -> _PartPose:
 def bridge_warning(edge: RelativePose) -> str:
     """Return the warning that instruments, not pictures, connect two keyframes."""
     std_m = float(np.sqrt(np.trace(edge.covariance[3:, 3:])))
-    return f"{_bridged(edge)}, ± {std_m:.2g} m"
+    return f"{_bridged(edge)}, ± {std_m:.2g} m; expect that error in what is measured across it"
 
 
 def doubted_bridge_warning(edge: RelativePose, reason: str) -> str:

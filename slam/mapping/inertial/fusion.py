@@ -128,7 +128,11 @@ def _apart(parts: Map, joined: Map, members: NDArray[np.int64], reason: str) -> 
         over_floor_covariances=over_floor_covariances,
         component=component,
         bridges=tuple(edge for edge in joined.bridges if edge.i not in members),
-        warnings=_replaced(joined.warnings, mine, [f"a gap in the pictures is not bridged: {reason}"]),
+        warnings=_replaced(
+            joined.warnings,
+            mine,
+            [f"a gap in the pictures is not bridged: {reason}; measure on one side of it only"],
+        ),
     )
 
 

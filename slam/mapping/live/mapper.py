@@ -31,7 +31,7 @@ from slam.mapping.pipeline import optimize_with_observations
 
 Array = NDArray[np.float64]
 
-LATE = "late: it arrived while earlier pictures were processed"
+LATE = "late: it arrived while earlier pictures were processed; send fewer, or smaller ones (--width)"
 """Reason for which a picture is dropped."""
 MOST_WAIT_S = 0.1
 """Time that a picture may wait while a later one waits too. It absorbs the time of a keyframe's features, and

@@ -47,9 +47,16 @@ def _assumed(flight: Flight, map_: Map) -> str:
         return ""
     gain, zero = flight.sonar.scale_std, flight.sonar.datum_std_m
     gain_determined, zero_determined = found.determined(gain, zero)
-    values = []
-    if not gain_determined:
-        values.append(f"its gain (± {100 * gain:.2g} %)" if gain else "its gain (without error)")
-    if not zero_determined:
-        values.append(f"its zero (± {1e3 * zero:.2g} mm)" if zero else "its zero (without error)")
-    return f", and {' and '.join(values)} {'are' if len(values) > 1 else 'is'} assumed" if values else ""
+    exact, assumed = list[str](), list[str]()
+    for name, known, std, stated in (
+        ("gain", gain_determined, gain, f"± {100 * gain:.2g} %"),
+        ("zero", zero_determined, zero, f"± {1e3 * zero:.2g} mm"),
+    ):
+        if not known:
+            (assumed if std else exact).append(f"{name} ({stated})" if std else name)
+    clauses = [
+        f"its {' and '.join(names)} {'are' if len(names) > 1 else 'is'} {how}"
+        for names, how in ((assumed, "assumed"), (exact, "taken as exact"))
+        if names
+    ]
+    return f", and {' and '.join(clauses)}" if clauses else ""

@@ -25,7 +25,7 @@ def control_warnings(report: ControlReport) -> list[str]:
             what = f"{len(located)} of {len(control)} can be placed, and {LEAST_POINTS} are needed"
         else:
             what = f"fewer than {LEAST_POINTS} agree with each other, and nobody can tell which are right"
-        lines.append(f"control points: none is used: {what}; their residuals are in the report")
+        lines.append(f"control points: none is used: {what}; check those that are far off in the report")
     elif wrong:
         each = listed([f"{p.name} by {p.distance_m:.3g} m" for p in wrong])
         lines.append(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from frontend.workers import Workers
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
+from slam.report.gaps import gaps
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ def keyframes(estimate: Estimate, flight: Flight | None) -> dict[str, Any]:
     variance = np.trace(estimate.covariances[placed, 3:, 3:], axis1=1, axis2=2)
     sigma = np.sqrt(np.where(variance >= 0, variance, np.nan))
     time = estimate.stamps_s[placed] - estimate.stamps_s[0]
+    behind_gaps = {gap.j for gap in gaps(estimate, flight)}
     return {
         "number": placed.tolist(),
         "name": [estimate.frame_names[k] if k < len(estimate.frame_names) else "" for k in placed.tolist()],
@@ -49,6 +51,7 @@ def keyframes(estimate: Estimate, flight: Flight | None) -> dict[str, Any]:
         "time": _rounded(time) if flight is not None else [None] * len(placed),
         "sigma": _rounded(sigma),
         "part": estimate.component[placed].tolist(),
+        "unseen": [k in behind_gaps for k in placed.tolist()],
         "picture": dict(_pictures(estimate, flight, placed)) if flight is not None else {},
     }
 

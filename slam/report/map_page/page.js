@@ -140,7 +140,9 @@
   }
 
   const path = L.layerGroup(placed.slice(1).flatMap((end, k) =>
-    frames.part[k] === frames.part[k + 1] ? [L.polyline([placed[k], end], { weight: 4, renderer: canvas, interactive: false })] : []));
+    frames.part[k] === frames.part[k + 1] ? [L.polyline([placed[k], end], {
+      weight: 4, dashArray: frames.unseen[k + 1] ? "1 8" : null, renderer: canvas, interactive: false,
+    })] : []));
   const segments = path.getLayers();
   const segmentEnds = placed.slice(1).map((_, k) => k + 1).filter((k) => frames.part[k - 1] === frames.part[k]);
 
@@ -251,6 +253,8 @@
   function show(name, layer, on) {
     if (on) layer.addTo(map);
     else layer.remove();
+    // The points lie under the path, which is thinner than they are many.
+    if (shown.has("path") || name === "path") segments.filter((one) => map.hasLayer(one)).forEach((one) => one.bringToFront());
     if (on) shown.add(name);
     else shown.delete(name);
     drawLegend();
@@ -267,6 +271,7 @@
     const legend = element("legend"), chosen = paths[colouring];
     legend.replaceChildren();
     if (chosen && shown.has("path")) legend.append(bar(`Path: ${chosen[0].toLowerCase()}`, ...limits(chosen[1]), chosen[2]));
+    if (shown.has("path") && frames.unseen.includes(true)) legend.append(lines(["Path, dotted: no usable picture shows the ground."]));
     const titles = { elevation: "Height of the ground over the floor", sigma: "Uncertainty of the ground's position, 1σ" };
     Object.entries(titles).forEach(([name, title]) => {
       const grid = data.grids[name];

@@ -68,11 +68,11 @@ def test_repeated_rows_and_equal_stamps_are_counted():
     again = np.r_[0 : len(stamps), 300:400]
     tables, remarks = sort_by_time({"s": table(stamps[again], values[again])})
     np.testing.assert_array_equal(tables["s"].stamps_ns, stamps)
-    assert remarks == ["s: 100 repeated rows dropped"]
+    assert remarks == ["s: 100 repeated rows dropped, one of each is kept"]
     stamps[10] = stamps[9]
     out, remarks = one(stamps)
     assert len(out.stamps_ns) == len(stamps) - 1
-    assert remarks == ["s: 1 rows with the stamp of another row dropped"]
+    assert remarks == ["s: 1 rows with the stamp of another row dropped; check the recorder if they are many"]
     assert 10 not in out.values  # the first is kept
 
 

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import html
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from frontend.camera import Camera
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
-from slam.core.flight import GeoOrigin
-from slam.core.lost_pictures import SHOW_NOTHING
+from slam.core.flight import AttitudeSeries, GeoOrigin
+from slam.core.lost_pictures import SHOW_NOTHING, TRACKING_LOST
 from slam.core.summary import summarise
+from slam.core.units import length, percent
 from slam.report.answers import limit, limit_sentence, pilots_answers
 from slam.report.facts import gather
-from slam.report.optimize_report import render
+from slam.report.gaps import gaps
+from slam.report.left_out import left_out
+from slam.report.optimize_report import Accuracy, render
+from slam.report.rasters.mosaic import REDUNDANT
 from tests.slam.made_estimate import made_estimate, made_flight
 
 SHARES = {"x": {"range": 0.7, "pictures": 0.3}, "y": {"range": 0.5, "pictures": 0.5}, "scale": {"range": 1.0}}
@@ -25,14 +31,31 @@ def answers(estimate, flight):
     return {item.label: item.value for item in found}
 
 
+ASKED = (
+    "How accurate is a place on it?",
+    "Where is it least certain?",
+    "How far can I trust a distance or an area?",
+    "Is the scale right, and by which instrument?",
+    "What limits the accuracy?",
+    "How do I make the next map better?",
+    "Is any of the ground missing?",
+    "What failed?",
+    "What was left out, and do I have to act?",
+    "Which way do x and y point, and where is north?",
+)
+
+
 def test_ten_questions_have_their_answers_on_the_page():
     estimate, flight = made_estimate(), made_flight()
     estimate = replace(estimate, information_shares=SHARES)
     found = answers(estimate, flight)
-    assert len(found) == 10
-    html = render(estimate, summarise(estimate), flight)
-    assert all(question in html for question in found)
-    assert limit_sentence(SHARES) in html
+    assert set(ASKED) <= set(found)
+    told = Accuracy(against_truth="Typically 3 mm by the truth.")
+    page = html.unescape(render(estimate, summarise(estimate), flight, accuracy=told))
+    assert all(question in page and answer in page for question, answer in found.items())
+    assert "How far is it from the truth?" in page
+    assert told.against_truth in page
+    assert limit_sentence(SHARES) in page
 
 
 def test_the_limit_is_the_instrument_with_the_largest_share_of_both_axes():
@@ -52,7 +75,9 @@ def test_answers_follow_the_map():
     on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
     assert "52.100000" in answers(on_earth, flight)["Where on Earth is it?"]
     no_metres = replace(estimate, metric=False, scale_std=None)
-    assert answers(no_metres, flight)["How accurate is a distance on it?"].startswith("In metres not at all")
+    distance, scale = ASKED[2:4]
+    assert answers(no_metres, flight)[distance].startswith("In metres not at all")
+    assert answers(no_metres, flight)[scale].startswith("Not known")
     unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
     assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")
 
@@ -66,10 +91,77 @@ def test_pictures_that_show_too_little_are_missing_ground():
         "view of a floor point far off": 3,
     }
     found = answers(replace(estimate, rejected=rejected), flight)
-    assert found["Is everything on it?"].startswith(f"No: {rejected[TOO_FEW]} of {estimate.frames} pictures")
-    assert "7 matches of places (most often “too few matches”)" in found["What was left out?"]
-    assert "3 single views" in found["What was left out?"]
+    missing, left_out = (
+        found["Is any of the ground missing?"],
+        found["What was left out, and do I have to act?"],
+    )
+    assert missing.startswith(f"Yes: {rejected[TOO_FEW]} of {estimate.frames} pictures")
+    assert "with more light" in found["How do I make the next map better?"]
+    assert left_out.startswith(
+        f"7 matches of places, 3 single views of floor points, {rejected[TOO_FEW]} pict"
+    )
+    assert f"Act on “too few features” ({rejected[TOO_FEW]}): only if that ground matters: fly" in left_out
     assert set(SHOW_NOTHING) == {TOO_FEW, SAME_PICTURE}
+    few = answers(replace(estimate, rejected={"loop: too few matches": 7}), flight)
+    assert "No need to act" in few["What was left out, and do I have to act?"]
+    assert few["Is any of the ground missing?"].startswith("No")
+
+
+def test_a_stretch_without_pictures_is_named_with_its_place():
+    estimate, flight = made_estimate(), made_flight()
+    apart = tuple(edge for edge in estimate.relative_poses if (edge.i, edge.j) != (20, 21))
+    found = answers(replace(estimate, relative_poses=apart), flight)["Is any of the ground missing?"]
+    (x, y), length_m = (
+        estimate.w_T_b[20, :2, 3],
+        np.linalg.norm(np.diff(estimate.w_T_b[20:22, :3, 3], axis=0)),
+    )
+    assert f"({x:.3g}, {y:.3g})" in found
+    assert length(length_m) in found
+    (gap,) = gaps(replace(estimate, relative_poses=apart), flight)
+    assert (gap.i, gap.j) == (20, 21)
+    assert gap.shows_nothing
+    assert not gaps(replace(estimate, relative_poses=apart), None)
+    assert not gaps(replace(estimate, relative_poses=apart), replace(flight, all_keyframes=True))
+    camera = Camera((100.0, 100.0), (159.5, 119.5), (320, 240))
+    (gap,) = gaps(replace(estimate, relative_poses=apart, camera=camera), flight)
+    assert not gap.shows_nothing, "1.9 m of ground in a picture, 0.4 m to the next"
+
+
+def test_the_least_certain_place_is_told():
+    estimate, flight = made_estimate(), made_flight()
+    x, y = estimate.w_T_b[29, :2, 3]
+    found = answers(estimate, flight)["Where is it least certain?"]
+    assert f"x = {x:.3g} m, y = {y:.3g} m" in found
+    assert "keyframe 29, 000029.png" in found
+    unknown = estimate.covariances.copy()
+    unknown[7] = np.nan
+    assert "Where is it least certain?" not in answers(replace(estimate, covariances=unknown), flight)
+
+
+def test_the_axes_are_told():
+    question = "Which way do x and y point, and where is north?"
+    estimate, flight = made_estimate(), made_flight()
+    assert "nose pointed" in answers(estimate, flight)[question]
+    assert "north is, is not known" in answers(estimate, flight)[question]
+    headed = replace(flight, attitude=AttitudeSeries(np.arange(4.0), np.zeros((4, 3))))
+    assert "recorded heading (yaw) is zero" in answers(estimate, headed)[question]
+    on_earth = answers(replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0)), flight)
+    assert on_earth[question] == "x points east, y north and z up."
+
+
+def test_what_failed_is_told():
+    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    assert answers(estimate, flight)["What failed?"] == "Nothing."
+    lost = replace(
+        estimate,
+        status="two parts",
+        rejected={TRACKING_LOST: 2},
+        not_drawn={"a.png": "why", "b.png": REDUNDANT},
+    )
+    found = answers(lost, flight)["What failed?"]
+    assert "Check this first" in found
+    assert "2 times" in found
+    assert "1 keyframe is not in the mosaic" in found
 
 
 def test_an_instrument_that_nothing_checks_is_no_plain_yes():
@@ -77,3 +169,36 @@ def test_an_instrument_that_nothing_checks_is_no_plain_yes():
     alone = replace(estimate, accuracy_basis="Lengths and their accuracy rest on one height sensor alone.")
     assert "no second instrument checks" in answers(alone, flight)["Can I use this map?"]
     assert "no second instrument checks" not in answers(estimate, flight)["Can I use this map?"]
+
+
+def test_whole_percents_have_no_exponent():
+    assert [percent(x).replace("\N{NO-BREAK SPACE}", " ") for x in (0.999, 0.996, 0.0312, 1.0, 0.00063)] == [
+        "100 %", "100 %", "3.1 %", "100 %", "0.063 %",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        "too few features", "same picture as the one before", "tracking started anew", "damaged",
+        "unreadable", "view of a floor point far off", "too few matches", "too few inliers",
+        "no plane fits the matches",
+        "outlier share above gamma_1", "folded or no overlap", "implausible change of scale", "implausible",
+        "inliers crowded in one place", "homography poorly determined", "loop: out of reach",
+        "loop: disagrees", "late: it arrived while earlier pictures were processed",
+        "loop: agrees, but too little is known of where it lies to trust it", "loop: too few matches",
+        "edge without information", "edge disagrees with the rest of the graph", "line without an end",
+    ],
+)  # fmt: skip
+def test_each_reason_has_plain_words_and_says_whether_to_act(reason):
+    (row,) = left_out({reason: 5})
+    assert not row.what.startswith("Left out")
+    assert row.act.startswith(("No", "Only if", "Yes", "Look", "Write"))
+    assert row.act.endswith(".")
+    assert (row.reason, row.count) == (reason, 5)
+
+
+def test_what_may_need_an_action_comes_first():
+    rows = left_out({"loop: too few inliers": 90, "damaged": 1, "too few features": 20})
+    assert [row.count for row in rows] == [20, 1, 90]
+    assert left_out({"a new reason": 1})[0].what == "Left out: a new reason"

@@ -22,7 +22,7 @@ from slam.core.units import length
 from slam.io.estimate_text import trajectory_text
 from slam.report.accuracy import FigureTable
 from slam.report.facts import chain_on_result, gather, sentence
-from slam.report.optimize_report import Mosaics, render, write_report
+from slam.report.optimize_report import Accuracy, Mosaics, render, write_report
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
 
@@ -220,19 +220,43 @@ def test_a_map_without_a_scale_has_no_metres(no_figures):
     assert ground_labels(on_earth=False, metric=False) == ("x [heights]", "y [heights]")
     told = Console(file=io.StringIO(), width=200)
     told.print(outcome_table(gather(estimate, made_flight()), summarise(estimate)))
-    assert "heights median" in told.file.getvalue().replace("\N{NO-BREAK SPACE}", " ")
+    assert re.search(r"typically [\d.]+ heights", told.file.getvalue().replace("\N{NO-BREAK SPACE}", " "))
     assert not re.search(r"[0-9]\s(mm|m|km)\b", told.file.getvalue())
 
 
+def test_links_lead_to_the_files_that_exist(tmp_path, no_figures):
+    made = page(made_estimate(), made_flight(), folder=tmp_path)
+    assert not [link for link in made.links if not link.startswith("data:")]
+    for name in ("map.html", "mosaic.tif", "loops.csv"):
+        (tmp_path / name).touch()
+    write_report(tmp_path / "report.html", made_estimate(), summarise(made_estimate()), made_flight())
+    links = Page((tmp_path / "report.html").read_text()).links
+    assert {link for link in links if not link.startswith("data:")} == {
+        "map.html", "mosaic.tif", "loops.csv", "#files",
+    }  # fmt: skip
+
+
+def test_words_that_only_engineers_know_are_not_on_the_page(no_figures):
+    evaluation = FigureTable("Against the reference", (), (("mean NEES", "6"),))
+    text = page(made_estimate(), made_flight(), accuracy=Accuracy((evaluation,))).text
+    assert not re.search(r"\b(median|variances?|RMSE|EKF|covariances?|Final error)\b", text)
+    words, glossary = text.split("Words\n", 1)
+    for term in ("Keyframe", "Loop closure", "σ", "NEES"):
+        assert term.lower() in words.lower()
+        assert term in glossary
+
+
 def test_words_of_the_reasons_are_explained_where_they_can_occur(no_figures):
-    estimate = made_estimate()
+    rejected = {"loop: out of reach": 2, "view of a floor point far off": 3}
+    estimate = replace(made_estimate(), rejected=rejected)
     flown = page(estimate, made_flight()).text
-    for word in ("inlier", "no plane fits the matches", "Out of reach", "View of a floor point far off"):
-        assert word in flown.split("Pose graph", 1)[1]
+    assert "taken too far apart to show the same ground (loop: out of reach)" in flown
+    assert "elsewhere in all other pictures" in flown
+    assert "moves between them as most points do" in flown
     assert "NEES" not in flown
     assert "mean height over the floor" not in flown
     accuracy = (FigureTable("Against the reference", (), (("mean NEES", "6"),)),)
-    assert "predicted covariances" in page(estimate, made_flight(), accuracy=accuracy).text
+    assert "predicted squares" in page(estimate, made_flight(), accuracy=Accuracy(accuracy)).text
     assert "mean height over the floor" in page(replace(estimate, metric=False), made_flight()).text
     assert "inlier" not in page(estimate).text
     assert "docs/method" in flown

@@ -11,7 +11,7 @@ from slam.io.files import brief, refusal
 from slam.io.recordings.foxglove.messages import TRANSFORMS, decoder, meaning_of
 from slam.io.recordings.mcap_file import McapChannel, McapFile
 from slam.io.recordings.readers import damage_reported, optional_reader
-from slam.io.recordings.recording import Recording
+from slam.io.recordings.recording import COPY_AGAIN, Recording
 from slam.io.recordings.ros.camera import info_topics
 from slam.io.recordings.ros.messages import CAMERA_INFO
 from slam.io.recordings.ros.open_bag import OpenBag
@@ -84,9 +84,11 @@ class FoxgloveBag(OpenBag):
 def _damage(file: McapFile) -> tuple[str, ...]:
     lines = []
     if file.lost_bytes:
-        lines.append(f"{file.lost_bytes:,} bytes are damaged or cut short, and were passed over")
+        lines.append(
+            f"{file.lost_bytes:,} bytes are damaged or cut short, and were passed over; {COPY_AGAIN}"
+        )
     if not file.has_end:
-        lines.append("the file ends without the record of its end: later messages are lost")
+        lines.append(f"the file ends without the record of its end: later messages are lost; {COPY_AGAIN}")
     return tuple(lines)
 
 

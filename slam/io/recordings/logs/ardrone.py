@@ -24,7 +24,7 @@ from slam.io.files import refusal
 from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
-from slam.io.recordings.recording import Recording
+from slam.io.recordings.recording import COPY_AGAIN, Recording
 
 DESCRIPTION = "a recording of an AR.Drone's navdata"
 MARKS = (b"\x88\x77\x66\x55", b"\x89\x77\x66\x55")
@@ -131,9 +131,11 @@ def open_recording(path: Path) -> Recording:
     series = {name: _series(name, each) for name, each in rows.items()}
     warnings = []
     if lost:
-        warnings.append(f"{lost} bytes hold no packet (damaged or cut short) and were passed over")
+        warnings.append(
+            f"{lost} bytes hold no packet (damaged or cut short) and were passed over; {COPY_AGAIN}"
+        )
     if timeless:
-        warnings.append(f"{timeless} packets without a time left out")
+        warnings.append(f"{timeless} packets without a time left out; record with all options")
     return field_recording(path, DESCRIPTION, series, RULES, tuple(warnings), {"vehicle": "AR.Drone"})
 
 

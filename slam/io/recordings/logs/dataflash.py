@@ -23,7 +23,7 @@ from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.logs.sticks import stick_from_pulses
-from slam.io.recordings.recording import Recording
+from slam.io.recordings.recording import COPY_AGAIN, Recording
 
 DESCRIPTION = "an ArduPilot log"
 MARKS = b"\xa3\x95"
@@ -181,9 +181,13 @@ def open_recording(path: Path) -> Recording:
     used = {each.kind for each in series.values()}
     unread = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
     damage = (
-        *[f"{lost} bytes of the log hold no message (damaged or cut short) and were passed over"]
+        *[
+            f"{lost} bytes of the log hold no message (damaged or cut short) and were passed over; "
+            f"{COPY_AGAIN}"
+        ]
         * bool(lost),
-        *[f"{late} messages have a stamp that no clock has (damaged) and were passed over"] * bool(late),
+        *[f"{late} messages have a stamp that no clock has (damaged) and were passed over; {COPY_AGAIN}"]
+        * bool(late),
     )
     return field_recording(path, DESCRIPTION, series, rules, damage, _metadata(series), unread)
 

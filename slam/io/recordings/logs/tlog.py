@@ -25,7 +25,7 @@ from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_re
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.logs.mavlink import DECLARATIONS, Packet, telemetry
 from slam.io.recordings.logs.sticks import stick_from_pulses
-from slam.io.recordings.recording import Recording
+from slam.io.recordings.recording import COPY_AGAIN, Recording
 
 DESCRIPTION = "a MAVLink telemetry log"
 _HEARTBEAT = 0
@@ -136,7 +136,10 @@ def open_recording(path: Path) -> Recording:
     rules = (*RULES, *(_ardupilot_rules(series) if autopilot == "ArduPilot" else ()))
     warnings = ["stamps are those of the autopilot, placed in the calendar by the earliest reception"]
     if lost:
-        warnings.append(f"{lost} bytes of the log hold no packet (damaged or cut short) and were passed over")
+        warnings.append(
+            f"{lost} bytes of the log hold no packet (damaged or cut short) and were passed over; "
+            f"{COPY_AGAIN}"
+        )
     if doubles:
         warnings.append(f"{doubles} messages were received twice and are taken once")
     metadata = {"vehicle": autopilot} if autopilot else {}

@@ -22,7 +22,7 @@ from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
 from slam.io.recordings.logs.field_values import Converted, Fields, column, columns
 from slam.io.recordings.readers import damage_reported, optional_reader
-from slam.io.recordings.recording import Recording
+from slam.io.recordings.recording import COPY_AGAIN, Recording
 from slam.io.sensor_yaml import Value
 
 if TYPE_CHECKING:
@@ -43,7 +43,10 @@ def _attitude(fields: Fields) -> Converted:
     resets = 0
     if "quat_reset_counter" in fields:
         resets = int((np.diff(column(fields, "quat_reset_counter")) != 0).sum())
-    notes = (f"the autopilot's filter reset its attitude {resets} times, at which the yaw may step",)
+    notes = (
+        f"the autopilot's filter reset its attitude {resets} times, at which the yaw may step; check the "
+        "heading there",
+    )
     return angles_from_ned_quaternion(columns(fields, *_names("q", 4))), notes * bool(resets)
 
 
@@ -188,11 +191,16 @@ def _damage(log: ULog, cut: bool) -> tuple[str, ...]:
     lines = []
     if log.dropouts:
         lost_s = sum(dropout.duration for dropout in log.dropouts) * 1e-3
-        lines.append(f"the logger lost data {len(log.dropouts)} times, {lost_s:.2f} s in all")
+        lines.append(
+            f"the logger lost data {len(log.dropouts)} times, {lost_s:.2f} s in all; use a faster card, or "
+            "log less"
+        )
     if log.file_corruption:
-        lines.append("part of the log is damaged and was skipped")
+        lines.append(f"part of the log is damaged and was skipped; {COPY_AGAIN}")
     elif cut:
-        lines.append("the log ends within a message: it was cut short, and what came after is lost")
+        lines.append(
+            f"the log ends within a message: it was cut short, and what came after is lost; {COPY_AGAIN}"
+        )
     return tuple(lines)
 
 

@@ -59,7 +59,7 @@ class Bag(OpenBag):
         if all(self.mounts.knows(frame) for frame in frames):
             return
         if self.add_constant_transforms(changing):
-            self.warnings += ("mounts are also taken from transforms of /tf that never change",)
+            self.warnings += ("mounts are also taken from transforms of /tf that never change; check T_BS",)
 
     def _open(self) -> None:
         """Open the bag; of a ROS 1 bag or an MCAP file without an index, read what is complete."""
@@ -83,7 +83,10 @@ class Bag(OpenBag):
             self.reader.readers = [unindexed]
             self.reader.open()
             lost = f", and its last {unindexed.lost_bytes:,} bytes are lost" if unindexed.lost_bytes else ""
-            self.warnings = (f"the bag has no index (its recording was interrupted){lost}",)
+            self.warnings = (
+                f"the bag has no index (its recording was interrupted){lost}; end the next one before "
+                "power is cut",
+            )
 
     @property
     def connections(self) -> list[Connection]:

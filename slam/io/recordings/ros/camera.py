@@ -30,14 +30,18 @@ def camera_of(info: Message | None, first: Message, b_T_c: Array | None) -> tupl
     ``first`` is the first message with a picture, whose size holds for all.
     """
     if info is None:
-        return None, ["no CameraInfo beside the pictures, so the lens is unknown; treated as not recorded"]
+        why = "no CameraInfo beside the pictures, so the lens is unknown; treated as not recorded"
+        return None, [f"{why}; record camera_info with them"]
     size_px = _size_of(first) or (int(info.width), int(info.height))
     try:
         lens, notes = lens_of(info, size_px)
     except UnknownLensError as reason:
         return None, [f"{reason}; treated as not recorded"]
     if b_T_c is None:
-        notes.append("no fixed transform to the body: looking straight down with the nose at the top assumed")
+        notes.append(
+            "no fixed transform to the body: looking straight down with the nose at the top assumed; record "
+            "/tf_static if it is mounted otherwise"
+        )
     elif (tilt := axis_tilt_deg(b_T_c[:3, 2])) > MAX_TILT_DEG:
         notes.append(tilt_remark(tilt))
     camera = Camera(

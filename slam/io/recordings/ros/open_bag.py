@@ -96,7 +96,8 @@ class OpenBag(ABC):
             self.mounts.add(self.body, known, NADIR_B_T_C)
             self.warnings += (
                 f"no frame of the body is known: the camera of {brief(known, 40)!r} is assumed to look "
-                "straight down with the nose at the top, and other sensors are placed relative to it",
+                "straight down with the nose at the top, and other sensors are placed relative to it; "
+                "record /tf_static",
             )
 
     def add_constant_transforms(self, connections: Sequence[Any]) -> bool:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg
 from slam.io.files import brief, refusal
-from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
+from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording, StreamReadings
 from slam.io.recordings.ros import camera as ros_camera
 from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
 from slam.io.recordings.ros.messages import (
@@ -82,7 +82,7 @@ class _Series:
             if not (self.has_header or self.is_of_px4)
             else f"{self.without_stamp} stamps are zero"
         )
-        return [f"{what}: the time of recording is used"]
+        return [f"{what}: the time of recording is used; stamp them where they are measured"]
 
 
 def open_recording(path: Path) -> Recording:
@@ -213,10 +213,13 @@ def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) 
                 bag.path, f"no message can be read ({brief(error, 160)})", "repair the bag"
             ) from None
         return [
-            f"the bag is damaged after {count} of {total} messages ({brief(error, 120)}); the rest is lost"
+            f"the bag is damaged after {count} of {total} messages ({brief(error, 120)}); the rest is "
+            f"lost; {COPY_AGAIN}"
         ]
     progress("reading messages", count, total)
-    return [f"{total - count} of {total} messages are missing in the bag"] if count < total else []
+    return (
+        [f"{total - count} of {total} messages are missing in the bag; {COPY_AGAIN}"] if count < total else []
+    )
 
 
 def _one_clock(series: dict[str, _Series]) -> list[str]:
@@ -243,7 +246,7 @@ def _one_clock(series: dict[str, _Series]) -> list[str]:
             each.stamps_ns = array("q", (np.array(each.stamps_ns) + round(shift_s * 1e9)).tolist())
             warnings.append(
                 f"{name}: the clock of its headers is {shift_s:.1f} s behind that of the recorder, and is "
-                "moved onto it; the delay of the transport remains"
+                "moved onto it; the delay of the transport remains: set the clocks by one time server"
             )
     return warnings
 
@@ -264,7 +267,7 @@ def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
     elif rule.is_mounted:
         assumed = "looking straight down" if rule.kind == _RANGE else "body axes"
         frame = brief(bag.frame_of(offer.channel), 40)
-        notes.append(f"no transform of its frame {frame!r} in {_TF}: {assumed} assumed")
+        notes.append(f"no transform of its frame {frame!r} in {_TF}: {assumed} assumed; record its transform")
     return StreamReadings(stamps_ns, rule.values(rows, mount), nominal, tuple(notes))
 
 

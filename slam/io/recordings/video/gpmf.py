@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.io.recordings.logs.field_values import FIX_3D, known_fixes
-from slam.io.recordings.recording import StreamReadings
+from slam.io.recordings.recording import COPY_AGAIN, StreamReadings
 from slam.io.recordings.video import gopro_imu
 from slam.io.recordings.video.mp4 import Mp4Track
 
@@ -88,7 +88,10 @@ def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
     imu_s, imu = gopro_imu.joined(*gyro, *accel)
     used = (key, *gopro_imu.KEYS) if len(imu_s) else (key,)
     others = tuple((name, count) for name, count in sorted(counts.items()) if name not in used)
-    line = f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata are damaged or of an unknown layout"
+    line = (
+        f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata are damaged or of an unknown "
+        f"layout; {COPY_AGAIN}"
+    )
     return GoproTrack(
         key=key,
         positions=StreamReadings(stamps_ns, np.vstack(values[taken])),

@@ -17,7 +17,7 @@ import numpy as np
 
 from slam.core.progress import Progress
 from slam.io.files import refusal
-from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
+from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording
 from slam.io.recordings.video.pictures import VideoPictures, first_size_of
 from slam.io.recordings.video.subtitle_streams import video_camera
 
@@ -60,9 +60,19 @@ class _Stream:
         """Return a line for everything that is missing."""
         gaps = int(np.maximum(np.diff(self.numbers) - 1, 0).sum())
         lines = (
-            (self.before_key, "pictures before the first key picture cannot be decoded and are left out"),
-            (gaps, "pictures were not received; later ones may show traces of them"),
-            (self.lost_bytes, "bytes hold no picture (damaged or cut short) and were passed over"),
+            (
+                self.before_key,
+                "pictures before the first key picture cannot be decoded and are left out; begin to record "
+                "earlier",
+            ),
+            (
+                gaps,
+                "pictures were not received; later ones may show traces of them; stay nearer to the drone",
+            ),
+            (
+                self.lost_bytes,
+                f"bytes hold no picture (damaged or cut short) and were passed over; {COPY_AGAIN}",
+            ),
         )
         return tuple(f"{count} {line}" for count, line in lines if count)
 

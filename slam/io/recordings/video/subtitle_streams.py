@@ -122,17 +122,22 @@ def video_camera(
         )
         if focal_mm.max() > _ZOOM_RATIO * focal_mm.min():
             zooms = f"from {focal_mm.min():g} to {focal_mm.max():g} mm"
-            notes.append(f"the lens zooms {zooms}, but one focal length is modelled")
+            notes.append(
+                f"the lens zooms {zooms}, but one focal length is modelled; keep the zoom fixed in flight"
+            )
     elif by_model is not None:
         focal_px, distortion = by_model.focal_px, by_model.distortion
         notes.append(f"focal length {focal_px:.0f} px {by_model.remark}")
     else:
         focal_px = assumed_focal_px(size_px)
-        notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}")
+        notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera")
     if subtitles is not None and subtitles.stabilised:
-        notes.append("pictures are stabilised electronically, so the lens differs from picture to picture")
+        notes.append(
+            "pictures are stabilised electronically, so the lens differs from picture to picture; record "
+            "with the stabilisation off"
+        )
     if not has_angles:
-        notes.append("no angles of the gimbal: looking straight down assumed")
+        notes.append("no angles of the gimbal: looking straight down assumed; keep the camera there")
     camera = Camera(
         focal_px=(focal_px, focal_px),
         center_px=((width - 1) / 2, (height - 1) / 2),

@@ -14,7 +14,7 @@ from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
 from slam.io.files import read_bytes
-from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording
+from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording
 from slam.io.recordings.table import KIND, RULES, read_table, recording_of
 from slam.io.recordings.video.gopro_imu import up_in_body
 from slam.io.recordings.video.gpmf import TRACK_CODE, GoproTrack, read_gopro
@@ -190,7 +190,7 @@ def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | N
     if track is None:
         return None, "", ()
     subtitles, lost = subtitles_of_track(path, track)
-    line = f"{lost} of {len(track.sizes)} subtitles lead out of the file and are lost"
+    line = f"{lost} of {len(track.sizes)} subtitles lead out of the file and are lost; {COPY_AGAIN}"
     return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
 
 
@@ -244,14 +244,19 @@ def _coverage(video: _Video) -> tuple[str, ...]:
         return ()
     cues_s = video.subtitles.stamps_s
     if not len(cues_s):
-        return (f"{video.subtitle_name} holds no subtitle",)
+        return (
+            f"{video.subtitle_name} holds no subtitle; switch subtitles on in the camera to have positions",
+        )
     # Each subtitle holds until the next; the last one for as long as the others.
     step_s = float(np.median(np.diff(cues_s))) if len(cues_s) > 1 else 0.0
     begin_s, end_s, video_s = float(cues_s[0]), float(cues_s[-1]) + step_s, float(video.stamps_s[-1])
     if begin_s <= 2 * step_s and end_s >= video_s - step_s:
         return ()
     covered = f"{begin_s:.1f} to {end_s:.1f} s of a video of {video_s:.1f} s"
-    return (f"{video.subtitle_name} covers {covered}; beyond, there is no position",)
+    return (
+        f"{video.subtitle_name} covers {covered}; beyond, there is no position; copy it again if it is "
+        "longer",
+    )
 
 
 def _pictures(path: Path, video: _Video, has_angles: bool) -> PictureChannel:

@@ -52,7 +52,7 @@ def test_nothing_is_stated_without_an_instrument_or_with_two(used):
 @pytest.mark.parametrize(
     ("gain_std", "zero_std_m", "assumed"),
     [
-        (0.05, 0.02, ", and its gain (± 5 %) and its zero (± 20 mm) are assumed."),
+        (0.05, 0.02, ", and its gain (± 5 %) and zero (± 20 mm) are assumed."),
         (0.02, 0.019, ", and its zero (± 20 mm) is assumed."),
         (0.02, 0.01, "; no second instrument checks them."),
     ],

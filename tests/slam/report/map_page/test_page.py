@@ -91,6 +91,10 @@ def test_the_page_holds_what_the_estimate_has(tmp_path):
     assert data["links"]["rejected"] == {"count": 1, "pairs": [[5, 51, REJECTION]]}
     assert data["links"]["loop"]["count"] == 2
     assert data["links"]["odometry"]["count"] == 59
+    assert not any(frames["unseen"])
+    without = tuple(e for e in estimate.relative_poses if (e.i, e.j) != (20, 21))
+    frames = data_of(written(tmp_path, replace(estimate, relative_poses=without), made_flight()))["keyframes"]
+    assert [k for k, unseen in enumerate(frames["unseen"]) if unseen] == [21]
 
 
 def test_keyframes_that_are_not_placed_are_left_out(tmp_path):

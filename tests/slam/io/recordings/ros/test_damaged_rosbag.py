@@ -103,7 +103,8 @@ def test_a_ros_1_bag_without_its_index_is_read(tmp_path):
     path = ros1(tmp_path / "a.bag", a_flight(M))
     expected = read(path)
     flight = read(without_index(path))
-    assert flight.warnings == ("the bag has no index (its recording was interrupted)", *expected.warnings)
+    said = "the bag has no index (its recording was interrupted); end the next one before power is cut"
+    assert flight.warnings == (said, *expected.warnings)
     assert np.array_equal(flight.imu.accel_m_s2, expected.imu.accel_m_s2)
     assert np.array_equal(flight.frames[3].read(), picture(3))
 

@@ -13,6 +13,7 @@ import pytest
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.choice import Request
 from slam.io.recordings.formats import open_recording
+from slam.io.recordings.recording import COPY_AGAIN
 from slam.io.recordings.video.gpmf import read_gopro
 from slam.io.recordings.video.mp4 import read_tracks
 from tests.slam.io.recordings.video.made_video import file_of_samples
@@ -93,7 +94,8 @@ def test_a_damaged_payload_is_passed_over_and_counted(damage, tmp_path):
     found = positions(tmp_path / "a.mp4", [damage(whole), whole])
     assert found.positions.stamps_ns.tolist() == [1_000_000_000]
     assert found.positions.values.tolist() == [[47.5, 8.25, 488.25]]
-    assert found.damage == ("1 of 2 payloads of GoPro's metadata are damaged or of an unknown layout",)
+    damaged = "1 of 2 payloads of GoPro's metadata are damaged or of an unknown layout"
+    assert found.damage == (f"{damaged}; {COPY_AGAIN}",)
     assert positions(tmp_path / "a.mp4", [whole + bytes(12)]).damage == (), "zeros pad a payload"
 
 

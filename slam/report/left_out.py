@@ -1,0 +1,113 @@
+"""Data that a map was made without, in plain words, and whether a pilot has to do anything about it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+_LOOP = "loop: "
+NO = "No"
+_FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
+_SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
+_COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
+_OTHER_PLACE = f"{NO}: ground that looks alike is common, and a false link would bend the map."
+_WEAK = f"{NO}: the other links hold the map."
+
+_REASONS: tuple[tuple[str, str, str], ...] = (
+    ("too few features", "Pictures of bare ground, in the dark or blurred: nothing to recognise", _FLY_AGAIN),
+    (
+        "same picture as the one before",
+        "Pictures that the camera sent twice",
+        "Only if they are many: the camera froze, and what it passed then is missing.",
+    ),
+    (
+        "late",
+        "Pictures that came while earlier ones were worked on",
+        "Only if ground is missing: slam optimize uses them all after the flight.",
+    ),
+    ("tracking started anew", "Times that the view of the ground before was lost", _SLOWER),
+    (
+        "view of a floor point far off",
+        "Single views of a point of the ground that lies elsewhere in all other pictures: it moved, or "
+        "stands above the ground",
+        f"{NO}: the picture itself stays.",
+    ),
+    (
+        "edge without information",
+        "Edges of no weight",
+        "Only if they should count: correct their information in the file.",
+    ),
+    (
+        "edge disagrees with the rest of the graph",
+        "Edges that contradict the rest of the graph",
+        "Look at them in map.html: where many lie together, their measurements share an error.",
+    ),
+    (
+        "line ",
+        "Lines of the file that are cut short or of another kind",
+        "Write the file again if they count.",
+    ),
+)
+"""Beginning of a reason -> what it counts, and whether to act."""
+_LINKS: tuple[tuple[str, str, str], ...] = (
+    ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE),
+    ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE),
+    ("folded or no overlap", "would be linked as no camera above a floor can see it", _OTHER_PLACE),
+    ("too few", "have too few points in common", _OTHER_PLACE),
+    ("no plane fits", "have no flat piece of ground in common", _OTHER_PLACE),
+    ("outlier share", "have points in common of which most disagree", _OTHER_PLACE),
+    ("inliers crowded", "have points in common in one small place only", _WEAK),
+    ("homography poorly determined", "fit each other only vaguely", _WEAK),
+    (
+        "disagrees",
+        "contradict the other links",
+        "Only if many of them lie in one place: look there in map.html.",
+    ),
+    ("agrees, but", "agree, but too little is known of where they lie", _WEAK),
+    ("its part of the graph", "lie in a part that could not be solved", "See “Check this first” above."),
+)
+"""The same of pairs of pictures; other reasons are those of files that cannot be read."""
+_UNREADABLE = (
+    "unreadable", "picture cannot be read", "missing", "not a file", "truncated", "damaged", "empty",
+    "zeroed", "larger than", "is ", "no PNG", "a TIFF",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One row of the table."""
+
+    what: str
+    reason: str
+    """As summary.json and loops.csv have it."""
+    count: int
+    act: str
+
+    @property
+    def no_need_to_act(self) -> bool:
+        """Whether there is nothing to do in any case."""
+        return self.act.startswith(NO)
+
+
+def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
+    """Return the rows for counts by reason, those that may call for an action first."""
+    rows = []
+    for reason, count in rejected.items():
+        what, act = _found(reason)
+        rows.append(LeftOut(what, reason, count, act))
+    return tuple(sorted(rows, key=lambda row: (row.no_need_to_act, -row.count)))
+
+
+def _found(reason: str) -> tuple[str, str]:
+    of_loops, bare = reason.startswith(_LOOP), reason.removeprefix(_LOOP)
+    for beginning, what, act in () if of_loops else _REASONS:
+        if bare.startswith(beginning):
+            return what, act
+    for beginning, what, act in _LINKS:
+        if bare.startswith(beginning):
+            if of_loops:
+                return f"Pairs of pictures of two visits that {what}", act
+            return f"Pictures that {what} with the one before", _SLOWER
+    if not of_loops and bare.startswith(_UNREADABLE):
+        return f"Pictures whose file cannot be used ({bare})", _COPY
+    return f"Left out: {bare}", "Only if ground or links are missing there."
