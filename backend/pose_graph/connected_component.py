@@ -146,7 +146,7 @@ def _contradictions(problem: Problem, fit: GraphFit) -> list[str]:
     who, ratio = format_keys(range(problem.count), problem.name), math.sqrt(test.statistic / test.dof)
     return [
         f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g} for"
-        f" {test.dof} degrees of freedom): deviations are {ratio:.2g} times what is stated"
+        f" {test.dof} degrees of freedom): take deviations {ratio:.2g} times as large as stated"
     ]
 
 

@@ -13,6 +13,7 @@ from slam.report.facts import Facts
 from slam.report.left_out import left_out
 from slam.report.page import Item
 from slam.report.rasters.mosaic import REDUNDANT
+from slam.report.rasters.quality import UncertainGround
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -68,18 +69,23 @@ def limit_sentence(shares: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def pilots_answers(
-    estimate: Estimate, summary: Summary, facts: Facts, against_truth: str = ""
+    estimate: Estimate,
+    summary: Summary,
+    facts: Facts,
+    against_truth: str = "",
+    ground: UncertainGround | None = None,
 ) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a flight.
 
-    ``against_truth``: the comparison with the truth in one sentence, where there is a truth.
+    ``against_truth``: the comparison with the truth in one sentence, where there is a truth. ``ground``: the
+    least certain ground, where there is a mosaic.
     """
     rows = [
         Item("Can I use this map?", _usable(estimate, summary)),
         Item("How accurate is a place on it?", _place(facts)),
-        Item("Where is it least certain?", _least_certain(estimate, facts)),
+        Item("Where is it least certain?", _least_certain(estimate, facts, ground)),
         Item("How far is it from the truth?", against_truth),
-        Item("How far can I trust a distance or an area?", _distance(facts)),
+        Item("How far can I trust a distance or an area?", _distance(estimate, facts)),
         Item("Is the scale right, and by which instrument?", _scale(estimate, facts, summary)),
         Item("What limits the accuracy?", _limit(estimate)),
         Item("How do I make the next map better?", _next_step(estimate, facts, summary)),
@@ -110,7 +116,7 @@ def _usable(estimate: Estimate, summary: Summary) -> str:
 def _place(facts: Facts) -> str:
     if not np.isfinite(facts.sigma_median_m):
         return "Not known: no uncertainty could be computed for most of it."
-    relative = f" relative to {facts.relative_to}" if facts.relative_to else ""
+    relative = f" relative to {facts.relative_to}" if facts.relative_to else " on Earth"
     return (
         f"A keyframe (a picture that the map is made of) is typically known to "
         f"±{SPACE}{facts.length(facts.sigma_median_m)}{relative}: one standard deviation. Two times out of "
@@ -118,7 +124,7 @@ def _place(facts: Facts) -> str:
     )
 
 
-def _least_certain(estimate: Estimate, facts: Facts) -> str:
+def _least_certain(estimate: Estimate, facts: Facts, ground: UncertainGround | None) -> str:
     k = facts.least_certain
     if k is None:
         return ""
@@ -126,14 +132,18 @@ def _least_certain(estimate: Estimate, facts: Facts) -> str:
     m = unit(facts.metric)
     what = "pose" if facts.is_graph else "keyframe"
     name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
-    shown = "" if facts.is_graph else " map.html shows it everywhere: “Uncertainty of the ground”."
+    path = f"Around x = {x:.3g} {m}, y = {y:.3g} {m} ({what} {k}{f', {name}' * bool(name)})"
+    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}."
+    if ground is None:
+        return f"{path} map.html colours the path by it."
     return (
-        f"Around x = {x:.3g} {m}, y = {y:.3g} {m} ({what} {k}{f', {name}' * bool(name)}), where a position "
-        f"is known to ±{SPACE}{facts.length(facts.sigma_max_m)}.{shown}"
+        f"The ground around x = {ground.x_m:.3g} {m}, y = {ground.y_m:.3g} {m}, known to "
+        f"±{SPACE}{facts.length(ground.std_m)}: the darkest of the middle map below. The path: "
+        f"{path[0].lower()}{path[1:]}"
     )
 
 
-def _distance(facts: Facts) -> str:
+def _distance(estimate: Estimate, facts: Facts) -> str:
     if not facts.metric:
         return "In metres not at all: no sensor measured a length. Ratios of distances are right."
     if not np.isfinite(facts.sigma_median_m):
@@ -145,9 +155,17 @@ def _distance(facts: Facts) -> str:
     by_scale = f"±{SPACE}{length(facts.scale_std * apart_m)} ({percent(facts.scale_std)})"
     return (
         f"A distance of {facts.length(apart_m)} is right to {by_scale} by the scale, and an area to twice "
-        f"that share ({percent(2 * facts.scale_std)}). The errors of both ends come on top, together "
-        f"typically less than {ends}. map.html measures any distance and area with all of it."
+        f"that share ({percent(2 * facts.scale_std)}). {_of_ends(estimate, ends)} map.html measures any "
+        "distance and area with all of it."
     )
+
+
+def _of_ends(estimate: Estimate, ends: str) -> str:
+    """Return what the ends of a distance add: errors of a receiver move the whole map and cancel."""
+    found = limit(estimate.information_shares)
+    if found is not None and found[0] == "position":
+        return "The uncertainty of a place on Earth adds little to it: most of that moves the whole map."
+    return f"The errors of both ends come on top, together typically less than {ends}."
 
 
 def _scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:

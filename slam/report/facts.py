@@ -158,8 +158,8 @@ def sentence(facts: Facts) -> str:
             if np.isfinite(facts.sigma_max_m)
             else "and others are not known"
         )
-        relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
-        text += f"; {relative}a position is typically known to ±{SPACE}{median}, {worst}"
+        relative = f"relative to {facts.relative_to}" if facts.relative_to else "on Earth"
+        text += f"; {relative} a position is typically known to ±{SPACE}{median}, {worst}"
         if facts.mostly_scale:
             text += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
     text += "."

@@ -32,6 +32,7 @@ from slam.report.left_out import left_out
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
+from slam.report.rasters.quality import UncertainGround, least_certain_ground
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -102,7 +103,7 @@ def render(
         sentence=sentence(facts),
         summary=summary,
         limit=limit_sentence(estimate.information_shares),
-        answers=pilots_answers(estimate, summary, facts, accuracy.against_truth),
+        answers=pilots_answers(estimate, summary, facts, accuracy.against_truth, _ground(mosaics.quality)),
         tiles=_tiles(facts),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=_embedded(mosaics.after),
@@ -196,6 +197,12 @@ def _widths(mosaics: Mosaics) -> tuple[float, float]:
         return 100.0, 100.0
     before, after = (width_px(path) for path in paths if path)
     return 100.0 * before / max(before, after), 100.0 * after / max(before, after)
+
+
+def _ground(picture: Path | None) -> UncertainGround | None:
+    """Return the least certain ground by the values beside their picture."""
+    values = None if picture is None else picture.with_suffix(".tif")
+    return None if values is None or not values.exists() else least_certain_ground(values)
 
 
 def _embedded(path: Path | None) -> str | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
+
+_POSITION_BAND = 2
+"""Band of the position's standard deviation, counted from 1."""
 
 
 def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path: Path) -> None:
@@ -35,6 +39,28 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
     }
     write_bands(path, grid, bands, height_tags(estimate))
     write_whole(path.with_suffix(".png"), quality_picture(quality, grid, estimate.metric))
+
+
+class UncertainGround(NamedTuple):
+    """A piece of ground of a mosaic."""
+
+    x_m: float
+    y_m: float
+    std_m: float
+    """Standard deviation of its position."""
+
+
+def least_certain_ground(path: Path) -> UncertainGround | None:
+    """Return the ground with the largest standard deviation in a file of `write_quality`; None without."""
+    import rasterio
+
+    with rasterio.open(path) as source:
+        std_m, at = source.read(_POSITION_BAND), source.transform
+    if not np.isfinite(std_m).any():
+        return None
+    row, col = np.unravel_index(int(np.nanargmax(std_m)), std_m.shape)
+    x, y = at @ (int(col) + 0.5, int(row) + 0.5)
+    return UncertainGround(float(x), float(y), float(std_m[row, col]))
 
 
 def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> bytes:

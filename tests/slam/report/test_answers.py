@@ -21,6 +21,7 @@ from slam.report.gaps import gaps
 from slam.report.left_out import left_out
 from slam.report.optimize_report import Accuracy, render
 from slam.report.rasters.mosaic import REDUNDANT
+from slam.report.rasters.quality import UncertainGround
 from tests.slam.made_estimate import made_estimate, made_flight
 
 SHARES = {"x": {"range": 0.7, "pictures": 0.3}, "y": {"range": 0.5, "pictures": 0.5}, "scale": {"range": 1.0}}
@@ -77,6 +78,9 @@ def test_answers_follow_the_map():
     no_metres = replace(estimate, metric=False, scale_std=None)
     distance, scale = ASKED[2:4]
     assert answers(no_metres, flight)[distance].startswith("In metres not at all")
+    assert "errors of both ends come on top" in answers(estimate, flight)[distance]
+    by_gps = replace(on_earth, information_shares={"x": {"position": 0.9, "pictures": 0.1}})
+    assert "moves the whole map" in answers(by_gps, flight)[distance]
     assert answers(no_metres, flight)[scale].startswith("Not known")
     unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
     assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")
@@ -133,6 +137,12 @@ def test_the_least_certain_place_is_told():
     found = answers(estimate, flight)["Where is it least certain?"]
     assert f"x = {x:.3g} m, y = {y:.3g} m" in found
     assert "keyframe 29, 000029.png" in found
+    both = pilots_answers(
+        estimate, summarise(estimate), gather(estimate, flight), "", UncertainGround(3.0, -1.5, 0.02)
+    )
+    (told,) = (item.value for item in both if item.label == "Where is it least certain?")
+    assert told.startswith("The ground around x = 3 m, y = -1.5 m, known to ±\N{NO-BREAK SPACE}20.0")
+    assert f"The path: around x = {x:.3g} m" in told
     unknown = estimate.covariances.copy()
     unknown[7] = np.nan
     assert "Where is it least certain?" not in answers(replace(estimate, covariances=unknown), flight)
