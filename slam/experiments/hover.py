@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.evaluation.paper_values import (
     HOVER_DRIFT_M,
     HOVER_DRIFT_VARIANCE,
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 HOVERS = 10
+_MOST_M_S = 4 * HOVER_SPEED_VARIANCE**0.5
+"""Range of the drawn distribution: four standard deviations."""
 SPEED, SPEED_READ = "mean speed", "mean speed as the flow reads it"
 DRIFT, DRIFT_READ = "mean distance from the start", "mean distance, integrated from the flow"
 AXIS_VARIANCE, DRIFT_VARIANCE = "variance of the speed, one axis", "variance of the distance"
@@ -46,7 +49,7 @@ def _trial(seed: int, draw: bool) -> Trial:
     recipe = load_recipe("hover")
     found: dict[str, list[float]] = {key: [] for key in (SPEED, SPEED_READ, DRIFT, DRIFT_READ)}
     variance, distances = [], []
-    tracks = []
+    tracks, speeds = [], []
     for k in range(HOVERS):
         motion = fly_recipe(recipe, HOVERS * seed + k)
         velocity = read_velocity(motion, recipe.model, recipe.world, HOVERS * seed + k)
@@ -60,12 +63,14 @@ def _trial(seed: int, draw: bool) -> Trial:
         variance.append(state.w_v_m_s[:, :2].var(axis=0).mean())
         distances.append(np.hypot(*place.T))
         tracks.append(place[::20])
+        speeds.append(state.w_v_m_s[:, :2])
     figures = {key: float(np.mean(values)) for key, values in found.items()}
     figures |= {
         AXIS_VARIANCE: float(np.mean(variance)),
         DRIFT_VARIANCE: float(np.concatenate(distances).var()),
     }
-    return Trial(seed, figures, tracks if draw else None)
+    drawing = {"tracks": tracks, "speeds": np.concatenate(speeds)}
+    return Trial(seed, figures, drawing if draw else None)
 
 
 def _length(vectors: Array) -> float:
@@ -110,22 +115,37 @@ def _agrees(ours: list[float], paper: float) -> bool:
 
 
 def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
-    left, right = figure.subplots(1, 2)
-    for track in trials[0].drawing:
+    left, middle, right = figure.subplots(1, 3)
+    made = trials[0].drawing
+    for track in made["tracks"]:
         left.plot(*track.T, lw=0.8)
     left.set_aspect("equal", adjustable="datalim")
     left.set_xlabel("x [m]")
     left.set_ylabel("y [m]")
     left.set_title("ten hovers of 35 s", fontsize=10)
+    bins = np.linspace(-_MOST_M_S, _MOST_M_S, 41)
+    for speed, name, color in zip(made["speeds"].T, ("along x", "along y"), (BLUE, ORANGE), strict=True):
+        middle.hist(
+            speed, bins, density=True, histtype="step", color=color, lw=1.4, label=f"model paper, {name}"
+        )
+    paper = np.exp(-(bins**2) / (2 * HOVER_SPEED_VARIANCE)) / np.sqrt(2 * np.pi * HOVER_SPEED_VARIANCE)
+    middle.plot(bins, paper, color=VERMILLION, label="normal, with the paper's variance")
+    middle.set_xlabel("speed along an axis [m/s]")
+    middle.set_ylabel("density [s/m]")
+    middle.set_title("distribution of the speed", fontsize=10)
+    middle.set_ylim(0, 1.35 * middle.get_ylim()[1])
+    middle.legend(frameon=False, fontsize=8, loc="upper left")
     right.plot(
         [trial.figures[SPEED] for trial in trials], [trial.figures[DRIFT] for trial in trials], "o",
-        color="tab:blue", alpha=0.7, label="model paper, each point ten hovers",
+        color=BLUE, alpha=0.7, label="model paper, each point ten hovers",
     )  # fmt: skip
-    right.plot(HOVER_SPEED_M_S, HOVER_DRIFT_M, "*", ms=16, color="tab:red", label="AR.Drone (paper)")
-    right.locator_params(axis="x", nbins=5)
+    right.plot(HOVER_SPEED_M_S, HOVER_DRIFT_M, "*", ms=16, color=VERMILLION, label="AR.Drone (paper)")
+    # From zero, so that differences of a few percent look as small as they are.
+    right.set_xlim(0, 2 * HOVER_SPEED_M_S)
+    right.set_ylim(0, 2 * HOVER_DRIFT_M)
     right.set_xlabel("mean speed [m/s]")
     right.set_ylabel("mean distance from the start [m]")
-    right.legend(frameon=False, fontsize=8)
+    right.legend(frameon=False, fontsize=8, loc="lower right")
 
 
 EXPERIMENT = Experiment(
@@ -135,5 +155,5 @@ EXPERIMENT = Experiment(
     trial=_trial,
     conclude=_conclude,
     draw=_draw,
-    size_inches=(10.0, 4.6),
+    size_inches=(14.0, 4.6),
 )

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.plot_style import BLUE, GREY, ORANGE, VERMILLION
+from slam.core.plot_style import BLUE, GREEN, GREY, VERMILLION
 from slam.experiments.experiment import (
     DRONE,
     SIMULATOR,
@@ -48,7 +48,8 @@ BEFORE, AFTER = "model paper", "extended model, held out"
 GAIN = 0.5
 """Largest error of the extended model, as a share of that of the paper's simulator."""
 _RATE_HZ = 60.0
-_COLORS = {DRONE: GREY, SIMULATOR: ORANGE, BEFORE: BLUE, AFTER: VERMILLION}
+_COLORS = {DRONE: VERMILLION, SIMULATOR: BLUE, BEFORE: GREY, AFTER: GREEN}
+"""The real drone red and the paper's simulator blue, as in figure 10."""
 _RMS = "RMS difference to the real drone"
 _JUDGED = ("acceleration", "deceleration")
 
@@ -198,9 +199,10 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
     top, middle, bottom = figure.subplots(3, 1)
     stamps_s, curves = made["stamps_s"], made["curves"]
     first = next(iter(curves))
-    top.step(*made["stick"], where="post", color="tab:red", lw=1.2, label="control signal s")
-    top.plot(stamps_s, curves[first], color="tab:blue", lw=0.9, label=f"forward speed [m/s]: {first}")
+    top.step(*made["stick"], where="post", color=VERMILLION, lw=1.2, label="control signal s")
+    top.plot(stamps_s, curves[first], color=BLUE, lw=0.9, label=f"forward speed [m/s]: {first}")
     top.set_title(f"Response to pulses of s = {STICK}, in the form of figure 9", fontsize=10)
+    top.set_ylabel("s, and speed [m/s]")
     for axes, span_s, title in (
         (middle, (stamps_s[0], stamps_s[-1]), "All curves on the same pulses, in the form of figure 10"),
         (bottom, made["longest_s"], "The last pulses enlarged"),
@@ -211,14 +213,16 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
             axes.plot(stamps_s[now], curve[now], color=_COLORS[name], lw=width, label=name)
         axes.set_title(title, fontsize=10)
         axes.set_ylabel("forward speed [m/s]")
-    bottom.set_xlabel("time [s]")
     for axes in (top, middle):
         axes.legend(frameon=False, fontsize=8, loc="upper left", ncols=2)
     for axes in (top, middle, bottom):
         axes.grid(alpha=0.3)
-    top.set_xlim(stamps_s[0], stamps_s[-1])
-    top.set_ylim(top.get_ylim()[0], 1.35 * top.get_ylim()[1])
-    middle.set_ylim(middle.get_ylim()[0], 1.5 * middle.get_ylim()[1])
+        axes.set_xlabel("time [s]")
+    # One range of both figures, with room for the legend.
+    low, high = middle.get_ylim()
+    for axes in (top, middle):
+        axes.set_xlim(stamps_s[0], stamps_s[-1])
+        axes.set_ylim(low, 1.5 * high)
 
 
 EXPERIMENT = Experiment(

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam.core.plot_style import BLUE, VERMILLION
 from slam.experiments.experiment import Conclusion, Experiment, Row, Trial, over_seeds, text
 from slam.simulation import load_recipe, simulate
 
@@ -68,16 +69,18 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
         for trial in reversed(trials):
             first = trial is trials[0]
             axes.plot(
-                *trial.drawing[name].T, color="tab:blue" if first else "0.75", lw=1.6 if first else 0.8,
+                *trial.drawing[name].T, color=BLUE if first else "0.75", lw=1.6 if first else 0.8,
                 label="one flight" if first else None,
             )  # fmt: skip
-        start = trials[0].drawing[name][0]
-        axes.plot(start[0], start[1], "o", color="tab:red", label="start")
+        start, end = trials[0].drawing[name][[0, -1]]
+        axes.plot(*start, "o", color=VERMILLION, label="start")
+        axes.plot(*end, "s", color=VERMILLION, mfc="white", label="end")
         axes.set_aspect("equal", adjustable="datalim")
         axes.set_xlabel(f"{across} [m]")
         axes.set_ylabel(f"{up} [m]")
         axes.set_title(name.replace("_", " "), fontsize=10)
-    panels[0].legend(frameon=False, fontsize=8)
+        axes.grid(alpha=0.3)
+    panels[0].legend(frameon=False, fontsize=8, loc="center")
 
 
 EXPERIMENT = Experiment(
