@@ -1,6 +1,7 @@
 """Photographs that lack tags, look elsewhere, are of another camera or damaged."""
 
 import os
+import re
 
 import numpy as np
 import pytest
@@ -31,6 +32,15 @@ def test_gps_of_some_photographs_only(tmp_path):
     assert np.isnan(flight.gps.altitude_m).tolist() == [False, True]
     assert warned(flight, "2 of 4 photographs have no GPS position")
     assert warned(flight, "1 of 2 GPS positions have no altitude")
+
+
+@pytest.mark.parametrize("place", [None, (30.0, -98.0)])
+def test_each_line_says_what_follows_or_what_to_do(place, tmp_path):
+    other = {"wide.jpg": jpeg(size=(80, 48), place=None, time="2024:05:06 07:09:02")}
+    lines = import_photos(fill(tmp_path, strip(3, place=place) | other)).warnings
+    assert len(lines) == 5
+    told = re.compile(r"[;:] (copy|if it is better|map them|the map|use|give)\b")
+    assert [line for line in lines if not told.search(line)] == []
 
 
 @pytest.mark.parametrize(
