@@ -40,6 +40,8 @@ _INSTRUMENTS = {
     ),
 }
 """Name of a share in `backend.bundle.information_shares` -> in words, and what improves it."""
+_STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
+"""Instrument that tells the scale -> name of its stream in warnings."""
 _MOST_GAPS = 3
 """Stretches without pictures that are named."""
 _EXAMPLE_M = 10.0
@@ -182,6 +184,16 @@ def _scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return f"By {facts.scale_source}, {known}; but read “Check this first” above."
     if " and " not in facts.scale_source:
         return f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right."
+    doubted = [
+        stream
+        for name, stream in _STREAMS.items()
+        if name in facts.scale_source and any(line.startswith(f"{stream}: ") for line in summary.warnings)
+    ]
+    if doubted:
+        return (
+            f"{known[0].upper()}{known[1:]}, by {facts.scale_source} together. But a warning below names "
+            f"{' and '.join(doubted)}: measure one distance on the ground to be sure."
+        )
     return f"Yes, {known}: {facts.scale_source} tell it, and they agree."
 
 
@@ -237,9 +249,12 @@ def _missing(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
     if told:
         return f"Yes: {'; '.join(told)}."
-    return (
-        f"No: all {facts.keyframes} {thing} lie on one map, and no stretch of the path is without pictures."
+    stretch = (
+        "the stretches without usable pictures (dotted in the picture of the path) are shorter than a picture"
+        if facts.gaps
+        else "no stretch of the path is without pictures"
     )
+    return f"No: all {facts.keyframes} {thing} lie on one map, and {stretch}."
 
 
 def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:

@@ -129,6 +129,22 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
     camera = Camera((100.0, 100.0), (159.5, 119.5), (320, 240))
     (gap,) = gaps(replace(estimate, relative_poses=apart, camera=camera), flight)
     assert not gap.shows_nothing, "1.9 m of ground in a picture, 0.4 m to the next"
+    short = answers(replace(estimate, relative_poses=apart, camera=camera), flight)
+    assert short["Is any of the ground missing?"].endswith("are shorter than a picture.")
+
+
+def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
+    question = "Is the scale right, and by which instrument?"
+    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
+    assert answers(estimate, flight)[question].endswith("if the height sensor is right.")
+    facts = replace(gather(estimate, flight), scale_source="height sensor and accelerometer")
+
+    def told(*warnings):
+        rows = pilots_answers(estimate, summarise(replace(estimate, warnings=warnings)), facts)
+        return next(row.value for row in rows if row.label == question)
+
+    assert told("gps0: far off").endswith("they agree.")
+    assert "a warning below names imu0" in told("imu0: the accelerometer reads 9.04 m/s^2 at rest")
 
 
 def test_the_least_certain_place_is_told():
