@@ -93,10 +93,10 @@ def pilots_answers(
         Item("How do I make the next map better?", _next_step(estimate, facts, summary)),
         Item("Is any of the ground missing?", _missing(estimate, facts, summary)),
         Item("What failed?", _failed(estimate, facts, summary)),
-        Item("What was left out, and do I have to act?", _left_out(summary)),
+        Item("What was left out, and do I have to act?", _left_out(facts, summary)),
         Item("Was a place recognised again?", _loops(facts)),
         Item("Which way do x and y point, and where is north?", _axes(estimate, facts)),
-        Item("Where on Earth is it?", _on_earth(estimate)),
+        Item("Where on Earth is it?", "" if facts.is_graph else _on_earth(estimate)),
     ]
     return tuple(row for row in rows if row.value)
 
@@ -120,7 +120,8 @@ def _place(facts: Facts) -> str:
         return "Not known: no uncertainty could be computed for most of it."
     relative = f" relative to {facts.relative_to}" if facts.relative_to else " on Earth"
     return (
-        f"A keyframe (a picture that the map is made of) is typically known to "
+        f"{'A pose' if facts.is_graph else 'A keyframe (a picture that the map is made of)'} is "
+        "typically known to "
         f"±{SPACE}{facts.length(facts.sigma_median_m)}{relative}: one standard deviation. Two times out of "
         "three the error is smaller on each axis, and hardly ever it is three times as large."
     )
@@ -249,6 +250,8 @@ def _missing(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
     if told:
         return f"Yes: {'; '.join(told)}."
+    if facts.is_graph:
+        return f"No: all {facts.keyframes} poses lie on one map."
     stretch = (
         "the stretches without usable pictures (dotted in the picture of the path) are shorter than a picture"
         if facts.gaps
@@ -286,7 +289,7 @@ def _rejected(facts: Facts) -> str:
     return f"{facts.loops_rejected} other matches were rejected, each with its reason below."
 
 
-def _left_out(summary: Summary) -> str:
+def _left_out(facts: Facts, summary: Summary) -> str:
     rows = left_out(summary.rejected)
     if not rows:
         return "Nothing."
@@ -294,7 +297,7 @@ def _left_out(summary: Summary) -> str:
     kinds = {
         "matches of places": "loop: ",
         "single views of floor points": "view of ",
-        "pictures or links": "",
+        "edges" if facts.is_graph else "pictures or links": "",
     }
     count = dict.fromkeys(kinds, 0)
     for row in rows:

@@ -135,6 +135,7 @@ def _tiles(facts: Facts) -> tuple[Item, ...]:
 
 
 def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, ...]:
+    one = "pose" if facts.is_graph else "keyframe"
     rows = [
         Item("Keyframes, of pictures read", f"{facts.keyframes} of {facts.frames}"),
         Item("Separate maps", str(facts.maps)),
@@ -159,8 +160,8 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Vehicle's own velocity", velocity_text(estimate.instruments.velocity)),
         Item("Barometer", barometer_text(estimate.instruments.barometer)),
         Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
-        Item("Position of a keyframe, 1σ: typical", facts.length(facts.sigma_median_m)),
-        Item("Position of a keyframe, 1σ: largest", facts.length(facts.sigma_max_m)),
+        Item(f"Position of a {one}, 1σ: typical", facts.length(facts.sigma_median_m)),
+        Item(f"Position of a {one}, 1σ: largest", facts.length(facts.sigma_max_m)),
         Item("Error of the graph", _graph_error(estimate) if facts.is_graph else ""),
         Item("Global optimum", _optimum(estimate)),
         Item("Computing time", f"{sum(summary.timing_s.values()):.1f} s" if summary.timing_s else ""),

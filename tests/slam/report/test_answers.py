@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -228,3 +229,11 @@ def test_what_may_need_an_action_comes_first():
     rows = left_out({"loop: too few inliers": 90, "damaged": 1, "too few features": 20})
     assert [row.count for row in rows] == [20, 1, 90]
     assert left_out({"a new reason": 1})[0].what == "Left out: a new reason"
+
+
+def test_a_graph_has_no_pictures():
+    estimate = replace(made_estimate(), rejected={"edge without information": 2})
+    page = render(estimate, summarise(estimate, graph_alone=True))
+    text = " ".join(f"{name} {value}" for name, value in answers(estimate, None).items())
+    assert not re.search(r"picture|keyframe|GPS", text)
+    assert "Position of a pose" in page
