@@ -116,7 +116,10 @@ def figures(navigation: Navigation) -> FigureTable:
     rows = [
         ("status", found.status),
         ("poses", f"{len(found.stamps_s)} over {seconds:.1f} s, {length(way_m)} of way"),
-        ("position, 1σ", f"{length(float(np.median(sigma)))} median, {length(float(sigma.max()))} largest"),
+        (
+            "position, 1σ",
+            f"typically {length(float(np.median(sigma)))}, {length(float(sigma.max()))} where least certain",
+        ),
     ]
     for name, channel in track.channels.items():
         mean = "–" if channel.mean_nis is None else f"{channel.mean_nis:.2f}"
