@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from slam.core.version import VERSION
 
 if TYPE_CHECKING:
-    from slam.core.cluster import cluster
     from slam.core.errors import InputError
     from slam.core.estimate import Estimate
     from slam.core.flight import Flight
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from slam.mapping.live.mapper import LiveMapper
     from slam.mapping.pipeline import optimize
     from slam.mapping.relocation import Relocalizer, relocalize
+    from slam.parallel.cluster import cluster
     from slam.simulation import simulate
 
 __version__ = VERSION
@@ -38,7 +38,7 @@ _MODULES = {
     "LiveMapper": "slam.mapping.live.mapper",
     "PipelineConfig": "slam.mapping.config",
     "Relocalizer": "slam.mapping.relocation",
-    "cluster": "slam.core.cluster",
+    "cluster": "slam.parallel.cluster",
     "criticise": "slam.criticism",
     "evaluate": "slam.evaluation",
     "evaluate_loops": "slam.evaluation.loops",

@@ -187,7 +187,7 @@ def test_datasets_holds_no_code():
 PACKAGES = {
     "slam": (
         ("core",),
-        ("io",),
+        ("io", "parallel"),
         ("inertial", "simulation", "data_quality"),
         ("mapping", "criticism"),
         ("evaluation",),

@@ -10,6 +10,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.barometer import height_factor, heights_prior
 from backend.bundle.control import ControlWeights, add_control, start_control
 from backend.bundle.factors import (
     ANTENNA,
@@ -28,7 +29,6 @@ from backend.bundle.factors import (
     scaled_range_factor,
 )
 from backend.bundle.floor_points import intersect_floor
-from backend.bundle.heights import height_factor, heights_prior
 from backend.bundle.inertial.graph import (
     NOMINAL_INERTIAL_NOISE,
     InertialNoiseFactors,

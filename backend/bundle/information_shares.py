@@ -20,9 +20,9 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.barometer import HEIGHTS
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
-from backend.bundle.heights import HEIGHTS
 from backend.bundle.inertial.graph import IMU
 from backend.bundle.inertial.preintegrate import STATE_SIZE
 from backend.bundle.minimise import BundleOptimum

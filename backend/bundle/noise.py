@@ -9,10 +9,10 @@ import numpy as np
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
-from backend.bundle.heights import HEIGHTS, height_residuals
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
 from backend.measurements import FloorTracks, Measurements

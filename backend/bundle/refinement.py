@@ -23,6 +23,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.barometer import HEIGHTS, start_heights
 from backend.bundle.factors import (
     ANTENNA,
     DATUM,
@@ -46,7 +47,6 @@ from backend.bundle.graph import (
     start_calibration,
     start_variables,
 )
-from backend.bundle.heights import HEIGHTS, start_heights
 from backend.bundle.inertial.graph import InertialPart, without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise, start_factors
 from backend.bundle.lens import LensEstimate, is_uncertain, told_covariance

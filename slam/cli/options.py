@@ -58,12 +58,12 @@ SEED = typer.Option(min=0, help="Seed of all random numbers.")
 def on_cluster(local: bool, scheduler: str | None) -> AbstractContextManager[Workers | None]:
     """Return what shares the work as ``--cluster`` and ``--scheduler`` ask for it, None without them.
 
-    Raises ``InputError`` as `slam.core.cluster.cluster` does.
+    Raises ``InputError`` as `slam.parallel.cluster.cluster` does.
     """
     if not local and scheduler is None:
         return nullcontext()
-    from slam.core.cluster import cluster
     from slam.core.errors import InputError
+    from slam.parallel.cluster import cluster
 
     if local and scheduler is not None:
         raise InputError("--cluster starts workers on this machine, and --scheduler uses others; give one")

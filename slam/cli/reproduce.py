@@ -35,10 +35,10 @@ def reproduce(
     from slam.cli.output_folder import output_folder
     from slam.core.errors import InputError
     from slam.core.figure_table import FigureTable
-    from slam.core.processes import Processes
     from slam.experiments.output import headline, write_all
     from slam.experiments.registry import chosen
     from slam.experiments.run import conclude, run
+    from slam.parallel.processes import Processes
 
     if jobs is not None and (cluster or scheduler):
         raise InputError("--jobs: a cluster has workers of its own; leave --jobs out")

@@ -30,7 +30,7 @@ def against_truth(evaluation: Evaluation) -> str:
     whom = "the truth" if evaluation.reference == "truth" else "the GPS"
     error = evaluation.ate_m
     text = (
-        f"Typically {length(error.rmse)}, and {length(error.max)} at most, by {whom} at "
+        f"Typically {length(error.rmse)} and at most {length(error.max)}, compared with {whom} at "
         f"{evaluation.associated} keyframes."
     )
     if evaluation.landmarks:
@@ -47,7 +47,7 @@ def against_truth(evaluation: Evaluation) -> str:
         if pose.mean > pose.upper95:
             text += " The errors are larger than the stated uncertainty allows: trust it less."
         else:
-            text += " The errors are as small as the stated uncertainty says."
+            text += " The errors are no larger than the stated uncertainty allows."
     return text
 
 

@@ -123,7 +123,7 @@ def _place(facts: Facts) -> str:
         f"{'A pose' if facts.is_graph else 'A keyframe (a picture that the map is made of)'} is "
         "typically known to "
         f"±{SPACE}{facts.length(facts.sigma_median_m)}{relative}: one standard deviation. Two times out of "
-        "three the error is smaller on each axis, and hardly ever it is three times as large."
+        "three the error is smaller on each axis; an error three times as large is rare."
     )
 
 
@@ -294,15 +294,13 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]
-    kinds = {
-        "matches of places": "loop: ",
-        "single views of floor points": "view of ",
-        "edges" if facts.is_graph else "pictures or links": "",
+    words = {
+        "match": "matches of places",
+        "view": "single views of floor points",
+        "link": "edges" if facts.is_graph else "pictures or links",
     }
-    count = dict.fromkeys(kinds, 0)
-    for row in rows:
-        count[next(kind for kind, prefix in kinds.items() if row.reason.startswith(prefix))] += row.count
-    parts = ", ".join(f"{number} {kind}" for kind, number in count.items() if number)
+    counts = {kind: sum(row.count for row in rows if row.kind == kind) for kind in words}
+    parts = ", ".join(f"{count} {words[kind]}" for kind, count in counts.items() if count)
     if not act:
         return f"{parts}. No need to act: the map does not rest on them. The table below has the reasons."
     first = f"“{act[0].reason}” ({act[0].count}): {act[0].act[0].lower()}{act[0].act[1:]}"

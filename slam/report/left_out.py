@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 _LOOP = "loop: "
-NO = "No"
+_NO = "No: "
+"""Beginning of an advice to do nothing."""
+_VIEW = "view of a floor point far off"
 _FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
 _SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
 _COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
-_OTHER_PLACE = f"{NO}: ground that looks alike is common, and a false link would bend the map."
-_WEAK = f"{NO}: the other links hold the map."
+_OTHER_PLACE = f"{_NO}ground that looks alike is common, and a false link would bend the map."
+_WEAK = f"{_NO}the other links hold the map."
 
 _REASONS: tuple[tuple[str, str, str], ...] = (
     ("too few features", "Pictures of bare ground, in the dark or blurred: nothing to recognise", _FLY_AGAIN),
@@ -27,10 +29,10 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
     ),
     ("tracking started anew", "Times that the view of the ground before was lost", _SLOWER),
     (
-        "view of a floor point far off",
+        _VIEW,
         "Single views of a point of the ground that lies elsewhere in all other pictures: it moved, or "
         "stands above the ground",
-        f"{NO}: the picture itself stays.",
+        f"{_NO}the picture itself stays.",
     ),
     (
         "edge without information",
@@ -86,7 +88,14 @@ class LeftOut:
     @property
     def no_need_to_act(self) -> bool:
         """Whether there is nothing to do in any case."""
-        return self.act.startswith(NO)
+        return self.act.startswith(_NO)
+
+    @property
+    def kind(self) -> str:
+        """Kind of the data that is counted: "match", "view" or "link"."""
+        if self.reason.startswith(_LOOP):
+            return "match"
+        return "view" if self.reason.startswith(_VIEW) else "link"
 
 
 def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:

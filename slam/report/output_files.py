@@ -5,28 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-_FILES = (
-    (
-        "map.html",
-        "interactive map for a browser: move, compare before and after, measure distances and areas",
-    ),
-    ("mosaic.png", "the map as a picture"),
-    ("mosaic.tif", "the map for GIS programs such as QGIS: a GeoTIFF that knows its place and scale"),
-    ("mosaic_chain.png", "the map before: each picture placed by the one before it"),
-    ("elevation.png", "height of the ground, as a picture"),
-    ("elevation.tif", "height of the ground for GIS programs"),
-    ("mosaic_quality.png", "how reliable each piece of the map is, as a picture"),
-    ("mosaic_quality.tif", "the same for GIS programs: pictures, uncertainty and agreement of each piece"),
-    ("evaluation_trajectory.png", "the paths beside the true one"),
-    ("evaluation_error.png", "errors against the truth over time"),
-    ("map.mcap", "the map for Foxglove and Rerun"),
-    ("trajectory.tum", "where each keyframe was taken, as text"),
-    ("loops.csv", "each link between two visits, kept or rejected, with the reason"),
-    ("graph.g2o", "the pose graph for other programs"),
-    ("summary.json", "all figures for programs"),
-    ("evaluation.json", "the errors against the truth for programs"),
-)
-
 
 @dataclass(frozen=True)
 class OutputFile:
@@ -36,8 +14,31 @@ class OutputFile:
     what: str
 
 
+_FILES = (
+    OutputFile(
+        "map.html",
+        "interactive map for a browser: move, compare before and after, measure distances and areas",
+    ),
+    OutputFile("mosaic.png", "the map as a picture"),
+    OutputFile("mosaic.tif", "the map for GIS programs such as QGIS: a GeoTIFF with place and scale"),
+    OutputFile("mosaic_chain.png", "the map before: each picture placed by the one before it"),
+    OutputFile("elevation.png", "height of the ground, as a picture"),
+    OutputFile("elevation.tif", "height of the ground for GIS programs"),
+    OutputFile("mosaic_quality.png", "how reliable each piece of the map is, as a picture"),
+    OutputFile("mosaic_quality.tif", "the same for GIS programs: pictures, uncertainty, agreement"),
+    OutputFile("evaluation_trajectory.png", "the paths beside the true one"),
+    OutputFile("evaluation_error.png", "errors against the truth over time"),
+    OutputFile("map.mcap", "the map for Foxglove and Rerun"),
+    OutputFile("trajectory.tum", "where each keyframe was taken, as text"),
+    OutputFile("loops.csv", "each link between two visits, kept or rejected, with the reason"),
+    OutputFile("graph.g2o", "the pose graph for other programs"),
+    OutputFile("summary.json", "all figures for programs"),
+    OutputFile("evaluation.json", "the errors against the truth for programs"),
+)
+
+
 def output_files(folder: Path | None) -> tuple[OutputFile, ...]:
     """Return the files that exist, those for a person first; none without a folder."""
     if folder is None:
         return ()
-    return tuple(OutputFile(name, what) for name, what in _FILES if (folder / name).is_file())
+    return tuple(file for file in _FILES if (folder / file.name).is_file())

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from frontend.workers import Workers, share_with, workers
-from slam.core.cluster import cluster
 from slam.core.flight import Flight
 from slam.io.photos.import_photos import import_photos
 from slam.mapping.pipeline import optimize
+from slam.parallel.cluster import cluster
 from slam.report.rasters.mosaic import write_chain_picture
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_least, reported

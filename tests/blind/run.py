@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from frontend.workers import Workers
-from slam.core.cluster import cluster
+from slam.parallel.cluster import cluster
 from tests.benchmarks.commit import commit
 from tests.blind.answers import earlier, write
 from tests.blind.cases import KINDS, make, name_of, suite

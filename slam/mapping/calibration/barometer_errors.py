@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backend.bundle.heights import GAIN, HEIGHTS
+from backend.bundle.barometer import GAIN, HEIGHTS
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import BarometerErrors

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.barometer import read_and_mapped
 from backend.bundle.graph import BundleConfig
-from backend.bundle.heights import read_and_mapped
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError

@@ -73,7 +73,7 @@ class Contradiction:
         value = f"{self.pattern.value}; {100 * self.pattern.share:.0f} % of the squares"
         said = "stated" if self.stated else "assumed"
         why = _DOUBTED[self.pattern.kind].format(value=value, said=said)
-        return f"{self.differs}, by which they count: {why}"
+        return f"{self.differs}, which is taken as their noise: {why}"
 
 
 def stated_accuracy_contradiction(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import cv2
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from frontend.workers import Workers
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
-from slam.report.gaps import gaps
+from slam.report.gaps import Gap
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]
@@ -34,14 +34,17 @@ _DIGITS = 6
 """Significant digits of coordinates: a millimetre in a kilometre."""
 
 
-def keyframes(estimate: Estimate, flight: Flight | None) -> dict[str, Any]:
-    """Return the placed keyframes: columns of equal length, with None where a value is not known."""
+def keyframes(estimate: Estimate, flight: Flight | None, gaps: Sequence[Gap]) -> dict[str, Any]:
+    """Return the placed keyframes: columns of equal length, with None where a value is not known.
+
+    ``gaps`` are those of the path.
+    """
     placed = np.flatnonzero(estimate.placed)
     x, y, z = estimate.over_floor_T_b[placed, :3, 3].T
     variance = np.trace(estimate.covariances[placed, 3:, 3:], axis1=1, axis2=2)
     sigma = np.sqrt(np.where(variance >= 0, variance, np.nan))
     time = estimate.stamps_s[placed] - estimate.stamps_s[0]
-    behind_gaps = {gap.j for gap in gaps(estimate, flight)}
+    behind_gaps = {gap.j for gap in gaps}
     return {
         "number": placed.tolist(),
         "name": [estimate.frame_names[k] if k < len(estimate.frame_names) else "" for k in placed.tolist()],

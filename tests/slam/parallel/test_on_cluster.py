@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from frontend.workers import workers
-from slam.core.cluster import cluster
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.processes import Processes
 from slam.core.progress import Progress, silent
 from slam.experiments.run import run
 from slam.io.flight_folder import read_flight, write_flight
 from slam.mapping.pipeline import optimize
+from slam.parallel.cluster import cluster
+from slam.parallel.processes import Processes
 from slam.report.rasters.mosaic import write_mosaic
 from tests.slam.small_flight import flown, photographs
 

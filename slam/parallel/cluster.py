@@ -19,8 +19,8 @@ from urllib.parse import urlsplit
 from frontend.cores import usable_cores
 from frontend.workers import Item, Ready, Result, Shared, Workers, share_with
 from slam.core.errors import InputError
-from slam.core.processes import limit_threads
 from slam.core.version import VERSION
+from slam.parallel.processes import limit_threads
 
 UNREACHABLE_S = 3.0
 """Time for the scheduler to answer, and for its first worker to come."""

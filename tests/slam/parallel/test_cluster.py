@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from frontend.workers import workers
-from slam.core.cluster import Cluster, cluster
 from slam.core.errors import InputError
+from slam.parallel.cluster import Cluster, cluster
 
 
 class Client:
