@@ -182,7 +182,9 @@ def _local(distributed: Any, count: int) -> Iterator[str]:
             n_workers=0,
             threads_per_worker=1,
             memory_limit=0,
-            dashboard_address=None,
+            # Its server of HTTP cannot be left out: a free port, for this machine alone, without pages.
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
             silence_logs=_NOTHING,
         )
         try:

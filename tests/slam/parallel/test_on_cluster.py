@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +82,17 @@ def test_a_map_has_the_same_bits_and_survives_a_worker(folder, with_threads, tmp
         assert made(read_flight(folder), tmp_path, killer) == with_threads
     assert bool(killer.killed) == bool(killed_in)
     assert children() == []
+
+
+def test_another_cluster_on_this_machine_is_no_warning(recwarn):
+    """Each has a server of HTTP, and the port that Dask prefers may be taken by any program."""
+    with socket.socket() as other:
+        with suppress(OSError):  # where it is taken already
+            other.bind(("", 8787))
+            other.listen()
+        with cluster(count=1):
+            pass
+    assert [str(warning.message) for warning in recwarn if "Port" in str(warning.message)] == []
 
 
 def test_experiments_have_the_same_figures():
