@@ -38,9 +38,9 @@ from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
 
-LARGEST_DRIFT = 1e-3
-"""Prior standard deviation of the drift: a video of 29.97 pictures a second that says 30 drifts so fast;
-crystals drift a tenth of it."""
+LARGEST_DRIFT, CRYSTAL_DRIFT = 1e-3, 1e-4
+"""Prior standard deviations of the drift: a video of 29.97 pictures a second that says 30 drifts by the
+first, and the crystals of cheap clocks differ by the second."""
 _SEARCH_S = 0.5
 """Error of a candidate from the rates of turn: some steps of the signals."""
 _FINE_STEP_S, _FINE_S = 0.002, 0.1
@@ -278,7 +278,10 @@ def _without_bias(turns_rad: Array, lasts_s: Array) -> Array:
 
 
 def _drift(residuals: DelayResiduals) -> tuple[float, float]:
-    """Return the growth of the delay per second and its deviation, from the delays of windows of time."""
+    """Return the growth of the delay per second and its deviation, from the delays of windows of time.
+
+    The prior is that of crystals, unless that of a wrong rate makes these delays more likely.
+    """
     windows = min(_WINDOWS, len(residuals.begin_s) // LEAST_TURNS)
     if windows < 2:
         return 0.0, LARGEST_DRIFT
@@ -290,8 +293,15 @@ def _drift(residuals: DelayResiduals) -> tuple[float, float]:
     at_s = np.array([0.5 * float(part.begin_s[0] + part.end_s[-1]) for part in parts])
     delay_s, weight = np.array([p.delay_s for p in pieces]), np.array([p.std_s for p in pieces]) ** -2.0
     at_s, delay_s = at_s - np.average(at_s, weights=weight), delay_s - np.average(delay_s, weights=weight)
-    information = float(weight @ at_s**2) + LARGEST_DRIFT**-2
+    information = float(weight @ at_s**2)
     drift = float(weight @ (at_s * delay_s)) / information
     # Windows that disagree by more than their deviations show that these are too small.
     excess = float(weight @ (delay_s - drift * at_s) ** 2) / max(windows - 2, 1)
-    return drift, float(np.sqrt(max(excess, 1.0) / information))
+    variance = max(excess, 1.0) / information
+
+    def unlikely(prior: float) -> float:
+        return float(np.log(prior**2 + variance) + drift**2 / (prior**2 + variance))
+
+    prior = min(CRYSTAL_DRIFT, LARGEST_DRIFT, key=unlikely)
+    share = prior**2 / (prior**2 + variance)
+    return share * drift, float(np.sqrt(share * variance))

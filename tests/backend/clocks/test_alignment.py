@@ -71,6 +71,19 @@ def test_clocks_hours_apart_are_aligned_with_honest_deviations():
         assert chi2.ppf(1e-4, 6) < (column**2).sum() < chi2.ppf(1 - 1e-4, 6)
 
 
+def test_a_wrong_rate_of_the_pictures_is_found():
+    """29.97 pictures a second that are called 30 drift by ten times what crystals do."""
+    found = aligned(2, drift=1e-3).found
+    assert found.drift == pytest.approx(1e-3, abs=4 * found.drift_std)
+    assert found.drift_std < 2e-4
+
+
+def test_pictures_that_show_little_of_the_drift_leave_it_at_what_crystals_have():
+    """What the windows of such a short video ask for is mostly noise."""
+    found = [aligned(seed, video_s=(80.0, 100.0), noise_rad=8e-3).found for seed in (0, 1)]
+    assert [abs(f.drift) < 2e-4 and f.drift_std <= 1e-4 for f in found] == [True, True]
+
+
 def test_the_mount_need_not_be_known():
     mount = Rotation.from_euler("zyx", [90.0, 10.0, -5.0], degrees=True)
     found = aligned(1, mount=mount).found
