@@ -35,7 +35,7 @@ from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
 CORES = 2
 PIECES, TURNS, TURNS_BY_FEATURES = 8, 5, 2
-ASKED = {(176, 144): 100.0, (320, 240): 60.0}
+ASKED = {(176, 144): 350.0, (320, 240): 200.0}
 """Target in frames a second, by the size of the pictures."""
 
 
