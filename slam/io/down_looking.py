@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from enum import IntEnum
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +12,24 @@ Array = NDArray[np.float64]
 
 MAX_TILT_DEG = 30.0
 """Largest angle between straight down and the axis of a sensor that looks at the floor."""
+_DOWN_WORDS = {"down", "downward", "bottom", "belly", "nadir", "below"}
+_ASIDE_WORDS = {"front", "forward", "ahead", "left", "right", "rear", "back", "up", "upward", "side", "top"}
+
+
+class Look(IntEnum):
+    """Direction in which a sensor looks; the smaller ones are preferred for a map."""
+
+    DOWN = 0
+    UNKNOWN = 1
+    ASIDE = 2
+
+    @staticmethod
+    def of(*names: str) -> Look:
+        """Return the direction that the words in a topic and a frame state."""
+        words = {word for name in names for word in re.split(r"[^a-z]+", name.lower())}
+        if words & _DOWN_WORDS:
+            return Look.DOWN
+        return Look.ASIDE if words & _ASIDE_WORDS else Look.UNKNOWN
 
 
 def axis_tilt_deg(b_axis: Array) -> float:

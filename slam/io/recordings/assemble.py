@@ -16,6 +16,7 @@ from slam.io.csv_stream import CsvTable, check_limits
 from slam.io.files import brief
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.recorded_pictures import RecordedPictures
+from slam.io.recordings.camera_views import judged
 from slam.io.recordings.choice import Request, choose
 from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 from slam.io.sensor_yaml import YamlFile
@@ -30,9 +31,12 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
 
     Raises ``InputError`` where no stream is found, or where the meaning of the readings is uncertain.
     """
+    known = judged(recording, request.topics, progress)
+    recording = known.recording
     chosen = choose(recording, request.topics)
     content = recording.read(chosen, progress)
-    warnings = list(content.warnings)
+    camera = next((offer.channel for offer in chosen if offer.stream == "cam0"), None)
+    warnings = [*content.warnings, *known.remarks(camera)]
 
     def note(folder: str, notes: list[str] | tuple[str, ...]) -> None:
         warnings.extend(f"{folder}: {line}" for line in notes)
@@ -133,7 +137,7 @@ def _taken(chosen: tuple[Offer, ...], tables: Mapping[str, CsvTable]) -> list[St
             kind=offer.kind,
             rows=len(tables[offer.stream].stamps_ns),
             rate_hz=_rate_hz(tables[offer.stream]),
-            reading=offer.reading,
+            reading=", ".join(filter(None, (offer.reading, offer.view))),
         )
         for offer in chosen
         if offer.stream in tables
@@ -142,6 +146,7 @@ def _taken(chosen: tuple[Offer, ...], tables: Mapping[str, CsvTable]) -> list[St
 
 def _reason(offer: Offer, rival: str | None) -> str:
     why = offer.doubt or (f"{rival} taken as {offer.stream}" if rival else "left out on request")
+    why = "; ".join(filter(None, (offer.view, why)))
     return f"{why}; take it by --topic {offer.stream}={offer.channel}"
 
 

@@ -34,8 +34,9 @@ def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]
     """Return the chosen offers, at most one for each stream.
 
     ``topics`` maps the folder of a stream to the channel that a user named; other streams take the offer of
-    the smallest rank, and of equal ones the first. An empty channel name leaves the stream out. Raises
-    ``InputError`` for an unknown stream or channel, and where nothing can be chosen.
+    the smallest rank, and of equal ones the first. Cameras that look down come before all others. An empty
+    channel name leaves the stream out. Raises ``InputError`` for an unknown stream or channel, and where
+    nothing can be chosen.
     """
     for stream, channel in topics.items():
         _check(recording, stream, channel)
@@ -47,7 +48,7 @@ def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]
         else:
             offers = [offer for offer in offers if not offer.doubt]
         if offers:
-            chosen.append(min(offers, key=lambda offer: offer.rank))
+            chosen.append(min(offers, key=lambda offer: (offer.look, offer.rank)))
     if not chosen:
         raise refusal(
             recording.path,

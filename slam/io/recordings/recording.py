@@ -7,7 +7,7 @@ flight format (`slam.io.streams.COLUMNS`). Everything after that is common to al
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.flight import Image
 from slam.core.progress import Progress
+from slam.io.down_looking import Look
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
@@ -41,6 +42,14 @@ class Offer:
     """Units and axes of the recording, and how they are converted."""
     rank: int = 0
     """Offers of a smaller rank are preferred."""
+    look: Look = Look.DOWN
+    """The direction of a camera, as far as it is known; it is more important than the rank."""
+    is_declared: bool = False
+    """Whether the recording itself states where a camera looks; otherwise its name is all that tells."""
+    view: str = ""
+    """A sentence about where a camera looks by its pictures; empty where they were not asked."""
+    device: str = ""
+    """Channels of one device show the same, for example compressed and not; empty for a device of its own."""
     doubt: str = ""
     """Reason not to take the channel without a request; empty for none."""
 
@@ -89,6 +98,21 @@ class Content:
     """Notes of ``flight.yaml``: vehicle, date and the like."""
 
 
+@dataclass(frozen=True)
+class Burst:
+    """Some successive pictures of a camera, and how the vehicle turned meanwhile."""
+
+    stamps_s: Array
+    """(k,)."""
+    pictures: tuple[Image | None, ...]
+    """k pictures, (h, w) or (h, w, 3); None where one is damaged."""
+    w_R_b: Array | None = None
+    """(k, 3, 3) attitudes of the vehicle, in axes of an instrument, relative to each other; None where they
+    are unknown."""
+    b_up: Array | None = None
+    """(3,) the mean direction of up in these axes, of any length."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recording:
     """An opened recording."""
@@ -102,3 +126,6 @@ class Recording:
     """Channels that no stream of a flight can take: name, type and number of rows."""
     read: Callable[[Sequence[Offer], Progress], Content]
     """Read the chosen channels. Raises ``InputError`` for damage that leaves nothing."""
+    watch: Callable[[Offer], tuple[Camera, Iterable[Burst]] | None] | None = None
+    """Return the lens of a channel of pictures, and stretches of them; None where its lens is unknown. A
+    format without this function holds one camera at most."""

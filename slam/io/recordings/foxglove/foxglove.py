@@ -58,6 +58,12 @@ class FoxgloveBag(OpenBag):
         """All channels."""
         return self._connections
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """The times of recording of the first and the last message."""
+        times_ns = [c.channel.times_ns for c in self._connections]
+        return min(map(min, times_ns), default=0), max(map(max, times_ns), default=0)
+
     def messages(
         self, connections: Sequence[_Connection], start_ns: int | None = None
     ) -> Iterator[tuple[_Connection, int, Message]]:

@@ -93,6 +93,11 @@ class Bag(OpenBag):
         """All connections of the bag."""
         return self.reader.connections
 
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """The times of recording of the first and the last message."""
+        return self.reader.start_time, self.reader.end_time
+
     def is_defined(self, kind: str) -> bool:
         """Return whether the bag, or ROS itself, defines a type."""
         return kind in self.reader.typestore.types

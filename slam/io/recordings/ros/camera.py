@@ -24,6 +24,12 @@ def info_topics(image_topic: str) -> tuple[str, ...]:
     return tuple("/".join([*parts[:k], "camera_info"]) for k in range(len(parts) - 1, 0, -1))
 
 
+def device_of(image_topic: str) -> str:
+    """Return the name that the topics of one camera have in common (``image_transport``, ``image_proc``)."""
+    folder, _, name = image_topic.removesuffix("/compressed").rpartition("/")
+    return folder if name.startswith("image") else f"{folder}/{name}"
+
+
 def camera_of(info: Message | None, first: Message, b_T_c: Array | None) -> tuple[Camera | None, list[str]]:
     """Return the camera of a ``CameraInfo``, and the assumptions; None with the reason where unusable.
 

@@ -61,6 +61,11 @@ class OpenBag(ABC):
     def connections(self) -> Sequence[Any]:
         """All ``Channel`` objects."""
 
+    @property
+    @abstractmethod
+    def span_ns(self) -> tuple[int, int]:
+        """The times of recording of the first and the last message."""
+
     @abstractmethod
     def messages(
         self, connections: Sequence[Any], start_ns: int | None = None
@@ -75,7 +80,7 @@ class OpenBag(ABC):
         """Read the first messages of the topics that have a mount or pictures, or several versions."""
         kinds = {rule.kind for rule in RULES if rule.is_mounted or rule.needs} | set(IMAGE_KINDS)
         defined = [kind for kind in kinds if self.is_defined(kind)]
-        self.first = {topic: self._first(topic) for topic, _, count in self.topics(*defined) if count}
+        self.first = {topic: self.first_message(topic) for topic, _, count in self.topics(*defined) if count}
 
     def is_defined(self, kind: str) -> bool:
         """Return whether messages of a type can be read."""
@@ -139,7 +144,8 @@ class OpenBag(ABC):
         """Return ``b_T_s`` (4, 4) of the sensor of a topic; None where no fixed transform gives it."""
         return self.mounts.mount(self.body, self.frame_of(topic))
 
-    def _first(self, topic: str) -> Message:
+    def first_message(self, topic: str) -> Message:
+        """Return the first message of a topic; None without one."""
         connections = [c for c in self.connections if c.topic == topic]
         return next((message for _, _, message in self.messages(connections)), None)
 

@@ -15,12 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.camera import Camera
 from slam.core.progress import Progress
-from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg
+from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
 from slam.io.files import brief, refusal
-from slam.io.recordings.recording import COPY_AGAIN, Content, Offer, PictureChannel, Recording, StreamReadings
+from slam.io.recordings.recording import (
+    COPY_AGAIN,
+    Burst,
+    Content,
+    Offer,
+    PictureChannel,
+    Recording,
+    StreamReadings,
+)
 from slam.io.recordings.ros import camera as ros_camera
 from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
+from slam.io.recordings.ros.bursts import BodyChannel, bursts_of
 from slam.io.recordings.ros.messages import (
     CAMERA_INFO,
     IMAGE_KINDS,
@@ -31,7 +41,7 @@ from slam.io.recordings.ros.messages import (
 from slam.io.recordings.ros.open_bag import BagPictures, OpenBag
 from slam.io.recordings.ros.px4 import PACKAGE
 from slam.io.recordings.ros.rules import RULES
-from slam.io.recordings.ros.transforms import Look, mount_entry
+from slam.io.recordings.ros.transforms import mount_entry
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
@@ -100,6 +110,11 @@ def recording_of(bag: OpenBag, description: str) -> Recording:
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
         return _read(bag, chosen, progress)
 
+    def watch(offer: Offer) -> tuple[Camera, Iterator[Burst]] | None:
+        topic = offer.channel
+        camera, _ = ros_camera.camera_of(bag.camera_info(topic), bag.first[topic], None)
+        return None if camera is None else (camera, bursts_of(bag, topic, _body_channel(bag, offers)))
+
     return Recording(
         path=bag.path,
         name=bag.path.stem,
@@ -107,11 +122,22 @@ def recording_of(bag: OpenBag, description: str) -> Recording:
         offers=tuple(offers),
         others=tuple(sorted(others)),
         read=read,
+        watch=watch,
     )
 
 
+def _body_channel(bag: OpenBag, offers: Sequence[Offer]) -> BodyChannel | None:
+    """Return the topic that shows best how the vehicle turns: a gyro with accelerometer, else an attitude."""
+    able = [o for o in offers if o.stream in ("imu0", "attitude0") and o.rows and not o.doubt]
+    for offer in sorted(able, key=lambda offer: (offer.stream != "imu0", offer.rank)):
+        channel = BodyChannel(offer.channel, _rule(offer))
+        if channel.has_values(bag.first_message(offer.channel)):
+            return channel
+    return None
+
+
 def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
-    """Yield the topics with pictures; cameras that look down and uncompressed pictures are preferred.
+    """Yield the topics with pictures; those with a lens, and uncompressed ones, are preferred.
 
     Without a transform, the name of a camera says where it looks.
     """
@@ -132,7 +158,10 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
             kind=kind,
             rows=rows,
             reading=f"{brief(encoding, 40)}{mount}",
-            rank=len(IMAGE_KINDS) * look + IMAGE_KINDS.index(kind),
+            rank=len(IMAGE_KINDS) * (bag.camera_info(topic) is None) + IMAGE_KINDS.index(kind),
+            look=look,
+            is_declared=b_T_c is not None,
+            device=ros_camera.device_of(topic),
         )
 
 

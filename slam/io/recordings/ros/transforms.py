@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum
 from itertools import pairwise
 from typing import Any
 
@@ -20,26 +18,6 @@ Array = NDArray[np.float64]
 
 BODY_FRAMES = ("base_link", "body", "base_frame", "fcu", "base_footprint")
 """Usual names of the body's frame, in the order of preference."""
-
-
-_DOWN_WORDS = {"down", "downward", "bottom", "belly", "nadir", "below"}
-_ASIDE_WORDS = {"front", "forward", "ahead", "left", "right", "rear", "back", "up", "upward", "side", "top"}
-
-
-class Look(IntEnum):
-    """Direction in which a sensor looks, by its name; the smaller ones are preferred for a map."""
-
-    DOWN = 0
-    UNKNOWN = 1
-    ASIDE = 2
-
-    @staticmethod
-    def of(*names: str) -> Look:
-        """Return the direction that the words in a topic and a frame state."""
-        words = {word for name in names for word in re.split(r"[^a-z]+", name.lower())}
-        if words & _DOWN_WORDS:
-            return Look.DOWN
-        return Look.ASIDE if words & _ASIDE_WORDS else Look.UNKNOWN
 
 
 @dataclass

@@ -1,0 +1,90 @@
+"""Which of several cameras looks down, by their pictures: when it is asked, decided and told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frontend.camera import Camera
+from slam.io.down_looking import Look
+from slam.io.recordings.camera_views import ODDS, CameraLook, is_decisive, judged
+from slam.io.recordings.recording import Offer, Recording
+
+CAMERA = Camera(focal_px=(5.0, 5.0), center_px=(2.5, 1.5), size_px=(6, 4))
+
+
+def camera(channel: str, look: Look = Look.UNKNOWN, **more) -> Offer:
+    return Offer(stream="cam0", channel=channel, kind="Image", rows=9, reading="", look=look, **more)
+
+
+def recording(*offers: Offer) -> tuple[Recording, list[str]]:
+    """A recording that notes whose pictures are asked for, and shows none of them."""
+    asked: list[str] = []
+
+    def watch(offer):
+        asked.append(offer.channel)
+        return CAMERA, ()
+
+    return Recording(
+        path=Path("a.bag"), name="a", description="a bag", offers=offers, read=lambda *_: None, watch=watch
+    ), asked
+
+
+def silent(*_):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("offers", "topics", "expected"),
+    [
+        ((camera("/a"), camera("/b")), {}, ["/a", "/b"]),
+        ((camera("/a"), camera("/b")), {"cam0": "/b"}, []),
+        ((camera("/a"),), {}, []),
+        ((camera("/a"), camera("/b", Look.DOWN)), {}, []),
+        ((camera("/a"), camera("/b", Look.ASIDE)), {}, []),
+        ((camera("/a", Look.ASIDE), camera("/b", Look.ASIDE)), {}, ["/a", "/b"]),
+        ((camera("/a", Look.ASIDE, is_declared=True), camera("/b", Look.ASIDE, is_declared=True)), {}, []),
+        ((camera("/a/x", device="/a", rank=1), camera("/a/y", device="/a")), {}, []),
+        ((camera("/a/x", device="/a", rank=1), camera("/a/y", device="/a"), camera("/b")), {}, None),
+    ],
+)  # fmt: skip
+def test_pictures_are_asked_only_where_nothing_else_tells(offers, topics, expected):
+    made, asked = recording(*offers)
+    judged(made, topics, silent)
+    assert asked == (expected if expected is not None else ["/a/y", "/b"]), "one channel of each device"
+
+
+def test_where_pictures_do_not_tell_the_option_is_named():
+    made, _ = recording(camera("/a"), camera("/b"))
+    known = judged(made, {}, silent)
+    (line,) = known.remarks("/a")
+    assert "which of /a and /b looks down" in line
+    assert "--topic cam0=CHANNEL" in line
+    assert known.remarks(None) == []
+    assert all("no gyro or attitude" in offer.view for offer in known.recording.offers)
+
+
+def test_a_view_says_its_evidence():
+    assert (
+        CameraLook(Look.DOWN, 4.0, 20).sentence()
+        == "looks down, 4 degrees from straight down, by its turns in 20 stretches"
+    )
+    assert CameraLook(Look.ASIDE, 88.0, 20).sentence().startswith("looks aside, 88 degrees")
+
+
+def test_evidence_must_be_large_and_agree():
+    least = 2.0 * np.log(ODDS)
+    assert is_decisive(np.full(10, least / 9))
+    assert not is_decisive(np.full(10, least / 11)), "the odds are too small"
+    assert not is_decisive(-np.full(10, least)), "it is for the other one"
+    assert not is_decisive([1000.0, *[0.0] * 9]), "one stretch alone decides"
+    assert not is_decisive([300.0, -200.0] * 5), "the stretches contradict each other"
+
+
+def test_chance_decides_once_in_a_thousand():
+    """Two explanations that are equally good: stretches of noise decide as often as the odds say."""
+    rng = np.random.default_rng(1)
+    decided = sum(is_decisive(rng.normal(0.0, 50.0, 12)) for _ in range(4000))
+    assert decided <= 12  # 4 are expected; more than 12 has a chance of 0.03 %
