@@ -113,6 +113,12 @@ class Burst:
     """(3,) the mean direction of up in these axes, of any length."""
 
 
+Watch = Callable[[Offer, bool], tuple[Camera, Iterable[Burst]] | None]
+"""Return the lens of a channel of pictures, and stretches of them; None where its lens is unknown.
+
+If the second argument is true, pictures are watched alone: for longer, and without the instruments."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Recording:
     """An opened recording."""
@@ -126,6 +132,5 @@ class Recording:
     """Channels that no stream of a flight can take: name, type and number of rows."""
     read: Callable[[Sequence[Offer], Progress], Content]
     """Read the chosen channels. Raises ``InputError`` for damage that leaves nothing."""
-    watch: Callable[[Offer], tuple[Camera, Iterable[Burst]] | None] | None = None
-    """Return the lens of a channel of pictures, and stretches of them; None where its lens is unknown. A
-    format without this function holds one camera at most."""
+    watch: Watch | None = None
+    """None for a format that holds one camera at most."""

@@ -22,16 +22,26 @@ from slam.io.recordings.ros.open_bag import OpenBag
 Array = NDArray[np.float64]
 Message = Any
 
-BURSTS = 32
-"""Largest number of stretches, evenly over the recording: the cost does not grow with its length."""
-_APART_S = 1.0
-"""Shortest time between the starts of two stretches: turns of a vehicle last about so long, and errors of
-nearer stretches are related."""
-_AFTER_S = (0.2, 0.5)
-"""Other pictures are taken so long after the first one of a stretch. A vehicle turns by some degrees
-meanwhile, and pictures still overlap."""
-_LONGEST_S = 2.0
-"""A stretch ends after so long, where a recorder took fewer pictures."""
+
+@dataclass(frozen=True)
+class Schedule:
+    """The moments at which pictures are taken from a recording."""
+
+    most: int
+    """Largest number of stretches, evenly over the recording: the cost does not grow with its length."""
+    apart_s: float
+    """Shortest time between the starts of two stretches, since errors of nearer ones are related."""
+    after_s: tuple[float, ...]
+    """Other pictures of a stretch are taken so long after its first one."""
+    longest_s: float
+    """A stretch ends after so long, where the recorder took fewer pictures."""
+
+
+GLANCE = Schedule(most=32, apart_s=1.0, after_s=(0.2, 0.5), longest_s=2.0)
+"""Short stretches for a comparison with instruments: a vehicle turns by some degrees meanwhile, the pictures
+still overlap, and turns of a vehicle last about a second."""
+CHAIN = Schedule(most=16, apart_s=3.0, after_s=(0.5, 1.0, 1.5, 2.0, 2.5), longest_s=5.0)
+"""Long stretches for the pictures alone, in which a vehicle turns farther than it tilts; as many pictures."""
 _AROUND_S = 0.2
 """Readings so long before and after the pictures are read: some of a slow attitude."""
 _MAX_GAP_S = 0.25
@@ -54,33 +64,33 @@ class BodyChannel:
         )
 
 
-def bursts_of(bag: OpenBag, topic: str, body: BodyChannel | None) -> Iterator[Burst]:
+def bursts_of(bag: OpenBag, topic: str, body: BodyChannel | None, when: Schedule) -> Iterator[Burst]:
     """Yield stretches of the pictures of a topic, evenly over the bag; damaged ones are left out."""
     begin_ns, end_ns = bag.span_ns
-    count = int(np.clip((end_ns - begin_ns) * 1e-9 / _APART_S, 1, BURSTS))
+    count = int(np.clip((end_ns - begin_ns) * 1e-9 / when.apart_s, 1, when.most))
     starts = begin_ns + (np.arange(count) + 0.5) / count * (end_ns - begin_ns)
     for start_ns in starts.astype(np.int64).tolist():
         try:
-            burst = _burst(bag, topic, body, start_ns)
+            burst = _burst(bag, topic, body, start_ns, when)
         except Exception:  # noqa: BLE001  a reader's errors have no common class; the import tells of damage
             continue
         if burst is not None:
             yield burst
 
 
-def _burst(bag: OpenBag, topic: str, body: BodyChannel | None, start_ns: int) -> Burst | None:
+def _burst(bag: OpenBag, topic: str, body: BodyChannel | None, start_ns: int, when: Schedule) -> Burst | None:
     stamps_s: list[float] = []
     pictures: list[Image | None] = []
     recorded: list[int] = []
     for recorded_ns, stamp_s, message in _messages(bag, topic, start_ns):
         since_s = stamp_s - stamps_s[0] if stamps_s else 0.0
-        if since_s > _LONGEST_S:
+        if since_s > when.longest_s:
             break
-        if not stamps_s or since_s >= _AFTER_S[len(stamps_s) - 1]:
+        if not stamps_s or since_s >= when.after_s[len(stamps_s) - 1]:
             stamps_s.append(stamp_s)
             pictures.append(_picture(message))
             recorded.append(recorded_ns)
-        if len(stamps_s) > len(_AFTER_S):
+        if len(stamps_s) > len(when.after_s):
             break
     if len(stamps_s) < 2:
         return None

@@ -30,7 +30,7 @@ from slam.io.recordings.recording import (
 )
 from slam.io.recordings.ros import camera as ros_camera
 from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
-from slam.io.recordings.ros.bursts import BodyChannel, bursts_of
+from slam.io.recordings.ros.bursts import CHAIN, GLANCE, BodyChannel, bursts_of
 from slam.io.recordings.ros.messages import (
     CAMERA_INFO,
     IMAGE_KINDS,
@@ -110,10 +110,11 @@ def recording_of(bag: OpenBag, description: str) -> Recording:
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
         return _read(bag, chosen, progress)
 
-    def watch(offer: Offer) -> tuple[Camera, Iterator[Burst]] | None:
+    def watch(offer: Offer, alone: bool) -> tuple[Camera, Iterator[Burst]] | None:
         topic = offer.channel
         camera, _ = ros_camera.camera_of(bag.camera_info(topic), bag.first[topic], None)
-        return None if camera is None else (camera, bursts_of(bag, topic, _body_channel(bag, offers)))
+        body = None if alone else _body_channel(bag, offers)
+        return None if camera is None else (camera, bursts_of(bag, topic, body, CHAIN if alone else GLANCE))
 
     return Recording(
         path=bag.path,

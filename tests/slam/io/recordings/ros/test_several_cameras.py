@@ -63,7 +63,7 @@ def test_both_look_down(tmp_path):
 def test_both_look_ahead_and_it_is_said(tmp_path):
     flight = read(made_bag(tmp_path / "a.bag", {"a": AHEAD, "b": AHEAD}))
     assert all("looks aside" in told(flight, f"/{name}/image_raw") for name in "ab")
-    (line,) = [line for line in flight.warnings if "by the turns of its pictures" in line]
+    (line,) = [line for line in flight.warnings if "by its pictures" in line]
     assert "degrees away from straight down" in line
 
 
@@ -73,3 +73,11 @@ def test_a_vehicle_that_does_not_turn_tells_nothing(tmp_path, flight):
     found = read(made_bag(tmp_path / "a.bag", {"a": AHEAD, "b": NADIR}, flight))
     (line,) = [line for line in found.warnings if "--topic cam0=CHANNEL" in line]
     assert "which of /a/image_raw and /b/image_raw looks down" in line
+
+
+@pytest.mark.slow
+def test_without_instruments_the_axis_of_the_turns_tells(tmp_path):
+    flight = read(made_bag(tmp_path / "a.bag", {"a": AHEAD, "b": NADIR}, MadeFlight(lasts_s=50), body=""))
+    assert taken(flight) == "/b/image_raw"
+    assert "looks down (or up)" in told(flight, "/b/image_raw")
+    assert "looks aside" in told(flight, "/a/image_raw")
