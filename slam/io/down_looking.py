@@ -32,9 +32,13 @@ class Look(IntEnum):
         return Look.ASIDE if words & _ASIDE_WORDS else Look.UNKNOWN
 
 
-def axis_tilt_deg(b_axis: Array) -> float:
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def axis_tilt_deg(b_axis: Array, b_up: Array = _UP) -> float:
     """Return the angle between an axis in body axes (3,) and straight down."""
-    return float(np.degrees(np.arccos(np.clip(-b_axis[2] / np.linalg.norm(b_axis), -1, 1))))
+    lengths = np.linalg.norm(b_axis) * np.linalg.norm(b_up)
+    return float(np.degrees(np.arccos(np.clip(-b_axis @ b_up / lengths, -1, 1))))
 
 
 def tilt_remark(tilt_deg: float) -> str:

@@ -57,13 +57,16 @@ def import_euroc(folder: str | Path) -> Flight:
             folder, f"is a {folder.suffix} file, not a folder", "unpack it first and name its folder"
         )
     root = folder.resolve().parent if folder.resolve().name == "mav0" else folder
-    flight = read_flight(root)
-    mav0 = root / "mav0"
+    flight, mav0 = read_flight(root), root / "mav0"
+    camera = _camera_down(flight, mav0)
+    if camera != "cam0":
+        flight = read_flight(root, camera)
     present = [name for name in _EUROC_ONLY if (mav0 / name).exists()]
-    remarks = [
-        line for line in flight.warnings if not line.startswith(tuple(f"{name}: " for name in _EUROC_ONLY))
-    ]
-    if "cam1" in present:
+    known = (*(f"{name}: " for name in _EUROC_ONLY), "cam0: not a stream")
+    remarks = [line for line in flight.warnings if not line.startswith(known)]
+    if camera != "cam0":
+        remarks.append(f"cam0: the pictures of {camera} are used, which looks down by its T_BS")
+    elif "cam1" in present:
         remarks.append("cam1: the second camera is ignored: the map is made of cam0")
     if flight.truth is None and "vicon0" in present:
         truth, notes = _vicon(mav0 / "vicon0", root, flight.epoch_ns)
@@ -76,6 +79,20 @@ def import_euroc(folder: str | Path) -> Flight:
     flight, renamed = _to_forward_left_up(flight)
     remarks += renamed + _camera_direction_remarks(flight)
     return replace(flight, warnings=tuple(remarks))
+
+
+def _camera_down(flight: Flight, mav0: Path) -> str:
+    """Return the first camera that looks down by its mount, else ``cam0``."""
+    up = _up_in_body(flight)
+    folders = sorted(path.parent for path in mav0.glob("cam[0-9]*/sensor.yaml"))
+    if up is None or len(folders) < 2:
+        return "cam0"
+    for folder in folders:
+        sensor = read_yaml(folder / "sensor.yaml", mav0.parent)
+        is_whole = sensor.has("T_BS") and (folder / "data.csv").exists()
+        if is_whole and axis_tilt_deg(sensor.transform()[:3, 2], up) <= MAX_TILT_DEG:
+            return folder.name
+    return "cam0"
 
 
 def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[str]]:

@@ -38,6 +38,8 @@ class _Recording:
 
     root: Path
     metadata: YamlFile
+    camera: str
+    """Folder of the camera that is read as ``cam0``."""
     tables: dict[str, CsvTable] = field(default_factory=dict)
     sensors: dict[str, YamlFile] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
@@ -46,9 +48,10 @@ class _Recording:
         self.warnings += [f"{folder}: {note}" for note in notes]
 
 
-def read_flight(path: Path | str) -> Flight:
+def read_flight(path: Path | str, camera: str = "cam0") -> Flight:
     """Read the flight in the folder ``path``.
 
+    ``camera`` is the folder whose pictures are read; a flight folder has ``cam0`` alone.
     The clock of the returned ``Flight`` starts at the smallest first stamp of all streams. Raises
     ``InputError``, with file and line, if a rule of the format is broken and the meaning of the data is
     uncertain.
@@ -59,7 +62,7 @@ def read_flight(path: Path | str) -> Flight:
         if _exists(root / "flight.yaml")
         else YamlFile(root / "flight.yaml")
     )
-    recording = _Recording(root, metadata)
+    recording = _Recording(root, metadata, camera)
     all_keyframes = _flag(metadata, "all_keyframes")
     recording.warnings += [*metadata.notes, *_assumptions(metadata)]
     _read_streams(recording)
@@ -126,7 +129,7 @@ def _read_streams(recording: _Recording) -> None:
         folders = sorted(p for p in mav0.iterdir() if not p.name.startswith("."))
     except OSError as error:
         raise refusal(mav0, f"cannot be read ({error.strerror})", "check its permissions") from None
-    known = {"cam0", *COLUMNS}
+    known = {recording.camera, *COLUMNS}
     if not any(p.name in known for p in folders):
         found = brief(", ".join(p.name for p in folders) or "nothing", 120)
         raise refusal(mav0, f"has no known stream (found: {found})", f"add one of {', '.join(sorted(known))}")
@@ -141,12 +144,12 @@ def _read_streams(recording: _Recording) -> None:
 
 
 def _read_stream(recording: _Recording, folder: Path) -> None:
-    name, root = folder.name, recording.root
+    name, root = "cam0" if folder.name == recording.camera else folder.name, recording.root
     if not folder.is_dir():
         raise refusal(folder, "is not a folder", "write it as a folder with sensor.yaml and data.csv")
     for part in ("sensor.yaml", "data.csv"):
         if not _exists(folder / part) and (part == "data.csv" or name == "cam0"):
-            raise refusal(folder / part, "does not exist", f"add it, or remove the folder {name}")
+            raise refusal(folder / part, "does not exist", f"add it, or remove the folder {folder.name}")
     if _exists(folder / "sensor.yaml"):
         sensor = read_yaml(folder / "sensor.yaml", root)
         recording.note(name, (*sensor.notes, *sensor.misspelt_keys(KNOWN_KEYS)))

@@ -162,6 +162,27 @@ def test_renamed_axes_leave_the_motion_unchanged(tmp_path, n_R_b):
     assert np.linalg.det(flight.camera.b_T_c[:3, :3]) == pytest.approx(1)
 
 
+@pytest.mark.parametrize("other_looks_down", [True, False])
+def test_of_two_cameras_the_one_that_looks_down_is_read(tmp_path, other_looks_down):
+    """The first camera looks ahead; the second one has darker pictures."""
+    root = recording(tmp_path)
+    down = N_R_B.T @ np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])
+    cam = root / "mav0" / "cam1"
+    (cam / "data").mkdir(parents=True)
+    T_cam = _rigid(down) if other_looks_down else T_BC
+    (cam / "sensor.yaml").write_text(sensor("camera", 20, T_cam, CAMERA))
+    table = (root / "mav0" / "cam0" / "data.csv").read_text()
+    (cam / "data.csv").write_text(table)
+    for path in (root / "mav0" / "cam0" / "data").iterdir():
+        Image.fromarray(np.full((480, 752), 200, np.uint8)).save(cam / "data" / path.name)
+    flight = import_euroc(root)
+    assert (flight.frames.load(1).mean() == 200) == other_looks_down
+    assert bool(warned(flight, "the pictures of cam1 are used")) == other_looks_down
+    assert bool(warned(flight, "cam1: the second camera is ignored")) != other_looks_down
+    assert bool(warned(flight, "away from straight down")) != other_looks_down
+    assert not warned(flight, "not a stream")
+
+
 def test_level_body_with_a_down_looking_camera_is_unchanged(tmp_path):
     root = recording(tmp_path)
     down = N_R_B.T @ np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])
