@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from slam.core.errors import InputError
+from slam.core.names import listed
 from slam.io.content import HEAD_BYTES, content_name
 
 if TYPE_CHECKING:
@@ -130,13 +131,20 @@ def _refuse_output(path: Path) -> None:
 def _kind_of_folder(path: Path) -> Kind:
     from slam.io.euroc import is_euroc
     from slam.io.photos.search import holds_photos
+    from slam.io.recordings.archive import recordings_in
 
     root = path.resolve().parent if path.resolve().name == "mav0" else path
     if (root / "mav0").is_dir():
         return "euroc" if is_euroc(root) else "flight"
     holds_flights = any(True for depth in ("*", "*/*") for _ in path.glob(f"{depth}/mav0"))
+    if not holds_flights and holds_photos(path):
+        return "photos"
+    if not holds_flights and (found := recordings_in(path, path.iterdir())[0]):
+        names = listed([each.name for each in found])
+        advice = "give it itself" if len(found) == 1 else "give one, or those of one flight to slam import"
+        raise InputError(f"{path}: is a folder of recordings ({names}); {advice}")
     # The reader of flights refuses a folder of another kind and names what it found.
-    return "photos" if not holds_flights and holds_photos(path) else "flight"
+    return "flight"
 
 
 def _content_of(path: Path) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from slam.core.errors import one_line
 from slam.core.figure_table import FigureTable
 from slam.core.names import listed
+from slam.core.stream_source import NO_STREAM
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
@@ -36,8 +37,8 @@ def show_sources(flight: Flight, screen: Screen) -> None:
     )
     title = f"Taken from the recording of {flight.name}"
     screen.table(FigureTable(title, ("stream", "channel", "type", "rows", "rate [Hz]", "units, axes"), rows))
-    rivals = [f"{s.channel} ({s.reading})" for s in left if "--topic" in s.reading]
-    others = [s.channel for s in left if "--topic" not in s.reading]
+    rivals = [f"{s.channel} ({s.reading})" for s in left if s.reading != NO_STREAM]
+    others = [s.channel for s in left if s.reading == NO_STREAM]
     for words, names in (("left", rivals), ("left, of no use to a flight", others)):
         if names:
             screen.line(f"{words}: {listed([one_line(name) for name in names], _MOST_CHANNELS)}")

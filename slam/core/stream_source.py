@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+NO_STREAM = "no stream of a flight"
+"""The reason why a channel is left that nothing of a flight can hold."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class StreamSource:

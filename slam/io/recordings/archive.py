@@ -7,11 +7,13 @@ import shutil
 import tempfile
 import zipfile
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.files import brief, refusal
 from slam.io.photos.search import holds_photos
@@ -50,12 +52,12 @@ class Unpacked:
         return replace(flight, warnings=(*self.warnings, *flight.warnings))
 
 
-def unpacked(path: Path, progress: Progress) -> Unpacked:
+def unpacked(path: Path, progress: Progress, is_inner: bool = False) -> Unpacked:
     """Unpack an archive and return the flight, recording or folder of photographs in it.
 
-    Raises ``InputError`` for a name that leads out of the archive, for more bytes than declared or than the
-    disk has room for, for a damaged or encrypted archive, and where several recordings, or only
-    damaged ones, are in it.
+    An archive that is all that another one holds is unpacked too, unless ``is_inner``. Raises ``InputError``
+    for a name that leads out of the archive, for more bytes than declared or than the disk has room for, for
+    a damaged or encrypted archive, and where several recordings, only damaged ones, or none are in it.
     """
     folder = tempfile.TemporaryDirectory(prefix="slam-")
     _unpacked.append(folder)
@@ -70,7 +72,7 @@ def unpacked(path: Path, progress: Progress) -> Unpacked:
         raise refusal(
             path, f"is a ZIP archive that cannot be unpacked ({brief(error, 120)})", "unpack it yourself"
         ) from None
-    return _source_in(root, path)
+    return _source_in(root, path, progress, is_inner)
 
 
 def _unpack(path: Path, archive: zipfile.ZipFile, root: Path, progress: Progress) -> None:
@@ -102,14 +104,44 @@ def _unpack(path: Path, archive: zipfile.ZipFile, root: Path, progress: Progress
         progress("unpacking", k + 1, len(entries))
 
 
-def _source_in(folder: Path, archive: Path) -> Unpacked:
-    """Return the one source in a folder, or the folder itself for others to judge."""
+def _source_in(folder: Path, archive: Path, progress: Progress, is_inner: bool = False) -> Unpacked:
+    """Return the one source in a folder that was unpacked, or raise ``InputError`` with what is there."""
     entries = [path for path in folder.iterdir() if not path.name.startswith((".", "__MACOSX"))]
     if len(entries) == 1 and entries[0].is_dir() and entries[0].name != "mav0":
-        return _source_in(entries[0], archive)
+        return _source_in(entries[0], archive, progress, is_inner)
     if any(path.name == "mav0" for path in entries) or format_of(folder) is not None:
         return Unpacked(folder)
-    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    found, faults = recordings_in(folder, folder.rglob("*"))
+    if len(found) > 1:
+        names = ", ".join(os.path.relpath(path, folder) for path in found[:_MAX_NAMED])
+        raise refusal(
+            archive,
+            f"holds {len(found)} recordings ({names})",
+            "unpack it and name one of them, or give those of one flight to slam import",
+        )
+    lines = tuple(f"{archive.name} holds {str(fault).removeprefix(f'{folder}/')}" for fault in faults)
+    if found:
+        return Unpacked(found[0], lines)
+    if holds_photos(folder) or any(folder.rglob("mav0")):
+        return Unpacked(folder, lines)
+    if faults:
+        raise faults[0]
+    inner = [path for path in folder.rglob("*") if is_archive(path)]
+    if len(inner) == 1 and not is_inner:
+        return unpacked(inner[0], progress, is_inner=True)
+    names = listed([os.path.relpath(path, folder) for path in sorted(folder.rglob("*"))], _MAX_NAMED)
+    what = "holds neither a recording, a flight folder nor photographs"
+    raise refusal(
+        archive, f"{what} (found: {brief(names, 200) or 'nothing'})", "docs/recordings.md lists what is read"
+    )
+
+
+def recordings_in(folder: Path, paths: Iterable[Path]) -> tuple[list[Path], list[InputError]]:
+    """Return the recordings among the paths of a folder, without files that belong to another one.
+
+    The second value is what is wrong with others that have the name of a recording.
+    """
+    files = sorted(path for path in paths if path.is_file())
     faults = {path: fault for path in files if (fault := _fault(path)) is not None}
     found = [path for path in files if path not in faults and format_of(path) is not None]
     stems = {path.with_suffix("") for path in found if path.suffix.lower() not in _COMPANIONS}
@@ -119,15 +151,7 @@ def _source_in(folder: Path, archive: Path) -> Unpacked:
         if path.suffix.lower() not in _COMPANIONS
         or (path.with_suffix("") not in stems and not holds_photos(folder))
     ]
-    if len(found) > 1:
-        names = ", ".join(os.path.relpath(path, folder) for path in found[:_MAX_NAMED])
-        raise refusal(archive, f"holds {len(found)} recordings ({names})", "unpack it and name one of them")
-    if faults and not found and not holds_photos(folder):
-        raise next(iter(faults.values()))
-    lines = tuple(
-        f"{archive.name} holds {str(fault).removeprefix(f'{folder}/')}" for fault in faults.values()
-    )
-    return Unpacked(found[0] if found else folder, lines)
+    return found, list(faults.values())
 
 
 def _fault(path: Path) -> InputError | None:

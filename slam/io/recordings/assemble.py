@@ -10,7 +10,7 @@ import numpy as np
 
 from slam.core.flight import Flight, Frames
 from slam.core.progress import Progress, silent
-from slam.core.stream_source import StreamSource
+from slam.core.stream_source import NO_STREAM, StreamSource
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, check_limits
 from slam.io.files import brief
@@ -160,7 +160,7 @@ def _left(recording: Recording, chosen: tuple[Offer, ...]) -> list[StreamSource]
             reason = _reason(offer, rivals.get(offer.stream)) if offer.rows else "no rows"
             left[offer.channel] = (offer.kind, offer.rows, reason)
     for channel, kind, rows in recording.others:
-        left.setdefault(channel, (kind, rows, "no stream of a flight"))
+        left.setdefault(channel, (kind, rows, NO_STREAM))
     return [
         StreamSource(stream="", channel=channel, kind=kind, rows=rows, rate_hz=math.nan, reading=reason)
         for channel, (kind, rows, reason) in left.items()

@@ -128,10 +128,13 @@ def format_of(path: Path) -> Format | FolderFormat | None:
     return found
 
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording. Raises ``InputError`` where it is of no known format or damaged."""
+def open_recording(path: Path, *parts: Path) -> Recording:
+    """Open a recording. Raises ``InputError`` where it is of no known format or damaged.
+
+    ``parts``: other files of it, of a format that knows several.
+    """
     found = format_of(path)
     if found is None:
         raise refusal(path, "is no recording of a known format", "docs/recordings.md lists the formats")
-    opener: Callable[[Path], Recording] = import_module(f"slam.io.recordings.{found.module}").open_recording
-    return opener(path)
+    opener: Callable[..., Recording] = import_module(f"slam.io.recordings.{found.module}").open_recording
+    return opener(path, *parts)

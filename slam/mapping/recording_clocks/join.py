@@ -43,7 +43,13 @@ def join_recordings(
     moved: dict[int, Flight] = {}
     for k, motion in enumerate(motions):
         streams = [folder for folder, number in taken.items() if number == k]
-        if motion is reference or not streams:
+        if motion is reference:
+            continue
+        if not streams:
+            moved[k] = motion.flight.with_warning(
+                f"nothing of {motion.flight.name} is used, since other sources have its streams; if it goes "
+                "on where another one ends, give both to slam optimize, as several flights of one camera"
+            )
             continue
         given = next((offsets_s[folder] for folder in streams if folder in offsets_s), None)
         clock = (

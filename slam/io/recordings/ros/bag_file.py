@@ -26,7 +26,8 @@ DESCRIPTION = "a ROS bag"
 class Bag(OpenBag):
     """An open bag and its first messages; it is closed when it is no longer referenced."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *later: Path) -> None:
+        """Open a bag, with the ``later`` parts of a ROS 1 bag that was split."""
         super().__init__(path)
         with optional_reader(path, DESCRIPTION, "ros"):
             from rosbags.highlevel import AnyReader
@@ -34,7 +35,7 @@ class Bag(OpenBag):
         # Bags hold the definitions of their messages since ROS 2 Iron.
         before_iron = get_typestore(Stores.ROS2_HUMBLE)
         with damage_reported(path, DESCRIPTION):
-            self.reader: AnyReader = AnyReader([path], default_typestore=before_iron)
+            self.reader: AnyReader = AnyReader([path, *later], default_typestore=before_iron)
             self._open()
         if any(c.msgtype.startswith(PACKAGE) and not self.is_defined(c.msgtype) for c in self.connections):
             self.warnings += (
@@ -72,6 +73,8 @@ class Bag(OpenBag):
             self.reader.open()
         except (AnyReaderError, OSError):
             unindexed: Any
+            if len(self.reader.paths) > 1:
+                raise
             if is_mcap(self.path):
                 unindexed = CutMcapReader(self.path)
                 if not any(each.msgcount for each in unindexed.connections):
@@ -96,7 +99,7 @@ class Bag(OpenBag):
     @property
     def span_ns(self) -> tuple[int, int]:
         """The times of recording of the first and the last message."""
-        return self.reader.start_time, self.reader.end_time
+        return self.reader.start_time, self.reader.end_time - 1
 
     def is_defined(self, kind: str) -> bool:
         """Return whether the bag, or ROS itself, defines a type."""

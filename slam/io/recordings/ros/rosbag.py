@@ -95,9 +95,9 @@ class _Series:
         return [f"{what}: the time of recording is used; stamp them where they are measured"]
 
 
-def open_recording(path: Path) -> Recording:
-    """Open a bag. Raises ``InputError`` without ``rosbags``, or for a damaged file."""
-    return recording_of(Bag(path), DESCRIPTION)
+def open_recording(path: Path, *later: Path) -> Recording:
+    """Open a bag, or the parts of one. Raises ``InputError`` without ``rosbags``, or for a damaged file."""
+    return recording_of(Bag(path, *later), DESCRIPTION)
 
 
 def recording_of(bag: OpenBag, description: str) -> Recording:

@@ -41,6 +41,8 @@ _STABILISED_DEG = 1.0
 _RANK_OF_SUBTITLES = len(RULES)
 """A table beside a video is preferred, since a person put it there."""
 _SUBTITLE_CODES = ("tx3g", "text")
+_LONGEST_CUE_S = 1.0
+"""Longest duration of a subtitle: the last one may begin so long before the end of the video."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +60,17 @@ class _Video:
     damage: tuple[str, ...] = ()
 
 
-def open_recording(path: Path) -> Recording:
-    """Open a video, or the subtitles alone. Raises ``InputError`` where nothing can be read."""
+def open_recording(path: Path, *subtitles: Path) -> Recording:
+    """Open a video, or the subtitles alone. Raises ``InputError`` where nothing can be read.
+
+    ``subtitles``: their file, if it has not the name of the video.
+    """
     if path.suffix.lower() == ".srt":
         video = _Video(np.empty(0), (0, 0), True, _from_file(path), path.name)
     else:
         video = _opened(path)
+        if subtitles:
+            video = replace(video, subtitles=_from_file(subtitles[0]), subtitle_name=subtitles[0].name)
     beside, remarks = _table_beside(path, video.stamps_s)
     gopro = video.gopro
 
@@ -98,6 +105,18 @@ def open_recording(path: Path) -> Recording:
         ),
         read=read,
     )
+
+
+def lasts_as_long(path: Path, subtitles: Path) -> bool:
+    """Return whether a video without subtitles lasts as long as some of another name, to the last cue.
+
+    Subtitles count from the beginning of their video, and end with it.
+    """
+    video, cues_s = _opened(path), _from_file(subtitles).stamps_s
+    if video.subtitles is not None or not len(cues_s) or not len(video.stamps_s):
+        return False
+    ends_s = video.stamps_s[[0, -1]] - cues_s[[0, -1]]
+    return bool((np.abs(ends_s) <= _LONGEST_CUE_S).all())
 
 
 def _remarks_of_gopro(gopro: GoproTrack | None) -> Iterator[str]:

@@ -50,7 +50,9 @@ def test_a_video_with_its_subtitles_in_an_archive(tmp_path):
 
 def test_several_recordings_are_named(tmp_path):
     content = video(tmp_path / "v.mp4", 5).read_bytes()
-    with pytest.raises(InputError, match=r"holds 2 recordings \(a\.mp4, b\.mp4\); unpack it and name one"):
+    with pytest.raises(
+        InputError, match=r"holds 2 recordings \(a\.mp4, b\.mp4\); unpack it and name one of them"
+    ):
         read(zipped(tmp_path / "a.zip", {"a.mp4": content, "b.mp4": content}))
 
 
@@ -102,6 +104,27 @@ def test_a_truncated_archive_is_one_line(tmp_path, share):
         read(path)
 
 
-def test_an_archive_without_a_flight_says_what_is_missing(tmp_path):
-    with pytest.raises(InputError, match="no mav0 folder"):
+def test_an_archive_without_a_flight_says_what_is_there(tmp_path):
+    why = r"a\.zip: holds neither a recording, a flight folder nor photographs \(found: notes\.txt\)"
+    with pytest.raises(InputError, match=why):
         read(zipped(tmp_path / "a.zip", {"notes.txt": b"hello"}))
+
+
+def test_an_archive_in_an_archive(tmp_path):
+    inner = zipped(tmp_path / "in.zip", {"v.mp4": video(tmp_path / "v.mp4", 5).read_bytes()}).read_bytes()
+    outer = zipped(tmp_path / "out.zip", {"day/in.zip": inner, "day/notes.txt": b"hello"})
+    assert len(read(outer).frames) == 5
+    with pytest.raises(InputError, match=r"holds neither a recording"):
+        read(zipped(tmp_path / "deep.zip", {"out.zip": outer.read_bytes()}))
+
+
+def test_a_folder_of_recordings_names_them(tmp_path):
+    folder = tmp_path / "DCIM"
+    folder.mkdir()
+    video(folder / "a.mp4", 5)
+    with pytest.raises(InputError, match=r"is a folder of recordings \(a\.mp4\); give it itself"):
+        kind_of(folder)
+    (folder / "a.srt").write_text("1\n00:00:00,000 --> 00:00:01,000\n[latitude: 47.5] [longitude: 8.25]\n")
+    video(folder / "b.mp4", 5)
+    with pytest.raises(InputError, match=r"\(a\.mp4, b\.mp4\); give one, or those of one flight"):
+        kind_of(folder)

@@ -176,3 +176,9 @@ def test_a_speed_that_repeats_is_refused():
     first, second, _ = by_speed(3, repeats_s=35.0)
     with pytest.raises(InputError, match="fits that of track equally well at"):
         join_recordings([first, second], {})
+
+
+def test_a_source_of_which_nothing_is_used_is_named():
+    joined = join_recordings([replace(gimbal(), name="first"), replace(gimbal(), name="second")], {})
+    assert any("nothing of second is used" in line for line in joined.warnings)
+    assert not any("nothing of first" in line for line in joined.warnings)
