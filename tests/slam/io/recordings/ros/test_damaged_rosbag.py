@@ -14,6 +14,7 @@ import pytest
 from slam.core.errors import InputError
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.formats import open_recording
+from slam.io.recordings.ros.bag_file import Bag
 from tests.slam.io.recordings.ros.made_bag import (
     ROS1,
     ROS2,
@@ -61,6 +62,9 @@ def test_an_mcap_file_that_is_cut_short_gives_its_complete_chunks(tmp_path, cut)
     flight = read(path)
     count = len(flight.imu.stamps_s)
     assert 8 * cut - 2.5 < count < 8
+    begin_ns, end_ns = Bag(path).span_ns
+    assert begin_ns == at(0)
+    assert at(count - 1) <= end_ns <= at(count)
     assert flight.imu.gyro_rad_s[:, 0] == pytest.approx(0.1 * np.arange(count))
     assert flight.imu.stamps_s == pytest.approx(0.01 * np.arange(count))
     assert any("the bag has no index (its recording was interrupted)" in line for line in flight.warnings)
@@ -101,12 +105,13 @@ def test_a_truncated_bag_is_one_line_or_a_warning(tmp_path, kind):
 
 def test_a_ros_1_bag_without_its_index_is_read(tmp_path):
     path = ros1(tmp_path / "a.bag", a_flight(M))
-    expected = read(path)
+    expected, span_ns = read(path), Bag(path).span_ns
     flight = read(without_index(path))
     said = "the bag has no index (its recording was interrupted); end the next one before power is cut"
     assert flight.warnings == (said, *expected.warnings)
     assert np.array_equal(flight.imu.accel_m_s2, expected.imu.accel_m_s2)
     assert np.array_equal(flight.frames[3].read(), picture(3))
+    assert Bag(path).span_ns == span_ns == (at(0), at(4) + 3_000_000)
 
 
 def test_a_truncated_ros_1_bag_gives_its_whole_chunks(tmp_path):

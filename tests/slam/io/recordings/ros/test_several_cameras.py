@@ -76,6 +76,14 @@ def test_a_vehicle_that_does_not_turn_tells_nothing(tmp_path, flight):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("mount", "looks"), [(AHEAD, "aside"), (NADIR, "down")])
+def test_a_single_camera_is_checked(tmp_path, mount, looks):
+    flight = read(made_bag(tmp_path / "a.bag", {"a": mount}))
+    assert f"looks {looks}" in told(flight, "/a/image_raw")
+    assert any("by its pictures it looks" in line for line in flight.warnings) == (looks == "aside")
+
+
+@pytest.mark.slow
 def test_without_instruments_the_axis_of_the_turns_tells(tmp_path):
     flight = read(made_bag(tmp_path / "a.bag", {"a": AHEAD, "b": NADIR}, MadeFlight(lasts_s=50), body=""))
     assert taken(flight) == "/b/image_raw"
