@@ -30,7 +30,7 @@ from slam.io.recordings.recording import (
 )
 from slam.io.recordings.ros import camera as ros_camera
 from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
-from slam.io.recordings.ros.bursts import CHAIN, GLANCE, BodyChannel, bursts_of
+from slam.io.recordings.ros.bursts import BodyChannel, bursts_of
 from slam.io.recordings.ros.messages import (
     CAMERA_INFO,
     IMAGE_KINDS,
@@ -42,6 +42,7 @@ from slam.io.recordings.ros.open_bag import BagPictures, OpenBag
 from slam.io.recordings.ros.px4 import PACKAGE
 from slam.io.recordings.ros.rules import RULES
 from slam.io.recordings.ros.transforms import mount_entry
+from slam.io.recordings.schedule import CHAIN, GLANCE
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
