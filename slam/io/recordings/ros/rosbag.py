@@ -170,13 +170,10 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
 def _series_offers(bag: OpenBag) -> Iterator[Offer]:
     for rank, rule in enumerate(RULES):
         for topic, _, rows in bag.topics(rule.kind):
-            if rule.needs and not all(hasattr(bag.first.get(topic), name) for name in rule.needs):
+            first = bag.first.get(topic)
+            if (rule.needs or first is not None) and not rule.fits(first):
                 continue  # another version of the message
-            if (
-                topic in bag.first
-                and not np.isfinite(rule.row(bag.first[topic])).any()
-                and rule.stream == "attitude0"
-            ):
+            if first is not None and rule.stream == "attitude0" and not np.isfinite(rule.row(first)).any():
                 continue  # an IMU without orientation
             yield Offer(
                 stream=rule.stream,

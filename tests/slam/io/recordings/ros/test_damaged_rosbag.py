@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slam.core.errors import InputError
 from slam.io.recordings.assemble import flight_of
@@ -122,6 +123,20 @@ def test_a_truncated_ros_1_bag_gives_its_whole_chunks(tmp_path):
     flight = read(path)
     assert 0 < len(flight.imu.stamps_s) < whole
     assert any("has no index (its recording was interrupted)" in line for line in flight.warnings)
+
+
+def test_a_type_of_another_version_is_left(tmp_path):
+    """A recorder may define a type of its own under a name of ROS, with other fields."""
+    store, name = get_typestore(Stores.ROS2_HUMBLE), "sensor_msgs/msg/Range"
+    del store.fielddefs[name], store.types[name]
+    store.register(get_types_from_msg("std_msgs/Header header\nfloat32 distance", name))
+    other = Maker(store)
+    messages = [("/range", at(0), other.make(name, header=other.header(at(0), "sonar"), distance=1.0))]
+    still = (0.0, 0.0, 0.0)
+    messages += [("/imu", at(k), other.imu(other.header(at(k), "imu"), still, still)) for k in range(3)]
+    flight = read(write(tmp_path / "bag", other, messages, mcap=True))
+    assert flight.sonar is None
+    assert flight.imu is not None
 
 
 def test_a_missing_reader_is_one_line_with_the_command(tmp_path, monkeypatch):
