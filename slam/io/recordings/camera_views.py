@@ -15,17 +15,21 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.camera import Camera
+from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.names import listed
 from slam.core.progress import Progress
-from slam.io.down_looking import MAX_TILT_DEG, Look, tilt_remark
-from slam.io.recordings.recording import Burst, Offer, Recording, Watch
+from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, Look, axis_tilt_deg, tilt_remark
+from slam.io.recordings.recording import Burst, Offer, PictureChannel, Recording, Watch
 
 Array = NDArray[np.float64]
 
 ODDS = 1000.0
 """Odds at which it counts as known where a camera looks: ten times those that are called decisive (Jeffreys
 1961, Theory of Probability, appendix B), since a map of the wrong camera is worth nothing."""
+
+
+_LEFT = np.array([[0.0, -1.0], [1.0, 0.0]])
+"""Quarter turn to the left, of level coordinates."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +41,8 @@ class CameraLook:
     """A sentence with the evidence, or with the reason why the pictures do not tell."""
     tilt_deg: float = np.nan
     """Angle to straight down; NaN where the pictures do not tell."""
+    quarter_turns: int = 0
+    """Quarter turns to the left, -1 to 2, by which the top of the picture is surely off the nose."""
 
     @staticmethod
     def of(evidence: Array, tilt_rad: float, down: str, vertical: str, how: str) -> CameraLook:
@@ -76,6 +82,22 @@ class Judged:
             f"cam0: neither a transform, a name nor the pictures tell {open_} down; {channel} is taken: name "
             "another one by --topic cam0=CHANNEL, or record /tf_static"
         ]
+
+    def mounted(self, channel: str | None, pictures: PictureChannel | None) -> PictureChannel | None:
+        """Return the pictures with the mount that the turns show, to a quarter turn, instead of an assumed
+        one."""
+        view = self.views.get(channel or "")
+        if pictures is None or view is None or not view.quarter_turns:
+            return pictures
+        side = {1: "left", -1: "right", 2: "rear"}[view.quarter_turns]
+        line = (
+            f"no fixed transform to the body: by its turns the top of its pictures is at the {side} of the "
+            "vehicle, and its mount is taken so; record /tf_static to have it exactly"
+        )
+        b_T_c = NADIR_B_T_C.copy()
+        b_T_c[:2] = np.linalg.matrix_power(_LEFT, view.quarter_turns % 4) @ b_T_c[:2]
+        notes = tuple(line if note == NOSE_AT_TOP else note for note in pictures.notes)
+        return replace(pictures, camera=replace(pictures.camera, b_T_c=b_T_c), notes=notes)
 
 
 def judged(recording: Recording, topics: Mapping[str, str], progress: Progress) -> Judged:
@@ -133,7 +155,7 @@ def _look(watch: Watch, offer: Offer, by_instruments_alone: bool) -> CameraLook:
 
 def look_by_instruments(camera: Camera, bursts: Iterable[Burst]) -> CameraLook:
     """Return where a camera looks by its turns and those of the vehicle."""
-    from frontend.optical_axis import TurnedPair, axis_evidence
+    from frontend.optical_axis import TurnedPair, axis_evidence, quarter_turns, top_evidence
     from frontend.ray_pairs import ray_pairs
 
     pairs: list[TurnedPair] = []
@@ -142,17 +164,21 @@ def look_by_instruments(camera: Camera, bursts: Iterable[Burst]) -> CameraLook:
     for burst in bursts:
         if burst.w_R_b is None or burst.b_up is None:
             continue
-        found = ray_pairs(burst.pictures, camera)
-        pairs += [TurnedPair(rays, burst.w_R_b[k].T @ burst.w_R_b[0], stretches) for k, rays in found]
+        matched = ray_pairs(burst.pictures, camera)
+        pairs += [TurnedPair(rays, burst.w_R_b[k].T @ burst.w_R_b[0], stretches) for k, rays in matched]
         up.append(burst.b_up)
-        stretches += bool(found)
+        stretches += bool(matched)
     if not up:
         return CameraLook(Look.UNKNOWN, "no gyro or attitude shows how the vehicle turned")
     if not pairs:
         return CameraLook(Look.UNKNOWN, "its pictures have too little in common to tell where it looks")
     b_down = -np.median(up, axis=0)
     evidence = axis_evidence(pairs, b_down, np.radians(MAX_TILT_DEG), stretches)
-    return CameraLook.of(evidence.by_block, evidence.tilt_rad, "down", "straight down", "its turns")
+    found = CameraLook.of(evidence.by_block, evidence.tilt_rad, "down", "straight down", "its turns")
+    if found.look != Look.DOWN or axis_tilt_deg(b_down) > MAX_TILT_DEG:
+        return found
+    turned = is_decisive(top_evidence(pairs, evidence.b_R_c, stretches))
+    return replace(found, quarter_turns=quarter_turns(evidence.b_R_c) if turned else 0)
 
 
 def look_by_pictures(camera: Camera, bursts: Iterable[Burst]) -> CameraLook:

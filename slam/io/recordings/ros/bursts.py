@@ -37,6 +37,8 @@ class BodyChannel:
 
     topic: str
     rule: RosRule
+    b_T_s: Array | None = None
+    """(4, 4) mount of the instrument; None where it is unknown, and body axes are assumed."""
 
     def has_values(self, message: Message) -> bool:
         """Return whether a message has all its values; some drivers fill an ``Imu`` in part."""
@@ -120,7 +122,9 @@ def _turns(
     table = np.array(rows, dtype=float).reshape(len(rows), -1)
     if not len(table):
         return None, None
-    values = body.rule.values(table[:, 1:], None)
+    values = body.rule.values(table[:, 1:], body.b_T_s)
+    if body.rule.is_mounted and body.b_T_s is not None:
+        values = (values.reshape(-1, 3) @ body.b_T_s[:3, :3].T).reshape(values.shape)
     good = np.isfinite(values).all(axis=1)
     at_s, first = np.unique(table[good, 0], return_index=True)
     values = values[good][first]

@@ -132,7 +132,7 @@ def _body_channel(bag: OpenBag, offers: Sequence[Offer]) -> BodyChannel | None:
     """Return the topic that shows best how the vehicle turns: a gyro with accelerometer, else an attitude."""
     able = [o for o in offers if o.stream in ("imu0", "attitude0") and o.rows and not o.doubt]
     for offer in sorted(able, key=lambda offer: (offer.stream != "imu0", offer.rank)):
-        channel = BodyChannel(offer.channel, _rule(offer))
+        channel = BodyChannel(offer.channel, _rule(offer), bag.mount_of(offer.channel))
         if channel.has_values(bag.first_message(offer.channel)):
             return channel
     return None
