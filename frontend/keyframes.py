@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from concurrent.futures import Future
+from dataclasses import dataclass
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.cells import cells
 from frontend.corner_track import CornerTrack
 from frontend.features import Extractor, Features
 from frontend.flow import FlowTemplate
@@ -24,12 +25,15 @@ from frontend.masking import unless_hidden
 from frontend.motions import MOST_LEAD, Expectation
 from frontend.photographs import Photograph, photographs
 from frontend.registration import Registration, register
+from frontend.tracked import IntermediateFrame, Keyframe, Matched, Tracked, on_floor
 from frontend.views import SAME_PICTURE, Load, Masks, View, Views
 
 Image = NDArray[np.uint8]
 Picture = TypeVar("Picture", View, Photograph)
 
 TOO_FEW = "too few features"
+IsUrged = Callable[[Future[Features]], bool]
+"""Function of the features of a keyframe that are being extracted; see `Tracker`."""
 ONCE = 1
 """After more pictures in a row that needed features, those of the next ones are extracted ahead."""
 
@@ -46,82 +50,6 @@ class KeyframeConfig:
     """Whether optical flow follows the pictures between keyframes; else each is matched by its features."""
 
 
-@dataclass(frozen=True)
-class Keyframe:
-    """A frame that is kept in the map."""
-
-    frame: int
-    """Number of the frame in the flight."""
-    features: Features
-    link: Registration | None
-    """Registration to the previous keyframe (i = previous, j = this); None where tracking restarted."""
-    refused: Registration | None = None
-    """A rejected registration to the previous keyframe."""
-    image: Image | None = None
-    """Its picture, where frames are tracked."""
-
-
-@dataclass(frozen=True)
-class IntermediateFrame:
-    """A frame between keyframes, registered to the keyframe before it."""
-
-    frame: int
-    keyframe: int
-    i_H_j: NDArray[np.float64]
-    """(3, 3) homography; i is the keyframe, j the frame."""
-    corner_covariance: NDArray[np.float64]
-    """(8, 8) px², as in `frontend.registration`."""
-
-
-@dataclass(frozen=True)
-class _Tracked:
-    """A picture that is registered to the last keyframe."""
-
-    view: View
-    link: Registration | None
-    corner_track: CornerTrack
-    """Corners of this frame and of the previous one in the picture of the last keyframe."""
-
-    @property
-    def frame(self) -> int:
-        return self.view.frame
-
-    def passed(self) -> IntermediateFrame:
-        """Return the frame as an intermediate frame."""
-        assert self.link is not None
-        return IntermediateFrame(self.frame, self.link.i, self.link.i_H_j, self.link.corner_covariance)
-
-
-@dataclass(frozen=True)
-class _Matched(_Tracked):
-    """A picture that is registered by its features, those on moving objects included: the next frame needs
-    them to separate the objects from the floor."""
-
-    on_floor: NDArray[np.bool_]
-    """(n,) whether each feature belongs to the floor and enters the map."""
-
-    @property
-    def features(self) -> Features:
-        return self.view.features
-
-    def as_last(self) -> _Matched:
-        """Return the frame as the keyframe that later frames are registered to."""
-        assert self.link is not None
-        return replace(self, corner_track=self.corner_track.seen_from(self.link.i_H_j))
-
-    def keyframe(self, last: _Matched | None) -> Keyframe:
-        """Return the frame as a keyframe with the features on the floor only."""
-        features, link = self.features, self.link
-        if link is not None and last is not None and not (self.on_floor.all() and last.on_floor.all()):
-            i, j = link.matches.T
-            kept = last.on_floor[i] & self.on_floor[j]
-            number_i, number_j = np.cumsum(last.on_floor) - 1, np.cumsum(self.on_floor) - 1
-            matches = np.column_stack([number_i[i[kept]], number_j[j[kept]]])
-            link = replace(link, matches=matches.astype(i.dtype), elsewhere=link.elsewhere[:0])
-        on_floor = features if self.on_floor.all() else features[self.on_floor]
-        return Keyframe(self.frame, on_floor, link, image=self.view.image)
-
-
 class Tracker:
     """Select keyframes in one pass over the frames; ``rejected`` counts dropped frames by reason."""
 
@@ -135,12 +63,15 @@ class Tracker:
         masks: Masks = lambda frame: None,
         known: Callable[[int], Features | None] = lambda frame: None,
         look_ahead: bool = True,
+        is_urged: IsUrged = lambda features: False,
     ) -> None:
         """``masks`` returns the mask of a frame number; 0 marks pixels to ignore. ``known`` returns the
-        features of its whole picture, if they were extracted before. ``look_ahead``: see `Views`."""
+        features of its whole picture, if they were extracted before. ``look_ahead``: see `Views`.
+        ``is_urged`` waits for the features of a keyframe, and returns whether a picture waits before they are
+        there: it is then followed from the keyframe before."""
         self.camera, self.extractor = camera, extractor
         self.homography, self.gates, self.config = homography, gates, config
-        self._masks, self._known = masks, known
+        self._masks, self._known, self._is_urged = masks, known, is_urged
         self._corners = camera.undistort(camera.corners_px)
         at_once = extractor.config.searched_at_once(camera.size_px)
         self._views, self._unsettled = Views(self._extract, masks, camera.size_px, at_once, look_ahead), 0
@@ -158,20 +89,40 @@ class Tracker:
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Yield keyframes in order of time."""
         number, failures = -1, 0
-        last: _Matched | None = None
-        best: _Tracked | None = None
-        for view in self._with_last_of_equal(self._usable(self._views.each(images))):
+        last: Matched | None = None
+        best: Tracked | None = None
+        coming: Tracked | None = None  # the next keyframe, while its features are extracted
+        views = self._with_last_of_equal(self._usable(self._views.each(images)))
+        for view in chain(views, [None]):  # None: the flight ends
             if last is None:
-                if self._has_features(view):
+                if view is not None and self._has_features(view):
                     last, number = self._first(view), number + 1
                     yield last.keyframe(None)
                 continue
+            if coming is not None and best is not None:
+                followed = None
+                if view is not None and not coming.view.has_features:
+                    followed = self._by_flow(number, view, last, best.corner_track)
+                if followed is not None:
+                    self.passed.append(best.passed())
+                    best, self.newest = followed, followed.passed()
+                    continue
+                settled, coming = self._settled(number, coming, last), None
+                if settled is not None:
+                    yield settled.keyframe(last)
+                    best = best.seen_from(settled)
+                    last, number = settled.as_last(), number + 1
+            if view is None:
+                break
             tracked, reason = self._track(number, view, last, (best or last).corner_track)
             if reason == TOO_FEW:
                 self._drop(view.frame, reason)
                 continue
             if best is not None and (tracked is None or self._overlap_is_small(tracked)):
                 # The previous frame still overlapped enough: it becomes the keyframe.
+                if tracked is not None and self._follow_on(best, tracked):
+                    coming, best, self.newest, failures = best, tracked, tracked.passed(), 0
+                    continue
                 settled = self._settled(number, best, last)
                 if settled is not None:
                     yield settled.keyframe(last)
@@ -231,7 +182,7 @@ class Tracker:
         self.rejected[reason] += 1
         self.dropped[frame] = reason
 
-    def _overlap_is_small(self, tracked: _Tracked) -> bool:
+    def _overlap_is_small(self, tracked: Tracked) -> bool:
         assert tracked.link is not None
         # The floor's motion is identified surely only while most of the floor is in view: both motions count.
         return tracked.link.least_overlap < self.config.min_overlap
@@ -261,31 +212,46 @@ class Tracker:
         return False
 
     def _track(
-        self, number: int, view: View, last: _Matched, corner_track: CornerTrack
-    ) -> tuple[_Tracked | None, str]:
+        self, number: int, view: View, last: Matched, corner_track: CornerTrack
+    ) -> tuple[Tracked | None, str]:
         """Register the picture to the last keyframe by flow, else by features; return the reason where that
         fails."""
-        expected = corner_track.expected(view.frame)
-        if self.config.flow and expected is not None:
-            link = self._template_of(last).register(
-                number, number + 1, view.image, view.mask, expected, self.homography, self.gates
-            )
-            if link is not None and not self._changes_too_much(link):
-                self._unsettled, self._views.ahead = 0, False
-                return _Tracked(view, link, self._continued(corner_track, view, link)), ""
+        followed = self._by_flow(number, view, last, corner_track)
+        if followed is not None:
+            return followed, ""
         self._unsettled += 1
         self._views.ahead = self._unsettled > ONCE
         if len(view.features) < self.gates.min_inliers:
             return None, TOO_FEW
-        link, reason = self._matched(number, view, last, expected)
+        link, reason = self._matched(number, view, last, corner_track.expected(view.frame))
         if link is None:
             return None, reason
-        on_floor = _on_floor(view.features, link, self.camera)
-        return _Matched(view, link, self._continued(corner_track, view, link), on_floor), ""
+        here = on_floor(view.features, link, self.camera)
+        return Matched(view, link, self._continued(corner_track, view, link), here), ""
 
-    def _settled(self, number: int, tracked: _Tracked, last: _Matched) -> _Matched | None:
+    def _by_flow(self, number: int, view: View, last: Matched, corner_track: CornerTrack) -> Tracked | None:
+        """Register the picture to the last keyframe by flow; None where that does not settle it."""
+        expected = corner_track.expected(view.frame)
+        if not self.config.flow or expected is None:
+            return None
+        link = self._template_of(last).register(
+            number, number + 1, view.image, view.mask, expected, self.homography, self.gates
+        )
+        if link is None or self._changes_too_much(link):
+            return None
+        self._unsettled, self._views.ahead = 0, False
+        return Tracked(view, link, self._continued(corner_track, view, link))
+
+    def _follow_on(self, coming: Tracked, tracked: Tracked) -> bool:
+        """Begin with the features of the next keyframe, and return whether the next picture should be
+        followed from the keyframe before, as ``tracked``: it waits already."""
+        if isinstance(coming, Matched) or isinstance(tracked, Matched):
+            return False
+        return self._is_urged(self._views.extract(coming.view))
+
+    def _settled(self, number: int, tracked: Tracked, last: Matched) -> Matched | None:
         """Return the picture as registered by its features; None where that fails: it is dropped."""
-        if isinstance(tracked, _Matched):
+        if isinstance(tracked, Matched):
             return tracked
         view, corner_track = tracked.view, tracked.corner_track
         if not self._has_features(view):
@@ -296,13 +262,13 @@ class Tracker:
         if link is None:
             self._drop(view.frame, reason)
             return None
-        return _Matched(
+        return Matched(
             view, link, corner_track.corrected(transfer(link.i_H_j, self._corners)),
-            _on_floor(view.features, link, self.camera),
+            on_floor(view.features, link, self.camera),
         )  # fmt: skip
 
     def _matched(
-        self, number: int, view: View, last: _Matched, expected: Expectation | None
+        self, number: int, view: View, last: Matched, expected: Expectation | None
     ) -> tuple[Registration | None, str]:
         """Register the picture to the last keyframe by features; return the reason where that fails."""
         link = register(
@@ -324,22 +290,11 @@ class Tracker:
         corners_px, alone = transfer(link.i_H_j, self._corners), len(link.elsewhere) == 0
         return corner_track.then(view.frame, corners_px, link.lead, alone, self.camera.size_px[0])
 
-    def _template_of(self, last: _Matched) -> FlowTemplate:
+    def _template_of(self, last: Matched) -> FlowTemplate:
         if self._template is None or self._template[0] != last.frame:
             self._template = last.frame, FlowTemplate.of(last.view.image, last.features, self.camera)
         return self._template[1]
 
-    def _first(self, view: View) -> _Matched:
+    def _first(self, view: View) -> Matched:
         every = np.ones(len(view.features), dtype=bool)
-        return _Matched(view, None, CornerTrack.begin(view.frame, self._corners), every)
-
-
-def _on_floor(features: Features, link: Registration, camera: Camera) -> NDArray[np.bool_]:
-    """Return (n,) whether a feature is on the floor: not in a cell where only another motion was matched."""
-    if len(link.elsewhere) == 0:
-        return np.ones(len(features), dtype=bool)
-    cell = cells(features.pixel, camera.size_px)
-    other = np.setdiff1d(cell[link.elsewhere], cell[link.matches[:, 1]])
-    kept = ~np.isin(cell, other)
-    kept[link.elsewhere] = False
-    return kept
+        return Matched(view, None, CornerTrack.begin(view.frame, self._corners), every)

@@ -31,9 +31,16 @@ class View:
         self.frame, self.image, self._masks, self._extract = frame, image, masks, extract
         self._coming: Future[Features] | None = None
 
-    def extract_ahead(self, pool: ThreadPoolExecutor) -> None:
-        """Begin to extract the features in another thread."""
-        self._coming = pool.submit(self._extract, self)
+    def extract_ahead(self, pool: ThreadPoolExecutor) -> Future[Features]:
+        """Begin to extract the features in another thread, unless that was done."""
+        if self._coming is None:
+            self._coming = pool.submit(self._extract, self)
+        return self._coming
+
+    @property
+    def has_features(self) -> bool:
+        """Whether the features that another thread extracts are there."""
+        return self._coming is not None and self._coming.done()
 
     def repeated(self, frame: int) -> View:
         """Return the same picture as another frame."""
@@ -63,17 +70,23 @@ class Views:
         for the ones after it, as in flight."""
         self._extract, self._masks, self._size_px, self.ahead = extract, masks, size_px, False
         self._at_once, self._look_ahead = at_once, look_ahead
+        self._pool: ThreadPoolExecutor | None = None
+
+    def extract(self, view: View) -> Future[Features]:
+        """Begin to extract the features of a view in another thread, while views are taken from `each`."""
+        assert self._pool is not None
+        return view.extract_ahead(self._pool)
 
     def each(self, images: Iterable[Image | None]) -> Iterator[tuple[int, View | str]]:
         """Yield the number and the view of each picture, or the reason for having none."""
         coming: deque[tuple[int, View | str]] = deque()
         before: Image | None = None
         waiting = self._at_once if self._look_ahead else 0
-        with ThreadPoolExecutor(self._at_once) as pool:
+        with ThreadPoolExecutor(self._at_once) as self._pool:
             for frame, image in enumerate(images):
                 view = self._view(frame, image, before)
                 if self.ahead and waiting and isinstance(view, View):
-                    view.extract_ahead(pool)
+                    self.extract(view)
                 before = image if image is not None else before
                 coming.append((frame, view))
                 if len(coming) > waiting:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Extractor, Features, FeatureUnavailableError
-from frontend.keyframes import IntermediateFrame, Keyframe, Tracker
+from frontend.keyframes import IsUrged, Tracker
 from frontend.loops import overlapping, propose_loops, verify
 from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
+from frontend.tracked import IntermediateFrame, Keyframe
 from frontend.workers import Workers
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames, Image
@@ -64,7 +65,8 @@ class Observations:
     def registered(self) -> list[list[IntermediateFrame]]:
         """Return, for each keyframe, the frames registered to it in tracking, in order.
 
-        The keyframe itself comes first, without an error. The next keyframe comes last, if it is linked.
+        The keyframe itself comes first, without an error. The next keyframe is among them, if it is linked;
+        in flight, pictures may follow it that waited for its features.
         """
         seen = [
             [IntermediateFrame(int(frame), k, np.eye(3), np.zeros((8, 8)))]
@@ -133,11 +135,13 @@ class FrontEnd:
         except FeatureUnavailableError as error:
             raise InputError(str(error)) from None
 
-    def tracker(self, masks: Masks = no_masks, look_ahead: bool = True) -> Tracker:
-        """Return the tracker of one pass over the frames; ``look_ahead`` as in `frontend.views.Views`."""
+    def tracker(
+        self, masks: Masks = no_masks, look_ahead: bool = True, is_urged: IsUrged = lambda features: False
+    ) -> Tracker:
+        """Return the tracker of one pass over the frames; ``look_ahead`` and ``is_urged`` as there."""
         return Tracker(
             self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks,
-            self.earlier.features, look_ahead,
+            self.earlier.features, look_ahead, is_urged,
         )  # fmt: skip
 
     def track(self, masks: Masks = no_masks) -> Observations:

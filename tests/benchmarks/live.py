@@ -1,4 +1,8 @@
-"""A live map at the pace of the camera: pictures that are used, latency, and the map after the last one."""
+"""A live map at the pace of the camera: pictures that are used, latency, and the map after the last one.
+
+A camera hands decoded pictures: the recordings are decoded before they are played. At 640 x 480 a second row
+plays PNG files, whose decoding takes a part of the cores.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +38,21 @@ def measure() -> list[Metric]:
         # A simulation renders its pictures when they are read: that would take the time of the map.
         write_flight(simulate(replace(recipe, camera=replace(recipe.camera, **FAST)), SEED), fast)
         return [
-            *_flown("hybrid, 15 pictures/s", read_flight(folder("flights/ardrone2-hybrid")), 1.0),
-            *_flown("640 x 480, 30 pictures/s", read_flight(fast), 0.9),
+            *_flown("hybrid, 15 pictures/s", _decoded(read_flight(folder("flights/ardrone2-hybrid"))), 1.0),
+            *_flown("640 x 480, 30 pictures/s", _decoded(read_flight(fast)), 0.9),
+            *_flown("640 x 480, 30 pictures/s, from PNG files", read_flight(fast), None),
         ]
 
 
-def _flown(title: str, flight: Flight, least_used: float) -> list[Metric]:
+def _decoded(flight: Flight) -> Flight:
+    """Return the flight with its pictures in memory."""
+    assert flight.frames is not None
+    pictures = [flight.frames.load(k) for k in range(len(flight.frames))]
+    return replace(flight, frames=replace(flight.frames, load=pictures.__getitem__))
+
+
+def _flown(title: str, flight: Flight, least_used: float | None) -> list[Metric]:
+    """Fly at the pace of the stamps; ``least_used``: least share of pictures, None for no limits at all."""
     with LiveMapper(flight) as mapper:
         replay_flight(mapper, flight)
         mapper.close()
@@ -50,9 +63,9 @@ def _flown(title: str, flight: Flight, least_used: float) -> list[Metric]:
     after, whole = evaluate(estimate, flight), evaluate(optimize(flight), flight)
     apart_m = live_error(frames, w_T_b, estimate)
     errors = f"{1e3 * after.ate_m.rmse:.2f} over {1e3 * whole.ate_m.rmse:.2f} mm"
-    return [
+    metrics = [
         at_least(
-            f"{title}: share of pictures used", 1 - state.dropped / pictures, "", least_used,
+            f"{title}: share of pictures used", 1 - state.dropped / pictures, "", least_used or 0.0,
             f"{state.dropped} of {pictures} dropped",
         ),
         at_most(
@@ -65,3 +78,5 @@ def _flown(title: str, flight: Flight, least_used: float) -> list[Metric]:
         ),
         reported(f"{title}: live positions from the final ones, RMS", apart_m, "m"),
     ]  # fmt: skip
+    limited = least_used is not None
+    return metrics if limited else [reported(m.key, m.value, m.unit, m.source) for m in metrics]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import partial
 from itertools import pairwise
 
@@ -11,7 +12,9 @@ import pytest
 from frontend.features import Extractor, FeatureConfig
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
-from frontend.keyframes import Keyframe, KeyframeConfig, Tracker
+from frontend.keyframes import KeyframeConfig, Tracker
+from frontend.tracked import Keyframe
+from frontend.views import View
 from frontend.workers import Workers, share_with
 from tests.frontend.floor_pairs import texture
 from tests.frontend.small_flight import Image, SmallFlight, small_flight, true_overlap
@@ -218,3 +221,37 @@ def test_hanging_pictures_and_pictures_of_another_form_are_counted_by_name(fligh
     }
     assert not {k.frame for k in keyframes} & {*range(10, 16), 20, 21, 22}
     assert all(k.link is not None for k in keyframes[1:])
+
+
+FOLLOWED = 3
+"""Pictures that come before the features of a keyframe."""
+
+
+def test_pictures_that_wait_for_a_keyframes_features_are_followed_from_the_one_before(
+    flight: SmallFlight, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: Counter[int] = Counter()
+
+    def late(view: View) -> bool:
+        asked[view.frame] += 1
+        return asked[view.frame] > FOLLOWED
+
+    monkeypatch.setattr(View, "has_features", property(late))
+    images, extract = flight.images[:45], Extractor(FeatureConfig(max_features=300))
+    follow = Tracker(
+        flight.camera, extract, HomographyConfig(), GateConfig(), KeyframeConfig(0.8), look_ahead=False,
+        is_urged=lambda features: True,
+    )  # fmt: skip
+    found = list(follow.keyframes(images))
+    check_links(flight, found)
+    frames = [keyframe.frame for keyframe in found]
+    assert not follow.rejected
+    assert sorted([*frames, *(passed.frame for passed in follow.passed)]) == list(range(len(images)))
+    assert frames[-1] == len(images) - 1
+    waited = [p for p in follow.passed if p.keyframe + 1 < len(frames) and p.frame > frames[p.keyframe + 1]]
+    assert len(waited) >= FOLLOWED
+    corners = flight.camera.corners_px
+    for passed in waited:
+        i, j = flight.w_T_b[frames[passed.keyframe]], flight.w_T_b[passed.frame]
+        H = np.linalg.inv(flight.camera.floor_H_image(i)) @ flight.camera.floor_H_image(j)
+        assert np.abs(transfer(passed.i_H_j, corners) - transfer(H, corners)).max() < 2.0

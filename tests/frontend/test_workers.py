@@ -13,13 +13,14 @@ import pytest
 from frontend.features import Extractor
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
-from frontend.keyframes import Keyframe, KeyframeConfig, Tracker
+from frontend.keyframes import KeyframeConfig, Tracker
 from frontend.loops import verify
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.render import RenderedTile, measure_exposure, render_tiles
 from frontend.registration import Registration
 from frontend.store import FeatureStore
+from frontend.tracked import Keyframe
 from frontend.workers import AHEAD, Ready, Workers, share_with, workers
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
 from tests.frontend.sent_workers import SentWorkers

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from backend.clocks.picture_clock import PictureClock, picture_clock
 from backend.clocks.windows import ClockDisagreement, clock_disagreements
-from frontend.keyframes import IntermediateFrame
 from frontend.lift import LiftedPoses, lift
+from frontend.tracked import IntermediateFrame
 from slam.core.flight import Flight
 from slam.mapping.front_end import Observations
 from slam.mapping.keyframe_readings import inertial_readings

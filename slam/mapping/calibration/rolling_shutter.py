@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Features
-from frontend.keyframes import IntermediateFrame
 from frontend.motions import Expectation
 from frontend.points import Points
 from frontend.registration import Registration
 from frontend.rolling_shutter import NeighbourView, RowMotion, global_shutter_homography
 from frontend.store import FeatureStore
+from frontend.tracked import IntermediateFrame
 from slam.core.flight import Imu
 from slam.mapping.front_end import Observations
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from backend.measurements import EdgeKind, RelativePose, SlantRange
 from backend.pose_graph.incremental import Incremental
 from frontend.camera import Camera
-from frontend.keyframes import IntermediateFrame
 from frontend.lift import level_T_body, lift
 from frontend.registration import Registration
+from frontend.tracked import IntermediateFrame
 from slam.mapping.config import PipelineConfig
 from slam.mapping.floor_visibility import LEAST_FALL
 from slam.mapping.keyframe_readings import KeyframeReadings

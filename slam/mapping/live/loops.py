@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.keyframes import Keyframe
 from frontend.loops import verify
 from frontend.registration import Registration, overlap
 from frontend.store import FeatureStore
+from frontend.tracked import Keyframe
 from slam.mapping.front_end import FrontEnd
 from slam.mapping.live.loop_candidates import AppearanceIndex, near
 from slam.mapping.search_radius import view_radius

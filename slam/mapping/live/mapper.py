@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError
-from frontend.keyframes import Keyframe
+from frontend.features import Features
+from frontend.tracked import Keyframe
 from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
@@ -46,6 +47,8 @@ class _Arrived:
     image: Image
     at_s: float
     """Time at which it arrived, on the clock of `time.perf_counter`."""
+    in_flight: bool
+    """Whether the camera goes on while it waits."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +95,7 @@ class LiveMapper:
         self._recording = LiveRecording(flight)
         front_end = FrontEnd(flight, flight.camera, config, silent)
         rehearse(front_end)
-        self._tracked = TrackedPictures(front_end.tracker(look_ahead=False))
+        self._tracked = TrackedPictures(front_end.tracker(look_ahead=False, is_urged=self._is_urged))
         self._loops = LiveLoops(self._tracked.store, front_end)
         self._graph, self._graph_lock = LiveGraph(flight.camera, config), threading.Lock()
         self._latency_s: list[float] = []
@@ -127,7 +130,7 @@ class LiveMapper:
             self._raise_errors()
             if image is None:
                 return
-            self._waiting.append(_Arrived(number, image.copy(), time.perf_counter()))
+            self._waiting.append(_Arrived(number, image.copy(), time.perf_counter(), in_flight=not wait))
             self._drop_late()
             self._arrival.notify_all()
 
@@ -237,6 +240,21 @@ class LiveMapper:
             done = arrived.number + 1
             self._latency_s.append(time.perf_counter() - arrived.at_s)
         yield from [None] * (len(self._recording) - done)
+
+    def _is_urged(self, features: Future[Features]) -> bool:
+        """Wait for the features of a keyframe; return whether a picture waits before they are there."""
+        features.add_done_callback(self._notify)
+        with self._arrival:
+            while not (features.done() or self._ended or self._is_in_flight()):
+                self._arrival.wait()
+            return not features.done() and self._is_in_flight()
+
+    def _is_in_flight(self) -> bool:
+        return any(arrived.in_flight for arrived in self._waiting)
+
+    def _notify(self, _: Future[Features]) -> None:
+        with self._arrival:
+            self._arrival.notify_all()
 
     def _next(self) -> _Arrived | None:
         """Return the picture that waits, or the next one that arrives; None at the end of the flight."""

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.keyframes import Keyframe
+from frontend.tracked import Keyframe
 from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Flight, Frames, Image, Sonar
 

@@ -16,7 +16,6 @@ from slam.core.flight import FIELD_BY_FOLDER, STREAMS, Flight
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import StreamSource
 from slam.mapping.recording_clocks.align import KnownClock, align
-from slam.mapping.recording_clocks.cameras import chosen_camera
 from slam.mapping.recording_clocks.motion import RecordedMotion
 
 _WITH_PICTURES = ("frames", "camera")
@@ -37,9 +36,6 @@ def join_recordings(
     begins after the reference; such a clock is not estimated. Raises ``InputError`` where clocks cannot be
     aligned.
     """
-    camera = chosen_camera(flights, progress)
-    if camera is not None:
-        flights = [camera.alone(k, flight) for k, flight in enumerate(flights)]
     motions = [RecordedMotion(flight, progress) for flight in flights]
     reference = motions[_reference_of(flights)]
     taken = _taken(flights, reference.flight)
@@ -60,20 +56,15 @@ def join_recordings(
             align(motion, reference, streams[0]) if given is None else KnownClock(-given, "given by --offset")
         )
         moved[k] = _moved(motion.flight, clock, reference.flight.name)
-    joined = _joined([moved.get(k, flight) for k, flight in enumerate(flights)], taken, reference.flight)
-    return joined if camera is None else joined.with_warning(camera.remark)
+    return _joined([moved.get(k, flight) for k, flight in enumerate(flights)], taken, reference.flight)
 
 
 def _reference_of(flights: Sequence[Flight]) -> int:
-    """Return the number of the recording whose clock holds: with a gyro, else an attitude, no pictures.
+    """Return the number of the recording whose clock holds: with a gyro, else an attitude, no pictures."""
 
-    A recording of which nothing is left has no clock to hold.
-    """
-
-    def rank(k: int) -> tuple[bool, ...]:
+    def rank(k: int) -> tuple[bool, bool, bool]:
         flight = flights[k]
-        is_empty = all(getattr(flight, name) is None for name in STREAMS)
-        return is_empty, flight.imu is None, flight.attitude is None, flight.frames is not None
+        return flight.imu is None, flight.attitude is None, flight.frames is not None
 
     return min(range(len(flights)), key=rank)
 

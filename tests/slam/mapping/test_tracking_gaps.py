@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from backend.measurements import RelativePose
-from frontend.keyframes import IntermediateFrame
 from frontend.registration import Registration
 from frontend.store import FeatureStore
+from frontend.tracked import IntermediateFrame
 from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.mapping.front_end import Observations

@@ -128,6 +128,19 @@ def test_the_newest_picture_is_tracked_however_long_it_waited(flight, monkeypatc
         assert mapper.keyframes()[0].tolist() == [2]
 
 
+def test_pictures_that_all_wait_at_once_are_placed_where_they_were_taken(flight, monkeypatch):
+    """Features of keyframes are then always late, and the pictures after them are followed without."""
+    monkeypatch.setattr("slam.mapping.live.mapper.MOST_WAIT_S", np.inf)
+    with LiveMapper(flight) as mapper:
+        for k, stamp_s in enumerate(flight.frames.stamps_s[:30].tolist()):
+            mapper.add(flight.frames.load(k), stamp_s)
+        mapper.close()
+        state, (frames, w_T_b) = mapper.state(), mapper.keyframes()
+    assert state.dropped == 0
+    assert state.placed == len(frames) > 2
+    assert off_m(flight, frames, w_T_b).max() < 0.05
+
+
 def test_a_damaged_picture_is_unreadable_and_not_late(flight):
     with LiveMapper(flight) as mapper:
         for k, stamp_s in enumerate(flight.frames.stamps_s[:12].tolist()):
