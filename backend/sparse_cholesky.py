@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -248,22 +249,23 @@ class Cholesky:
             yield front, inverse
 
 
-def factorise(elimination: Elimination, matrix: csc_array, scale: Array | None = None) -> Cholesky:
-    """Factorise a symmetric matrix, columns in the order of elimination; only its lower triangle is read.
+def factorise(elimination: Elimination, parts: Sequence[csc_array], scale: Array | None = None) -> Cholesky:
+    """Factorise a symmetric matrix, the sum of its ``parts``, columns in the order of elimination.
 
-    ``scale`` (size,) is the diagonal before cancellations, to which pivots are compared; that of the matrix
-    by default. Raises ``SingularMatrixError`` if a pivot is not positive beyond rounding.
+    Only lower triangles are read. ``scale`` (size,) is the diagonal before cancellations, to which pivots are
+    compared; that of the matrix by default. Raises ``SingularMatrixError`` if a pivot is not positive beyond
+    rounding.
     """
-    scale = matrix.diagonal() if scale is None else scale
+    scale = np.sum([part.diagonal() for part in parts], axis=0) if scale is None else scale
     where = np.empty(elimination.size, dtype=np.int64)
-    entries = matrix.data, matrix.indices.astype(np.int64), matrix.indptr.astype(np.int64)
     updates: dict[int, Array] = {}
     diagonal: list[Array] = []
     below: list[Array] = []
     for s, front in enumerate(elimination.fronts):
         p, r = front.end - front.begin, len(front.rows)
         D, B, C = (np.zeros(shape, order="F") for shape in ((p, p), (r, p), (r, r)))
-        _scatter(*entries, front.begin, front.end, front.rows, where, D, B)
+        for part in parts:
+            _scatter(part.data, part.indices, part.indptr, front.begin, front.end, front.rows, where, D, B)
         for child in front.children:
             _extend_add(D, B, C, updates.pop(child), elimination.fronts[child].in_parent)
         L, failed = lapack.dpotrf(D, lower=1, overwrite_a=1, clean=1)
@@ -281,7 +283,15 @@ def factorise(elimination: Elimination, matrix: csc_array, scale: Array | None =
 
 @njit(cache=True)
 def _scatter(
-    data: Array, row: Index, start: Index, begin: int, end: int, rows: Index, where: Index, D: Array, B: Array
+    data: Array,
+    row: NDArray[np.integer[Any]],
+    start: NDArray[np.integer[Any]],
+    begin: int,
+    end: int,
+    rows: Index,
+    where: Index,
+    D: Array,
+    B: Array,
 ) -> None:
     """Add the entries of the columns from ``begin`` to ``end`` to the blocks of their front."""
     for k in range(len(rows)):

@@ -61,6 +61,8 @@ class AxisEvidence:
     of the best one that does not."""
     tilt_rad: float
     """Angle between straight down and the optical axis of the best mount of all."""
+    b_R_c: Array
+    """(3, 3) the best mount that looks down."""
 
 
 def axis_evidence(
@@ -89,7 +91,29 @@ def axis_evidence(
     scale = misfit.scale(of_all)
     better = misfit.cost(best[False][1], scale) - misfit.cost(best[True][1], scale)
     block = np.array([pair.block for pair in pairs])
-    return AxisEvidence(np.asarray(np.bincount(block, better, blocks), dtype=float), tilt_rad(of_all, b_down))
+    by_block = np.asarray(np.bincount(block, better, blocks), dtype=float)
+    return AxisEvidence(by_block, tilt_rad(of_all, b_down), best[True][1])
+
+
+def quarter_turns(b_R_c: Array) -> int:
+    """Return by how many quarter turns to the left, -1 to 2, the top of the picture is off the nose (x).
+
+    ``b_R_c`` (3, 3) is the mount of a camera that looks down.
+    """
+    top = -b_R_c[:, 1]
+    return (round(float(np.arctan2(top[1], top[0])) / (np.pi / 2)) + 1) % 4 - 1
+
+
+def top_evidence(pairs: Sequence[TurnedPair], b_R_c: Array, blocks: int) -> Array:
+    """Compare a mount that looks down with the same one after the `quarter_turns` that put the nose on top.
+
+    Return (b,) as `AxisEvidence.by_block`; zeros where the nose is at the top already.
+    """
+    misfit = _Misfit.of(pairs)
+    back = Rotation.from_rotvec([0.0, 0.0, -np.pi / 2 * quarter_turns(b_R_c)]).as_matrix()
+    scale = misfit.scale(b_R_c)
+    better = misfit.cost(back @ b_R_c, scale) - misfit.cost(b_R_c, scale)
+    return np.asarray(np.bincount([pair.block for pair in pairs], better, blocks), dtype=float)
 
 
 def tilt_rad(b_R_c: Array, b_down: Array) -> float:

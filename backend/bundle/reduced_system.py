@@ -19,7 +19,7 @@ import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array
+from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array, get_index_dtype
 
 from backend.bundle.observations import FloorObservations, LinearObservations
 from backend.bundle.schur import block_pattern, camera_system, eliminate, transposed_product
@@ -107,10 +107,12 @@ class Structure:
         count, first = np.repeat(np.diff(self.row), 6), np.repeat(self.row[:-1], 6)
         ends = np.cumsum(count)
         block = np.repeat(first - (ends - count), count) + np.arange(ends[-1])
-        rows = self.of_cameras.reshape(-1, 6)[self.column[block]].ravel()
+        # The largest arrays of a refinement: scipy's own choice of the type saves half of them.
+        kind = get_index_dtype(maxval=max(6 * int(ends[-1]), self.elimination.size))
+        rows = self.of_cameras.astype(kind).reshape(-1, 6)[self.column[block]].ravel()
         start = np.zeros(self.elimination.size + 1, dtype=np.int64)
         start[self.of_cameras + 1] = 6 * count
-        return rows, np.cumsum(start)
+        return rows, np.cumsum(start).astype(kind)
 
 
 def _sorted_by(number: Index, n: int) -> tuple[Index, Index]:
@@ -206,15 +208,15 @@ class LinearSystem:
         of_sensors = self.pose_side.T @ self.pose_side
         scale = of_sensors.diagonal() + damping
         scale[s.of_cameras] += observed.ravel()
-        matrix = csc_array((entries, *s.entries), shape=(size, size)) + of_sensors
+        parts = [csc_array((entries, *s.entries), shape=(size, size)), csc_array(of_sensors)]
         if damping:
-            matrix = matrix + damping * diags_array(np.ones(size))
+            parts.append(csc_array(damping * diags_array(np.ones(size))))
         if len(s.of_calibration):
             C = self._of_calibration
             scale[s.of_calibration] += np.sum(C**2, axis=0)
             mixed = self._of_cameras.T @ C - y_cameras.T @ y_lens
-            matrix = matrix + self._with_calibration(mixed, C.T @ C - y_lens.T @ y_lens)
-        factor = factorise(s.elimination, csc_array(matrix), scale)
+            parts.append(self._with_calibration(mixed, C.T @ C - y_lens.T @ y_lens))
+        factor = factorise(s.elimination, parts, scale)
         return ReducedSystem(s, factor, y_cameras, y_lens, inverse)
 
     def _with_calibration(self, mixed: Array, own: Array) -> csc_array:

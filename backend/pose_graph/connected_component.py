@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 
 import gtsam
@@ -78,7 +79,9 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     if fit is None or doubtful:
         selected = reject_outliers(gauge_fixed, fit)
         kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
-        complete, disputes = selected.is_complete, selected.disputed_odometry
+        # Past its time limit, each search ends with the best set so far.
+        complete = selected.is_complete and time.monotonic() <= options.deadline
+        disputes = selected.disputed_odometry
     minimum, w_T, contradictions = fit.minimum, fit.w_T, _contradictions(problem, fit)
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
@@ -152,7 +155,10 @@ def _contradictions(problem: Problem, fit: GraphFit) -> list[str]:
 
 def _cut_off(problem: Problem) -> str:
     who = format_keys(range(problem.count), problem.name)
-    return f"{who}: the search for consistent loops was cut off, true loops may be missing"
+    return (
+        f"{who}: the search for consistent loops was cut off, true loops may be missing or"
+        " false ones kept: allow more time, or give fewer loops"
+    )
 
 
 def _warnings(problem: Problem, fit: GraphFit) -> list[str]:

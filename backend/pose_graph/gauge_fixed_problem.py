@@ -44,6 +44,8 @@ class Options:
     on_step: OnStep | None = None
     deadline: float = math.inf
     """Time limit on the clock of ``time.monotonic``."""
+    seed: int = 0
+    """Seed of the loops that are drawn by lot where there are very many."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from backend.gauge import format_keys
 from backend.pose_graph.bridges import find_bridges, reached
 from backend.pose_graph.chi_square import ChiSquare
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.places import place_pairs
+from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.solution import NO_INFORMATION, Solution
 
 Index = NDArray[np.int64]
@@ -102,7 +102,7 @@ def _uninformative(solution: Solution) -> Mask:
 
 def _one_place_sentence(problem: Problem, loops: Mask, kept: Mask) -> list[str]:
     """Return a sentence if all loops but those between one pair of places were rejected."""
-    place = place_pairs(problem.i[loops], problem.j[loops])
+    place = place_pairs(problem.i[loops], problem.j[loops], ROW_LENGTH)
     accepted, rejected = (len(np.unique(place[which])) for which in (kept[loops], ~kept[loops]))
     if accepted != 1 or rejected == 0:
         return []

@@ -44,17 +44,19 @@ def solve(
     covariances: bool = True,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
+    seed: int = 0,
 ) -> Solution:
     """Estimate the most likely trajectory of a flight's keyframes.
 
     Relative poses, attitudes, ranges and positions count, and no other measurements.
     ``initial`` (n, 4, 4), NaN where unknown, is the initial guess; without it odometry provides one.
-    ``loops_robust`` allows the rejection of edges if the global test fails. Raises ``BackendError`` for
+    ``loops_robust`` allows the rejection of edges if the global test fails; ``seed`` draws the loops from
+    which it starts where there are very many. Raises ``BackendError`` for
     invalid values.
     """
     problem, warnings = from_measurements(measurements, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
-    options = Options(loops_robust, covariances, on_step, deadline)
+    options = Options(loops_robust, covariances, on_step, deadline, seed)
     return _solve(problem, options, warnings)
 
 
@@ -65,14 +67,16 @@ def solve_pose_graph(
     covariances: bool = True,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
+    seed: int = 0,
 ) -> Solution:
     """Solve a g2o graph, planar or spatial. Without fixed vertices the first of each component is fixed.
 
     Edges without information are rejected. The status names components whose accepted edges form a tree, or
-    contradict each other, and loops whose vertex numbers seem shifted.
+    contradict each other, loops whose vertex numbers seem shifted, and a selection that ``time_limit_s`` cut
+    short. ``seed`` draws the loops from which the selection starts where there are very many.
     """
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
-    options = Options(loops_robust, covariances, on_step, deadline)
+    options = Options(loops_robust, covariances, on_step, deadline, seed)
     problem = from_pose_graph(graph)
     solution = _solve(problem, options, rank_deficient_warning(graph))
     said = [

@@ -13,6 +13,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts
 from slam.core.figure_table import FigureTable
 from slam.core.flight import Flight
+from slam.core.lost_pictures import REDUNDANT
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
@@ -146,7 +147,7 @@ def _write_mosaics(
     A mosaic that cannot be drawn gives a warning.
     """
     from frontend.mosaic.canvas import MosaicError
-    from slam.report.rasters.mosaic import REDUNDANT, write_chain_picture, write_mosaic
+    from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
 
     if not options.wanted:
         return Mosaics(), (), None

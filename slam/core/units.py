@@ -1,4 +1,4 @@
-"""Lengths and shares as text for a reader."""
+"""Lengths, shares and uncertain values as text for a reader."""
 
 from __future__ import annotations
 
@@ -11,6 +11,15 @@ SPACE = "\N{NO-BREAK SPACE}"
 def percent(share: float) -> str:
     """Return a share as percent with up to two significant figures."""
     return f"{float(f'{100 * share:.2g}'):g}{SPACE}%"
+
+
+def with_error(value: float, std: float, sign: str = "") -> str:
+    """Return a value and its standard deviation, ``+0.012 ± 0.003``, to the first digit of the latter.
+
+    ``sign`` is ``+`` for a value with its sign.
+    """
+    digits = max(0, -int(np.floor(np.log10(std)))) if 0 < std < 1 else 0
+    return f"{value:{sign}.{digits}f} ± {std:.{digits}f}"
 
 
 def unit(metric: bool) -> str:

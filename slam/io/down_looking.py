@@ -16,6 +16,13 @@ _DOWN_WORDS = {"down", "downward", "bottom", "belly", "nadir", "below"}
 _ASIDE_WORDS = {"front", "forward", "ahead", "left", "right", "rear", "back", "up", "upward", "side", "top"}
 
 
+NOSE_AT_TOP = (
+    "no fixed transform to the body: looking straight down with the nose at the top assumed; record "
+    "/tf_static if it is mounted otherwise"
+)
+"""Warning about a camera whose mount nothing tells."""
+
+
 class Look(IntEnum):
     """Direction in which a sensor looks; the smaller ones are preferred for a map."""
 

@@ -11,7 +11,7 @@ from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
-from slam.core.heap import trim_heap
+from slam.core.heap import map_large_blocks, trim_heap
 from slam.core.progress import Progress, silent
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.build_estimate import build_estimate
@@ -60,6 +60,7 @@ def optimize_with_observations(
 
     ``tracked``: the result of tracking the flight's pictures, if that is done already.
     """
+    map_large_blocks()
     camera = _camera(flight)
     flight, job = without_horizon_frames(flight, camera), Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.

@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
-from slam.core.lost_pictures import NOTABLE_SHARE, SHOW_NOTHING, TRACKING_LOST
+from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.units import SPACE, length, percent, unit
 from slam.report.facts import Facts
 from slam.report.left_out import left_out
 from slam.report.page import Item
-from slam.report.rasters.mosaic import REDUNDANT
-from slam.report.rasters.quality import UncertainGround
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from slam.core.summary import Summary
+    from slam.report.rasters.quality import UncertainGround
 
 _INSTRUMENTS = {
     "range": (

@@ -32,11 +32,11 @@ from slam.report.left_out import left_out
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
-from slam.report.rasters.quality import UncertainGround, least_certain_ground
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
     from slam.core.flight import Flight
+    from slam.report.rasters.quality import UncertainGround
 
 _MOST_REJECTED = 20
 """Largest number of rejected loops listed on the page; loops.csv has all of them."""
@@ -203,7 +203,11 @@ def _widths(mosaics: Mosaics) -> tuple[float, float]:
 def _ground(picture: Path | None) -> UncertainGround | None:
     """Return the least certain ground by the values beside their picture."""
     values = None if picture is None else picture.with_suffix(".tif")
-    return None if values is None or not values.exists() else least_certain_ground(values)
+    if values is None or not values.exists():
+        return None
+    from slam.report.rasters.quality import least_certain_ground  # rasters load OpenCV and GDAL
+
+    return least_certain_ground(values)
 
 
 def _embedded(path: Path | None) -> str | None:

@@ -46,7 +46,9 @@ def test_solution_and_covariances_are_those_of_the_dense_matrix(
     columns = elimination.columns(np.arange(n))
     permuted = np.empty_like(dense)
     permuted[np.ix_(columns, columns)] = dense
-    factor = factorise(elimination, csc_array(permuted))
+    # The matrix is given as a sum.
+    share = rng.integers(0, 2, dense.shape)
+    factor = factorise(elimination, [csc_array(permuted * share), csc_array(permuted * (1 - share))])
     right = rng.normal(size=(len(dense), 2))
     x = factor.solve(right[np.argsort(columns)])[columns]
     np.testing.assert_allclose(dense @ x, right, atol=1e-9 * np.linalg.cond(dense))
@@ -74,5 +76,5 @@ def test_a_variable_that_is_not_determined_is_named(tied: bool) -> None:
     permuted = np.empty_like(dense)
     permuted[np.ix_(columns, columns)] = dense
     with pytest.raises(SingularMatrixError) as caught:
-        factorise(elimination, csc_array(permuted))
+        factorise(elimination, [csc_array(permuted)])
     assert tied or caught.value.variable == 7

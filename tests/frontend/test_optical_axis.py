@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C
-from frontend.optical_axis import TurnedPair, axis_evidence
+from frontend.optical_axis import TurnedPair, axis_evidence, quarter_turns, top_evidence
 from frontend.ray_pairs import RayPair
 
 DOWN, MOST_RAD = np.array([0.0, 0.0, -1.0]), np.radians(30.0)
@@ -80,3 +80,18 @@ def test_axes_of_the_instrument_may_be_any():
 def test_without_turns_nothing_is_told():
     pairs = made_pairs(tilted(90.0), (0.0, 0.0, 0.0), seed=6)
     assert abs(axis_evidence(pairs, DOWN, MOST_RAD, len(pairs)).by_block.sum()) < 1.0
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1, 2])
+def test_the_top_of_the_picture_is_found_to_a_quarter_turn(turns):
+    mount = Rotation.from_euler("z", 90 * turns + 15, degrees=True).as_matrix() @ tilted(10.0)
+    assert quarter_turns(mount) == turns
+    pairs = made_pairs(mount, (0.05, 0.05, 0.1), seed=7)
+    better = top_evidence(pairs, mount, len(pairs))
+    assert (better == 0).all() if turns == 0 else better.sum() > 100
+
+
+def test_turns_about_the_vertical_alone_do_not_tell_the_top():
+    mount = Rotation.from_euler("z", 90, degrees=True).as_matrix() @ tilted(0.0)
+    pairs = made_pairs(mount, (0.0, 0.0, 0.1), seed=8)
+    assert abs(top_evidence(pairs, mount, len(pairs)).sum()) < 1.0

@@ -20,6 +20,7 @@ from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import recheck_rejected
 from backend.pose_graph.selection.chains import chain_members, connected
 from backend.pose_graph.selection.doubts import agreement_is_lost, doubtful_odometry, odometry_dispute
+from backend.pose_graph.selection.draw import draw_loops
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
@@ -78,7 +79,21 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Sel
 
 
 def _select(gauge_fixed: GaugeFixedProblem) -> Selection:
-    """Select the loops that agree with the trusted edges."""
+    """Select the loops that agree with the trusted edges.
+
+    Of very many, some are drawn first, and the others are judged against the solution from these.
+    """
+    problem = gauge_fixed.problem
+    drawn = draw_loops(problem, gauge_fixed.options.seed)
+    if drawn.all():
+        return _select_loops(gauge_fixed)
+    some = _select_loops(replace(gauge_fixed, problem=problem.with_edges(drawn)))
+    kept = np.zeros_like(drawn)
+    kept[drawn] = some.kept
+    return replace(_refit(gauge_fixed, kept, some.fit.w_T, ~problem.trusted), is_complete=some.is_complete)
+
+
+def _select_loops(gauge_fixed: GaugeFixedProblem) -> Selection:
     grown, trusted = grow_from_odometry(gauge_fixed), gauge_fixed.problem.trusted
     # The exchange comes before loops are taken back: those that a bent map takes back would hold it bent.
     swapped = _swap(gauge_fixed, _fitted(gauge_fixed, grown.kept, grown.w_T))

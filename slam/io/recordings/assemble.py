@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
     chosen = choose(recording, request.topics)
     content = recording.read(chosen, progress)
     camera = next((offer.channel for offer in chosen if offer.stream == "cam0"), None)
+    content = replace(content, pictures=known.mounted(camera, content.pictures))
     warnings = [*content.warnings, *known.remarks(camera)]
 
     def note(folder: str, notes: list[str] | tuple[str, ...]) -> None:

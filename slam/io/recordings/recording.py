@@ -107,8 +107,8 @@ class Burst:
     pictures: tuple[Image | None, ...]
     """k pictures, (h, w) or (h, w, 3); None where one is damaged."""
     w_R_b: Array | None = None
-    """(k, 3, 3) attitudes of the vehicle, in axes of an instrument, relative to each other; None where they
-    are unknown."""
+    """(k, 3, 3) attitudes of the vehicle, relative to each other; None where they are unknown. Axes of an
+    instrument of unknown mount are taken as those of the body."""
     b_up: Array | None = None
     """(3,) the mean direction of up in these axes, of any length."""
 

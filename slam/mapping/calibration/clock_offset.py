@@ -15,6 +15,7 @@ from backend import se3
 from backend.clocks.picture_clock import ClockPiece, PictureClock
 from backend.clocks.windows import ClockDisagreement
 from slam.core.instrument_errors import ClockErrors, ClockSpan
+from slam.core.units import with_error
 
 Array = NDArray[np.float64]
 
@@ -121,7 +122,7 @@ def disagreement_warning(left: tuple[ClockDisagreement, ...]) -> str:
     if not left:
         return ""
     spans = [
-        f"{span.delay_s:+.3f} ± {span.std_s:.3f} s from {span.begin_s:.2f} to {span.end_s:.2f} s"
+        f"{with_error(span.delay_s, span.std_s, '+')} s from {span.begin_s:.2f} to {span.end_s:.2f} s"
         for span in left[:3]
     ]
     more = f" and in {len(left) - 3} more spans of time" if len(left) > 3 else ""
@@ -148,7 +149,7 @@ def _corrected(taken_out: PictureClock) -> str:
 
 def _offset(piece: ClockPiece) -> str:
     return (
-        f"pictures are stamped {1e3 * abs(piece.delay_s):.0f} ± {1e3 * piece.std_s:.0f} ms "
+        f"pictures are stamped {with_error(1e3 * abs(piece.delay_s), 1e3 * piece.std_s)} ms "
         f"{'after' if piece.delay_s > 0 else 'before'} the imu's readings of the same moment"
     )
 
@@ -156,7 +157,7 @@ def _offset(piece: ClockPiece) -> str:
 def _steps(clock: PictureClock) -> str:
     """Describe where and by how much the clock steps, at most the first three times."""
     steps = [
-        f"{after.delay_s - before.delay_s:+.3f} ± {np.hypot(after.std_s, before.std_s):.3f} s at "
+        f"{with_error(after.delay_s - before.delay_s, np.hypot(after.std_s, before.std_s), '+')} s at "
         f"{after.begin_s:.2f} s"
         for before, after in zip(clock.pieces, clock.pieces[1:], strict=False)
     ]

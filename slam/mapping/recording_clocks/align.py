@@ -11,6 +11,7 @@ from backend.clocks.alignment import ClockAlignment, align_turns
 from backend.clocks.lag_profile import finer_lag, lag_profile
 from backend.clocks.picture_clock import SURE
 from slam.core.errors import InputError
+from slam.core.units import with_error
 from slam.mapping.recording_clocks.motion import RecordedMotion
 
 Array = NDArray[np.float64]
@@ -62,11 +63,11 @@ class KnownClock:
 
     def begins(self) -> str:
         """Say when the recording begins after the reference, as ``--offset`` states it, and its drift."""
-        text = f"begins {self.on_reference(np.zeros(1))[0]:+.3f}"
+        at_s = float(self.on_reference(np.zeros(1))[0])
+        text = f"begins {at_s:+.3f} s after it"
         if self.lag_std_s is not None:
-            std_s = np.hypot(self.lag_std_s, (self.drift_std or 0.0) * self.middle_s)
-            text += f" ± {std_s:.3f}"
-        text += " s after it"
+            std_s = float(np.hypot(self.lag_std_s, (self.drift_std or 0.0) * self.middle_s))
+            text = f"begins {with_error(at_s, std_s, '+')} s after it"
         if self.drift_std is not None:
             text += f", its clock drifts by {-1e6 * self.drift:+.0f} ± {1e6 * self.drift_std:.0f} ppm"
         return f"{text} ({self.how})"

@@ -16,6 +16,7 @@ from slam.core.flight import FIELD_BY_FOLDER, STREAMS, Flight
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import StreamSource
 from slam.mapping.recording_clocks.align import KnownClock, align
+from slam.mapping.recording_clocks.cameras import chosen_camera
 from slam.mapping.recording_clocks.motion import RecordedMotion
 
 _WITH_PICTURES = ("frames", "camera")
@@ -36,6 +37,9 @@ def join_recordings(
     begins after the reference; such a clock is not estimated. Raises ``InputError`` where clocks cannot be
     aligned.
     """
+    camera = chosen_camera(flights, progress)
+    if camera is not None:
+        flights = [camera.alone(k, flight) for k, flight in enumerate(flights)]
     motions = [RecordedMotion(flight, progress) for flight in flights]
     reference = motions[_reference_of(flights)]
     taken = _taken(flights, reference.flight)
@@ -56,15 +60,20 @@ def join_recordings(
             align(motion, reference, streams[0]) if given is None else KnownClock(-given, "given by --offset")
         )
         moved[k] = _moved(motion.flight, clock, reference.flight.name)
-    return _joined([moved.get(k, flight) for k, flight in enumerate(flights)], taken, reference.flight)
+    joined = _joined([moved.get(k, flight) for k, flight in enumerate(flights)], taken, reference.flight)
+    return joined if camera is None else joined.with_warning(camera.remark)
 
 
 def _reference_of(flights: Sequence[Flight]) -> int:
-    """Return the number of the recording whose clock holds: with a gyro, else an attitude, no pictures."""
+    """Return the number of the recording whose clock holds: with a gyro, else an attitude, no pictures.
 
-    def rank(k: int) -> tuple[bool, bool, bool]:
+    A recording of which nothing is left has no clock to hold.
+    """
+
+    def rank(k: int) -> tuple[bool, ...]:
         flight = flights[k]
-        return flight.imu is None, flight.attitude is None, flight.frames is not None
+        is_empty = all(getattr(flight, name) is None for name in STREAMS)
+        return is_empty, flight.imu is None, flight.attitude is None, flight.frames is not None
 
     return min(range(len(flights)), key=rank)
 

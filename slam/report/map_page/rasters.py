@@ -11,10 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
-from rasterio.enums import Resampling
-from rasterio.windows import Window
 
 Pixels = NDArray[np.uint8]
 
@@ -60,6 +57,8 @@ class TileSet:
 
 def read_images(paths: Mapping[str, Path], most_pixels: int = MOST_PIXELS) -> dict[str, Image]:
     """Read georeferenced pictures of one resolution, reduced alike until the largest has ``most_pixels``."""
+    import rasterio  # GDAL takes a tenth of a second to load, and the map of a graph has no rasters
+
     sizes = []
     for path in paths.values():
         with rasterio.open(path) as source:
@@ -69,6 +68,10 @@ def read_images(paths: Mapping[str, Path], most_pixels: int = MOST_PIXELS) -> di
 
 
 def _read(path: Path, shrink: int) -> Image:
+    import rasterio
+    from rasterio.enums import Resampling
+    from rasterio.windows import Window
+
     with rasterio.open(path) as source:
         cols, rows = max(1, source.width // shrink), max(1, source.height // shrink)
         window = Window(0, 0, min(source.width, cols * shrink), min(source.height, rows * shrink))
@@ -144,6 +147,10 @@ def value_grid(path: Path, band: int) -> dict[str, Any] | None:
 
     Cells are averaged until there are at most ``MOST_CELLS``. Return None where no cell has a value.
     """
+    import rasterio
+    from rasterio.enums import Resampling
+    from rasterio.windows import Window
+
     with rasterio.open(path) as source:
         shrink = max(1, math.ceil(math.sqrt(source.width * source.height / MOST_CELLS)))
         cols, rows = max(1, source.width // shrink), max(1, source.height // shrink)

@@ -24,6 +24,7 @@ from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Image
 from slam.core.geodesy import GeoOrigin
+from slam.core.lost_pictures import REDUNDANT
 from slam.core.progress import Progress, silent
 from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
@@ -34,8 +35,6 @@ Array = NDArray[np.float64]
 
 MAX_MOSAIC_PIXELS = 60_000_000
 MAX_PNG_PIXELS = 40_000_000
-REDUNDANT = "other pictures show its ground"
-"""Reason of a usable keyframe that the mosaic does not need."""
 CACHE_MB = 256
 """Memory for pictures while tiles are rendered."""
 

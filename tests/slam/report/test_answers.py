@@ -13,7 +13,7 @@ from frontend.camera import Camera
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import AttitudeSeries, GeoOrigin
-from slam.core.lost_pictures import SHOW_NOTHING, TRACKING_LOST
+from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.answers import limit, limit_sentence, pilots_answers
@@ -21,7 +21,6 @@ from slam.report.facts import gather
 from slam.report.gaps import gaps
 from slam.report.left_out import left_out
 from slam.report.optimize_report import Accuracy, render
-from slam.report.rasters.mosaic import REDUNDANT
 from slam.report.rasters.quality import UncertainGround
 from tests.slam.made_estimate import made_estimate, made_flight
 

@@ -18,30 +18,11 @@ from slam.io.recordings.recording import Burst
 from slam.io.recordings.ros.camera import picture_of
 from slam.io.recordings.ros.messages import RosRule
 from slam.io.recordings.ros.open_bag import OpenBag
+from slam.io.recordings.schedule import Schedule
 
 Array = NDArray[np.float64]
 Message = Any
 
-
-@dataclass(frozen=True)
-class Schedule:
-    """The moments at which pictures are taken from a recording."""
-
-    most: int
-    """Largest number of stretches, evenly over the recording: the cost does not grow with its length."""
-    apart_s: float
-    """Shortest time between the starts of two stretches, since errors of nearer ones are related."""
-    after_s: tuple[float, ...]
-    """Other pictures of a stretch are taken so long after its first one."""
-    longest_s: float
-    """A stretch ends after so long, where the recorder took fewer pictures."""
-
-
-GLANCE = Schedule(most=32, apart_s=1.0, after_s=(0.2, 0.5), longest_s=2.0)
-"""Short stretches for a comparison with instruments: a vehicle turns by some degrees meanwhile, the pictures
-still overlap, and turns of a vehicle last about a second."""
-CHAIN = Schedule(most=16, apart_s=3.0, after_s=(0.5, 1.0, 1.5, 2.0, 2.5), longest_s=5.0)
-"""Long stretches for the pictures alone, in which a vehicle turns farther than it tilts; as many pictures."""
 _AROUND_S = 0.2
 """Readings so long before and after the pictures are read: some of a slow attitude."""
 _MAX_GAP_S = 0.25
@@ -56,6 +37,8 @@ class BodyChannel:
 
     topic: str
     rule: RosRule
+    b_T_s: Array | None = None
+    """(4, 4) mount of the instrument; None where it is unknown, and body axes are assumed."""
 
     def has_values(self, message: Message) -> bool:
         """Return whether a message has all its values; some drivers fill an ``Imu`` in part."""
@@ -67,9 +50,8 @@ class BodyChannel:
 def bursts_of(bag: OpenBag, topic: str, body: BodyChannel | None, when: Schedule) -> Iterator[Burst]:
     """Yield stretches of the pictures of a topic, evenly over the bag; damaged ones are left out."""
     begin_ns, end_ns = bag.span_ns
-    count = int(np.clip((end_ns - begin_ns) * 1e-9 / when.apart_s, 1, when.most))
-    starts = begin_ns + (np.arange(count) + 0.5) / count * (end_ns - begin_ns)
-    for start_ns in starts.astype(np.int64).tolist():
+    for after_s in when.starts_s((end_ns - begin_ns) * 1e-9).tolist():
+        start_ns = begin_ns + int(after_s * 1e9)
         try:
             burst = _burst(bag, topic, body, start_ns, when)
         except Exception:  # noqa: BLE001  a reader's errors have no common class; the import tells of damage
@@ -140,7 +122,9 @@ def _turns(
     table = np.array(rows, dtype=float).reshape(len(rows), -1)
     if not len(table):
         return None, None
-    values = body.rule.values(table[:, 1:], None)
+    values = body.rule.values(table[:, 1:], body.b_T_s)
+    if body.rule.is_mounted and body.b_T_s is not None:
+        values = (values.reshape(-1, 3) @ body.b_T_s[:3, :3].T).reshape(values.shape)
     good = np.isfinite(values).all(axis=1)
     at_s, first = np.unique(table[good, 0], return_index=True)
     values = values[good][first]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
+from slam.io.down_looking import MAX_TILT_DEG, NOSE_AT_TOP, axis_tilt_deg, tilt_remark
 from slam.io.images import UnreadableImageError, encoded_size, suffix_of
 from slam.io.levels import Raw
 from slam.io.recordings.ros import pixels as ros_pixels
@@ -44,10 +44,7 @@ def camera_of(info: Message | None, first: Message, b_T_c: Array | None) -> tupl
     except UnknownLensError as reason:
         return None, [f"{reason}; treated as not recorded"]
     if b_T_c is None:
-        notes.append(
-            "no fixed transform to the body: looking straight down with the nose at the top assumed; record "
-            "/tf_static if it is mounted otherwise"
-        )
+        notes.append(NOSE_AT_TOP)
     elif (tilt := axis_tilt_deg(b_T_c[:3, 2])) > MAX_TILT_DEG:
         notes.append(tilt_remark(tilt))
     camera = Camera(

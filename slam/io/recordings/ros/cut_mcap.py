@@ -34,6 +34,16 @@ class CutMcapReader(AbstractContextManager["CutMcapReader"]):
         """Bytes of records that are damaged or cut short."""
         return self._file.lost_bytes
 
+    @property
+    def start_time(self) -> int:
+        """Time of the first complete message in nanoseconds."""
+        return min((min(each.times_ns) for each in self._channels.values() if each.times_ns), default=0)
+
+    @property
+    def end_time(self) -> int:
+        """Time after the last complete message in nanoseconds."""
+        return max((max(each.times_ns) + 1 for each in self._channels.values() if each.times_ns), default=1)
+
     def __exit__(self, *error: object) -> None:
         """Close nothing: the file is held by its mapping."""
 

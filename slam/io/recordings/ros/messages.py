@@ -52,6 +52,13 @@ class RosRule:
     remarks: Callable[[Array], tuple[str, ...]] = lambda rows: ()
     """Return a line for everything that is dropped or assumed, from all rows."""
 
+    def fits(self, message: Message) -> bool:
+        """Return whether a message has the fields of the rule: a type may have several versions."""
+        try:
+            return all(hasattr(message, name) for name in self.needs) and bool(self.row(message))
+        except (AttributeError, IndexError, TypeError):
+            return False
+
 
 def _same(rows: Array, b_T_s: Array | None) -> Array:
     return rows

@@ -30,7 +30,7 @@ from slam.io.recordings.recording import (
 )
 from slam.io.recordings.ros import camera as ros_camera
 from slam.io.recordings.ros.bag_file import DESCRIPTION, Bag
-from slam.io.recordings.ros.bursts import CHAIN, GLANCE, BodyChannel, bursts_of
+from slam.io.recordings.ros.bursts import BodyChannel, bursts_of
 from slam.io.recordings.ros.messages import (
     CAMERA_INFO,
     IMAGE_KINDS,
@@ -42,6 +42,7 @@ from slam.io.recordings.ros.open_bag import BagPictures, OpenBag
 from slam.io.recordings.ros.px4 import PACKAGE
 from slam.io.recordings.ros.rules import RULES
 from slam.io.recordings.ros.transforms import mount_entry
+from slam.io.recordings.schedule import CHAIN, GLANCE
 from slam.io.sensor_yaml import Value
 
 Array = NDArray[np.float64]
@@ -131,7 +132,7 @@ def _body_channel(bag: OpenBag, offers: Sequence[Offer]) -> BodyChannel | None:
     """Return the topic that shows best how the vehicle turns: a gyro with accelerometer, else an attitude."""
     able = [o for o in offers if o.stream in ("imu0", "attitude0") and o.rows and not o.doubt]
     for offer in sorted(able, key=lambda offer: (offer.stream != "imu0", offer.rank)):
-        channel = BodyChannel(offer.channel, _rule(offer))
+        channel = BodyChannel(offer.channel, _rule(offer), bag.mount_of(offer.channel))
         if channel.has_values(bag.first_message(offer.channel)):
             return channel
     return None
@@ -169,13 +170,10 @@ def _camera_offers(bag: OpenBag) -> Iterator[Offer]:
 def _series_offers(bag: OpenBag) -> Iterator[Offer]:
     for rank, rule in enumerate(RULES):
         for topic, _, rows in bag.topics(rule.kind):
-            if rule.needs and not all(hasattr(bag.first.get(topic), name) for name in rule.needs):
+            first = bag.first.get(topic)
+            if (rule.needs or first is not None) and not rule.fits(first):
                 continue  # another version of the message
-            if (
-                topic in bag.first
-                and not np.isfinite(rule.row(bag.first[topic])).any()
-                and rule.stream == "attitude0"
-            ):
+            if first is not None and rule.stream == "attitude0" and not np.isfinite(rule.row(first)).any():
                 continue  # an IMU without orientation
             yield Offer(
                 stream=rule.stream,

@@ -46,6 +46,16 @@ class UnindexedReader(Reader):
         ]
         self.indexes |= {each.id: [] for each in self.connections if each.id not in self.indexes}
 
+    @property
+    def start_time(self) -> int:
+        """Time of the first message in nanoseconds."""
+        return min((entries[0].time for entries in self.indexes.values() if entries), default=0)
+
+    @property
+    def end_time(self) -> int:
+        """Time after the last message in nanoseconds."""
+        return max((entries[-1].time + 1 for entries in self.indexes.values() if entries), default=1)
+
     def _record(self, file: BinaryIO, at: int, end: int, connections: dict[int, Connection]) -> int:
         """Read the record at a place, and return the place of the next one."""
         file.seek(at)

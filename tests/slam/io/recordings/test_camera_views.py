@@ -9,7 +9,7 @@ import pytest
 
 from frontend.camera import Camera
 from slam.io.down_looking import Look
-from slam.io.recordings.camera_views import ODDS, CameraLook, is_decisive, judged
+from slam.io.recordings.camera_views import ODDS, CameraLook, is_decisive, judged, signed_rank_chance
 from slam.io.recordings.recording import Offer, Recording
 
 CAMERA = Camera(focal_px=(5.0, 5.0), center_px=(2.5, 1.5), size_px=(6, 4))
@@ -42,12 +42,14 @@ def silent(*_):
     [
         ((camera("/a"), camera("/b")), {}, ["/a", "/b"]),
         ((camera("/a"), camera("/b")), {"cam0": "/b"}, []),
-        ((camera("/a"),), {}, []),
+        ((camera("/a"),), {}, ["/a"]),
+        ((camera("/a", is_declared=True),), {}, []),
+        ((camera("/a", Look.DOWN),), {}, []),
         ((camera("/a"), camera("/b", Look.DOWN)), {}, []),
-        ((camera("/a"), camera("/b", Look.ASIDE)), {}, []),
+        ((camera("/a"), camera("/b", Look.ASIDE)), {}, ["/a"]),
         ((camera("/a", Look.ASIDE), camera("/b", Look.ASIDE)), {}, ["/a", "/b"]),
         ((camera("/a", Look.ASIDE, is_declared=True), camera("/b", Look.ASIDE, is_declared=True)), {}, []),
-        ((camera("/a/x", device="/a", rank=1), camera("/a/y", device="/a")), {}, []),
+        ((camera("/a/x", device="/a", rank=1), camera("/a/y", device="/a")), {}, ["/a/y"]),
         ((camera("/a/x", device="/a", rank=1), camera("/a/y", device="/a"), camera("/b")), {}, None),
     ],
 )  # fmt: skip
@@ -64,6 +66,8 @@ def test_where_pictures_do_not_tell_the_option_is_named():
     assert "which of /a and /b looks down" in line
     assert "--topic cam0=CHANNEL" in line
     assert known.remarks(None) == []
+    single = judged(recording(camera("/a"))[0], {}, silent)
+    assert single.remarks("/a") == [], "the missing transform is warned of as before"
     assert all("no gyro or attitude" in offer.view for offer in known.recording.offers)
 
 
@@ -87,6 +91,18 @@ def test_evidence_must_be_large_and_agree():
     assert not is_decisive([1000.0, *[0.0] * 11]), "one stretch alone decides"
     assert not is_decisive([300.0, -200.0] * 6), "the stretches contradict each other"
     assert is_decisive([1e4, *(10 * least * alike)]), "one stretch that tells more does no harm"
+
+
+def test_the_chance_of_signed_ranks_is_wilcoxon_s():
+    from scipy.stats import wilcoxon
+
+    rng = np.random.default_rng(2)
+    for shift in (-1.0, 0.0, 0.5, 2.0):
+        differences = rng.normal(shift, 1.0, 14)
+        expected = wilcoxon(differences, alternative="greater", method="exact").pvalue
+        assert signed_rank_chance(differences) == pytest.approx(expected, rel=1e-9)
+    assert signed_rank_chance(np.array([3.0, 0.0])) == 0.5
+    assert signed_rank_chance(np.zeros(3)) == 1.0
 
 
 def test_chance_decides_once_in_a_thousand():

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slam.core.errors import InputError
 from slam.io.recordings.assemble import flight_of
 from slam.io.recordings.formats import open_recording
+from slam.io.recordings.ros.bag_file import Bag
 from tests.slam.io.recordings.ros.made_bag import (
     ROS1,
     ROS2,
@@ -61,6 +63,9 @@ def test_an_mcap_file_that_is_cut_short_gives_its_complete_chunks(tmp_path, cut)
     flight = read(path)
     count = len(flight.imu.stamps_s)
     assert 8 * cut - 2.5 < count < 8
+    begin_ns, end_ns = Bag(path).span_ns
+    assert begin_ns == at(0)
+    assert at(count - 1) <= end_ns <= at(count)
     assert flight.imu.gyro_rad_s[:, 0] == pytest.approx(0.1 * np.arange(count))
     assert flight.imu.stamps_s == pytest.approx(0.01 * np.arange(count))
     assert any("the bag has no index (its recording was interrupted)" in line for line in flight.warnings)
@@ -101,12 +106,13 @@ def test_a_truncated_bag_is_one_line_or_a_warning(tmp_path, kind):
 
 def test_a_ros_1_bag_without_its_index_is_read(tmp_path):
     path = ros1(tmp_path / "a.bag", a_flight(M))
-    expected = read(path)
+    expected, span_ns = read(path), Bag(path).span_ns
     flight = read(without_index(path))
     said = "the bag has no index (its recording was interrupted); end the next one before power is cut"
     assert flight.warnings == (said, *expected.warnings)
     assert np.array_equal(flight.imu.accel_m_s2, expected.imu.accel_m_s2)
     assert np.array_equal(flight.frames[3].read(), picture(3))
+    assert Bag(path).span_ns == span_ns == (at(0), at(4) + 3_000_000)
 
 
 def test_a_truncated_ros_1_bag_gives_its_whole_chunks(tmp_path):
@@ -117,6 +123,20 @@ def test_a_truncated_ros_1_bag_gives_its_whole_chunks(tmp_path):
     flight = read(path)
     assert 0 < len(flight.imu.stamps_s) < whole
     assert any("has no index (its recording was interrupted)" in line for line in flight.warnings)
+
+
+def test_a_type_of_another_version_is_left(tmp_path):
+    """A recorder may define a type of its own under a name of ROS, with other fields."""
+    store, name = get_typestore(Stores.ROS2_HUMBLE), "sensor_msgs/msg/Range"
+    del store.fielddefs[name], store.types[name]
+    store.register(get_types_from_msg("std_msgs/Header header\nfloat32 distance", name))
+    other = Maker(store)
+    messages = [("/range", at(0), other.make(name, header=other.header(at(0), "sonar"), distance=1.0))]
+    still = (0.0, 0.0, 0.0)
+    messages += [("/imu", at(k), other.imu(other.header(at(k), "imu"), still, still)) for k in range(3)]
+    flight = read(write(tmp_path / "bag", other, messages, mcap=True))
+    assert flight.sonar is None
+    assert flight.imu is not None
 
 
 def test_a_missing_reader_is_one_line_with_the_command(tmp_path, monkeypatch):

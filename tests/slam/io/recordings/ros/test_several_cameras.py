@@ -76,6 +76,27 @@ def test_a_vehicle_that_does_not_turn_tells_nothing(tmp_path, flight):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("mount", "looks"), [(AHEAD, "aside"), (NADIR, "down")])
+def test_a_single_camera_is_checked(tmp_path, mount, looks):
+    flight = read(made_bag(tmp_path / "a.bag", {"a": mount}))
+    assert f"looks {looks}" in told(flight, "/a/image_raw")
+    assert any("by its pictures it looks" in line for line in flight.warnings) == (looks == "aside")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("quarter_turns", "side"), [(0, "nose"), (1, "left"), (2, "rear"), (-1, "right")])
+def test_the_top_of_the_picture_is_found_to_a_quarter_turn(tmp_path, quarter_turns, side):
+    """The mount is 12 degrees off a quarter turn."""
+    exact = Rotation.from_euler("z", 90 * quarter_turns, degrees=True).as_matrix() @ NADIR
+    mount = Rotation.from_euler("z", 12, degrees=True).as_matrix() @ exact
+    flight = read(made_bag(tmp_path / "a.bag", {"a": mount}))
+    assert flight.camera.b_T_c[:3, :3] == pytest.approx(exact, abs=1e-9)
+    (line,) = [line for line in flight.warnings if line.startswith("cam0: no fixed transform to the body")]
+    assert ("nose at the top assumed" in line) == (side == "nose")
+    assert (f"at the {side} of the vehicle" in line) == (side != "nose")
+
+
+@pytest.mark.slow
 def test_without_instruments_the_axis_of_the_turns_tells(tmp_path):
     flight = read(made_bag(tmp_path / "a.bag", {"a": AHEAD, "b": NADIR}, MadeFlight(lasts_s=50), body=""))
     assert taken(flight) == "/b/image_raw"

@@ -1,0 +1,26 @@
+"""Texts of uncertain values."""
+
+from __future__ import annotations
+
+import pytest
+
+from slam.core.units import with_error
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (39.98, 0.47, "40.0 ± 0.5"),
+        (39.98, 4.7, "40 ± 5"),
+        (1.0, 0.003, "1.000 ± 0.003"),
+        (1234.0, 56.0, "1234 ± 56"),
+        (2.0, 0.0, "2 ± 0"),
+        (2.0, float("inf"), "2 ± inf"),
+    ],
+)
+def test_no_error_is_rounded_to_nothing(value: float, std: float, text: str) -> None:
+    assert with_error(value, std) == text
+
+
+def test_a_value_may_show_its_sign() -> None:
+    assert with_error(0.0123, 0.004, "+") == "+0.012 ± 0.004"
