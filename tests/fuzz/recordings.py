@@ -18,6 +18,7 @@ from tests.slam.io.made_flight import made_flight
 from tests.slam.io.recordings.foxglove.made_mcap import chunk, json_records, mcap
 from tests.slam.io.recordings.foxglove.test_foxglove import a_flight
 from tests.slam.io.recordings.logs import made_ulog, test_ardrone, test_dataflash, test_tlog
+from tests.slam.io.recordings.ros import made_bag
 from tests.slam.io.recordings.test_archive import files_of, zipped
 from tests.slam.io.recordings.test_tum import folder as tum_folder
 from tests.slam.io.recordings.video.made_video import file_of_samples, video
@@ -69,6 +70,16 @@ def _foxglove(folder: Path) -> Path:
     return mcap(folder / "a.mcap", *map(chunk, json_records(a_flight())))
 
 
+def _ros_1(folder: Path) -> Path:
+    return made_bag.ros1(folder / "a.bag", made_bag.a_flight(made_bag.Maker(made_bag.ROS1)))
+
+
+def _ros_2(folder: Path, kind: str) -> Path:
+    maker = made_bag.Maker(made_bag.ROS2)
+    bag = made_bag.write(folder / "bag", maker, made_bag.a_flight(maker), mcap=kind == "mcap")
+    return next(bag.glob(f"*.{kind}"))
+
+
 def _tum(folder: Path) -> Path:
     row = " ".join(map(str, (1.5, 2.5, 3.5, 0.7, -0.7, 0.0, 0.0)))
     root = tum_folder(folder / "tum", f"1305031102.1753 {row}\n1305031102.2753 {row}\n")
@@ -101,6 +112,9 @@ RECORDINGS = {
     "ArduPilot log": Recorded(_ardupilot, {"imu": 5}),
     "PX4 log": Recorded(_px4, {"imu": 5}),
     "Foxglove MCAP": Recorded(_foxglove, {"frames": 3, "gps": 1}),
+    "ROS 1 bag": Recorded(_ros_1, {"frames": 5, "imu": 5, "sonar": 5}),
+    "ROS 2 database": Recorded(lambda folder: _ros_2(folder, "db3"), {"frames": 5, "imu": 5, "sonar": 5}),
+    "ROS 2 MCAP": Recorded(lambda folder: _ros_2(folder, "mcap"), {"frames": 5, "imu": 5, "sonar": 5}),
     "TUM": Recorded(_tum, {"frames": 2, "truth": 2}, lambda path: flight_of(open_recording(path.parent))),
     "video": Recorded(lambda folder: video(folder / "a.mp4", 5), {"frames": 5}),
     "archive": Recorded(_archive, {}, lambda path: open_flight(path, silent)[0]),

@@ -42,6 +42,8 @@ class BodyChannel:
 
     def has_values(self, message: Message) -> bool:
         """Return whether a message has all its values; some drivers fill an ``Imu`` in part."""
+        if message is None or not self.rule.fits(message):
+            return False
         return bool(
             np.isfinite(self.rule.values(np.array([self.rule.row(message)], dtype=float), None)).all()
         )

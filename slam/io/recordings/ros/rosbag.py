@@ -19,6 +19,7 @@ from frontend.camera import Camera
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
 from slam.io.files import brief, refusal
+from slam.io.recordings.readers import damage_reported
 from slam.io.recordings.recording import (
     COPY_AGAIN,
     Burst,
@@ -103,18 +104,21 @@ def open_recording(path: Path, *later: Path) -> Recording:
 
 def recording_of(bag: OpenBag, description: str) -> Recording:
     """Return the recording of an open bag."""
-    offers = [*_camera_offers(bag), *_series_offers(bag)]
+    with damage_reported(bag.path, description):
+        offers = [*_camera_offers(bag), *_series_offers(bag)]
     used = {offer.channel for offer in offers}
     used |= {topic for topic, _, _ in bag.topics(CAMERA_INFO, *(TRANSFORM_KINDS if bag.body else ()))}
     others = [each for each in bag.topics() if each[0] not in used]
 
     def read(chosen: Sequence[Offer], progress: Progress) -> Content:
-        return _read(bag, chosen, progress)
+        with damage_reported(bag.path, description):
+            return _read(bag, chosen, progress)
 
     def watch(offer: Offer, alone: bool) -> tuple[Camera, Iterator[Burst]] | None:
         topic = offer.channel
-        camera, _ = ros_camera.camera_of(bag.camera_info(topic), bag.first[topic], None)
-        body = None if alone else _body_channel(bag, offers)
+        with damage_reported(bag.path, description):
+            camera, _ = ros_camera.camera_of(bag.camera_info(topic), bag.first[topic], None)
+            body = None if alone else _body_channel(bag, offers)
         return None if camera is None else (camera, bursts_of(bag, topic, body, CHAIN if alone else GLANCE))
 
     return Recording(
@@ -210,7 +214,7 @@ def _read(bag: OpenBag, chosen: Sequence[Offer], progress: Progress) -> Content:
     readings = {
         offer.stream: _readings(bag, offer, series[offer.stream])
         for offer in chosen
-        if offer.stream != "cam0"
+        if offer.stream != "cam0" and len(series[offer.stream].stamps_ns)
     }
     pictures = None
     if camera is not None and len(series["cam0"].stamps_ns):
