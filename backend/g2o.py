@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from backend import se3
 from backend.errors import BackendError, format_ranges
-from backend.pose_graph.graph import MAX_INFORMATION, PoseGraph, repeated_edges, too_certain
+from backend.pose_graph.graph import MAX_INFORMATION, EdgeRows, PoseGraph, repeated_edges, too_certain
 
 Array = NDArray[np.float64]
 
@@ -98,6 +98,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
         information=information,
         fixed=fixed,
         dropped=dict(dropped),
+        rows=EdgeRows(edge.lines, edge.figures[:, 2] if dimension == 2 else np.zeros(len(edge.lines))),
     )
     return replace(graph, warnings=(*warnings, *repeated_edges(graph)))
 

@@ -25,6 +25,16 @@ _NO_INFORMATION = 1e-10
 
 
 @dataclass(frozen=True)
+class EdgeRows:
+    """The rows of a file that hold the edges."""
+
+    lines: NDArray[np.int64]
+    """(m,) line number of each edge, counted from 1."""
+    headings: Array
+    """(m,) heading of each planar edge as written, which may be beyond a turn; zero for a spatial edge."""
+
+
+@dataclass(frozen=True)
 class PoseGraph:
     """Vertices and edges; edges refer to vertices by their index in ``ids``."""
 
@@ -47,6 +57,8 @@ class PoseGraph:
     """Messages about lines that were skipped, repaired or dropped when the file was read."""
     dropped: dict[str, int] = field(default_factory=dict)
     """Lines of the file that are not in the graph, counted by reason."""
+    rows: EdgeRows | None = None
+    """Rows of the edges in their file; None for a graph that was not read from one."""
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:
@@ -130,6 +142,8 @@ def check(graph: PoseGraph) -> None:
         "ij_T": (graph.ij_T, (m, 4, 4)),
         "information": (graph.information, (m, d, d)),
     }
+    if graph.rows is not None:
+        shapes |= {f"rows.{name}": (array, (m,)) for name, array in vars(graph.rows).items()}
     for name, (array, shape) in shapes.items():
         if array.shape != shape:
             raise BackendError(f"{name} has shape {array.shape} instead of {shape}")

@@ -15,6 +15,23 @@ NO_INFORMATION = "carries no information"
 
 
 @dataclass(frozen=True)
+class RowMistake:
+    """A rejected edge that agrees with the kept ones after one mistake of its row is undone."""
+
+    line: int | None
+    """Line of the file, counted from 1; None for a graph that was not read from one."""
+    first: int
+    second: int
+    """Numbers of the vertices as written."""
+    mistake: str
+    """Name of the mistake; several that explain the edge are separated by ``, or``."""
+    sigma: float
+    """Innovation of the edge as written, in standard deviations."""
+    corrected_sigma: float
+    """Innovation after the correction that agrees best."""
+
+
+@dataclass(frozen=True)
 class Solution:
     """Maximum-likelihood trajectory, with its uncertainty and diagnostics."""
 
@@ -43,6 +60,8 @@ class Solution:
     warnings: tuple[str, ...] = ()
     disputed_odometry: tuple[str, ...] = ()
     """Sentences about rejected loops that contradict odometry, or agree with odometry that was rejected."""
+    row_mistakes: tuple[RowMistake, ...] = ()
+    """Rejected edges of a pose graph that one typical mistake of their rows explains."""
 
 
 _DETERMINED = 0.9

@@ -28,6 +28,7 @@ from backend.pose_graph.redundancy import (
     small_residuals_warning,
     unchecked_components,
 )
+from backend.pose_graph.row_mistakes import mistake_warnings, row_mistakes
 from backend.pose_graph.shifted_loops import shifted_loops
 from backend.pose_graph.solution import NO_INFORMATION, Solution
 
@@ -73,12 +74,14 @@ def solve_pose_graph(
 
     Edges without information are rejected. The status names components whose accepted edges form a tree, or
     contradict each other, loops whose vertex numbers seem shifted, and a selection that ``time_limit_s`` cut
-    short. ``seed`` draws the loops from which the selection starts where there are very many.
+    short. ``seed`` draws the loops from which the selection starts where there are very many. A warning names
+    rejected edges that one typical mistake of their rows explains.
     """
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline, seed)
     problem = from_pose_graph(graph)
     solution = _solve(problem, options, rank_deficient_warning(graph))
+    mistakes = row_mistakes(graph, problem, solution)
     said = [
         *([] if solution.status == "ok" else [solution.status]),
         *unchecked_components(problem, solution),
@@ -91,7 +94,9 @@ def solve_pose_graph(
             *solution.warnings,
             *rejected_odometry_warning(problem, solution),
             *small_residuals_warning(problem, solution),
+            *mistake_warnings(mistakes),
         ),
+        row_mistakes=mistakes,
     )
 
 

@@ -54,6 +54,7 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
         j=graph.j[kept],
         ij_T=graph.ij_T[kept],
         information=graph.information[kept],
+        rows=None,
     )
     estimate = _estimate(path.stem, graph, solution, timing_s)
     if not certificate.certified:
@@ -144,6 +145,7 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
         timing_s=timing_s,
         warnings=(*graph.warnings, *stamp_warning, *solution.warnings, *solution.unobserved),
         graph_error=solution.error,
+        row_mistakes=solution.row_mistakes,
         iterations=solution.iterations,
     )
 

@@ -24,7 +24,7 @@ from slam.core.units import length, unit
 
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
-    from backend.pose_graph.solution import RangeErrors
+    from backend.pose_graph.solution import RangeErrors, RowMistake
 
 Array = NDArray[np.float64]
 
@@ -129,6 +129,8 @@ class Estimate:
     information_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Direction -> instrument -> its share in the variance, as `backend.bundle.information_shares` defines
     them; empty without a refinement."""
+    row_mistakes: tuple[RowMistake, ...] = ()
+    """Rejected edges of a pose graph that one typical mistake of their rows explains."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
     elevation: Elevation | None = None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
-    from backend.pose_graph.solution import RangeErrors
+    from backend.pose_graph.solution import RangeErrors, RowMistake
     from slam.core.control_points import ControlReport
     from slam.core.estimate import Estimate, GroundFacts
     from slam.core.instrument_errors import InstrumentErrors
@@ -61,6 +61,8 @@ class Summary:
     """The ground of the mosaic; None without a mosaic."""
     control: ControlReport | None = None
     """Control points and check points; None without any."""
+    row_mistakes: tuple[RowMistake, ...] = ()
+    """Rejected edges of a pose graph that one typical mistake of their rows explains."""
     certificate: Certificate | None = None
     """Whether the solution is the global optimum; for pose graphs only."""
 
@@ -103,6 +105,8 @@ class Summary:
             record["ground"] = asdict(self.ground)
         if self.control is not None:
             record |= _control_record(self.control)
+        if self.row_mistakes:
+            record["row_mistakes"] = [asdict(each) for each in self.row_mistakes]
         if self.certificate is not None:
             record["certificate"] = asdict(self.certificate)
         return record
@@ -133,6 +137,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         information_shares=estimate.information_shares,
         ground=estimate.ground,
         control=estimate.control,
+        row_mistakes=estimate.row_mistakes,
         certificate=estimate.certificate,
     )
 

@@ -46,7 +46,7 @@ _ROUNDS = 400
 MAX_HYPOTHESES = 300
 _PRIOR_ODDS_FACTOR = 0.05
 """Factor on the prior odds of a loop: see `log_odds`."""
-_TAIL_FACTOR = 3.0
+TAIL_FACTOR = 3.0
 """Allowed factor on the noise estimated from the accepted edges: real tails are heavier than Gaussian."""
 _MAX_REJECTIONS = 2
 """Rejections after which a loop is not tried again: other loops may have caused the first."""
@@ -118,9 +118,9 @@ def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -
     chance = null_loops.chance(w_T, samples, scale).of(found.log_pass_probability())
     sigma[edges] = found.sigma()
     # Real noise has tails: accept within the stated covariance if the prediction is sharp even for that.
-    inflation = float(np.clip(1 / scale, 1, _TAIL_FACTOR))
-    agrees[edges] = _sharp_agreements(chance, found.agrees(), place[edges])
-    agrees[edges] |= _sharp_agreements(
+    inflation = float(np.clip(1 / scale, 1, TAIL_FACTOR))
+    agrees[edges] = sharp_agreements(chance, found.agrees(), place[edges])
+    agrees[edges] |= sharp_agreements(
         np.minimum(chance + problem.dof * np.log(inflation), 0.0),
         sigma[edges] ** 2 <= chi_square_gate(problem.dof) * inflation**2,
         place[edges],
@@ -183,7 +183,7 @@ class _Growth:
             at = self.solve(now, w_T)
             off = (self.problem.residuals(at) ** 2).sum(axis=1)
             quantile = chi_square_quantile(1 - SIGNIFICANCE, self.problem.dof * len(new))
-            allowed = _TAIL_FACTOR * scale**2 * quantile
+            allowed = TAIL_FACTOR * scale**2 * quantile
             if float(off[now].sum()) - before <= allowed:
                 return new, at
             new = new[off[new] < np.quantile(off[new], 0.5)]
@@ -211,7 +211,7 @@ def _select_loops(pending: LoopInnovations, chance: Array, place: Index, odds: f
     open_ = np.flatnonzero(agrees)
     open_ = open_[np.argsort(chance[open_])][:MAX_HYPOTHESES]
     votes = _count_votes(pending, open_, place[open_], chance[open_])
-    eligible = _sharp_agreements(chance, agrees, place)[open_]
+    eligible = sharp_agreements(chance, agrees, place)[open_]
     if not eligible.any():
         eligible = _supported(votes, -odds)
     # The better half first: the others are then judged by sharper predictions.
@@ -237,8 +237,8 @@ def _supported(votes: _Votes, least: float) -> Mask:
     return np.asarray(votes.follows[accepted].any(axis=0))
 
 
-def _sharp_agreements(chance: Array, agrees: Mask, place: Index) -> Mask:
-    """Select agreeing loops in order of sharpness at a false discovery rate of `SIGNIFICANCE`.
+def sharp_agreements(chance: Array, agrees: Mask, place: Index, rate: float = SIGNIFICANCE) -> Mask:
+    """Select agreeing loops in order of sharpness at a false discovery ``rate``.
 
     The expected number of false loops that agree among the k sharpest is the sum of their probabilities,
     times the share of false loops; the loops that disagree bound that share. Loops between the same two
@@ -251,7 +251,7 @@ def _sharp_agreements(chance: Array, agrees: Mask, place: Index) -> Mask:
     disagreeing = 1 + float(weight @ ~agrees[order])
     share = min(1.0, disagreeing / max(float(weight @ (1 - probability)), 1.0))
     false, true = share * np.cumsum(weight * probability), np.cumsum(weight * agrees[order])
-    enough = np.flatnonzero(false <= SIGNIFICANCE * true)
+    enough = np.flatnonzero(false <= rate * true)
     sharp = np.zeros(len(chance), dtype=bool)
     if len(enough):
         sharp[order[: enough[-1] + 1]] = True
@@ -285,7 +285,7 @@ def _count_votes(pending: LoopInnovations, open_: Index, place: Index, chance: A
         residual, left = some.conditioned_on(a)
         fits[a] = squared_mahalanobis(residual, left) <= most
         then = np.minimum(chance + log_volume(left, most) - volume, 0.0)
-        sharp = _sharp_agreements(then, fits[a], place)
+        sharp = sharp_agreements(then, fits[a], place)
         follows[a] = sharp | (fits[a] & (then <= np.log(SIGNIFICANCE)) & (place == place[a]))
         follows[a, a] = True
         elsewhere = sharp & (place != place[a])
