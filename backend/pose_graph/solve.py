@@ -28,7 +28,9 @@ from backend.pose_graph.redundancy import (
     small_residuals_warning,
     unchecked_components,
 )
+from backend.pose_graph.rival_groups import rival_groups
 from backend.pose_graph.row_mistakes import mistake_warnings, row_mistakes
+from backend.pose_graph.shared_offset import shared_offsets
 from backend.pose_graph.shifted_loops import shifted_loops
 from backend.pose_graph.solution import NO_INFORMATION, Solution
 
@@ -73,9 +75,10 @@ def solve_pose_graph(
     """Solve a g2o graph, planar or spatial. Without fixed vertices the first of each component is fixed.
 
     Edges without information are rejected. The status names components whose accepted edges form a tree, or
-    contradict each other, loops whose vertex numbers seem shifted, and a selection that ``time_limit_s`` cut
-    short. ``seed`` draws the loops from which the selection starts where there are very many. A warning names
-    rejected edges that one typical mistake of their rows explains.
+    contradict each other, loops whose vertex numbers seem shifted or that share an offset, rejected edges of
+    almost as much evidence as those against them, and a selection that ``time_limit_s`` cut short. ``seed``
+    draws the loops from which the selection starts where there are very many. A warning names rejected edges
+    that one typical mistake of their rows explains.
     """
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline, seed)
@@ -85,7 +88,8 @@ def solve_pose_graph(
     said = [
         *([] if solution.status == "ok" else [solution.status]),
         *unchecked_components(problem, solution),
-        *shifted_loops(problem, solution),
+        *rival_groups(problem, solution),
+        *(shifted_loops(problem, solution) or shared_offsets(problem, solution)),
     ]
     return replace(
         solution,

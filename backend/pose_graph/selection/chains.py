@@ -62,7 +62,7 @@ def join_chains(problem: Problem, chains: list[Chain], out_of_time: Callable[[],
 
     The loops of the whole problem must connect the chains.
     """
-    state = _Joining(problem, chains)
+    state = Joining(problem, chains)
     first = state.w_T[0].copy()
     joints = np.zeros(len(problem.i), dtype=bool)
     while True:
@@ -74,7 +74,7 @@ def join_chains(problem: Problem, chains: list[Chain], out_of_time: Callable[[],
         joints[best] = True
 
 
-class _Joining:
+class Joining:
     """Poses, samples and frames of the chains while they are joined."""
 
     def __init__(self, problem: Problem, chains: list[Chain]) -> None:
@@ -117,6 +117,11 @@ class _Joining:
         surprise = np.zeros(place.max() + 1)
         np.maximum.at(surprise, place[agrees], -found.log_pass_probability()[agrees])
         return float(surprise.sum())
+
+    def agreeing(self, loop: int, loops: Index) -> Mask:
+        """Return which of some loops (k,) between two frames agree with one loop that joins them."""
+        w_T, samples = self._placed(loop)
+        return innovations(self.problem, w_T, samples, loops).agrees()
 
     def _placed(self, loop: int) -> tuple[Array, Array]:
         """Return poses and samples with the frame at the loop's end moved to where the loop puts it."""

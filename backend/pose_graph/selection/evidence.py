@@ -76,11 +76,8 @@ class LinearizedSet:
 
     @property
     def odometry_odds(self) -> float:
-        """Prior log odds that an edge of odometry is true: none of them is known to be false.
-
-        Laplace's rule of succession for as many true edges.
-        """
-        return float(np.log1p(np.count_nonzero(~self.loops)))
+        """Prior log odds that an edge of odometry is true."""
+        return odometry_log_odds(self.loops)
 
     def evidence(self, odds: float) -> float:
         """Return the log evidence by Laplace's approximation at the set's own noise scale.
@@ -92,6 +89,14 @@ class LinearizedSet:
         prior = np.where(self.loops, odds, self.odometry_odds) - d * np.log(self.scale)
         gained = float((self.log_volumes + prior)[self.kept].sum())
         return float(gained - self.chi_square / self.scale**2 / 2 - volume)
+
+
+def odometry_log_odds(loops: Mask) -> float:
+    """Return the prior log odds that an edge of odometry is true: none of them is known to be false.
+
+    Laplace's rule of succession for as many true edges as are no ``loops`` (m,).
+    """
+    return float(np.log1p(np.count_nonzero(~loops)))
 
 
 def log_unit_volumes(problem: Problem, w_T: Array) -> Array:

@@ -1,0 +1,288 @@
+"""Rejected edges that agree with each other, and have almost as much for them as what contradicts them.
+
+Where a floor repeats, the loops between two stretches of the path may fall into two groups, each of which
+agrees within itself: the true ones, and those to the wrong copy. The selection keeps one group. If the odds
+between both are low, no answer is certain, and the user must look.
+
+A group of rejected edges is one hypothesis: the path behind them lies elsewhere, by one transform. What
+contradicts it is the cheapest cut through the kept edges between the two sides: if the rejected group is
+true, all edges of the cut are false. Edges are false for one of two reasons. A row of loops or an edge of
+odometry is false by itself, and lies anywhere. Several rows that agree in a false transform have a common
+cause, and then their number says little: any share of the rows below a half may be false.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from backend import se3
+from backend.pose_graph.problem import Problem
+from backend.pose_graph.selection.agreement import MAX_HYPOTHESES, log_odds
+from backend.pose_graph.selection.chains import Chain, Joining
+from backend.pose_graph.selection.evidence import log_unit_volumes, odometry_log_odds
+from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
+from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
+from backend.pose_graph.solution import NO_INFORMATION, Solution
+from backend.pose_graph.solved_parts import solved_parts
+from backend.pose_graph.unary_factors import fixed
+from backend.quantiles import binomial_tail
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+_LEAST_LOG_ODDS = -float(np.log(SIGNIFICANCE))
+"""Odds of 1000 to 1 (nats), below which neither group is called right: the level of all gates."""
+_COMMON_CAUSE = -float(np.log(SIGNIFICANCE))
+"""Improbability (nats) that a floor repeats, so that rows of loops are false together."""
+_MOST_PREDICTIONS = 300_000
+"""Predictions of a rejected edge by another one that are computed: some seconds."""
+_MOST_GROUPS = 20
+"""Groups whose contradiction is computed, those of most rows first."""
+_UNITS = 1000.0
+"""Integers per nat in the computation of a minimum cut."""
+_EVERYTHING = 2**30
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """A group of rejected edges, and the kept edges of which one side must be false if the other is true."""
+
+    rejected: Index
+    against: Index
+    log_odds: float
+    """Log odds (nats) of the kept edges against the rejected ones."""
+    length: float
+    """Distance by which the poses behind the edges would move, in the unit of the graph."""
+    degrees: float
+
+
+def rival_groups(problem: Problem, solution: Solution) -> list[str]:
+    """Return a sentence for each component whose kept loops have a rival group of low odds."""
+    sentences = []
+    informative = np.array([reason != NO_INFORMATION for reason in solution.edge_reason], dtype=bool)
+    for part, w_T, edges in solved_parts(problem, solution, informative):
+        found = doubtful_rivals(part, solution.edge_kept[edges], w_T)
+        if found is not None:
+            sentences.append(_sentence(part, found))
+    return sentences
+
+
+def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array) -> Rivals | None:
+    """Return the rejected group of the lowest odds against it; None if all odds are high enough."""
+    rejected = np.flatnonzero(~kept)
+    samples = _samples(problem.with_edges(kept), w_T) if len(rejected) and kept.any() else None
+    if samples is None:
+        return None
+    worth = _Worth(problem, kept, w_T)
+    groups = _groups(problem, rejected, w_T, samples, worth)
+    found = [_contradicted(problem, group, w_T, worth) for group in groups]
+    worst = min(found, key=lambda each: each.log_odds, default=None)
+    return worst if worst is not None and worst.log_odds < _LEAST_LOG_ODDS else None
+
+
+def _samples(problem: Problem, w_T: Array) -> Array | None:
+    graph = problem.edge_factors()
+    graph.push_back(problem.unary_factor_graph())
+    if not problem.unary_factors:
+        graph.push_back(fixed(0, w_T[0], problem.dimension).factor)
+    return sample_posterior(graph, problem.values(w_T), problem.dof)
+
+
+@dataclass(frozen=True)
+class _Worth:
+    """Improbability (nats) that edges which agree in one transform are false."""
+
+    problem: Problem
+    kept: Mask
+    w_T: Array
+
+    @cached_property
+    def row(self) -> Index:
+        """(m,) label of each row of loops between two places; each edge of odometry has its own."""
+        p, loops = self.problem, np.flatnonzero(~self.problem.trusted)
+        row = np.arange(len(p.i)) + len(p.i)
+        row[loops] = place_pairs(p.i[loops], p.j[loops], ROW_LENGTH)
+        return row
+
+    @cached_property
+    def of_edge(self) -> Array:
+        """(m,) improbability of an edge that is false by itself."""
+        loops = ~self.problem.trusted
+        prior = np.where(loops, log_odds(self.kept, loops), odometry_log_odds(loops))
+        scale = noise_scale(self.problem, self.kept, self.w_T)
+        volumes = log_unit_volumes(self.problem, self.w_T) - self.problem.dof * np.log(scale)
+        return np.asarray(np.maximum(volumes + prior, 0.0))
+
+    def rows(self, edges: Index) -> int:
+        """Return the number of rows of the loops among some edges."""
+        return len(np.unique(self.row[edges[~self.problem.trusted[edges]]]))
+
+    def log_odds(self, against: Index, edges: Index) -> float:
+        """Return the log odds (nats) that the edges ``against`` others are true, and those false."""
+        return self._log_false(edges, against) - self._log_false(against, edges)
+
+    def _log_false(self, edges: Index, true: Index) -> float:
+        """Return the log probability that some edges are false while others are ``true``, up to a constant.
+
+        Rows of loops agree by chance, or by a common cause: then each share below a half is as probable.
+        """
+        trusted, (n, n_true) = self.problem.trusted[edges], (self.rows(edges), self.rows(true))
+        odometry = -float(self.of_edge[edges[trusted]].sum())
+        if n == 0:
+            return odometry
+        own = float(self.of_edge[edges[~trusted]].max())
+        chance = -(n - 1) * max(own - float(np.log(self.rows(np.arange(len(self.kept))))), 0.0)
+        share = binomial_tail(n + 1, n + n_true + 1, 0.5)
+        return odometry - own + float(np.logaddexp(chance, np.log(share) - _COMMON_CAUSE))
+
+
+def _groups(
+    problem: Problem, rejected: Index, w_T: Array, samples: Array, worth: _Worth
+) -> list[tuple[int, Index]]:
+    """Return one of the edges, and all edges, of the groups of most rows that agree in one transform."""
+    state, own = _two_copies(problem, rejected, w_T, samples, noise_scale(problem, worth.kept, w_T))
+    most = max(1, min(MAX_HYPOTHESES, _MOST_PREDICTIONS // len(rejected)))
+    found: list[tuple[float, int, Index]] = []
+    for number in range(0, len(rejected), -(-len(rejected) // most)):
+        group = _over_one_step(problem, rejected[state.agreeing(number, own)], worth)
+        if len(group):
+            count = worth.rows(group) + np.count_nonzero(problem.trusted[group])
+            found.append((float(count), int(rejected[number]), group))
+    groups: list[tuple[int, Index]] = []
+    seen: set[int] = set()
+    for _, edge, group in sorted(found, key=lambda each: -each[0]):
+        if not seen.issuperset(group.tolist()):
+            groups.append((edge, group))
+            seen.update(group.tolist())
+    return groups[:_MOST_GROUPS]
+
+
+def _two_copies(
+    problem: Problem, edges: Index, w_T: Array, samples: Array, scale: float
+) -> tuple[Joining, Index]:
+    """Return the solution twice, as two frames: each edge leads from one to the other."""
+    i, j = problem.i[edges], problem.j[edges]
+    early, late = np.unique(np.minimum(i, j)), np.unique(np.maximum(i, j))
+    poses = np.concatenate([early, late])
+    places = [np.searchsorted(early, np.minimum(i, j)), len(early) + np.searchsorted(late, np.maximum(i, j))]
+    forward = i < j
+    copies = replace(
+        problem,
+        names=tuple(problem.names[k] for k in poses.tolist()),
+        i=np.where(forward, *places),
+        j=np.where(forward, *reversed(places)),
+        ij_T=problem.ij_T[edges],
+        sqrt_information=problem.sqrt_information[edges] / scale,
+        trusted=np.zeros(len(edges), dtype=bool),
+        initial=w_T[poses],
+        unary_factors=(),
+    )
+    frames = [
+        Chain(np.arange(len(early)), w_T[early], scale * samples[early]),
+        Chain(np.arange(len(early), len(poses)), w_T[late], scale * samples[late]),
+    ]
+    return Joining(copies, frames), np.arange(len(edges))
+
+
+def _over_one_step(problem: Problem, group: Index, worth: _Worth) -> Index:
+    """Return the edges of a group over the step of the path that most rows span.
+
+    Their earlier ends then lie on one side, and their later ends on the other.
+    """
+    if len(group) == 0:
+        return group
+    low, high = np.minimum(problem.i, problem.j)[group], np.maximum(problem.i, problem.j)[group]
+    over = (low <= low[:, None]) & (low[:, None] < high)
+    best = int(np.argmax([len(np.unique(worth.row[group[each]])) for each in over]))
+    return np.asarray(group[over[best]])
+
+
+def _contradicted(problem: Problem, group: tuple[int, Index], w_T: Array, worth: _Worth) -> Rivals:
+    """Return a group with the cheapest kept edges that must be false if it is true."""
+    edge, edges = group
+    low, high = np.minimum(problem.i, problem.j), np.maximum(problem.i, problem.j)
+    kept = np.flatnonzero(worth.kept)
+    first, row = np.unique(worth.row[kept], return_index=True, return_inverse=True)[1:]
+    # Odometry is false by itself; a further row of loops may have the cause of the others.
+    value = np.where(problem.trusted, worth.of_edge, np.log(2))[kept][first]
+    cut = kept[_minimum_cut(problem.count, low[kept], high[kept], row, value, low[edges], high[edges])]
+    length, degrees = _moved(problem, edge, np.unique(high[edges]), w_T)
+    return Rivals(edges, cut, worth.log_odds(cut, edges), length, degrees)
+
+
+def _minimum_cut(
+    count: int, low: Index, high: Index, row: Index, value: Array, sources: Index, sinks: Index
+) -> Mask:
+    """Return (k,) the edges, in rows (k,) of one value (r,) each, that part all sources from all sinks.
+
+    The poses are 0 to ``count``. A row that has ends on both sides costs its value once: it is a bottleneck
+    from all its earlier ends to all its later ones, and another one back.
+    """
+    rows, k = len(value), len(row)
+    source, sink = count, count + 1
+    # The two nodes of each bottleneck: those of the way from earlier to later ends, and of the way back.
+    first = count + 2 + np.arange(2 * rows).reshape(2, rows)
+    second = first + 2 * rows
+    most = np.full(k, _EVERYTHING)
+    units = np.maximum(np.round(_UNITS * value), 1).astype(np.int64)
+    arcs = [
+        (np.full(len(sources), source), sources, np.full(len(sources), _EVERYTHING)),
+        (sinks, np.full(len(sinks), sink), np.full(len(sinks), _EVERYTHING)),
+    ]
+    for way, (begin, end) in enumerate(((low, high), (high, low))):
+        arcs += [
+            (begin, first[way, row], most),
+            (second[way, row], end, most),
+            (first[way], second[way], units),
+        ]
+    tail, head, capacity = (np.concatenate([arc[part] for arc in arcs]) for part in range(3))
+    size = count + 2 + 4 * rows
+    network = csr_array((capacity, (tail, head)), shape=(size, size))
+    network.data = np.minimum(network.data, _EVERYTHING)
+    network = csr_array(network.astype(np.int32))
+    left = csr_array(network - maximum_flow(network, source, sink).flow)
+    left.eliminate_zeros()
+    inside = np.zeros(size, dtype=bool)
+    inside[breadth_first_order(left, source, return_predecessors=False)] = True
+    return np.asarray(inside[low] != inside[high])
+
+
+def _moved(problem: Problem, edge: int, poses: Index, w_T: Array) -> tuple[float, float]:
+    """Return by how much, and by what angle (degrees), some poses move if one edge is true."""
+    i, j, T = int(problem.i[edge]), int(problem.j[edge]), problem.ij_T[edge]
+    to = w_T[i] @ T @ se3.inverse(w_T[j]) if j > i else w_T[j] @ se3.inverse(w_T[i] @ T)
+    off = (to @ w_T[poses] - w_T[poses])[:, :3, 3]
+    angle = float(np.linalg.norm(se3.log(to[None])[0, :3]))
+    return float(np.sqrt((off**2).sum(axis=1).mean())), float(np.degrees(angle))
+
+
+def _sentence(problem: Problem, found: Rivals) -> str:
+    loops = found.against[~problem.trusted[found.against]]
+    steps = found.against[problem.trusted[found.against]]
+    against = " and ".join(
+        words
+        for words in (_group(problem, loops, "kept loops"), _group(problem, steps, "edges of odometry"))
+        if words
+    )
+    odds = np.exp(max(found.log_odds, 0.0))
+    return (
+        f"{_group(problem, found.rejected, 'rejected edges')} agree with each other against {against}: with"
+        f" them the poses behind lie {found.length:.2g} {problem.length_unit} and {found.degrees:.2g} deg"
+        f" elsewhere, and the odds are only {odds:.0f} to 1; check which of the two are true, and delete the"
+        " others from the file"
+    )
+
+
+def _group(problem: Problem, edges: Index, kind: str) -> str:
+    if len(edges) == 0:
+        return ""
+    low, high = np.minimum(problem.i, problem.j)[edges], np.maximum(problem.i, problem.j)[edges]
+    ends = [f"{problem.name(each.min())} to {problem.name(each.max())}" for each in (low, high)]
+    return f"{len(edges)} {kind} between {ends[0]} and {ends[1]}"
