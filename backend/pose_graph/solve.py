@@ -19,6 +19,7 @@ from backend.gauge import format_keys
 from backend.measurements import Measurements
 from backend.pose_graph.connected_component import SolvedComponent, is_placed_alone, solve_component
 from backend.pose_graph.descent import OnStep
+from backend.pose_graph.displaced_loops import displaced_loops
 from backend.pose_graph.from_measurements import components, from_measurements
 from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
@@ -88,7 +89,7 @@ def solve_pose_graph(
     said = [
         *([] if solution.status == "ok" else [solution.status]),
         *unchecked_components(problem, solution),
-        *rival_groups(problem, solution),
+        *(rival_groups(problem, solution) or displaced_loops(problem, solution)),
         *(shifted_loops(problem, solution) or shared_offsets(problem, solution)),
     ]
     return replace(
