@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 from backend.errors import BackendError
 from backend.gauge import format_keys
 from backend.measurements import Measurements
-from backend.pose_graph.connected_component import SolvedComponent, is_placed_alone, solve_component
-from backend.pose_graph.descent import OnStep
-from backend.pose_graph.displaced_loops import displaced_loops
-from backend.pose_graph.from_measurements import components, from_measurements
-from backend.pose_graph.gauge_fixed_problem import Options
-from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
-from backend.pose_graph.problem import Problem, from_pose_graph, informative
-from backend.pose_graph.redundancy import (
+from backend.pose_graph.checks.displaced_loops import displaced_loops
+from backend.pose_graph.checks.redundancy import (
     rejected_odometry_warning,
     small_residuals_warning,
     unchecked_components,
 )
-from backend.pose_graph.rival_groups import rival_groups
-from backend.pose_graph.row_mistakes import mistake_warnings, row_mistakes
-from backend.pose_graph.shared_offset import shared_offsets
-from backend.pose_graph.shifted_loops import shifted_loops
+from backend.pose_graph.checks.rival_groups import rival_groups
+from backend.pose_graph.checks.row_mistakes import mistake_warnings, row_mistakes
+from backend.pose_graph.checks.shared_offset import shared_offsets
+from backend.pose_graph.checks.shifted_loops import shifted_loops
+from backend.pose_graph.connected_component import SolvedComponent, is_placed_alone, solve_component
+from backend.pose_graph.descent import OnStep
+from backend.pose_graph.from_measurements import components, from_measurements
+from backend.pose_graph.gauge_fixed_problem import Options
+from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
+from backend.pose_graph.problem import Problem, from_pose_graph, informative
 from backend.pose_graph.solution import NO_INFORMATION, Solution
 
 Array = NDArray[np.float64]

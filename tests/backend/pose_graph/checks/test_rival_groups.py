@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from backend import se3
+from backend.pose_graph.checks.rival_groups import _minimum_cut
 from backend.pose_graph.graph import PoseGraph
-from backend.pose_graph.rival_groups import _minimum_cut
 from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.generated_graphs import SHAPES, STD, Scene, make
 from tests.benchmarks.offset_graphs import OffsetScene, make_offset

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from backend.g2o import read_g2o
+from backend.pose_graph.checks.shifted_loops import shift_test
 from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.linear import jacobian
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.shifted_loops import shift_test
 from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.generated_graphs import SHAPES, Scene, make
 from tests.slam.faults.made_graph import laps

@@ -22,6 +22,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from backend import se3
+from backend.pose_graph.checks.solved_parts import solved_parts
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import MAX_HYPOTHESES, log_odds
 from backend.pose_graph.selection.chains import Chain, Joining
@@ -29,7 +30,6 @@ from backend.pose_graph.selection.evidence import log_unit_volumes, odometry_log
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
 from backend.pose_graph.solution import NO_INFORMATION, Solution
-from backend.pose_graph.solved_parts import solved_parts
 from backend.pose_graph.unary_factors import fixed
 from backend.quantiles import binomial_tail
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backend.pose_graph.displaced_loops import displaced_loops
+from backend.pose_graph.checks.displaced_loops import displaced_loops
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.generated_graphs import SHAPES, MadeGraph, Scene, make

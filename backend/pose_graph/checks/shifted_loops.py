@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from backend.gauge import format_keys
+from backend.pose_graph.checks.score_test import ChiSquareModel, score_test
+from backend.pose_graph.checks.solved_parts import solved_parts
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.score_test import ChiSquareModel, score_test
 from backend.pose_graph.selection.prediction import SIGNIFICANCE
 from backend.pose_graph.solution import Solution
-from backend.pose_graph.solved_parts import solved_parts
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from backend import se3
+from backend.pose_graph.checks.score_test import ChiSquareModel, by_end, score_test
+from backend.pose_graph.checks.solved_parts import solved_parts
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.score_test import ChiSquareModel, by_end, score_test
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, chi_square_gate, noise_scale
 from backend.pose_graph.solution import Solution
-from backend.pose_graph.solved_parts import solved_parts
 from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]

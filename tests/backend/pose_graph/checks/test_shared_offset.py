@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from backend import se3
+from backend.pose_graph.checks.shared_offset import most_likely_offset
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.shared_offset import most_likely_offset
 from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.generated_graphs import SHAPES, Scene, make
 from tests.benchmarks.offset_graphs import OffsetScene, error_ratio, make_offset, offset_scenes

@@ -1,0 +1,1 @@
+"""Checks of a solved pose graph: what may be wrong with it, although its equations are solved."""
