@@ -128,6 +128,7 @@ def edges_of(graph: PoseGraph, which: Array) -> PoseGraph:
         j=graph.j[which],
         ij_T=graph.ij_T[which],
         information=graph.information[which],
+        rows=None,
     )
 
 
@@ -154,7 +155,7 @@ def falsified(graph: PoseGraph, whole: Array, share: float, group: int, seed: in
         done += size
     false = np.zeros(len(i), dtype=bool)
     false[bad] = True
-    return replace(graph, i=i, j=j, ij_T=ij_T), false
+    return replace(graph, i=i, j=j, ij_T=ij_T, rows=None), false
 
 
 def _noise(graph: PoseGraph, edge: int, rng: np.random.Generator) -> Array:
