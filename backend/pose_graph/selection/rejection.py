@@ -119,7 +119,8 @@ def _gnc(gauge_fixed: GaugeFixedProblem, w_T: Array, candidate: Mask) -> tuple[M
 def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
     """Select again without the step of odometry that is most in doubt, as long as the evidence grows.
 
-    Loops that agreed with the step speak for it: if more of them are lost than by chance, it stays.
+    Loops that agreed with the step speak for it, and those that are gained without it speak against it: if
+    more are lost than by chance, and no fewer than are gained, the step stays.
     """
     problem, doubting = gauge_fixed.problem, gauge_fixed
     while time.monotonic() < gauge_fixed.options.deadline:
@@ -138,16 +139,18 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         if np.array_equal(other.kept, found.kept):
             break
         loops = ~problem.trusted
+        against = other.kept & ~found.kept & loops
+        lost = found.kept & ~other.kept & loops
         is_supported = (
             found.fit.test.passed
             and agreement_is_lost(found.kept & loops, other.kept)
+            and np.count_nonzero(lost) >= np.count_nonzero(against)
             and bool((step & ~other.kept).any())
         )
         is_probable = _is_more_probable(gauge_fixed, other, found)
         if is_probable and not is_supported:
             found = other
             continue
-        against = other.kept & ~found.kept & loops
         said = odometry_dispute(problem, step, against, is_probable) if other.fit.test.passed else ""
         return replace(found, disputed_odometry=(said,) if said else ())
     return found

@@ -100,3 +100,12 @@ def test_edges_between_robots_are_never_odometry():
     joined = replace(graph, i=np.append(graph.i, n // 2 - 1), j=np.append(graph.j, n // 2))
     assert not joined.is_odometry[-1]
     assert replace(joined, ids=np.arange(n)).is_odometry[-1]
+
+
+@pytest.mark.slow
+def test_many_gained_loops_outvote_a_few_lost_ones() -> None:
+    """Three false loops that agree with a step of odometry do not hold it against sixty true ones."""
+    made = make(Scene("lawn mower", 2, 2, 0.5, "random", 100))
+    kept = solve_pose_graph(made.graph, covariances=False).edge_kept
+    assert not (kept & made.false).any()
+    assert kept[~made.false].all()
