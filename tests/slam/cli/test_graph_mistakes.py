@@ -5,7 +5,7 @@ from __future__ import annotations
 from slam.cli.graph import solve_graph
 from slam.core.progress import silent
 from slam.core.summary import summarise
-from tests.backend.pose_graph.test_row_mistakes import graph_of, solved_from_file
+from tests.backend.pose_graph.checks.test_row_mistakes import graph_of, solved_from_file
 
 
 def test_the_summary_lists_the_mistakes(tmp_path):
