@@ -21,7 +21,7 @@ HEADLINES = {
     "position error (ate_m)": "A real drone's motion: positions without alignment, sonar 4 % short",
     "RMS to pycolmap with a free principal point after a similarity": "75 aerial photographs: distance to "
     "structure from motion",
-    "our time over pycolmap's at its best, CPU": "75 aerial photographs: our CPU time over pycolmap's",
+    "our processor time over pycolmap's at its best, CPU": "75 photographs: our CPU time over pycolmap's",
     "front end on the demo's frames, 320x240, two cores": "Pictures a second, 320x240",
     "sphere2500: solve over raw gtsam's, both from arrays": "A graph of 2500 poses: our time over gtsam's",
     "peak memory, without mosaic, 10 laps over 1": "Peak memory of a flight ten times as long",
