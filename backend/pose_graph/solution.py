@@ -63,6 +63,11 @@ class Solution:
     row_mistakes: tuple[RowMistake, ...] = ()
     """Rejected edges of a pose graph that one typical mistake of their rows explains."""
 
+    @property
+    def edge_informative(self) -> NDArray[np.bool_]:
+        """(m,) whether each relative pose carries information."""
+        return np.array([reason != NO_INFORMATION for reason in self.edge_reason], dtype=bool)
+
 
 _DETERMINED = 0.9
 """A posterior deviation above this share of the prior one means that nothing determined the value."""

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
+from backend.pose_graph.checks.solved_parts import solved_parts
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.null_loops import NullLoops
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, chi_square_gate, squared_mahalanobis
-from backend.pose_graph.solution import NO_INFORMATION, Solution
+from backend.pose_graph.solution import Solution
 from backend.quantiles import binomial_tail
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ _SEEDS = 300
 
 
 @dataclass(frozen=True)
-class Displacements:
+class _Displacements:
     """Transforms from where the map has the second ends of loops to where the loops put them."""
 
     T: Array
@@ -50,30 +51,35 @@ class Displacements:
 
 
 def displaced_loops(problem: Problem, solution: Solution) -> list[str]:
-    """Return a sentence about the largest group of rejected loops that share a displacement, if one does.
+    """Return a sentence for each component with rejected loops that share a displacement."""
+    sentences = []
+    for part, w_T, inside in solved_parts(problem, solution, solution.edge_informative):
+        group = displaced_group(part, solution.edge_kept[inside], w_T)
+        if group.any():
+            sentences.append(_sentence(part.with_edges(group), w_T))
+    return sentences
+
+
+def displaced_group(problem: Problem, kept: Mask, w_T: Array) -> Mask:
+    """Return the largest group of rejected loops (m,) that share a displacement; empty if none does.
 
     Loops between the same two places count once.
     """
-    informative = np.array([reason != NO_INFORMATION for reason in solution.edge_reason], dtype=bool)
-    placed = (solution.component[problem.i] >= 0) & (solution.component[problem.j] >= 0)
-    loops = np.flatnonzero(~problem.trusted & placed & informative)
-    rejected = loops[~solution.edge_kept[loops]]
-    if len(rejected) < 2:
-        return []
+    loops, group = ~problem.trusted, np.zeros_like(kept)
+    rejected = loops & ~kept
+    if np.count_nonzero(rejected) < 2:
+        return group
     place = place_pairs(problem.i, problem.j, ROW_LENGTH)
-    null = NullLoops.of(problem, loops, place[loops]).problem
-    best: Index = rejected[:0]
-    for frame in (_in_world, _at_second_end):
-        found, by_chance = (
-            frame(p, solution.w_T_b)
-            for p in (problem.with_edges(np.isin(np.arange(len(place)), rejected)), null)
-        )
-        group = rejected[_largest_group(found, by_chance, place[rejected])]
-        best = max(best, group, key=len)
-    return [_sentence(problem, solution, best)] if len(best) else []
+    null_loops = NullLoops.of(problem, np.flatnonzero(loops), place[loops]).problem
+    found = [
+        _largest_group(frame(problem.with_edges(rejected), w_T), frame(null_loops, w_T), place[rejected])
+        for frame in (_in_world, _at_second_end)
+    ]
+    group[rejected] = max(found, key=np.count_nonzero)
+    return group
 
 
-def _largest_group(found: Displacements, by_chance: Displacements, place: Index) -> Mask:
+def _largest_group(found: _Displacements, by_chance: _Displacements, place: Index) -> Mask:
     """Return the largest group (k,) of loops that agree more often than chance explains; empty if none."""
     count = len(np.unique(place))
     best = np.zeros(len(place), dtype=bool)
@@ -90,16 +96,16 @@ def _largest_group(found: Displacements, by_chance: Displacements, place: Index)
     return best
 
 
-def _in_world(problem: Problem, w_T: Array) -> Displacements:
+def _in_world(problem: Problem, w_T: Array) -> _Displacements:
     there = w_T[problem.j]
     turn = problem.adjoint(there)
     T = w_T[problem.i] @ problem.ij_T @ se3.inverse(there)
-    return Displacements(T, turn @ _noise(problem) @ np.swapaxes(turn, 1, 2), problem.dimension == 2)
+    return _Displacements(T, turn @ _noise(problem) @ np.swapaxes(turn, 1, 2), problem.dimension == 2)
 
 
-def _at_second_end(problem: Problem, w_T: Array) -> Displacements:
+def _at_second_end(problem: Problem, w_T: Array) -> _Displacements:
     T = se3.inverse(w_T[problem.j]) @ w_T[problem.i] @ problem.ij_T
-    return Displacements(T, _noise(problem), problem.dimension == 2)
+    return _Displacements(T, _noise(problem), problem.dimension == 2)
 
 
 def _noise(problem: Problem) -> Array:
@@ -107,14 +113,13 @@ def _noise(problem: Problem) -> Array:
     return np.asarray(np.linalg.pinv(np.swapaxes(R, 1, 2) @ R, hermitian=True))
 
 
-def _sentence(problem: Problem, solution: Solution, group: Index) -> str:
-    i, j = problem.i[group], problem.j[group]
-    off = se3.inverse(solution.w_T_b[j]) @ solution.w_T_b[i] @ problem.ij_T[group]
+def _sentence(group: Problem, w_T: Array) -> str:
+    off = _at_second_end(group, w_T).T
     length = float(np.median(np.linalg.norm(off[:, :3, 3], axis=1)))
     angle = float(np.median(np.degrees(np.linalg.norm(se3.log(off)[:, :3], axis=1))))
-    unit = problem.length_unit
+    first = f"{group.name(group.i[0])} to {group.name(group.j[0])}"
     return (
-        f"{len(group)} rejected loops (the first is {problem.name(i[0])} to {problem.name(j[0])}) agree with"
-        f" each other, {length:.2g} {unit} and {angle:.2g} deg from the map: a floor that repeats, or a map"
-        " that is wrong there; compare these places, and the loops beside them"
+        f"{len(group.i)} rejected loops (the first is {first}) agree with each other, {length:.2g}"
+        f" {group.length_unit} and {angle:.2g} deg from the map: a floor that repeats, or a map that is wrong"
+        " there; compare these places, and the loops beside them"
     )

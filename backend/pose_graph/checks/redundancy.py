@@ -10,7 +10,7 @@ from backend.pose_graph.bridges import find_bridges, reached
 from backend.pose_graph.chi_square import ChiSquare
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.solution import NO_INFORMATION, Solution
+from backend.pose_graph.solution import Solution
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -39,9 +39,9 @@ def unchecked_components(problem: Problem, solution: Solution) -> list[str]:
             sentences.append(_sentence(problem, members.tolist(), rejected, inside & solution.edge_kept))
             continue
         sentences += _bridge_sentences(problem, ends, trusted)
-        left_out = inside & problem.trusted & ~solution.edge_kept & ~_uninformative(solution)
+        left_out = inside & problem.trusted & ~solution.edge_kept & solution.edge_informative
         sentences += _unchecked_odometry_sentence(problem, ends, left_out)
-        loops = inside & ~problem.trusted & ~_uninformative(solution)
+        loops = inside & ~problem.trusted & solution.edge_informative
         sentences += _one_place_sentence(problem, loops, solution.edge_kept)
     return sentences
 
@@ -96,10 +96,6 @@ def _unchecked_odometry_sentence(problem: Problem, ends: Index, left_out: Mask) 
     ]
 
 
-def _uninformative(solution: Solution) -> Mask:
-    return np.array([reason == NO_INFORMATION for reason in solution.edge_reason], dtype=bool)
-
-
 def _one_place_sentence(problem: Problem, loops: Mask, kept: Mask) -> list[str]:
     """Return a sentence if all loops but those between one pair of places were rejected."""
     place = place_pairs(problem.i[loops], problem.j[loops], ROW_LENGTH)
@@ -124,7 +120,7 @@ def _sentence(problem: Problem, members: list[int], rejected: int, kept: Mask) -
 
 def rejected_odometry_warning(problem: Problem, solution: Solution) -> list[str]:
     """Return one warning about steps of odometry that were rejected; an empty list if there is none."""
-    wrong = np.flatnonzero(problem.trusted & ~solution.edge_kept & ~_uninformative(solution))
+    wrong = np.flatnonzero(problem.trusted & ~solution.edge_kept & solution.edge_informative)
     if len(wrong) == 0:
         return []
     i, j = problem.i[wrong[0]], problem.j[wrong[0]]

@@ -22,15 +22,14 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from backend import se3
-from backend.pose_graph.checks.solved_parts import solved_parts
+from backend.pose_graph.checks.solved_parts import posterior_samples, solved_parts
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import MAX_HYPOTHESES, log_odds
 from backend.pose_graph.selection.chains import Chain, Joining
 from backend.pose_graph.selection.evidence import log_unit_volumes, odometry_log_odds
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
-from backend.pose_graph.solution import NO_INFORMATION, Solution
-from backend.pose_graph.unary_factors import fixed
+from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale
+from backend.pose_graph.solution import Solution
 from backend.quantiles import binomial_tail
 
 Array = NDArray[np.float64]
@@ -66,8 +65,7 @@ class Rivals:
 def rival_groups(problem: Problem, solution: Solution) -> list[str]:
     """Return a sentence for each component whose kept loops have a rival group of low odds."""
     sentences = []
-    informative = np.array([reason != NO_INFORMATION for reason in solution.edge_reason], dtype=bool)
-    for part, w_T, edges in solved_parts(problem, solution, informative):
+    for part, w_T, edges in solved_parts(problem, solution, solution.edge_informative):
         found = doubtful_rivals(part, solution.edge_kept[edges], w_T)
         if found is not None:
             sentences.append(_sentence(part, found))
@@ -77,7 +75,7 @@ def rival_groups(problem: Problem, solution: Solution) -> list[str]:
 def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array) -> Rivals | None:
     """Return the rejected group of the lowest odds against it; None if all odds are high enough."""
     rejected = np.flatnonzero(~kept)
-    samples = _samples(problem.with_edges(kept), w_T) if len(rejected) and kept.any() else None
+    samples = posterior_samples(problem, kept, w_T) if len(rejected) and kept.any() else None
     if samples is None:
         return None
     worth = _Worth(problem, kept, w_T)
@@ -85,14 +83,6 @@ def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array) -> Rivals | None:
     found = [_contradicted(problem, group, w_T, worth) for group in groups]
     worst = min(found, key=lambda each: each.log_odds, default=None)
     return worst if worst is not None and worst.log_odds < _LEAST_LOG_ODDS else None
-
-
-def _samples(problem: Problem, w_T: Array) -> Array | None:
-    graph = problem.edge_factors()
-    graph.push_back(problem.unary_factor_graph())
-    if not problem.unary_factors:
-        graph.push_back(fixed(0, w_T[0], problem.dimension).factor)
-    return sample_posterior(graph, problem.values(w_T), problem.dof)
 
 
 @dataclass(frozen=True)
@@ -267,22 +257,20 @@ def _sentence(problem: Problem, found: Rivals) -> str:
     loops = found.against[~problem.trusted[found.against]]
     steps = found.against[problem.trusted[found.against]]
     against = " and ".join(
-        words
-        for words in (_group(problem, loops, "kept loops"), _group(problem, steps, "edges of odometry"))
-        if words
+        _group(problem, edges, kind)
+        for edges, kind in ((loops, "kept loops"), (steps, "edges of odometry"))
+        if len(edges)
     )
     odds = np.exp(max(found.log_odds, 0.0))
     return (
-        f"{_group(problem, found.rejected, 'rejected edges')} agree with each other against {against}: with"
-        f" them the poses behind lie {found.length:.2g} {problem.length_unit} and {found.degrees:.2g} deg"
-        f" elsewhere, and the odds are only {odds:.0f} to 1; check which of the two are true, and delete the"
-        " others from the file"
+        f"{_group(problem, found.rejected, 'rejected edges')} agree with each other and contradict {against}:"
+        f" if the rejected ones are true, the later poses lie {found.length:.2g} {problem.length_unit} and"
+        f" {found.degrees:.2g} deg elsewhere, and the odds for the kept ones are only {odds:.0f} to 1; check"
+        " which of the two are true, and delete the others from the file"
     )
 
 
 def _group(problem: Problem, edges: Index, kind: str) -> str:
-    if len(edges) == 0:
-        return ""
     low, high = np.minimum(problem.i, problem.j)[edges], np.maximum(problem.i, problem.j)[edges]
     ends = [f"{problem.name(each.min())} to {problem.name(each.max())}" for each in (low, high)]
-    return f"{len(edges)} {kind} between {ends[0]} and {ends[1]}"
+    return f"{len(edges)} {kind} (from {ends[0]}, into {ends[1]})"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend import se3
-from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, Options
+from backend.pose_graph.checks.solved_parts import posterior_samples, solved_parts
 from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import TAIL_FACTOR, sharp_agreements
@@ -25,10 +25,8 @@ from backend.pose_graph.selection.prediction import (
     chi_square_gate,
     innovations,
     noise_scale,
-    sample_posterior,
 )
-from backend.pose_graph.solution import NO_INFORMATION, RowMistake, Solution
-from backend.pose_graph.unary_factors import fixed
+from backend.pose_graph.solution import RowMistake, Solution
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -117,19 +115,13 @@ def row_mistakes(graph: PoseGraph, problem: Problem, solution: Solution) -> tupl
 
     ``problem`` is that of the graph.
     """
-    informative = np.array([reason != NO_INFORMATION for reason in solution.edge_reason], dtype=bool)
     found: list[RowMistake] = []
-    for number in range(int(solution.component.max(initial=-1)) + 1):
-        inside = solution.component[problem.i] == number
-        edges = np.flatnonzero(inside & informative)
-        if not (inside & informative & ~solution.edge_kept).any():
+    for part, w_T, inside in solved_parts(problem, solution, solution.edge_informative):
+        edges = np.flatnonzero(inside)
+        kept = solution.edge_kept[edges]
+        if kept.all():
             continue
-        members = np.flatnonzero(solution.component == number)
-        part = problem.with_edges(inside & informative).restricted(members)
-        written = _headings(graph)[edges]
-        for e, mistake, before, after in _explained(
-            part, written, solution.edge_kept[edges], solution.w_T_b[members]
-        ):
+        for e, mistake, before, after in _explained(part, _headings(graph)[edges], kept, w_T):
             row = edges[e]
             line = None if graph.rows is None else int(graph.rows.lines[row])
             ends = int(graph.ids[graph.i[row]]), int(graph.ids[graph.j[row]])
@@ -145,11 +137,7 @@ def _headings(graph: PoseGraph) -> Array:
 
 def _explained(part: Problem, headings: Array, kept: Mask, w_T: Array) -> list[tuple[int, str, float, float]]:
     """Return edge, mistake, and innovations in sigmas as written and as corrected, of one component."""
-    priors = part.unary_factor_graph()
-    if not part.unary_factors:
-        priors.push_back(fixed(0, w_T[0], part.dimension).factor)
-    gauge_fixed = GaugeFixedProblem(part, priors, Options())
-    samples = sample_posterior(gauge_fixed.graph(kept), part.values(w_T), part.dof)
+    samples = posterior_samples(part, kept, w_T)
     if samples is None:
         return []
     rejected, readings = np.flatnonzero(~kept), _readings(part.dimension)

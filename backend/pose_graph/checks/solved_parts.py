@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
+from backend.pose_graph.selection.prediction import sample_posterior
 from backend.pose_graph.solution import Solution
+from backend.pose_graph.unary_factors import fixed
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -20,3 +22,15 @@ def solved_parts(problem: Problem, solution: Solution, edges: Mask) -> Iterator[
         members = np.flatnonzero(solution.component == number)
         inside = edges & (solution.component[problem.i] == number)
         yield problem.with_edges(inside).restricted(members), solution.w_T_b[members], inside
+
+
+def posterior_samples(part: Problem, kept: Mask, w_T: Array) -> Array | None:
+    """Draw (n, d, s) samples of a part's poses by its ``kept`` edges (m,); None if the system is singular.
+
+    The first pose is held where no unary factor places the part.
+    """
+    graph = part.with_edges(kept).edge_factors()
+    graph.push_back(part.unary_factor_graph())
+    if not part.unary_factors:
+        graph.push_back(fixed(0, w_T[0], part.dimension).factor)
+    return sample_posterior(graph, part.values(w_T), part.dof)

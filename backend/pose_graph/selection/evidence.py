@@ -74,11 +74,6 @@ class LinearizedSet:
         """Prior log odds that a loop is true, from the share of kept ones."""
         return log_odds(self.kept, self.loops)
 
-    @property
-    def odometry_odds(self) -> float:
-        """Prior log odds that an edge of odometry is true."""
-        return odometry_log_odds(self.loops)
-
     def evidence(self, odds: float) -> float:
         """Return the log evidence by Laplace's approximation at the set's own noise scale.
 
@@ -86,7 +81,7 @@ class LinearizedSet:
         """
         size, d = self.J.shape[1], self.J.shape[0] // len(self.kept)
         volume = float(np.log(np.abs(self.factor.U.diagonal())).sum()) / 2 - size * np.log(self.scale)
-        prior = np.where(self.loops, odds, self.odometry_odds) - d * np.log(self.scale)
+        prior = np.where(self.loops, odds, odometry_log_odds(self.loops)) - d * np.log(self.scale)
         gained = float((self.log_volumes + prior)[self.kept].sum())
         return float(gained - self.chi_square / self.scale**2 / 2 - volume)
 

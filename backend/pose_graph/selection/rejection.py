@@ -86,14 +86,15 @@ def _select(gauge_fixed: GaugeFixedProblem) -> Selection:
     problem = gauge_fixed.problem
     drawn = draw_loops(problem, gauge_fixed.options.seed)
     if drawn.all():
-        return _select_loops(gauge_fixed)
-    some = _select_loops(replace(gauge_fixed, problem=problem.with_edges(drawn)))
+        return _select_from_all(gauge_fixed)
+    some = _select_from_all(replace(gauge_fixed, problem=problem.with_edges(drawn)))
     kept = np.zeros_like(drawn)
     kept[drawn] = some.kept
     return replace(_refit(gauge_fixed, kept, some.fit.w_T, ~problem.trusted), is_complete=some.is_complete)
 
 
-def _select_loops(gauge_fixed: GaugeFixedProblem) -> Selection:
+def _select_from_all(gauge_fixed: GaugeFixedProblem) -> Selection:
+    """Grow the selection from odometry, exchange loops, and take back those that agree."""
     grown, trusted = grow_from_odometry(gauge_fixed), gauge_fixed.problem.trusted
     # The exchange comes before loops are taken back: those that a bent map takes back would hold it bent.
     swapped = _swap(gauge_fixed, _fitted(gauge_fixed, grown.kept, grown.w_T))

@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.errors import InputError
 from slam.core.flight import Image
 from slam.core.rotations import rotation_of
 from slam.io.images import UnreadableImageError, decode_image
 from slam.io.levels import levels_of, range_of
+from slam.io.recordings.readers import damage_reported
 from slam.io.recordings.recording import Burst
 from slam.io.recordings.ros.camera import picture_of
 from slam.io.recordings.ros.messages import RosRule
@@ -55,8 +57,9 @@ def bursts_of(bag: OpenBag, topic: str, body: BodyChannel | None, when: Schedule
     for after_s in when.starts_s((end_ns - begin_ns) * 1e-9).tolist():
         start_ns = begin_ns + int(after_s * 1e9)
         try:
-            burst = _burst(bag, topic, body, start_ns, when)
-        except Exception:  # noqa: BLE001  a reader's errors have no common class; the import tells of damage
+            with damage_reported(bag.path, "a recording"):
+                burst = _burst(bag, topic, body, start_ns, when)
+        except InputError:  # the import reads all messages later, and tells of the damage
             continue
         if burst is not None:
             yield burst

@@ -47,10 +47,10 @@ def two_robots(right: list[int], wrong: list[int], length: int = 80) -> PoseGrap
 
 def test_as_many_loops_for_either_place_are_named_with_both_groups():
     said = status(two_robots([0, 21, 42, 63], [10, 31, 52, 73]))
-    assert "4 rejected edges between vertex" in said
-    assert "agree with each other against 4 kept loops between vertex" in said
+    assert "4 rejected edges (from vertex" in said
+    assert "agree with each other and contradict 4 kept loops (from vertex" in said
     assert "lie 3 m and" in said
-    assert "odds are only 1 to 1" in said
+    assert "odds for the kept ones are only 1 to 1" in said
 
 
 def test_many_loops_against_one_are_ok():
