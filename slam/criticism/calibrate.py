@@ -20,11 +20,11 @@ from slam.criticism.kalman.reference import referred
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.pairs import ranked_pairs
-from slam.criticism.simulated_flights import at_lower_rates, healthy_case
 from slam.criticism.without_commands.regression import regression_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.criticism.without_commands.verdict import is_plausible
 from slam.simulation.camera.optics import CameraModel
+from slam.simulation.healthy.flights import at_lower_rates, healthy_case
 from slam.simulation.model import load_model
 
 RATES = (0.007, 0.003, 0.001)

@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 
 from slam.criticism.kalman.readings import ATTITUDE, IMU
 from slam.criticism.kalman.record import Record
+from slam.data_quality.dead_streams import FEWEST_READINGS
 
 Array = NDArray[np.float64]
 
@@ -32,8 +33,6 @@ ALIKE, ALIKE_IN_WINDOW = 0.3, 0.7
 more."""
 LEADS = 2.5
 """Least ratio to the greatest squared correlation at a plausible time."""
-FEWEST_READINGS = 20
-"""Least number of readings of a stream."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
 from slam.criticism.camera.feature_matches import match_all_pictures
-from slam.criticism.command_clock import FEWEST_READINGS, clock_error
+from slam.criticism.command_clock import clock_error
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
@@ -31,6 +31,7 @@ from slam.criticism.kalman.record import (
     holds_heading,
     record_of,
 )
+from slam.data_quality.dead_streams import FEWEST_READINGS, without_dead_streams
 from slam.simulation.dynamics import COMMAND
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -43,8 +44,6 @@ CALM_RAD, CALM_M_S, CALM_M = 0.1, 1.0, 0.3
 ECHOES = 0.1
 """Share of second echoes that no sonar exceeds."""
 UNSTEERED = "the stick is never moved: the model has no input"
-MOST_TILT_RAD = 1.2
-"""Greatest usual tilt of a vehicle on level rotors. Near a right angle roll and yaw are one."""
 OUT_OF_MODEL_FACTOR = 1.6
 OUT_OF_MODEL_RATE_HZ = 20.0
 SLOW_HZ = 10.0
@@ -73,7 +72,7 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
     # the motion too.
     any_moved = any(_has_stick_motion(flight) for flight in flights)
     for flight in flights:
-        clean, reasons = _without_dead_streams(flight)
+        clean, reasons = without_dead_streams(flight)
         dropped += [f"{flight.name}: {reason}" for reason in reasons]
         reason = _unusable(clean)
         if (
@@ -105,16 +104,6 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
     return [
         replace(r, matches=s) for r, s in zip(records, match_all_pictures(kept, progress), strict=True)
     ], dropped
-
-
-def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
-    """Return the flights without constant or empty streams, and what was left out with the reason."""
-    clean, dropped = [], []
-    for flight in flights:
-        alive, reasons = _without_dead_streams(flight)
-        clean.append(alive)
-        dropped += [f"{flight.name}: {reason}" for reason in reasons]
-    return clean, dropped
 
 
 def untested_reasons(records: Sequence[Record], shown: Sequence[str]) -> list[str]:
@@ -244,44 +233,3 @@ def _spread(values: Array, tail: float = 0.01) -> float:
     if len(values) < FEWEST_READINGS:
         return np.inf
     return float(np.max(np.ptp(np.quantile(values, [tail, 1.0 - tail], axis=0), axis=0)))
-
-
-def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
-    """Return the flight without useless streams, and the reasons. A stream is useless if it is empty, not
-    finite or constant, or is an attitude that lies on its side."""
-    reasons: list[str] = []
-    changes: dict[str, None] = {}
-    for name, values in _values(flight).items():
-        finite = np.isfinite(values).any(axis=1)
-        if finite.sum() < FEWEST_READINGS:
-            reasons.append(
-                f"{name} has too few readings ({finite.sum()} of at least {FEWEST_READINGS}); it was left out"
-            )
-            changes[name] = None
-        elif all(
-            np.ptp(column[np.isfinite(column)]) == 0.0 for column in values.T if np.isfinite(column).any()
-        ):
-            reasons.append(f"{name} never changes; it was left out")
-            changes[name] = None
-        elif name == "attitude" and (tilt_rad := _usual_tilt_rad(values)) > MOST_TILT_RAD:
-            reasons.append(f"attitude tilts by {np.degrees(tilt_rad):.0f} deg half the time; it was left out")
-            changes[name] = None
-    return replace(flight, **changes), reasons  # type: ignore[arg-type]
-
-
-def _usual_tilt_rad(roll_pitch_yaw_rad: Array) -> float:
-    known = np.isfinite(roll_pitch_yaw_rad[:, :2]).all(axis=1)
-    return float(np.median(np.abs(roll_pitch_yaw_rad[known, :2]).max(axis=1))) if known.any() else 0.0
-
-
-def _values(flight: Flight) -> dict[str, Array]:
-    found: dict[str, Array] = {}
-    if flight.imu is not None:
-        found["imu"] = np.column_stack([flight.imu.gyro_rad_s, flight.imu.accel_m_s2])
-    if flight.attitude is not None:
-        found["attitude"] = flight.attitude.roll_pitch_yaw_rad
-    if flight.velocity is not None:
-        found["velocity"] = flight.velocity.v_m_s
-    if flight.sonar is not None:
-        found["sonar"] = flight.sonar.range_m[:, None]
-    return found

@@ -20,14 +20,14 @@ from slam.criticism.kalman.innovations import segments
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of, prior_precision, value_of
 from slam.criticism.search.screening import project
 from slam.criticism.search.search import SearchResult
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import Posterior, is_term
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import Model
 
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}

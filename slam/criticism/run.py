@@ -19,7 +19,6 @@ from slam.criticism.flight_checks import (
     untested_reasons,
     usable_records,
     with_coarser_noise,
-    without_dead_streams,
 )
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.readings import INSTRUMENTS
@@ -27,10 +26,10 @@ from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
 from slam.criticism.next_flight import next_flight
 from slam.criticism.residuals.boxes import without_boxes
-from slam.criticism.residuals.quantisation import quantisation_of
 from slam.criticism.residuals.reading_anomalies import (
     ENTAILS,
     ReadingAnomaly,
+    are_quantised,
     reading_anomalies,
     without_dead_zone,
 )
@@ -57,6 +56,7 @@ from slam.criticism.verdict.sentence import Finding, details, headline, next_ste
 from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
 from slam.criticism.verdict.unexplained import left_over, nearest_term
 from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
+from slam.data_quality import without_dead_streams
 from slam.simulation.model import Model, load_model
 
 SHOWN_PATTERNS, FEWEST_SHOWN = 8, 5
@@ -102,8 +102,9 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
 
 def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """Return the verdict on flights without command logs."""
-    clean, dropped = without_dead_streams(flights)
-    found = criticise_without_commands(clean, model, dropped, progress)
+    clean = [without_dead_streams(flight) for flight in flights]
+    dropped = [f"{flight.name}: {reason}" for flight, reasons in clean for reason in reasons]
+    found = criticise_without_commands([flight for flight, _ in clean], model, dropped, progress)
     if found is None:
         return unusable([NOTHING_TO_COMPARE, *dropped], dropped)
     return found
@@ -148,7 +149,7 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
     records, late = without_jitter(records, nominal) if not nominal.out_of_model else (records, [])
     records, anomalies = without_dead_zone(records)
     anomalies = [*late, *anomalies]
-    if not nominal.out_of_model and quantisation_of(records) is None:
+    if not nominal.out_of_model and not are_quantised(records):
         records, steps = without_boxes(records, nominal)
         anomalies = [*anomalies, *steps]
     return _Prepared(list(records), nominal, limits, mismatched, anomalies)

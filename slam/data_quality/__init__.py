@@ -1,7 +1,12 @@
-"""Quality of recorded readings, whatever the vehicle: frozen and rounded streams, and spectral lines."""
+"""Quality of recorded readings, whatever the vehicle.
+
+Streams may be dead, frozen, rounded or oscillating. Stamps may be uneven and pictures lost, and pictures may
+show more than the floor.
+"""
 
 from __future__ import annotations
 
-from slam.data_quality.anomalies import StreamAnomaly, stream_anomalies
+from slam.data_quality.anomalies import StreamAnomaly, stream_anomalies, without_frozen
+from slam.data_quality.dead_streams import without_dead_streams
 
-__all__ = ["StreamAnomaly", "stream_anomalies"]
+__all__ = ["StreamAnomaly", "stream_anomalies", "without_dead_streams", "without_frozen"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,3 +36,19 @@ def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
                 repeated = seen.repeated if isinstance(seen, Frozen) else None
                 found.append(StreamAnomaly(stream.name, kind, str(seen), repeated))
     return found
+
+
+def without_frozen(flight: Flight) -> tuple[Flight, list[str]]:
+    """Return the flight without repeated ranges and speeds of frozen instruments, and descriptions of all
+    anomalies of its streams."""
+    anomalies = stream_anomalies(flight)
+    for anomaly in anomalies:
+        if anomaly.repeated is None:
+            continue
+        if anomaly.stream == "sonar" and flight.sonar is not None:
+            range_m = np.where(anomaly.repeated, np.nan, flight.sonar.range_m)
+            flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))
+        elif anomaly.stream == "velocity" and flight.velocity is not None:
+            v_m_s = np.where(anomaly.repeated[:, None], np.nan, flight.velocity.v_m_s)
+            flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
+    return flight, [anomaly.words for anomaly in anomalies]

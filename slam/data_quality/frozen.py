@@ -17,6 +17,8 @@ USUAL = 8.0
 """Least length of a frozen run, in usual runs: slow sensors are logged several times a reading."""
 FEWEST_RUNS = 3
 """Least number of frozen runs: a vehicle may stand on the floor before and after a flight."""
+RUN = 8
+"""Number of equal successive readings, to the last digit, that noise does not make."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,7 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     if len(values) < 2:
         return None
     equal = np.all(values[1:] == values[:-1], axis=1)
-    edges = np.flatnonzero(np.concatenate([[True], ~equal, [True]]))
-    begin, length = edges[:-1], np.diff(edges)
+    begin, length = _runs(equal)
     # A slow sensor is logged several times a reading: its readings count, not the log's rows.
     count = length / float(np.median(length))
     short = count <= USUAL
@@ -70,3 +71,20 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     last = begin[stuck] + length[stuck] - 1
     lasts_s = times_s[last] - times_s[begin[stuck]]
     return Frozen(stream.name, times_s[begin[stuck]], lasts_s, float(repeated.mean()), repeated)
+
+
+def at_least_value(readings: Array) -> NDArray[np.bool_]:
+    """Return which readings (n,) lie within long runs of the least value: an instrument stops at its
+    limit."""
+    if not np.isfinite(readings).any():
+        return np.zeros(len(readings), dtype=np.bool_)
+    begin, length = _runs(readings[1:] == readings[:-1])
+    long = (length >= RUN) & (readings[begin] == np.nanmin(readings))
+    return np.repeat(long, length)
+
+
+def _runs(equal: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the begin and the length of each run of readings (n,); ``equal`` (n - 1,) tells which of them
+    equal the one before."""
+    edges = np.flatnonzero(np.concatenate([[True], ~equal, [True]]))
+    return edges[:-1], np.diff(edges)

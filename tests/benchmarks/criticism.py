@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from slam.criticism import criticise
-from slam.criticism.simulated_flights import at_lower_rates, healthy_case
+from slam.simulation.healthy.flights import at_lower_rates, healthy_case
 from slam.simulation.model import Model, load_model
 from tests.benchmarks.metric import Metric, at_most, reported
 

@@ -13,7 +13,7 @@ from functools import cache
 
 import numpy as np
 
-from slam.criticism.manoeuvres import MANOEUVRES
+from slam.simulation.healthy.manoeuvres import MANOEUVRES
 from tests.blind.cases import Case, Outing
 from tests.blind.faults import BY_NAME, UNTELLABLE
 from tests.blind.plans import GRID_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from slam.criticism.manoeuvres import MANOEUVRES
+from slam.simulation.healthy.manoeuvres import MANOEUVRES
 from tests.blind.cases import Case, Hidden
 from tests.blind.faults import UNTELLABLE
 from tests.blind.score import Answer

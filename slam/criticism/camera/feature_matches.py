@@ -17,13 +17,14 @@ from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
 from slam.core.flight import Flight, Frame
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
-from slam.criticism.camera.cross_check import confirmed
-from slam.criticism.camera.flicker import LEAST_FLICKER, flicker_of
-from slam.criticism.camera.highlights import are_lamps, dimmed, spots
-from slam.criticism.camera.lens_distortion_map import LensDistortionMap, PairMatches, lens_distortion_map
-from slam.criticism.camera.moving_objects import has_moving_object
-from slam.criticism.camera.overlaid import Image, overlaid, reduced
+from slam.data_quality.lost_pictures import missing
+from slam.data_quality.pictures.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
+from slam.data_quality.pictures.cross_check import confirmed
+from slam.data_quality.pictures.flicker import LEAST_FLICKER, flicker_of
+from slam.data_quality.pictures.highlights import are_lamps, dimmed, spots
+from slam.data_quality.pictures.lens_distortion_map import LensDistortionMap, PairMatches, lens_distortion_map
+from slam.data_quality.pictures.moving_objects import has_moving_object
+from slam.data_quality.pictures.overlaid import Image, overlaid, reduced
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -105,11 +106,6 @@ class FeatureMatches:
     def glares(self) -> bool:
         """Whether the floor mirrors lamps, whose light would pass for lens shading."""
         return are_lamps(self.spots) and not self.lens_distortion.notable
-
-
-def match_pictures(flight: Flight, progress: Progress = silent) -> FeatureMatches | None:
-    """Register the flight's pictures to each other; return None if all registrations fail."""
-    return match_all_pictures([flight], progress)[0]
 
 
 def match_all_pictures(flights: Sequence[Flight], progress: Progress = silent) -> list[FeatureMatches | None]:
@@ -194,7 +190,7 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches 
         tone_i=tone_a,
         tone_j=tone_b,
         registered=successive,
-        missing=_missing(frames.stamps_s),
+        missing=missing(frames.stamps_s),
         taken=len(frames),
         lens_distortion=lens_distortion,
         cells=cells,
@@ -218,12 +214,6 @@ def _laid_over(
         if (i, j) in chosen:
             cells.append((i, j, compared(greys[i], laid)))
     return np.array(moving, dtype=np.int64), Cells.of(cells)
-
-
-def _missing(stamps_s: Array) -> int:
-    """Return the number of pictures missing in the gaps between stamps."""
-    gaps = np.diff(stamps_s)
-    return int(np.sum(np.maximum(np.rint(gaps / np.median(gaps)) - 1.0, 0.0)))
 
 
 def _chosen(pair: Registration, pixel_i: Array, pixel_j: Array) -> tuple[Ints, Array]:

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from frontend.robust import robust_std
-from slam.criticism.camera.cells import BRIGHTEST, DARKEST, radius2
 from slam.criticism.camera.feature_matches import FeatureMatches
-from slam.criticism.camera.lens_shading_map import LensShadingMap, lens_shading_map
+from slam.data_quality.pictures.cells import BRIGHTEST, DARKEST, radius2
+from slam.data_quality.pictures.lens_shading_map import LensShadingMap, lens_shading_map
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -13,14 +13,16 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.highlights import are_lamps
 from slam.criticism.cause import Cause, Gain, Interval, bootstrap_interval
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
-from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.quantisation import STEP_STD_M, nats_by_others, quantisation_of, ranges_of
 from slam.criticism.search.evidence import ONE_OF_ALL, parameter_cost
+from slam.data_quality.frozen import at_least_value
+from slam.data_quality.lost_pictures import HEALTHY_LOSS, LOST_NATS, LostPictures
+from slam.data_quality.pictures.highlights import are_lamps
+from slam.data_quality.quantisation import STEP_STD_M, Quantisation, quantisation_of, strongest_step
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -37,17 +39,11 @@ ENTAILS = {
 }
 """Nuisance findings that an anomaly explains."""
 LIMIT_STD_M = 0.01
-RUN = 8
-"""Number of equal successive readings, to the last digit, that noise does not make."""
 NATS_A_REPEAT = 4.0
 PASS_S, LEAST_PASS = 1.0, 3
 """Greatest time between two pictures of one moving object, and least number of its pictures; fewer are
 chance."""
 NATS_A_PAIR = 9.0
-HEALTHY_LOSS = 5e-4
-"""Share of pictures that a healthy recorder may lose."""
-LOST_NATS = 9.0
-"""Nats that lost pictures must reach: those of five in 500."""
 SATURATED = 1.5
 """Factor from the strongest spots to the upper limit of a lamp's strength, since spots on a bright floor
 saturate."""
@@ -86,12 +82,12 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Rea
 
     Quantised readings repeat themselves without one.
     """
-    if quantisation_of(records) is not None:
+    if are_quantised(records):
         return list(records), []
     stuck, kept = [], []
     for record in records:
         rows = np.flatnonzero(record.kinds == SONAR)
-        at = _stuck(record.values[rows, 0])
+        at = at_least_value(record.values[rows, 0])
         stuck.append(record.values[rows[at], 0])
         values = record.values.copy()
         values[rows[at], 0] = np.nan
@@ -121,20 +117,6 @@ def predicted_by_others(
     return tuple(nats(own, [*flights[:k], *flights[k + 1 :]]) for k, own in enumerate(flights))
 
 
-def _stuck(ranges: Array) -> NDArray[np.bool_]:
-    """Return the readings within long runs of the least value."""
-    least = np.nanmin(ranges) if np.isfinite(ranges).any() else np.nan
-    same = ranges == least
-    stuck = np.zeros(len(ranges), dtype=bool)
-    begin = 0
-    for k in range(len(ranges) + 1):
-        if k == len(ranges) or not same[k]:
-            if k - begin >= RUN:
-                stuck[begin:k] = True
-            begin = k + 1
-    return stuck
-
-
 def reading_anomalies(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
     """Return all anomalies but the dead zone, from the readings and a filter run."""
     return [
@@ -152,31 +134,18 @@ def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
         return []
     share = float(lost.sum() / (lost + taken).sum())
 
-    def beside(own: Lost, others: Sequence[Lost]) -> float:
+    def beside(own: LostPictures, others: Sequence[LostPictures]) -> float:
         """Return the nats of the flight's losses at the others' share; a flight without losses is healthy."""
         gone, due = (sum(part) for part in zip(*((f.lost, f.due) for f in others), strict=True))
         return own.nats(max(gone / max(due, 1.0), HEALTHY_LOSS))
 
-    flights = [Lost(n, n + m) for n, m in zip(lost.tolist(), taken.tolist(), strict=True)]
+    flights = [LostPictures(n, n + m) for n, m in zip(lost.tolist(), taken.tolist(), strict=True)]
     nats = tuple(flight.nats(share) for flight in flights)
     if share < HEALTHY_LOSS or sum(nats) < LOST_NATS:
         return []
     reach = 1.96 * share / float(np.sqrt(lost.sum()))
     interval = Interval(share, "1", max(share - reach, 0.0), share + reach)
     return [ReadingAnomaly("dropped_frames", {"share": interval}, nats, predicted_by_others(flights, beside))]
-
-
-@dataclass(frozen=True)
-class Lost:
-    """Number of lost pictures of a flight, and number of pictures that it should have."""
-
-    lost: float
-    due: float
-
-    def nats(self, share: float) -> float:
-        """Return the log likelihood ratio of the Poisson number for the lost share ``share`` against a
-        healthy one."""
-        return float(self.lost * np.log(share / HEALTHY_LOSS) - self.due * (share - HEALTHY_LOSS))
 
 
 def _highlights(records: Sequence[Record]) -> list[ReadingAnomaly]:
@@ -231,18 +200,36 @@ def _spikes(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[Rea
     return [ReadingAnomaly("sonar_spikes", {"share": interval}, tuple(NATS_A_SPIKE * c for c in counts))]
 
 
+def ranges_of(records: Sequence[Record]) -> Array:
+    """Return (n,) the ranges of all sonars, in metres."""
+    every = np.concatenate([r.values[r.kinds == SONAR, 0] for r in records])
+    return np.asarray(every[np.isfinite(every)])
+
+
+def are_quantised(records: Sequence[Record]) -> bool:
+    """Return whether the ranges are multiples of a step."""
+    return _quantisation(records) is not None
+
+
+def _quantisation(records: Sequence[Record]) -> Quantisation | None:
+    return quantisation_of(ranges_of(records), float(np.median([r.noise_std[RANGE] for r in records])))
+
+
 def _quantised(records: Sequence[Record]) -> list[ReadingAnomaly]:
     """Return the quantisation of the ranges."""
-    comb = quantisation_of(records)
-    if comb is None:
+    found = _quantisation(records)
+    if found is None:
         return []
-    interval = _interval("sonar_quantisation", "step", comb.step_m, STEP_STD_M)
-    nats = tuple(len(ranges_of([record])) * comb.strength**2 for record in records)
-    return [
-        ReadingAnomaly(
-            "sonar_quantisation", {"step": interval}, nats, predicted_by_others(records, nats_by_others)
-        )
-    ]
+    interval = _interval("sonar_quantisation", "step", found.step_m, STEP_STD_M)
+    nats = tuple(len(ranges_of([record])) * found.strength**2 for record in records)
+    by_others = predicted_by_others(records, nats_by_others)
+    return [ReadingAnomaly("sonar_quantisation", {"step": interval}, nats, by_others)]
+
+
+def nats_by_others(own: Record, others: Sequence[Record]) -> float:
+    """Return the nats of a flight's ranges for the step of the others."""
+    ranges, step = ranges_of([own]), strongest_step(ranges_of(others))
+    return step.nats_of(ranges) if step is not None and len(ranges) else 0.0
 
 
 def _interval(term: str, parameter: str, value: float, std: float) -> Interval:

@@ -9,8 +9,9 @@ from scipy.stats import gamma
 
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.quantisation import ranges_of
-from slam.criticism.residuals.reading_anomalies import FEWEST_SPIKES, LOST_NATS, RUN, Lost
+from slam.criticism.residuals.reading_anomalies import FEWEST_SPIKES, ranges_of
+from slam.data_quality.frozen import RUN
+from slam.data_quality.lost_pictures import LOST_NATS, LostPictures
 from slam.simulation.terms import CATALOGUE
 
 CERTAIN = 0.9
@@ -49,6 +50,6 @@ def _lowest_run(records: Sequence[Record]) -> float:
 
 def _lost(taken: int) -> float:
     for count in range(1, MOST_LOST):
-        if Lost(count, taken + count).nats(count / max(taken + count, 1)) >= LOST_NATS:
+        if LostPictures(count, taken + count).nats(count / max(taken + count, 1)) >= LOST_NATS:
             return _share(count, taken)
     return np.inf

@@ -22,18 +22,10 @@ from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
+from slam.data_quality.even_clock import LEAST_SCATTER_S, off_even_clock_s
 
 Array = NDArray[np.float64]
 
-FEWEST_READINGS = 50
-LONG_GAP = 10.0
-"""Gap in periods that separates two segments with a clock each."""
-LEAST_SCATTER_S = 1e-4
-"""A smaller scatter moves no reading by its noise."""
-BLOCK = 25
-MOST_WANDER = 0.6
-"""Greatest ratio of the scatter of block means to that of single stamps. Lost readings and a wandering clock
-have 1; independent jitter has at most 0.4, even in order of arrival."""
 SLOW = 3.0
 """Least period in scatters. Stamps of a faster stream overtake one another, and their offsets in sorted order
 are smaller than the jitter."""
@@ -84,23 +76,10 @@ def _streams(record: Record) -> dict[int, _Stamps]:
     for kind in np.unique(record.kinds).tolist():
         times_s = record.times_s[record.kinds == kind]
         period_s = float(np.ptp(times_s)) / max(len(times_s) - 1, 1)
-        edges = np.flatnonzero(np.diff(times_s) > LONG_GAP * period_s) + 1
-        off_s = np.concatenate([_off(part) for part in np.split(times_s, edges)])
+        off_s = off_even_clock_s(times_s, period_s)
         if np.isfinite(off_s).any():
             found[kind] = _Stamps(period_s, off_s)
     return found
-
-
-def _off(times_s: Array) -> Array:
-    """Return (n,) the offsets of stamps without a gap from an even clock; NaN without one."""
-    if len(times_s) < FEWEST_READINGS:
-        return np.full(len(times_s), np.nan)
-    count = np.arange(len(times_s))
-    off_s = np.asarray(times_s - np.polyval(np.polyfit(count, times_s, 1), count))
-    blocks = off_s[: len(off_s) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
-    if blocks.std() > MOST_WANDER * off_s.std() and off_s.std() > LEAST_SCATTER_S:
-        return np.full(len(times_s), np.nan)
-    return off_s
 
 
 def _evened(record: Record, streams: dict[int, _Stamps]) -> Record:

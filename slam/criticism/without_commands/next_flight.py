@@ -18,16 +18,16 @@ from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.kalman.camera_parameters import CAMERA
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import advice
-from slam.criticism.simulated_flights import simulate_flight, simulate_readings
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
-from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Regression, regression_of
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.simulation.healthy.flights import simulate_flight, simulate_readings
+from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
+from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import Model
 
 Array = NDArray[np.float64]

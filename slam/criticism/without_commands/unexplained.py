@@ -7,7 +7,6 @@ told with its channel, its shape, its time and its size.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +20,6 @@ from slam.criticism.without_commands.onset import FEWEST_SEGMENTS, SEGMENT_S, on
 from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
-from slam.data_quality import stream_anomalies
 from slam.data_quality.channels import noise_ratio, streams_of
 from slam.simulation.terms import CATALOGUE
 
@@ -30,31 +28,10 @@ NOISY = 3.0
 COULD_NOT = "These flights could not show"
 
 
-def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
-    """Return the flights without repeated ranges and speeds of frozen instruments, and descriptions of all
-    anomalies of streams."""
-    clean, told = [], []
-    for flight in flights:
-        for anomaly in stream_anomalies(flight):
-            told.append(f"{_of(flight, flights)}{anomaly.words}")
-            if anomaly.repeated is None:
-                continue
-            if anomaly.stream == "sonar" and flight.sonar is not None:
-                range_m = np.where(anomaly.repeated, np.nan, flight.sonar.range_m)
-                flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))
-            elif anomaly.stream == "velocity" and flight.velocity is not None:
-                v_m_s = np.where(anomaly.repeated[:, None], np.nan, flight.velocity.v_m_s)
-                flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
-        clean.append(flight)
-    return clean, told
-
-
 def axes_of(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:
     """Return descriptions of wrong axes of all flights, and of axes that none of them shows."""
     each = [wrong_axes(flight) for flight in flights]
-    wrong = [
-        f"{_of(f, flights)}{words}" for f, (told, _) in zip(flights, each, strict=True) for words in told
-    ]
+    wrong = in_words([f.name for f in flights], [told for told, _ in each])
     hidden = [set(unknown) for _, unknown in each]
     return wrong, sorted(set.intersection(*hidden)) if hidden else []
 
@@ -100,8 +77,10 @@ def noise_of(flights: Sequence[Flight]) -> list[str]:
     return [f"Noise from reading to reading is larger than stated: {', '.join(lines)}."] if lines else []
 
 
-def _of(flight: Flight, flights: Sequence[Flight]) -> str:
-    return f"{flight.name}: " if len(flights) > 1 else ""
+def in_words(names: Sequence[str], found: Sequence[Sequence[str]]) -> list[str]:
+    """Return the descriptions of each flight with its name, where there are several flights."""
+    labels = [f"{name}: " if len(names) > 1 else "" for name in names]
+    return [label + words for label, of in zip(labels, found, strict=True) for words in of]
 
 
 def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:

@@ -33,12 +33,13 @@ from slam.criticism.without_commands.rollouts import channel_errors
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.unexplained import (
     axes_of,
+    in_words,
     left_over,
     noise_of,
     not_shown,
-    without_frozen,
 )
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.data_quality import without_frozen
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
@@ -68,7 +69,9 @@ def criticise_without_commands(
     flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
 ) -> Criticism | None:
     """Compare the instruments with each other; None where the flights have no two that can be compared."""
-    flights, readings = without_frozen(flights)
+    clean = [without_frozen(flight) for flight in flights]
+    readings = in_words([f.name for f in flights], [words for _, words in clean])
+    flights = [flight for flight, _ in clean]
     found = compare_sensors(flights, model, progress)
     rows = found.rows({})
     if not any(rows):

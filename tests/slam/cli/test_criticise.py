@@ -10,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.io.flight_folder import write_flight
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 from tests.slam.cli.pulse_recipe import RECIPE
 

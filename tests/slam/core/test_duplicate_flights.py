@@ -12,9 +12,9 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, Sonar
 from slam.core.join_flights import join_flights
 from slam.criticism import criticise
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation import simulate
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 from tests.slam.small_flight import recipe
 

@@ -12,9 +12,9 @@ import pytest
 from slam.criticism.command_clock import clock_error
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import draw_plan, draw_vehicle, simulate_flight
 from slam.io.flight_folder import read_flight
+from slam.simulation.healthy.flights import draw_plan, draw_vehicle, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 

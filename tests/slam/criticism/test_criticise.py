@@ -12,11 +12,11 @@ import pytest
 
 from slam.core.progress import COMPILING
 from slam.criticism import criticise
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
-from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.criticism.verdict.covariate import covariate
 from slam.simulation import simulate
+from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 from slam.simulation.recipe import load_recipe
 

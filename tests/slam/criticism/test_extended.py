@@ -11,8 +11,8 @@ from slam.criticism.extended import extended_model, with_sizes
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import by_channel
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import simulate_flight
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 NOMINAL = load_model("nominal")

@@ -11,10 +11,10 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import advice, telling_flight
 from slam.criticism.search.effects import effects_for
-from slam.criticism.simulated_flights import simulate_flight
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import load_model
 
 

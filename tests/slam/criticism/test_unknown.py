@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
+from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 PLANS = (

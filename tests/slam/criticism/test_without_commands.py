@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import healthy_case, simulate_flight, simulate_readings
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands import next_flight
 from slam.criticism.without_commands.effect_columns import PATTERNS, SIZE
-from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.regression import regression_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.criticism.without_commands.whitened_rows import NODE_S
+from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
+from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.camera_flight import camera_flight
 

@@ -13,8 +13,6 @@ from PIL import Image
 
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import simulate_flight
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.evaluation.map_gain import MapErrors, MapGain
@@ -25,6 +23,8 @@ from slam.report.criticism_pictures import (
 )
 from slam.report.criticism_report import VERDICTS, render_criticism
 from slam.report.criticism_segment import before_after_picture, evidence_segment
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 RANKING = (

@@ -6,7 +6,7 @@ import json
 from functools import cache
 
 from slam.core.flight import Flight
-from slam.criticism.camera.feature_matches import FeatureMatches, match_pictures
+from slam.criticism.camera.feature_matches import FeatureMatches, match_all_pictures
 from slam.simulation.recipe import recipe_from
 from slam.simulation.recording import record
 
@@ -42,6 +42,6 @@ def matched_flight(terms: dict[str, dict[str, float]], seed: int) -> tuple[Fligh
 @cache
 def _matched_flight(terms: str, seed: int) -> tuple[Flight, FeatureMatches]:
     flight = camera_flight(json.loads(terms), seed)
-    matches = match_pictures(flight)
+    matches = match_all_pictures([flight])[0]
     assert matches is not None
     return flight, matches

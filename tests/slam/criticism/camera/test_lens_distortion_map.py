@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.homography import transfer
-from slam.criticism.camera.bilinear_weights import bilinear_weights, places
-from slam.criticism.camera.feature_matches import match_pictures
-from slam.criticism.camera.lens_distortion_map import PairMatches, lens_distortion_map
+from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS
@@ -21,6 +19,8 @@ from slam.criticism.kalman.camera_parameters import CAMERA, STEPS, TILT_X
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import record_of
+from slam.data_quality.pictures.bilinear_weights import bilinear_weights, places
+from slam.data_quality.pictures.lens_distortion_map import PairMatches, lens_distortion_map
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.camera_flight import camera_flight
 
@@ -116,7 +116,7 @@ def test_nodes_weigh_to_one_and_reproduce_what_is_linear():
 def test_a_drop_is_not_taken_for_a_camera_that_leans():
     """The map of the lens explains more than any tilt does."""
     flight = camera_flight({}, 6)
-    matches, parameters = match_pictures(flight), filter_parameters_of(load_model("nominal"))
+    matches, parameters = match_all_pictures([flight])[0], filter_parameters_of(load_model("nominal"))
     assert matches is not None
     a, b = (pixel + drop(pixel) for pixel in (matches.pixel_i, matches.pixel_j))
     pairs, pair = np.unique(np.column_stack([matches.earlier, matches.later]), axis=0, return_inverse=True)

@@ -12,9 +12,9 @@ from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import referred
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.camera.optics import CameraModel
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 NOMINAL = load_model("nominal")

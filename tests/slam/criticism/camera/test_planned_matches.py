@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.feature_matches import match_pictures
+from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
-from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.camera.optics import CameraModel
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS
+from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.camera_flight import camera_flight
 
@@ -40,7 +40,7 @@ def filmed():
     model = load_model("nominal")
     parameters = filter_parameters_of(model)
     flight = simulate_flight(at_lower_rates(model), stick_for([TURNS]), 1, camera=CameraModel(rate_hz=4.0))
-    matches = match_pictures(flight)
+    matches = match_all_pictures([flight])[0]
     return referred(replace(record_of(flight), matches=matches), parameters), matches, parameters
 
 

@@ -7,11 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.bilinear_weights import COUNT
 from slam.criticism.camera.camera_path import CameraPath
-from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.feature_matches import FeatureMatches
-from slam.criticism.camera.lens_distortion_map import LensDistortionMap
 from slam.criticism.camera.photometric import (
     PICTURE_PATTERNS,
     SHADING_PATTERN,
@@ -22,6 +19,9 @@ from slam.criticism.camera.photometric import (
 from slam.criticism.kalman.camera_parameters import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.smoothing import PathErrors, SmoothedPath
+from slam.data_quality.pictures.bilinear_weights import COUNT
+from slam.data_quality.pictures.cells import Cells
+from slam.data_quality.pictures.lens_distortion_map import LensDistortionMap
 
 Array = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from slam.criticism.kalman.innovations import segments, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.ar1_noise import lag_one_correlation
 from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.simulated_flights import simulate_flight
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 PLAN = ["tilts of 15 deg to all four sides", "reversing forward at 0.2", "climb and descend by 0.6 m"]

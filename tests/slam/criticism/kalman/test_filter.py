@@ -16,11 +16,11 @@ from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.prepare import workspace_for
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import PICTURES, RADIUS_M, effects_for
 from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of
-from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
+from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 from slam.simulation.terms import CATALOGUE
 

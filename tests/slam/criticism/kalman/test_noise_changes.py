@@ -11,11 +11,11 @@ from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import Run, whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.ar1_noise import ar1_effects
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.fitting import first_seconds, noise_changes
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 AR1 = np.array([0.3, 0.0, 0.2, 0.0, 0.1])

@@ -13,8 +13,8 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.manoeuvres import MANOEUVRES, stick_for
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import load_model
 
 TOUCH = next(name for name in MANOEUVRES if "touch" in name)

@@ -10,9 +10,9 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.boxes import without_boxes
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "brisk climb steps at full stick"]

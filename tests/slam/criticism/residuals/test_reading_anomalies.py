@@ -8,26 +8,26 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from slam.criticism.camera.bilinear_weights import COUNT
-from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.feature_matches import FeatureMatches
-from slam.criticism.camera.lens_distortion_map import LensDistortionMap
 from slam.criticism.cause import Cause
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.quantisation import nats_by_others
 from slam.criticism.residuals.reading_anomalies import (
     _dropped,
     _highlights,
+    nats_by_others,
     predicted_by_others,
     reading_anomalies,
     without_dead_zone,
 )
-from slam.criticism.simulated_flights import simulate_flight
 from slam.criticism.verdict.criticism import Criticism
+from slam.data_quality.pictures.bilinear_weights import COUNT
+from slam.data_quality.pictures.cells import Cells
+from slam.data_quality.pictures.lens_distortion_map import LensDistortionMap
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 

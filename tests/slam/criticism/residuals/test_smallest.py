@@ -12,12 +12,13 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.reading_anomalies import LOST_NATS, Lost, reading_anomalies, without_dead_zone
+from slam.criticism.residuals.reading_anomalies import reading_anomalies, without_dead_zone
 from slam.criticism.residuals.smallest import _lost, smallest_in_readings
 from slam.criticism.search.expansion import expand
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.criticism.verdict.power import detectable
+from slam.data_quality.lost_pictures import LOST_NATS, LostPictures
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 PLAN = ["slow descent to 0.3 m and back", "square of four sides"]
@@ -66,7 +67,9 @@ def test_a_dead_zone_shows_from_that_limit_on(record):
 def test_pictures_lost_at_that_share_are_detected_in_nine_of_ten_cases(taken):
     share = _lost(taken)
     lost = np.random.default_rng(1).poisson(share * taken, 2000)
-    reported = [n > 0 and Lost(n, taken + n).nats(n / (taken + n)) >= LOST_NATS for n in lost.tolist()]
+    reported = [
+        n > 0 and LostPictures(n, taken + n).nats(n / (taken + n)) >= LOST_NATS for n in lost.tolist()
+    ]
     assert np.mean(reported) == pytest.approx(0.9, abs=0.025)
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.readings import ATTITUDE, IMU
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.stamps import _streams, without_jitter
-from slam.criticism.simulated_flights import simulate_flight
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 PLAN = ["short pulses of 0.2 s forward at half stick", "brisk climb steps at full stick"]

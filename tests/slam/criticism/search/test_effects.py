@@ -6,9 +6,9 @@ import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
-from slam.criticism.simulated_flights import simulate_flight
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 NOMINAL = load_model("nominal")

@@ -8,12 +8,12 @@ import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for, relaxed_nuisances
 from slam.criticism.search.fitting import FIRST_S, LONG_S, fit_nuisances
 from slam.criticism.search.information import fisher_information
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.simulation.dynamics import ROTOR_RADIUS
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 

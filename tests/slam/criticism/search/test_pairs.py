@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.pairs import mask_each_other, masked_pair
 from slam.criticism.search.search import search, with_term_replaced
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.simulated_flights import simulate_flight
 from slam.criticism.verdict.posterior import likelier_pairs, posterior_of
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 CLIMBS = ["brisk climb steps at full stick", "up to 2 m, hover, and back", "climb and descend by 0.6 m"]

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.pattern_bank import (
     LEVEL_SIGNALS,
     LEVEL_TARGETS,
@@ -16,8 +15,9 @@ from slam.criticism.search.pattern_bank import (
     residual_patterns,
     signals_of,
 )
-from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.dynamics import PITCH, ROLL
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 

@@ -12,7 +12,7 @@ from slam.criticism.search.effects import Effect, relaxed_nuisances
 from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.search import LINEAR_Z, _doubtful, beyond, search
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.simulated_flights import at_lower_rates, healthy_case
+from slam.simulation.healthy.flights import at_lower_rates, healthy_case
 from slam.simulation.model import load_model
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))

@@ -8,7 +8,6 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.fitting import noise_changes
 from slam.criticism.search.information import fisher_information, gain_column
@@ -16,7 +15,8 @@ from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, pert
 from slam.criticism.search.pattern_bank import pattern_directions, signals_of
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.screening import project
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 BEHIND_TILT = ("force pitch ~ pitch", "force roll ~ roll")

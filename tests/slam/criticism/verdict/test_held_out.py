@@ -11,13 +11,13 @@ import pytest
 
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import FilterPass, whole
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.simulated_flights import simulate_flight
 from slam.criticism.verdict.held_out import _of_the_same_readings, held_out
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 

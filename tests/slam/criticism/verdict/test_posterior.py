@@ -11,12 +11,12 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.criticism.verdict.decision import decide
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, posterior_of
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 PLAN = ["tilts of 15 deg to all four sides"] * 2 + ["reversing forward at 0.2"]

@@ -11,14 +11,14 @@ import pytest
 from slam.core.progress import Tally, silent
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.inclusion import with_free_value
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.criticism.verdict.rollout_fit import _extended, _Fit, _in_words, _instead, _is_beyond, _Rollouts
 from slam.simulation.dynamics import ATTITUDE_TIME
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
 PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "three speeds to the side: 0.1, 0.2, 0.4"]

@@ -59,8 +59,8 @@ PROGRAM = """
 from dataclasses import replace
 import numpy as np
 from slam import criticise
-from slam.criticism.manoeuvres import stick_for
-from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
+from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.inverse import correct_flight
 from slam.simulation.model import load_model
 

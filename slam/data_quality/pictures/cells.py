@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.overlaid import Image, Overlaid
+from slam.data_quality.pictures.overlaid import Image, Overlaid
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,8 +14,8 @@ from scipy.sparse import csr_array
 
 from frontend.camera import Camera
 from frontend.robust import robust_std
-from slam.criticism.camera.bilinear_weights import bilinear_weights, places
-from slam.criticism.camera.cells import Cells, radius2
+from slam.data_quality.pictures.bilinear_weights import bilinear_weights, places
+from slam.data_quality.pictures.cells import Cells, radius2
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from slam.criticism.kalman.readings import RANGE, SONAR
-from slam.criticism.kalman.record import Record
 
 Array = NDArray[np.float64]
 
@@ -31,30 +27,19 @@ class Quantisation:
     nats: float
     """Evidence in the readings."""
 
+    def nats_of(self, ranges_m: Array) -> float:
+        """Return the evidence of other ranges (n,) for the same step."""
+        return len(ranges_m) * float(np.abs(_phase_mean(ranges_m, self.step_m))) ** 2
 
-def quantisation_of(records: Sequence[Record]) -> Quantisation | None:
-    """Return the quantisation of the ranges, or None."""
-    found = _strongest(ranges_of(records))
+
+def quantisation_of(ranges_m: Array, noise_m: float) -> Quantisation | None:
+    """Return the quantisation of ranges (n,), or None; ``noise_m`` is the stated noise of one of them."""
+    found = strongest_step(ranges_m)
     if found is None:
         return None
     # Readings with little spread look like a coarse quantisation.
-    spread = float(np.median([r.noise_std[RANGE] for r in records]))
-    smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / found.step_m) ** 2)
+    smooth = np.exp(-2.0 * (np.pi * 0.8 * noise_m / found.step_m) ** 2)
     return found if found.nats >= LEAST_NATS and found.strength >= 0.5 + 0.5 * smooth else None
-
-
-def nats_by_others(own: Record, others: Sequence[Record]) -> float:
-    """Return the nats of a flight's readings for the step of the others."""
-    ranges, quantisation = ranges_of([own]), _strongest(ranges_of(others))
-    if len(ranges) == 0 or quantisation is None:
-        return 0.0
-    return len(ranges) * float(np.abs(_phase_mean(ranges, quantisation.step_m))) ** 2
-
-
-def ranges_of(records: Sequence[Record]) -> Array:
-    """Return (n,) the ranges of all sonars, in metres."""
-    every = np.concatenate([r.values[r.kinds == SONAR, 0] for r in records])
-    return np.asarray(every[np.isfinite(every)])
 
 
 def _phase_mean(ranges: Array, step_m: float | Array) -> Array:
@@ -62,7 +47,7 @@ def _phase_mean(ranges: Array, step_m: float | Array) -> Array:
     return np.asarray(np.exp(2j * np.pi * ranges / np.asarray(step_m)[..., None]).mean(axis=-1))
 
 
-def _strongest(ranges: Array) -> Quantisation | None:
+def strongest_step(ranges: Array) -> Quantisation | None:
     """Return the step whose multiples fit the ranges best; None for few ranges or equal ones."""
     if len(ranges) < 50 or np.ptp(ranges) < 0.02:
         return None

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.cells import Cells
-from slam.criticism.camera.flicker import LEAST_FLICKER, flicker_of
+from slam.data_quality.pictures.cells import Cells
+from slam.data_quality.pictures.flicker import LEAST_FLICKER, flicker_of
 
 Array = NDArray[np.float64]
 Light = Callable[[Array, int, np.random.Generator], Array]

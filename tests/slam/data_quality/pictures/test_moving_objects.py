@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.moving_objects import _moves_apart
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.reading_anomalies import _moving_objects
+from slam.data_quality.pictures.moving_objects import _moves_apart
 from tests.slam.criticism.camera.camera_flight import matched_flight
 
 

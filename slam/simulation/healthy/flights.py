@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight, Frames
-from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation import sensors
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import film_flight
 from slam.simulation.camera.optics import CameraModel
+from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion, Trajectory, at_rest, draw_model_noise, simulate_motion, step_count
 from slam.simulation.place.world import World

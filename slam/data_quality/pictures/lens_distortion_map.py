@@ -16,8 +16,8 @@ from scipy.sparse import csr_array, kron
 from frontend.camera import Camera
 from frontend.homography import jacobian
 from frontend.robust import robust_std
-from slam.criticism.camera.bilinear_weights import COUNT, bilinear_weights, places
-from slam.criticism.camera.cells import radius2
+from slam.data_quality.pictures.bilinear_weights import COUNT, bilinear_weights, places
+from slam.data_quality.pictures.cells import radius2
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

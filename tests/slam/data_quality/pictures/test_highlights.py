@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from slam.criticism.camera.highlights import dimmed, spots
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, _highlights
+from slam.data_quality.pictures.highlights import dimmed, spots
 from tests.slam.criticism.camera.camera_flight import matched_flight
 
 CAMERA = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))

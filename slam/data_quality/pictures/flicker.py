@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.robust import robust_std
-from slam.criticism.camera.cells import Cells, radius2
+from slam.data_quality.pictures.cells import Cells, radius2
 
 Array = NDArray[np.float64]
 

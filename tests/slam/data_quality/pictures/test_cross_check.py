@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from frontend.camera import Camera
-from slam.criticism.camera.cross_check import confirmed
+from slam.data_quality.pictures.cross_check import confirmed
 
 CAMERA = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 

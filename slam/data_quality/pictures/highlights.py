@@ -18,7 +18,7 @@ from scipy.ndimage import center_of_mass, label, maximum
 from frontend.camera import Camera
 from frontend.homography import transfer
 from frontend.robust import robust_std
-from slam.criticism.camera.overlaid import Image, Overlaid, overlaid, shrunk
+from slam.data_quality.pictures.overlaid import Image, Overlaid, overlaid, shrunk
 
 Array = NDArray[np.float64]
 

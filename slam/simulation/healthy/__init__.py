@@ -1,0 +1,1 @@
+"""Healthy vehicles: safe manoeuvres, motions by hand, and simulated flights."""
