@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.criticism.cause import Cause
-from slam.criticism.kalman.camera_parameters import catalogued
-from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of, slot
+from slam.criticism.kalman.filter_parameters import FilterParameters, catalogued, filter_parameters_of, slot
 from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, INSTRUMENTS, place_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.transition import (

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.feature_matches import SHORTEST_S, FeatureMatches
-from slam.criticism.kalman.camera_parameters import OFFSET, READOUT
-from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.filter_parameters import OFFSET, READOUT, FilterParameters
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.readings import SENSOR
 from slam.criticism.kalman.record import Record

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
-from slam.criticism.kalman.camera_parameters import FOCAL, RADIAL, TILT_X, TILT_Y
+from slam.core.rotations import rotation_of
+from slam.criticism.kalman.filter_parameters import FOCAL, RADIAL, TILT_X, TILT_Y
 
 Array = NDArray[np.float64]
 
@@ -45,19 +46,6 @@ def pixels_of(nominal: Camera, camera: Array, pose: Array, point: Array) -> Arra
 def _placed(nominal: Camera, camera: Array, pose: Array) -> tuple[Array, Array]:
     """Return rotations (m, 3, 3) and positions (m, 3) of the cameras of vehicles with poses (m, 6)."""
     turned = Rotation.from_rotvec([camera[TILT_X], camera[TILT_Y], 0.0]).as_matrix()
-    w_R_b = _rotation(pose[:, 3], pose[:, 4], pose[:, 5])
+    w_R_b = rotation_of(pose[:, 3:])
     w_R_c = w_R_b @ (turned @ nominal.b_T_c[:3, :3])
     return w_R_c, pose[:, :3] + w_R_b @ (turned @ nominal.b_T_c[:3, 3])
-
-
-def _rotation(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """Return (m, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
-    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))
-    return np.stack(
-        [
-            np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=-1),
-            np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=-1),
-            np.stack([-sp, cp * sr, cp * cr], axis=-1),
-        ],
-        axis=-2,
-    )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slam.criticism.camera.camera_path import CameraPath
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.tones import CONTRAST, FIGURES, SHADING, SHARPNESS, Tones, tones_of, weigh
-from slam.criticism.kalman.camera_parameters import BLUR, GAIN, GAMMA, VIGNETTING
+from slam.criticism.kalman.filter_parameters import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.smoothing import SmoothedPath
 

@@ -21,8 +21,7 @@ from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
 from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import warp
-from slam.criticism.kalman.camera_parameters import CAMERA, OFFSET, POINTS, READOUT
-from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.filter_parameters import CAMERA, OFFSET, POINTS, READOUT, FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record

@@ -73,7 +73,7 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 
 
 @inner_kernel
-def _take(
+def update(
     event: int,
     given: KalmanInputs,
     estimate: KalmanState,
@@ -173,4 +173,4 @@ def run(
         measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
         if traced:
             direct_change(e, given, state, expected, changes, scratch)
-        _take(e, given, estimate, expected, changes, written, coloured, others)
+        update(e, given, estimate, expected, changes, written, coloured, others)

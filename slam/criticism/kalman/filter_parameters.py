@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.camera_parameters import CAMERA, camera_vector
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, SENSOR
 from slam.criticism.kalman.transition import HOLD
 from slam.simulation.dynamics import PARAMETERS
@@ -16,6 +16,19 @@ from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
+CAMERA = (
+    "focal_length.eps", "radial_distortion.k1", "camera_tilt.x", "camera_tilt.y",
+    "camera_time_offset.offset", "rolling_shutter.readout",
+    "vignetting.a", "motion_blur.exposure", "exposure_variation.gain", "exposure_variation.gamma",
+)  # fmt: skip
+"""Parameters that pictures can show, the camera's vector. Entries of unobservable sign are squares: exposure
+time, standard deviations of gain and gamma."""
+(FOCAL, RADIAL, TILT_X, TILT_Y, OFFSET, READOUT, VIGNETTING, BLUR, GAIN, GAMMA) = range(len(CAMERA))
+POINTS = 6
+"""Number of leading entries that move points of the picture."""
+_PARAMETERS = [CATALOGUE[term].parameter(name) for term, name in (entry.split(".") for entry in CAMERA)]
+SQUARES = tuple(k for k, parameter in enumerate(_PARAMETERS) if parameter.squared)
+STEPS = tuple(parameter.step for parameter in _PARAMETERS)
 LATE_SPREAD = 0.06
 """Standard deviation of the latency from command to command, as a share of the latency."""
 
@@ -42,7 +55,7 @@ class FilterParameters:
     out_of_model: bool = False
     """The vehicle is of another make: its process noise and instrument noise have no prior."""
     camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
-    """(``camera_parameters.CAMERA``,)."""
+    """(``CAMERA``,)."""
 
     @property
     def late_std_s(self) -> float:
@@ -90,10 +103,22 @@ def filter_parameters_of(model: Model) -> FilterParameters:
     )
 
 
-def slot(name: str) -> tuple[str, int]:
+def slot(name: str) -> tuple[Literal["dynamics", "camera", "sensor"], int]:
     """Return a parameter's vector ("dynamics", "camera" or "sensor") and its entry there."""
     if name in PARAMETERS:
         return "dynamics", PARAMETERS.index(name)
     if name in CAMERA:
         return "camera", CAMERA.index(name)
     return "sensor", SENSOR.index(name)
+
+
+def camera_vector(model: Model) -> Array:
+    """Return the vector of a model."""
+    vector = np.array([model.value(*name.split(".")) for name in CAMERA])
+    vector[list(SQUARES)] **= 2
+    return vector
+
+
+def catalogued(entry: int, value: float) -> float:
+    """Return an entry in the unit of the catalogue."""
+    return float(np.sqrt(max(value, 0.0))) if entry in SQUARES else value

@@ -9,14 +9,19 @@ from itertools import pairwise
 import numpy as np
 
 from slam.criticism.kalman.ar1_noise import ar1_noise_for
-from slam.criticism.kalman.arrays import Array, Ints, KalmanOutputs
+from slam.criticism.kalman.arrays import Array, Ints
 from slam.criticism.kalman.filter import IGNORED, USED, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, Signal
-from slam.criticism.kalman.prepare import filter_inputs, initial_state, noise_changes_for, workspace_for
+from slam.criticism.kalman.prepare import (
+    filter_inputs,
+    initial_state,
+    noise_changes_for,
+    outputs_for,
+    workspace_for,
+)
 from slam.criticism.kalman.readings import (
     CHANNEL_AT,
-    MOVING,
     STATES,
     STATES_WITH_GUSTS,
 )
@@ -109,18 +114,14 @@ class Run:
         """``changed`` are parameters with slightly different noise; see ``noise_changes``."""
         gusty = any(p.hold[GUST_STD] > 0 for p in (parameters, *changed))
         n = STATES_WITH_GUSTS if gusty else STATES
-        m, events = len(perturbations), len(record.times_s)
+        m = len(perturbations)
         variance = (record.noise_std * parameters.noise_factor) ** 2
         self._given = filter_inputs(record, parameters, perturbations, signals or {}, variance, n)
         self._estimate, self._room = initial_state(record, parameters, n, m), workspace_for(n, m)
         self._coloured = ar1_noise_for(record, parameters, n, m, changed)
         self._others = noise_changes_for(record, parameters, changed, self._coloured)
         self._usual = record.usual_log_variance
-        self._written = KalmanOutputs(
-            np.full((events, 6), np.nan), np.full((events, 6), np.nan),
-            np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)), np.empty((0, m)),
-            np.empty((0, len(changed))), np.empty((0, len(changed))), np.zeros(1, dtype=np.int64),
-        )  # fmt: skip
+        self._written = outputs_for(len(record.times_s), 0, m, len(changed))
 
     def passed(self, begin: int = 0, end: int | None = None) -> FilterPass:
         """Return the results of events ``begin`` to ``end``, by default of all events that were filtered."""

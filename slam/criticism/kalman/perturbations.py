@@ -13,12 +13,11 @@ from typing import Literal
 import numpy as np
 
 from slam.criticism.kalman.arrays import Array, CommandArrays, Ints, PerturbationArrays
-from slam.criticism.kalman.camera_parameters import CAMERA
-from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
-from slam.criticism.kalman.readings import IMU, READ_BY, SENSOR, WIDTH
+from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters, slot
+from slam.criticism.kalman.readings import IMU, READ_BY, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ON_CHANNEL
-from slam.simulation.dynamics import NOISE, PARAMETERS
+from slam.simulation.dynamics import NOISE
 
 Kind = Literal["dynamics", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
 """The last two act on pictures alone, not on readings."""
@@ -55,11 +54,7 @@ LATE_SHARE = 3.0 * LATE_SPREAD
 
 def parameter_perturbation(name: str, step: float) -> Perturbation:
     """Return the perturbation of a parameter of the equations, of an instrument or of the camera."""
-    if name in PARAMETERS:
-        return Perturbation(name, "dynamics", PARAMETERS.index(name), step)
-    if name in CAMERA:
-        return Perturbation(name, "camera", CAMERA.index(name), step)
-    return Perturbation(name, "sensor", SENSOR.index(name), step)
+    return Perturbation(name, *slot(name), step)
 
 
 def perturbation_arrays(

@@ -11,6 +11,7 @@ from slam.criticism.kalman.arrays import (
     Array,
     EventArrays,
     KalmanInputs,
+    KalmanOutputs,
     KalmanState,
     ModelArrays,
     NoiseArrays,
@@ -136,4 +137,13 @@ def workspace_for(n: int, m: int) -> Workspace:
             np.empty(NOISES), np.empty(NOISES), np.empty(NOISES), np.empty(STICKS), np.empty(n), np.empty(6),
             np.empty(MOVING),
         ),
+    )  # fmt: skip
+
+
+def outputs_for(events: int, readings: int, perturbations: int, changes: int) -> KalmanOutputs:
+    """Return arrays for the results of events and of readings with sensitivities."""
+    return KalmanOutputs(
+        np.full((events, 6), np.nan), np.full((events, 6), np.nan), np.zeros((events, 6), dtype=np.int64),
+        np.zeros((events, MOVING + 1)), np.empty((readings, perturbations)), np.empty((readings, changes)),
+        np.empty((readings, changes)), np.zeros(1, dtype=np.int64),
     )  # fmt: skip

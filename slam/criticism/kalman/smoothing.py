@@ -9,7 +9,6 @@ Source: Rauch, Tung and Striebel 1965.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -17,38 +16,31 @@ from typing import NamedTuple
 import numpy as np
 
 from backend.compilation import allocating_kernel, inner_kernel, kernel
+from slam.criticism.kalman.ar1_noise import Ar1Noise, ar1_noise_for
 from slam.criticism.kalman.arrays import (
     Array,
     Ints,
     KalmanInputs,
+    KalmanOutputs,
     KalmanState,
-    PerturbationBuffers,
-    PredictedReading,
+    NoiseChangeArrays,
     Workspace,
 )
+from slam.criticism.kalman.filter import update
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation
-from slam.criticism.kalman.prepare import filter_inputs, initial_state, workspace_for
-from slam.criticism.kalman.readings import (
-    ATTITUDE,
-    FIRST_CHANNEL,
-    INSTRUMENT_OF,
-    STATES,
-    WIDTH,
-    reading,
+from slam.criticism.kalman.prepare import (
+    filter_inputs,
+    initial_state,
+    noise_changes_for,
+    outputs_for,
+    workspace_for,
 )
+from slam.criticism.kalman.readings import ATTITUDE, INSTRUMENT_OF, INSTRUMENTS, STATES, WIDTH
 from slam.criticism.kalman.record import Record, in_order
-from slam.criticism.kalman.sensitivity import carry, correct_sensitivity
-from slam.criticism.kalman.steps import (
-    correct,
-    innovation_of,
-    innovation_variance,
-    is_outlier,
-    judged,
-    measurement,
-    predict,
-)
-from slam.criticism.kalman.transition import POLE, jacobian
+from slam.criticism.kalman.sensitivity import carry, direct_change
+from slam.criticism.kalman.steps import measurement, predict
+from slam.criticism.kalman.transition import jacobian
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
 
 POSE = (X, Y, Z, ROLL, PITCH, YAW)
@@ -138,10 +130,17 @@ def smoothed(
     noise_var = (record.noise_std * parameters.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
     m = len(perturbations)
     passed = _nothing_passed(len(record.times_s), STATES, m)
+    # The path needs no likelihood: neither AR(1) noise nor uneven stamps.
+    white = replace(parameters, noise_correlation=np.zeros(len(INSTRUMENTS)), jitter_s=0.0)
+    coloured = ar1_noise_for(record, white, STATES, m)
+    given = filter_inputs(record, parameters, perturbations, {}, noise_var, STATES)
     _forward(
-        filter_inputs(record, parameters, perturbations, {}, noise_var, STATES),
+        given._replace(noise=given.noise._replace(jitter_s=0.0)),
         initial_state(record, parameters, STATES, m),
         workspace_for(STATES, m),
+        outputs_for(len(record.times_s), max(WIDTH), m, 0),
+        coloured,
+        noise_changes_for(record, white, (), coloured),
         passed,
     )
     at = np.flatnonzero(record.kinds == _MOMENT)
@@ -197,7 +196,15 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
 
 
 @kernel
-def _forward(given: KalmanInputs, estimate: KalmanState, room: Workspace, passed: _Passed) -> None:
+def _forward(
+    given: KalmanInputs,
+    estimate: KalmanState,
+    room: Workspace,
+    written: KalmanOutputs,
+    coloured: Ar1Noise,
+    others: NoiseChangeArrays,
+    passed: _Passed,
+) -> None:
     """Filter all events in place and write the estimates around each event to ``passed``."""
     events, command, model = given.events, given.command, given.model
     step, expected, changes, scratch = room
@@ -216,8 +223,9 @@ def _forward(given: KalmanInputs, estimate: KalmanState, room: Workspace, passed
         if kind != _MOMENT:
             jacobian(state, command.at_events[0, e], model.parameters, expected.rate, step.slopes, scratch)
             measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
-            _direct(e, given, state, expected, changes.direct, scratch.reading)
-            _take(e, given, estimate, expected, changes)
+            direct_change(e, given, state, expected, changes, scratch)
+            written.rows[0] = 0
+            update(e, given, estimate, expected, changes, written, coloured, others)
         _write(estimate, passed.x_after[e], passed.p_after[e], passed.t_after[e])
 
 
@@ -230,49 +238,6 @@ def _write(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
             p[i, j] = estimate.p[i, j]
         for d in range(t.shape[1]):
             t[i, d] = estimate.sensitivity[i, d]
-
-
-@inner_kernel
-def _take(
-    event: int,
-    given: KalmanInputs,
-    estimate: KalmanState,
-    expected: PredictedReading,
-    changes: PerturbationBuffers,
-) -> None:
-    """Update the estimate with the channels of one event, one after the other."""
-    events = given.events
-    kind = events.kinds[event]
-    expected.correction[:] = 0.0
-    for c in range(WIDTH[kind]):
-        if not judged(event, c, given, expected):
-            continue
-        channel, row = FIRST_CHANNEL[kind] + c, expected.rows[c]
-        s_var = given.noise.variance[channel] + innovation_variance(estimate.p, row, expected.ph)
-        miss = innovation_of(kind, c, events.values[event, c], expected)
-        if is_outlier(miss, math.sqrt(s_var), channel, estimate.outlier_streak):
-            continue
-        correct_sensitivity(
-            row, changes.direct[c], expected.ph, s_var, estimate.sensitivity, changes.predicted_change
-        )
-        correct(miss, s_var, estimate, expected)
-
-
-@inner_kernel
-def _direct(
-    event: int, given: KalmanInputs, state: Array, expected: PredictedReading, direct: Array, out: Array
-) -> None:
-    """Compute the direct change (6, m) of an instrument's readings by each perturbation, at a fixed state."""
-    kind, elapsed = given.events.kinds[event], given.events.elapsed[event]
-    model, perturbations = given.model, given.perturbations
-    rate, parameters, pole_s = expected.rate, model.parameters, model.hold[POLE]
-    for d in range(direct.shape[1]):
-        for c in range(direct.shape[0]):
-            direct[c, d] = 0.0
-        if (perturbations.instrument_mask[d] >> kind) & 1:
-            reading(kind, state, rate, perturbations.sensor_of[d], parameters, pole_s, elapsed, out)
-            for c in range(WIDTH[kind]):
-                direct[c, d] = (out[c] - expected.reading[c]) * perturbations.scale[d]
 
 
 @allocating_kernel

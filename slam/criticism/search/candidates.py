@@ -7,8 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from slam.core.progress import Tally
-from slam.criticism.kalman.camera_parameters import CAMERA
-from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.evidence import VERY_SIMILAR_NATS

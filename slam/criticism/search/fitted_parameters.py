@@ -12,8 +12,7 @@ from math import inf
 
 import numpy as np
 
-from slam.criticism.kalman.camera_parameters import SQUARES, catalogued
-from slam.criticism.kalman.filter_parameters import FilterParameters, slot
+from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, catalogued, slot
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
 from slam.criticism.search.nuisances import (
     AR1_COEFFICIENTS,

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, Gain, Interval, bootstrap_interval
-from slam.criticism.kalman.camera_parameters import POINTS
-from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import LATE, Effect, catalogue_value
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
 from slam.criticism.camera.warps import WARPS
-from slam.criticism.kalman.camera_parameters import CAMERA, SQUARES, catalogued
+from slam.criticism.kalman.filter_parameters import CAMERA, SQUARES, catalogued
 from slam.criticism.kalman.readings import SENSOR
 from slam.criticism.search import effects
 from slam.simulation.terms import CATALOGUE

@@ -16,8 +16,7 @@ from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
-from slam.criticism.kalman.camera_parameters import CAMERA
-from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.filter_parameters import CAMERA, filter_parameters_of
 from slam.criticism.next_flight import advice
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion

@@ -17,8 +17,7 @@ from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import ReprojectionScore, reprojection_score_along
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
-from slam.criticism.kalman.camera_parameters import CAMERA, POINTS, STEPS
-from slam.criticism.kalman.filter_parameters import FilterParameters, slot
+from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, STEPS, FilterParameters, slot
 from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record
 from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, picture_effects

@@ -15,8 +15,7 @@ from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS
-from slam.criticism.kalman.camera_parameters import CAMERA, STEPS, TILT_X
-from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.filter_parameters import CAMERA, STEPS, TILT_X, filter_parameters_of
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import record_of
 from slam.data_quality.pictures.bilinear_weights import bilinear_weights, places

@@ -15,7 +15,7 @@ from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import TOLERANCE, ReprojectionScore, reprojection_score
 from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS, warp
-from slam.criticism.kalman.camera_parameters import (
+from slam.criticism.kalman.filter_parameters import (
     BLUR,
     CAMERA,
     FOCAL,
@@ -26,9 +26,10 @@ from slam.criticism.kalman.camera_parameters import (
     TILT_X,
     TILT_Y,
     VIGNETTING,
+    FilterParameters,
     camera_vector,
+    filter_parameters_of,
 )
-from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.smoothing import smoothed

@@ -16,7 +16,7 @@ from slam.criticism.camera.photometric import (
     PhotometricScore,
     photometric_score,
 )
-from slam.criticism.kalman.camera_parameters import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
+from slam.criticism.kalman.filter_parameters import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.smoothing import PathErrors, SmoothedPath
 from slam.data_quality.pictures.bilinear_weights import COUNT
