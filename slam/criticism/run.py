@@ -31,9 +31,9 @@ from slam.criticism.residuals.reading_anomalies import (
     ReadingAnomaly,
     are_quantised,
     reading_anomalies,
+    smallest_in_readings,
     without_dead_zone,
 )
-from slam.criticism.residuals.smallest import smallest_in_readings
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.search.search import SearchResult, search, with_term_replaced
 from slam.criticism.search.thresholds import Thresholds, load_thresholds, with_misfit

@@ -12,6 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import gamma
 
 from slam.criticism.cause import Cause, Gain, Interval, bootstrap_interval
 from slam.criticism.kalman.filter import OUTLIER, USED
@@ -19,7 +20,7 @@ from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.evidence import ONE_OF_ALL, parameter_cost
-from slam.data_quality.frozen import at_least_value
+from slam.data_quality.frozen import RUN, at_least_value
 from slam.data_quality.lost_pictures import HEALTHY_LOSS, LOST_NATS, LostPictures
 from slam.data_quality.pictures.highlights import are_lamps
 from slam.data_quality.quantisation import STEP_STD_M, Quantisation, quantisation_of, strongest_step
@@ -47,6 +48,9 @@ NATS_A_PAIR = 9.0
 SATURATED = 1.5
 """Factor from the strongest spots to the upper limit of a lamp's strength, since spots on a bright floor
 saturate."""
+CERTAIN = 0.9
+MOST_LOST = 50
+"""Greatest number of lost pictures that is tried."""
 
 
 @dataclass(frozen=True)
@@ -235,3 +239,39 @@ def nats_by_others(own: Record, others: Sequence[Record]) -> float:
 def _interval(term: str, parameter: str, value: float, std: float) -> Interval:
     unit = CATALOGUE[term].parameter(parameter).unit
     return Interval(value, unit, value - 1.96 * std, value + 1.96 * std)
+
+
+def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, str]]:
+    """Return name -> size and unit of a sonar's second echoes and dead zone, and of lost pictures.
+
+    A dead zone shows where readings lie below it for long enough; echoes and losses are Poisson counts.
+    """
+    found = {
+        "sonar_spikes": _share_for(FEWEST_SPIKES, len(ranges_of(records))),
+        "sonar_dead_zone": _lowest_run(records),
+        "dropped_frames": _lost(sum(r.matches.taken for r in records if r.matches is not None)),
+    }
+    return {n: (size, CATALOGUE[n].parameters[0].unit) for n, size in found.items() if np.isfinite(size)}
+
+
+def _share_for(count: int, among: int) -> float:
+    """Return the share that gives at least ``count`` of ``among`` in nine of ten cases."""
+    return float(gamma.ppf(CERTAIN, count)) / among if among else np.inf
+
+
+def _lowest_run(records: Sequence[Record]) -> float:
+    """Return the least maximum of ``RUN`` successive readings."""
+    lowest = np.inf
+    for record in records:
+        ranges = record.values[record.kinds == SONAR, 0]
+        if len(ranges) >= RUN:
+            runs = np.lib.stride_tricks.sliding_window_view(ranges, RUN).max(axis=1)
+            lowest = min(lowest, float(np.min(runs, initial=np.inf, where=np.isfinite(runs))))
+    return lowest
+
+
+def _lost(taken: int) -> float:
+    for count in range(1, MOST_LOST):
+        if LostPictures(count, taken + count).nats(count / max(taken + count, 1)) >= LOST_NATS:
+            return _share_for(count, taken)
+    return np.inf

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from slam.criticism.cause import Cause
 from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.outliers import outliers_of
-from slam.criticism.residuals.uneven import uneven_of
-from slam.criticism.residuals.vibration import vibration_of
+from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
 from slam.criticism.search.inclusion import is_saturation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import is_term

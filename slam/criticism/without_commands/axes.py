@@ -15,8 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
-from slam.criticism.without_commands.inertial_consistency import IntegralComparison, comparisons, near_floor
-from slam.criticism.without_commands.whitened_rows import ABOUT_S, FEWEST, NODE_S
+from slam.criticism.without_commands.inertial_consistency import (
+    IntegralComparison,
+    comparisons,
+    into_world,
+    near_floor,
+)
+from slam.criticism.without_commands.whitened_rows import FEWEST, moments_of
 
 Array = NDArray[np.float64]
 
@@ -76,18 +81,13 @@ def _words(kind: str, k: int, found: Assignment) -> str:
 
 def _scores(seen: IntegralComparison, low_s: Array, count: int) -> dict[Assignment, float]:
     """Return the agreement of every assignment with the integral, in standard deviations of no agreement."""
-    nodes = np.arange(seen.stamps_s[0] + ABOUT_S, seen.stamps_s[-1] - ABOUT_S, NODE_S)
-    begin, end = (np.searchsorted(seen.stamps_s, nodes + side) for side in (-ABOUT_S, ABOUT_S))
-    low = np.searchsorted(low_s, nodes + 2 * ABOUT_S) - np.searchsorted(low_s, nodes - 2 * ABOUT_S)
-    whole = (end - begin >= 2) & (low == 0)
-    kept = np.all([whole[k : len(whole) - seen.order + k] for k in range(seen.order + 1)], axis=0)
+    moments = moments_of(seen.stamps_s, low_s)
+    kept = moments.together(seen.order)
     if kept.sum() < FEWEST:
         return {}
 
     def changes(signal: Array) -> Array:
-        total = np.vstack([np.zeros(count), np.cumsum(signal - signal.mean(axis=0), axis=0)])
-        means = (total[end] - total[begin]) / np.maximum(end - begin, 1)[:, None]
-        step = np.diff(means, n=seen.order, axis=0)[kept]
+        step = np.diff(moments.means(signal), n=seen.order, axis=0)[kept]
         # Single jumps of a reading are no motion.
         return np.asarray(np.clip(step, *np.quantile(step, [0.01, 0.99], axis=0)))
 
@@ -110,10 +110,7 @@ def _assignments(count: int) -> Iterator[Assignment]:
 
 def _rotated(values: Array, yaw: Array) -> Array:
     """Return horizontal values (n, 2) rotated by yaw angles (n,); others as they are."""
-    if values.shape[1] != 2:
-        return values
-    c, s = np.cos(yaw), np.sin(yaw)
-    return np.column_stack([c * values[:, 0] - s * values[:, 1], s * values[:, 0] + c * values[:, 1]])
+    return into_world(yaw, values) if values.shape[1] == 2 else values
 
 
 def _correlation(a: Array, b: Array) -> Array:

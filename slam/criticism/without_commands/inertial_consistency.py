@@ -217,7 +217,7 @@ def _velocity(flight: Flight, imu: _Imu) -> IntegralComparison | None:
     if good.sum() < FEWEST:
         return None
     yaw = imu.at(stamps, imu.angles[:, 2:])[:, 0]
-    speed = _into_world(yaw, read)
+    speed = into_world(yaw, read)
     pull = _acceleration(imu)
 
     def others() -> dict[str, Array]:
@@ -258,7 +258,7 @@ def near_floor(flight: Flight) -> Array:
     return flight.sonar.stamps_s[near]
 
 
-def _into_world(yaw: Array, ahead_left: Array) -> Array:
+def into_world(yaw: Array, ahead_left: Array) -> Array:
     """Return (n, 2) east and north of a velocity ahead and to the left."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = ahead_left.T

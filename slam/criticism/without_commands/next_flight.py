@@ -19,10 +19,10 @@ from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.kalman.filter_parameters import CAMERA, filter_parameters_of
 from slam.criticism.next_flight import advice
 from slam.criticism.threads import in_threads
-from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Regression, regression_of
+from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.healthy.flights import simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion

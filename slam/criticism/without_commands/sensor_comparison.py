@@ -1,9 +1,15 @@
-"""Comparison of the instruments of flights: inertial consistency, pictures, and single readings."""
+"""Comparison of the instruments of flights: inertial consistency, pictures, and single readings.
+
+Pictures and single readings are compared with a filter for unknown inputs: the filter's equations with
+inflated process noise, which constrain nothing. It gives the motion that all instruments agree on.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
@@ -11,15 +17,24 @@ from slam.criticism.camera.feature_matches import FeatureMatches, match_all_pict
 from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.record import Record, moving_from, record_of
+from slam.criticism.kalman.transition import HOLD
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, without_dead_zone
 from slam.criticism.threads import in_threads
-from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
-from slam.criticism.without_commands.inertial_consistency import inertial_residuals
+from slam.criticism.without_commands.inertial_consistency import inertial_residuals, near_floor
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Sizes
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.model import Model
+
+PROCESS_NOISE = {
+    "tilt_std_rad": 0.3, "tilt_time_s": 0.2, "yaw_rate_std_rad_s": 1.5, "yaw_rate_time_s": 0.2,
+    "velocity_std_m_s": 1.0, "velocity_time_s": 0.2, "velocity_up_std_m_s": 1.0,
+}  # fmt: skip
+"""Entries of ``HOLD``: the motion of a hand."""
+CLEAR_S = 0.3
+"""Least time from a reading near the floor."""
+SHORTEST_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -83,3 +98,31 @@ def _anomalies(records: Sequence[Record | None], parameters: FilterParameters) -
     clean, found = without_dead_zone(known)
     passes = in_threads(lambda record: whole(record, parameters), clean)
     return [*found, *reading_anomalies(clean, passes)]
+
+
+def with_free_motion(parameters: FilterParameters) -> FilterParameters:
+    """Return the parameters with inflated process noise, which describe the instruments alone."""
+    hold = parameters.hold.copy()
+    hold[[HOLD.index(name) for name in PROCESS_NOISE]] = list(PROCESS_NOISE.values())
+    return replace(parameters, hold=hold)
+
+
+def airborne_record(flight: Flight) -> Record | None:
+    """Return the longest segment between readings near the floor.
+
+    It is None where there is no sonar, where the segment is short, or where fewer than two of imu, attitude
+    and velocity measure the motion.
+    """
+    if flight.sonar is None or [flight.imu, flight.attitude, flight.velocity].count(None) > 1:
+        return None
+    try:
+        record = record_of(flight)
+    except ValueError:
+        return None
+    ends_s = record.times_s[[0, -1]] + CLEAR_S * np.array([-1.0, 1.0])
+    low_s = np.concatenate([ends_s[:1], near_floor(flight), ends_s[1:]])
+    longest = int(np.argmax(np.diff(low_s)))
+    begin_s, end_s = low_s[longest] + CLEAR_S, low_s[longest + 1] - CLEAR_S
+    if end_s - begin_s < SHORTEST_S:
+        return None
+    return moving_from(record, begin_s, end_s)

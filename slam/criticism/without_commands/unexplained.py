@@ -14,9 +14,13 @@ from slam.core.flight import Flight
 from slam.criticism.cause import SURE, Cause
 from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.axes import wrong_axes
-from slam.criticism.without_commands.consistency import disagreements
+from slam.criticism.without_commands.consistency import (
+    FEWEST_SEGMENTS,
+    ONSET_SEGMENT_S,
+    disagreements,
+    onset,
+)
 from slam.criticism.without_commands.effect_columns import LATE
-from slam.criticism.without_commands.onset import FEWEST_SEGMENTS, SEGMENT_S, onset
 from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
@@ -63,7 +67,7 @@ def not_shown(data: Regression, axes: Sequence[str], shown: Collection[str], lea
     for effect in (name.removesuffix(".s") for name in LATE if name in data.columns):
         std = np.hypot(float(np.sqrt(data.covariance([effect])[1][0, 0])), TOLERANCE[effect])
         lines.append(f"{effect} by less than {1e3 * (least_z + NINE_OF_TEN) * std:.0f} ms")
-    if float(np.ptp(data.times_s)) < FEWEST_SEGMENTS * SEGMENT_S:
+    if float(np.ptp(data.times_s)) < FEWEST_SEGMENTS * ONSET_SEGMENT_S:
         lines.append("an error that begins within a flight")
     return [f"{COULD_NOT} {', '.join(lines)}."]
 

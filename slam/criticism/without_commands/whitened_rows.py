@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,31 +80,59 @@ class WhitenedRows:
     """Averages that they are differences of; None for pictures."""
 
 
+class Moments(NamedTuple):
+    """Moments ``NODE_S`` apart, about which readings are averaged."""
+
+    times_s: Array
+    """(n,)."""
+    begin: Ints
+    """(n,) first reading about a moment, ..."""
+    end: Ints
+    """... and the one after the last."""
+    whole: NDArray[np.bool_]
+    """(n,) whether there are readings about a moment, none of them near the floor."""
+
+    def means(self, table: Array) -> Array:
+        """Return (n, columns) means about each moment, less those of all rows of the table."""
+        total = np.vstack([np.zeros(table.shape[1]), np.cumsum(table - table.mean(axis=0), axis=0)])
+        count = np.maximum(self.end - self.begin, 1)
+        return np.asarray((total[self.end] - total[self.begin]) / count[:, None])
+
+    def together(self, order: int) -> NDArray[np.bool_]:
+        """Return (n - order,) whether a moment and the ``order`` ones after it are whole."""
+        count = len(self.whole) - order
+        return np.asarray(np.all([self.whole[k : count + k] for k in range(order + 1)], axis=0))
+
+
+def moments_of(stamps: Array, near_floor: Array) -> Moments:
+    """Return the moments of a stream with stamps (n,); ``near_floor`` (m,) are stamps of low ranges."""
+    nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
+    begin, end = (np.searchsorted(stamps, nodes + side) for side in (-ABOUT_S, ABOUT_S))
+    low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
+    return Moments(nodes, begin, end, (end - begin >= 2) & (low == 0))
+
+
 def whitened_rows(
     kind: str, stamps: Array, off: Array, traces: dict[str, Array], near_floor: Array, order: int
 ) -> list[WhitenedRows]:
     """Return one set of whitened rows for each component of ``off`` (n, components)."""
-    nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
-    begin = np.searchsorted(stamps, nodes - ABOUT_S)
-    end = np.searchsorted(stamps, nodes + ABOUT_S)
+    moments = moments_of(stamps, near_floor)
+    nodes, begin, end, whole = moments
     far = np.diff(stamps, append=np.inf) > LONGEST_GAP_S
     gaps = np.concatenate([[0], np.cumsum(far)])
-    low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
-    whole = (end - begin >= 2) & (low == 0)
     late = np.concatenate([[0.0], np.cumsum(stamps)])
     count = np.maximum(end - begin, 1)
     late = np.where(end > begin, (late[end] - late[begin]) / count - nodes, 0.0)
     made = []
     for c in range(off.shape[1]):
         table = np.column_stack([off[:, c], *(t[:, c] for t in traces.values())])
-        total = np.vstack([np.zeros(table.shape[1]), np.cumsum(table - table.mean(axis=0), axis=0)])
-        means = (total[end] - total[begin]) / count[:, None]
+        means = moments.means(table)
         # A double integral drifts: a delayed reading would show the drift, and not the motion.
         means -= late[:, None] * np.gradient(means, nodes + late, axis=0)
         pause = gaps[np.minimum(begin, len(stamps) - 1)]
         averages = Averages(*CHANNELS[kind][c], order, nodes, whole, pause, list(traces), means)
         steps = np.diff(means, n=order, axis=0)
-        kept = np.all([whole[k : len(whole) - order + k] for k in range(order + 1)], axis=0)
+        kept = moments.together(order)
         kept &= gaps[end[order:] - 1] == gaps[begin[: len(begin) - order]]
         if kept.sum() >= FEWEST:
             made.append(_white(kind, nodes[order:][kept], np.flatnonzero(kept), steps[kept], averages))

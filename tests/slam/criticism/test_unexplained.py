@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.without_commands.axes import wrong_axes
-from slam.criticism.without_commands.onset import _break
+from slam.criticism.without_commands.consistency import _break
 
 SHOWN = 400
 

@@ -12,8 +12,12 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.residuals.reading_anomalies import reading_anomalies, without_dead_zone
-from slam.criticism.residuals.smallest import _lost, smallest_in_readings
+from slam.criticism.residuals.reading_anomalies import (
+    _lost,
+    reading_anomalies,
+    smallest_in_readings,
+    without_dead_zone,
+)
 from slam.criticism.search.expansion import expand
 from slam.criticism.verdict.power import detectable
 from slam.data_quality.lost_pictures import LOST_NATS, LostPictures

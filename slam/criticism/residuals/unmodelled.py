@@ -1,4 +1,4 @@
-"""Lines in the spectrum of the innovations: vibrations that no term of the catalogue describes.
+"""Innovations and pictures that no term describes: spectral lines, many outliers, light that changes.
 
 Whitened innovations have a flat spectrum. Each bin of a periodogram is exponentially distributed, and the sum
 over flights has a gamma distribution. A bin far above its neighbours is an oscillation.
@@ -12,13 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
-from slam.criticism.kalman.readings import CHANNELS, place_of
+from slam.criticism.kalman.readings import CHANNELS, SONAR, place_of
 from slam.criticism.kalman.record import Record
 from slam.data_quality.lines import FEWEST, LOG_CHANCE, LOWEST_HZ, log_tail, over_neighbours
 
 Array = NDArray[np.float64]
+
+LARGEST_SHARE, FEWEST_OUTLIERS = 0.05, 5
+"""Share and number of a channel's outliers above which they are reported. Noise with the tails of Student's t
+of four degrees of freedom has 0.4 %."""
 
 
 @dataclass(frozen=True)
@@ -74,3 +78,32 @@ def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]
     step_s = float(np.median(np.diff(times_s)))
     at = np.rint((times_s - times_s[0]) / step_s).astype(np.int64)
     return np.asarray(np.bincount(at, weights=white - white.mean()), dtype=float), step_s
+
+
+def outliers_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[str]:
+    """Return one phrase for each channel of which the filter rejected more readings than noise explains; a
+    sonar's are spikes."""
+    found = []
+    for channel, name in enumerate(CHANNELS):
+        kind, column = place_of(channel)
+        if kind == SONAR:
+            continue
+        judged = [
+            run.status[record.kinds == kind, column] for record, run in zip(records, passes, strict=True)
+        ]
+        status = np.concatenate(judged)
+        out = int(np.count_nonzero(status == OUTLIER))
+        both = out + int(np.count_nonzero(status == USED))
+        if out >= FEWEST_OUTLIERS and out > LARGEST_SHARE * both:
+            found.append(f"{out} of {both} readings of {name} are far from anything that the model allows")
+    return found
+
+
+def uneven_of(records: Sequence[Record]) -> str | None:
+    """Return a phrase for the flight whose light changes most within its pictures, or None: their brightness
+    is no evidence for other terms."""
+    uneven = [r.matches.flicker for r in records if r.matches is not None and r.matches.uneven]
+    if not uneven:
+        return None
+    worst = 100 * max(uneven)
+    return f"picture brightness changes in bands, by {worst:.0f} %, otherwise from picture to picture"
