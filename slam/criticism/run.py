@@ -52,7 +52,7 @@ from slam.criticism.verdict.held_out import HeldOut, held_out, with_step
 from slam.criticism.verdict.posterior import Posterior, is_term, likelier_pairs, likelier_term, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
-from slam.criticism.verdict.sentence import Finding, details, headline, next_step, unusable
+from slam.criticism.verdict.sentence import unusable, with_sentences
 from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
 from slam.criticism.verdict.unexplained import left_over, nearest_term
 from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
@@ -212,16 +212,9 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         remainder = "; ".join(part for part in (remainder, *nearest_term(found, limits.effects)) if part)
     with rolled_out.part():
         drawn = _covariate(records, parameters, found, causes)
-    correlation = _noise_correlations(parameters)
     probability = posterior.probability | {c.name: c.probability for c in causes}
-    finding = Finding(
-        verdict=verdict, causes=causes, equivalents=equivalents, remainder=remainder, detectable=everything,
-        noise_correlation=correlation, probability=probability,
-    )  # fmt: skip
-    return Criticism(
+    criticism = Criticism(
         verdict=verdict,
-        sentence=headline(finding),
-        details=(*details(finding), next_step(finding.verdict)),
         causes=causes,
         equivalence_set=equivalents,
         remainder=remainder,
@@ -231,7 +224,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         confusable=confusable(found.first),
         patterns=tuple((s.effect.name, s.z) for s in left[:SHOWN_PATTERNS]),
         nuisances=fitted_nuisances(found, best),
-        noise_correlation=correlation,
+        noise_correlation=_noise_correlations(parameters),
         checks=checks(records, found.last),
         covariate=drawn,
         dropped=tuple(prepared.mismatched),
@@ -243,6 +236,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         if together is None
         else _models_of_others(records, model, together, best, causes, anomalies),
     )
+    return with_sentences(criticism)
 
 
 def _noise_correlations(parameters: FilterParameters) -> dict[str, float]:

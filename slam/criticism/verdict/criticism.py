@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import Cause, Gain, Interval
+from slam.criticism.cause import FAINT, LIKELY, Cause, Gain, Interval
 from slam.criticism.verdict.covariate import Covariate
 from slam.simulation.model import Model
 
@@ -45,7 +45,7 @@ class Criticism:
     """Criticism of a simulation by some flights."""
 
     verdict: Verdict
-    sentence: str
+    sentence: str = ""
     """Headline: at most three short sentences."""
     causes: tuple[Cause, ...] = ()
     equivalence_set: tuple[str, ...] = ()
@@ -83,10 +83,33 @@ class Criticism:
     """Further sentences on the causes, what is unexplained, the noise and the detectable sizes."""
     dropped: tuple[str, ...] = ()
     """Flights and streams that were not judged, with the reason, one line each."""
+    limits: str = ""
+    """Sentence on what the verdict does not judge; empty where it judges everything."""
 
     def __repr__(self) -> str:
         causes = ", ".join(cause.name for cause in self.causes)
         return f"Criticism({self.verdict!r}, causes=[{causes}], flights={len(self.flights)})"
+
+    @property
+    def probable(self) -> list[Cause]:
+        """Causes that are more probable than not."""
+        return [c for c in self.causes if c.probability > LIKELY]
+
+    @property
+    def possible(self) -> list[Cause]:
+        """Causes that are not probable, but not excluded either."""
+        return [c for c in self.causes if FAINT <= c.probability <= LIKELY]
+
+    @property
+    def unexplained(self) -> list[str]:
+        """Findings that no cause explains."""
+        return [part for part in self.remainder.split("; ") if part]
+
+    def probability_of(self, name: str) -> float:
+        """Return the posterior probability of a term: that of a cause, or else that in the ranking."""
+        own = {cause.name: cause.probability for cause in self.causes}
+        ranked = {rank.name: rank.probability for rank in self.ranking}
+        return own.get(name, ranked.get(name, 0.0))
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of verdict.json."""

@@ -7,9 +7,9 @@ reported as possible, and one below ``FAINT`` is not named in the headline.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 
-from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
+from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
@@ -40,80 +40,43 @@ _WHAT_TO_DO: Mapping[Verdict, str] = {
 """Verdict on flights that can be judged -> what their pilot should do."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """Content of a verdict that its sentences report."""
-
-    verdict: Verdict
-    causes: Sequence[Cause] = ()
-    """Causes, the leading one first."""
-    equivalents: Sequence[str] = ()
-    """Names that an ambiguous verdict cannot distinguish."""
-    remainder: str = ""
-    """Findings that no cause explains, separated by semicolons."""
-    detectable: Mapping[str, tuple[float, str]] = field(default_factory=dict)
-    """Term -> smallest size that the flights would have shown in nine of ten cases, and its unit."""
-    noise_correlation: Mapping[str, float] = field(default_factory=dict)
-    """Instrument -> AR(1) coefficient of its noise, where it is above zero."""
-    probability: Mapping[str, float] = field(default_factory=dict)
-    """Term -> posterior probability; needed for ``equivalents`` that are no causes."""
-    limits: str = ""
-    """Sentence on what the verdict does not judge; empty where it judges everything."""
-
-    @property
-    def probable(self) -> list[Cause]:
-        """Causes that are more probable than not."""
-        return [c for c in self.causes if c.probability > LIKELY]
-
-    @property
-    def possible(self) -> list[Cause]:
-        """Causes that are not probable, but not excluded either."""
-        return [c for c in self.causes if FAINT <= c.probability <= LIKELY]
-
-    @property
-    def unexplained(self) -> list[str]:
-        """Findings that no cause explains."""
-        return [part for part in self.remainder.split("; ") if part]
+def with_sentences(found: Criticism, more: Sequence[str] = ()) -> Criticism:
+    """Return the criticism with its headline and its details, ``more`` lines among them."""
+    what_next = f"What to do next: {_WHAT_TO_DO[found.verdict]}"
+    return replace(found, sentence=headline(found), details=(*details(found), *more, what_next))
 
 
-def headline(finding: Finding) -> str:
+def headline(found: Criticism) -> str:
     """Return at most three short sentences: the finding, then what is unexplained, the limits of the verdict
     and the gain, as far as there is room."""
     first = {"nothing_wrong": _nothing_wrong, "unknown": _unknown, "ambiguous": _ambiguous}.get(
-        finding.verdict, _named
-    )(finding)
-    gain = {"nothing_wrong": _tested, "unknown": _partly_explained}.get(finding.verdict, _foremost_gain)(
-        finding
-    )
-    rest = [part for part in (gain, _unexplained(finding), finding.limits) if part]
+        found.verdict, _named
+    )(found)
+    gain = {"nothing_wrong": _tested, "unknown": _partly_explained}.get(found.verdict, _foremost_gain)(found)
+    rest = [part for part in (gain, _unexplained(found), found.limits) if part]
     return " ".join([first, *rest[-(MOST_SENTENCES - 1) :]])
 
 
-def details(finding: Finding) -> tuple[str, ...]:
+def details(found: Criticism) -> tuple[str, ...]:
     """Return further lines: each cause and its gain, the equivalents, each unexplained finding, correlated
     noise, and the smallest sizes that a verdict of no error excludes."""
-    lines = [_describe(cause) for cause in finding.causes]
-    if finding.causes and (ahead := _gain_of_channel(finding.causes[0].gain)):
-        together = "With all causes together, " if len(finding.causes) > 1 else ""
+    lines = [_describe(cause) for cause in found.causes]
+    if found.causes and (ahead := _gain_of_channel(found.causes[0].gain)):
+        together = "With all causes together, " if len(found.causes) > 1 else ""
         lines.append(f"{together}{ahead if together else ahead[0].upper() + ahead[1:]}.")
-    if finding.equivalents and finding.verdict == "ambiguous":
-        lines.append(f"Effects that the flights cannot distinguish: {_with_probabilities(finding)}.")
-    lines += [f"Unexplained: {part}." for part in finding.unexplained]
-    if finding.noise_correlation:
-        shares = ", ".join(f"{name} ({share:.2f})" for name, share in finding.noise_correlation.items())
+    if found.equivalence_set and found.verdict == "ambiguous":
+        lines.append(f"Effects that the flights cannot distinguish: {_with_probabilities(found)}.")
+    lines += [f"Unexplained: {part}." for part in found.unexplained]
+    if found.noise_correlation:
+        shares = ", ".join(f"{name} ({share:.2f})" for name, share in found.noise_correlation.items())
         lines.append(f"Noise is correlated from one sample to the next, which is healthy: {shares}.")
-    if finding.verdict == "nothing_wrong" and (seen := within_reach(finding.detectable)):
+    if found.verdict == "nothing_wrong" and (seen := within_reach(found.detectable)):
         sizes = (
-            f"{name} {finding.detectable[name][0]:.2g}{_spaced(finding.detectable[name][1])}"
+            f"{name} {found.detectable[name][0]:.2g}{_spaced(found.detectable[name][1])}"
             for name in _one_a_family(seen)
         )
         lines.append(f"Smallest sizes that nine of ten such flights would have shown: {', '.join(sizes)}.")
     return tuple(lines)
-
-
-def next_step(verdict: Verdict) -> str:
-    """Return what the pilot should do after a verdict on flights that can be judged."""
-    return f"What to do next: {_WHAT_TO_DO[verdict]}"
 
 
 def unusable(reasons: Sequence[str], dropped: Sequence[str] = (), advice: str = "") -> Criticism:
@@ -126,67 +89,67 @@ def unusable(reasons: Sequence[str], dropped: Sequence[str] = (), advice: str = 
     return Criticism("unusable", f"{text} {advice}".rstrip(), details=lines, dropped=tuple(dropped))
 
 
-def _nothing_wrong(finding: Finding) -> str:
+def _nothing_wrong(found: Criticism) -> str:
     return "The flights show no error of the model."
 
 
-def _tested(finding: Finding) -> str:
-    seen = len(within_reach(finding.detectable))
+def _tested(found: Criticism) -> str:
+    seen = len(within_reach(found.detectable))
     return f"They would have shown {seen} of {len(CATALOGUE)} effects at their usual sizes."
 
 
-def _unknown(finding: Finding) -> str:
+def _unknown(found: Criticism) -> str:
     """Name probable causes in the main clause: what else is wrong does not make them less probable."""
-    if finding.probable:
-        lacks = _listed_causes(finding.probable)
+    if found.probable:
+        lacks = _listed_causes(found.probable)
         return f"The model lacks {lacks}, and more is wrong that no term of the catalogue explains."
     return "Something is wrong that no term of the catalogue explains."
 
 
-def _partly_explained(finding: Finding) -> str:
-    if not finding.possible:
+def _partly_explained(found: Criticism) -> str:
+    if not found.possible:
         return ""
-    return f"A part may be {_listed_causes(finding.possible)}."
+    return f"A part may be {_listed_causes(found.possible)}."
 
 
-def _ambiguous(finding: Finding) -> str:
-    also = [c for c in finding.probable if c.name not in finding.equivalents]
+def _ambiguous(found: Criticism) -> str:
+    also = [c for c in found.probable if c.name not in found.equivalence_set]
     the_flights = f"The model lacks {_listed_causes(also)}; the flights" if also else "The flights"
-    likely = [n for n in finding.equivalents if _probability_of(n, finding) >= FAINT]
+    likely = [n for n in found.equivalence_set if found.probability_of(n) >= FAINT]
     if len(likely) == 1:
-        best = f"{likely[0]} is the most probable ({_probability_of(likely[0], finding):.2f})"
-        return f"{the_flights} cannot distinguish {len(finding.equivalents)} effects, of which {best}."
-    return f"{the_flights} cannot distinguish {_listed(likely or finding.equivalents)}."
+        best = f"{likely[0]} is the most probable ({found.probability_of(likely[0]):.2f})"
+        return f"{the_flights} cannot distinguish {len(found.equivalence_set)} effects, of which {best}."
+    return f"{the_flights} cannot distinguish {_listed(likely or found.equivalence_set)}."
 
 
-def _named(finding: Finding) -> str:
-    if not finding.causes:
+def _named(found: Criticism) -> str:
+    if not found.causes:
         return "No term of the catalogue is a probable cause."
-    if len(finding.probable) > 1:
-        return f"The model lacks {_listed_causes(finding.probable)}."
-    lead = finding.probable[0] if finding.probable else finding.causes[0]
+    if len(found.probable) > 1:
+        return f"The model lacks {_listed_causes(found.probable)}."
+    lead = found.probable[0] if found.probable else found.causes[0]
     sizes = ", ".join(f"{n} = {p.value:.3g}{_spaced(p.unit)}" for n, p in lead.parameters.items())
     bracket = f"({sizes}{'; ' if sizes else ''}probability {lead.probability:.2f})"
-    if finding.probable:
+    if found.probable:
         return f"The model lacks {lead.name}: {CATALOGUE[lead.name].meaning} {bracket}."
     if lead.probability >= FAINT:
         return f"The most probable cause is {lead.name}: {CATALOGUE[lead.name].meaning} {bracket}."
     return f"No term of the catalogue is a probable cause; the nearest is {lead.name}."
 
 
-def _unexplained(finding: Finding) -> str:
+def _unexplained(found: Criticism) -> str:
     """Return a sentence with the first unexplained finding and the count of the others."""
-    first, *others = finding.unexplained or [""]
+    first, *others = found.unexplained or [""]
     more = f", and {len(others)} more" if others else ""
     return f"Unexplained: {first}{more}." if first else ""
 
 
-def _foremost_gain(finding: Finding) -> str:
+def _foremost_gain(found: Criticism) -> str:
     """Return a sentence with the gain of the leading cause in the channel that gains most; empty without a
     cause."""
-    if not finding.causes:
+    if not found.causes:
         return ""
-    text = _gain_of_channel(finding.causes[0].gain) or _gain_in_nats(finding.causes[0].gain)
+    text = _gain_of_channel(found.causes[0].gain) or _gain_in_nats(found.causes[0].gain)
     return f"{text[0].upper()}{text[1:]}."
 
 
@@ -234,13 +197,8 @@ def _listed_causes(causes: Sequence[Cause]) -> str:
     return _listed([f"{c.name} (probability {c.probability:.2f})" for c in causes])
 
 
-def _probability_of(name: str, finding: Finding) -> float:
-    own = {cause.name: cause.probability for cause in finding.causes}
-    return own.get(name, finding.probability.get(name, 0.0))
-
-
-def _with_probabilities(finding: Finding) -> str:
-    return ", ".join(f"{n} (probability {_probability_of(n, finding):.2f})" for n in finding.equivalents)
+def _with_probabilities(found: Criticism) -> str:
+    return ", ".join(f"{n} (probability {found.probability_of(n):.2f})" for n in found.equivalence_set)
 
 
 def _one_a_family(names: Iterable[str]) -> list[str]:

@@ -21,7 +21,7 @@ from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.decision import CONFIRMED_NATS, is_unknown
-from slam.criticism.verdict.sentence import Finding, details, headline, next_step
+from slam.criticism.verdict.sentence import with_sentences
 from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.consistency import varying_sizes
 from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
@@ -88,20 +88,9 @@ def criticise_without_commands(
     verdict, equivalents = _decide(causes, posterior, remainder)
     seen = _detectable(data)
     probability = posterior | {c.name: c.probability for c in anomalies}
-    finding = Finding(
-        verdict=verdict, causes=causes, equivalents=equivalents, remainder=remainder, detectable=seen,
-        probability=probability, limits=LIMITS,
-    )  # fmt: skip
     shown = {e: data.z([], e) for e in data.effects() if e in CATALOGUE}
-    return Criticism(
+    criticism = Criticism(
         verdict=verdict,
-        sentence=headline(finding),
-        details=(
-            *details(finding),
-            *noise_of(flights),
-            *not_shown(data, unknown, seen, STANDS_OUT_Z),
-            next_step(finding.verdict),
-        ),
         causes=causes,
         equivalence_set=equivalents or tuple(c.name for c in causes[:1]),
         remainder=remainder,
@@ -117,7 +106,10 @@ def criticise_without_commands(
         extended=_extended(model, causes),
         flights=tuple(f.name for f, known in zip(flights, rows, strict=True) if known),
         dropped=(*dropped, *found.dropped, REASON),
+        limits=LIMITS,
     )
+    more = (*noise_of(flights), *not_shown(data, unknown, seen, STANDS_OUT_Z))
+    return with_sentences(criticism, more)
 
 
 def _decide(

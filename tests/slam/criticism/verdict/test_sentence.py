@@ -9,9 +9,9 @@ from typing import get_args
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
-from slam.criticism.verdict.criticism import Verdict
+from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
 from slam.criticism.verdict.power import within_reach
-from slam.criticism.verdict.sentence import Finding, details, headline, next_step, unusable
+from slam.criticism.verdict.sentence import details, headline, unusable, with_sentences
 from slam.simulation.terms import CATALOGUE
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
@@ -54,13 +54,14 @@ def all_findings():
         among = ("asymmetric_drag",) if verdict == "ambiguous" else ()
         causes = [made(NAMES[0], first, SPEED, alternatives=among)]
         causes += [made(NAMES[2], second)] if second is not None else []
-        yield Finding(
-            verdict=verdict, causes=causes, equivalents=(NAMES[0], *among) if among else (), remainder=left,
-            probability={"asymmetric_drag": 1.0 - first}, limits=limits, noise_correlation={"gyro": 0.4},
+        yield Criticism(
+            verdict, causes=tuple(causes), equivalence_set=(NAMES[0], *among) if among else (),
+            remainder=left, ranking=(Rank("asymmetric_drag", 1.0 - first, 3.0),), limits=limits,
+            noise_correlation={"gyro": 0.4},
         )  # fmt: skip
     for left, limits in product(LEFT_OVER, ("", LIMITS)):
-        yield Finding(verdict="unknown", remainder=left, limits=limits)
-    yield Finding(verdict="nothing_wrong", detectable={"trim_offset": (0.02, "rad")}, limits=LIMITS)
+        yield Criticism("unknown", remainder=left, limits=limits)
+    yield Criticism("nothing_wrong", detectable={"trim_offset": (0.02, "rad")}, limits=LIMITS)
 
 
 def test_a_headline_is_at_most_three_short_sentences_that_agree_with_the_probabilities():
@@ -70,7 +71,7 @@ def test_a_headline_is_at_most_three_short_sentences_that_agree_with_the_probabi
         assert max(len(s.split()) for s in sentences(text)) <= 30, text
         assert "0.00" not in text
         for cause in finding.causes:
-            among_equals = finding.verdict == "ambiguous" and cause.name in finding.equivalents
+            among_equals = finding.verdict == "ambiguous" and cause.name in finding.equivalence_set
             if cause.probability > LIKELY:
                 assert cause.name in (text if among_equals else lacking(text)), text
                 # It is named in a main clause, not in brackets.
@@ -94,7 +95,7 @@ def test_details_hold_every_cause_and_every_unexplained_finding():
 
 
 def test_one_cause_is_reported_with_its_size_and_what_it_gains_two_seconds_ahead():
-    text = headline(Finding(verdict="named", causes=[made(NAMES[0], 0.97, PITCH, SOON, SPEED, WORSE)]))
+    text = headline(Criticism("named", causes=(made(NAMES[0], 0.97, PITCH, SOON, SPEED, WORSE),)))
     assert text == (
         "The model lacks active_braking: it brakes by itself when the stick is released "
         "(k_b = 0.9 1/s; probability 0.97). "
@@ -104,7 +105,7 @@ def test_one_cause_is_reported_with_its_size_and_what_it_gains_two_seconds_ahead
 
 def test_several_causes_are_listed_and_what_is_unexplained_is_counted():
     causes = [made(NAMES[0], 1.0, SPEED), made(NAMES[1], 0.99), made(NAMES[2], 0.0)]
-    text = headline(Finding(verdict="named_with_remainder", causes=causes, remainder=LEFT_OVER[2]))
+    text = headline(Criticism("named_with_remainder", causes=tuple(causes), remainder=LEFT_OVER[2]))
     assert text.startswith(
         "The model lacks active_braking (probability 1.00) and asymmetric_drag (probability 0.99). On "
     )
@@ -113,16 +114,26 @@ def test_several_causes_are_listed_and_what_is_unexplained_is_counted():
 
 def test_errors_ahead_are_those_of_all_causes_together_and_stand_once():
     """Roll-outs are made with all causes in the model, so no cause has them for itself."""
-    lines = details(Finding(verdict="named", causes=[made(NAMES[0], 1.0, SPEED), made(NAMES[1], 1.0, SPEED)]))
+    lines = details(
+        Criticism(
+            "named",
+            causes=(
+                made(NAMES[0], 1.0, SPEED),
+                made(NAMES[1], 1.0, SPEED),
+            ),
+        )
+    )
     assert ["velocity_x" in line for line in lines] == [False, False, True]
     assert lines[2].startswith("With all causes together, on held-out flights the error of velocity_x")
-    (_, alone) = details(Finding(verdict="named", causes=[made(NAMES[0], 1.0, SPEED)]))
+    (_, alone) = details(Criticism("named", causes=(made(NAMES[0], 1.0, SPEED),)))
     assert alone.startswith("On held-out flights the error of velocity_x")
 
 
 def test_effects_that_cannot_be_distinguished_are_no_certain_causes():
     causes = [made(NAMES[0], 0.55, alternatives=NAMES[1:2]), made(NAMES[2], 1.0)]
-    finding = Finding(verdict="ambiguous", causes=causes, equivalents=NAMES[:2], probability={NAMES[1]: 0.45})
+    finding = Criticism(
+        "ambiguous", causes=tuple(causes), equivalence_set=NAMES[:2], ranking=(Rank(NAMES[1], 0.45, 3.0),)
+    )
     assert headline(finding).startswith(
         "The model lacks quadratic_drag (probability 1.00); "
         "the flights cannot distinguish active_braking and asymmetric_drag."
@@ -133,18 +144,18 @@ def test_effects_that_cannot_be_distinguished_are_no_certain_causes():
 
 def test_pictures_gain_from_one_to_another():
     px = ChannelError("reprojection", "px", 0.0, 1.3, 0.2)
-    text = headline(Finding(verdict="named", causes=[made(NAMES[0], 1.0, PITCH, px)]))
+    text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, PITCH, px),)))
     assert "the reprojection error from picture to picture is 0.2 px instead of 1.3" in text
 
 
 def test_what_was_not_held_out_is_not_reported_as_held_out():
-    finding = Finding(verdict="named", causes=[made(NAMES[0], 1.0, by=None)])
+    finding = Criticism("named", causes=(made(NAMES[0], 1.0, by=None),))
     assert "held-out" not in headline(finding) + " ".join(details(finding))
 
 
 def test_the_next_best_is_reported_where_it_is_excluded():
     def sentence(**how) -> str:
-        return " ".join(details(Finding(verdict="named", causes=[made(NAMES[0], 1.0, SPEED, **how)])))
+        return " ".join(details(Criticism("named", causes=(made(NAMES[0], 1.0, SPEED, **how),))))
 
     assert "asymmetric_drag, the next best, explains 20 nats less" in sentence()
     assert "next best" not in sentence(alternatives=NAMES[1:2])
@@ -153,16 +164,16 @@ def test_the_next_best_is_reported_where_it_is_excluded():
 
 @pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])
 def test_where_no_reading_gains_the_likelihood_is_reported(channels: tuple[ChannelError, ...]):
-    text = headline(Finding(verdict="named", causes=[made(NAMES[0], 1.0, *channels)]))
+    text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, *channels),)))
     assert "the log likelihood gains 45 nats" in text
 
 
 def test_a_gain_that_no_reader_could_see_is_none():
     hardly = ChannelError("pitch", "rad", 2.0, 0.0210, 0.0208)
-    text = headline(Finding(verdict="named", causes=[made(NAMES[0], 1.0, hardly)]))
+    text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, hardly),)))
     assert "no channel is better 2 s ahead" in text
     assert "0.021" not in text
-    assert "2 s ahead" not in headline(Finding(verdict="named", causes=[made(NAMES[0], 1.0)]))
+    assert "2 s ahead" not in headline(Criticism("named", causes=(made(NAMES[0], 1.0),)))
 
 
 def test_only_what_shows_at_a_usual_size_counts_as_tested():
@@ -174,7 +185,7 @@ def test_only_what_shows_at_a_usual_size_counts_as_tested():
         {"quadratic_drag": 0.08, "trim_offset": 0.382, "sonar_scale": 0.76}, rel=0.01
     )
     assert list(shares) == ["quadratic_drag", "trim_offset", "sonar_scale"]
-    finding = Finding(verdict="nothing_wrong", detectable=seen)
+    finding = Criticism("nothing_wrong", detectable=seen)
     assert headline(finding) == (
         "The flights show no error of the model. They would have shown 3 of 46 effects at their usual sizes."
     )
@@ -184,8 +195,8 @@ def test_only_what_shows_at_a_usual_size_counts_as_tested():
 
 
 def test_correlated_noise_is_a_detail_and_white_noise_is_none():
-    assert details(Finding(verdict="nothing_wrong")) == ()
-    (line,) = details(Finding(verdict="nothing_wrong", noise_correlation={"gyro": 0.512, "sonar": 0.3}))
+    assert details(Criticism("nothing_wrong")) == ()
+    (line,) = details(Criticism("nothing_wrong", noise_correlation={"gyro": 0.512, "sonar": 0.3}))
     assert "gyro (0.51), sonar (0.30)" in line
 
 
@@ -196,7 +207,7 @@ def test_flights_that_cannot_be_judged_have_one_reason_in_the_headline_and_all_i
 
 
 def test_every_verdict_tells_a_pilot_what_to_do_next():
-    told = {v: next_step(v) for v in get_args(Verdict) if v != "unusable"}
+    told = {v: with_sentences(Criticism(v)).details[-1] for v in get_args(Verdict) if v != "unusable"}
     assert len(set(told.values())) == len(told) == 5
     for verdict, line in told.items():
         assert line.startswith("What to do next: "), verdict
