@@ -80,8 +80,8 @@ class WhitenedRows:
     """Averages that they are differences of; None for pictures."""
 
 
-class Moments(NamedTuple):
-    """Moments ``NODE_S`` apart, about which readings are averaged."""
+class ComparisonMoments(NamedTuple):
+    """ComparisonMoments ``NODE_S`` apart, about which readings are averaged."""
 
     times_s: Array
     """(n,)."""
@@ -104,12 +104,12 @@ class Moments(NamedTuple):
         return np.asarray(np.all([self.whole[k : count + k] for k in range(order + 1)], axis=0))
 
 
-def moments_of(stamps: Array, near_floor: Array) -> Moments:
+def moments_of(stamps: Array, near_floor: Array) -> ComparisonMoments:
     """Return the moments of a stream with stamps (n,); ``near_floor`` (m,) are stamps of low ranges."""
     nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
     begin, end = (np.searchsorted(stamps, nodes + side) for side in (-ABOUT_S, ABOUT_S))
     low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
-    return Moments(nodes, begin, end, (end - begin >= 2) & (low == 0))
+    return ComparisonMoments(nodes, begin, end, (end - begin >= 2) & (low == 0))
 
 
 def whitened_rows(
