@@ -89,12 +89,8 @@ class FeatureMatches:
 
     def some(self, kept: NDArray[np.bool_]) -> FeatureMatches:
         """Return a copy with only the matches of the mask (m,)."""
-        return replace(
-            self,
-            earlier=self.earlier[kept], later=self.later[kept],
-            pixel_i=self.pixel_i[kept], pixel_j=self.pixel_j[kept], std_px=self.std_px[kept],
-            tone_i=self.tone_i[kept], tone_j=self.tone_j[kept],
-        )  # fmt: skip
+        of_matches = ("earlier", "later", "pixel_i", "pixel_j", "std_px", "tone_i", "tone_j")
+        return replace(self, **{name: getattr(self, name)[kept] for name in of_matches})
 
     @property
     def uneven(self) -> bool:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from slam.criticism.camera.camera_path import CameraPath
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.tones import CONTRAST, FIGURES, SHADING, SHARPNESS, Tones, tones_of, weigh
 from slam.criticism.kalman.filter_parameters import BLUR, GAIN, GAMMA, VIGNETTING
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.smoothing import SmoothedPath
 
 Array = NDArray[np.float64]
@@ -49,25 +49,14 @@ TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.2, SHARPNESS: 0.6}
 picture. On the floors of two generators it is -0.2 in contrast and up to 0.9 in detail."""
 
 
-@dataclass(frozen=True)
-class PhotometricScore:
-    """Score and information of p perturbations."""
-
-    information: Array
-    """(p, p)."""
-    score: Array
-    """(p,)."""
-    log_likelihood: float
-
-
 def photometric_score(
     matches: FeatureMatches, camera: Array, along: CameraPath, directions: Sequence[Perturbation]
-) -> PhotometricScore:
+) -> LikelihoodScore:
     """Return score and information of the perturbations, 0 for those that tones cannot show."""
-    total, path = _Total(directions), along.path
+    total, path = LikelihoodScore.nothing(len(directions)), along.path
     tones = _within(tones_of(matches), along)
     if len(tones.i) < 2:
-        return total.result()
+        return total
     times, height = path.times_s, np.log(np.maximum(path.poses[:, 2], 0.05))
     speed2, elapsed = _speed2(matches, path), path.elapsed
     darker = 1.0 - BORDER * camera[VIGNETTING]
@@ -118,19 +107,24 @@ def photometric_score(
         known = (share * camera[n] for (kind, n), share in variances.items() if kind == "camera")
         variance += sum(known)
         found = weigh(tones, figure, table, predicted, healthy, variance, memory, slow)
-        parts = _variance_shares(len(patterns), list(variances.values()))
-        keys = [*patterns, *variances]
-        total.add(keys, parts.T @ found.information @ parts, found.score @ parts, found.log_likelihood)
-    return total.result()
+        total += found.by(_columns(directions, list(patterns), variances))
+    return total
 
 
-def _variance_shares(patterns: int, shares: list[float]) -> Array:
-    """Return the matrix (patterns + 1, entries) from all entries to the columns of a fit: the patterns, and
-    one variance that several entries share."""
-    parts = np.zeros((patterns + 1, patterns + len(shares)))
-    parts[:patterns, :patterns] = np.eye(patterns)
-    parts[-1, patterns:] = shares
-    return parts
+def _columns(
+    directions: Sequence[Perturbation],
+    patterns: Sequence[tuple[str, int]],
+    variances: Mapping[tuple[str, int], float],
+) -> Array:
+    """Return the matrix (patterns + 1, directions) from the directions to the columns of a fit: the patterns,
+    and one variance that several directions share."""
+    shares = np.zeros((len(patterns) + 1, len(directions)))
+    for k, direction in enumerate(directions):
+        key = (direction.kind, direction.entry)
+        if key in patterns:
+            shares[patterns.index(key), k] = 1.0
+        shares[-1, k] = variances.get(key, 0.0)
+    return shares
 
 
 def _blurred(
@@ -142,32 +136,9 @@ def _blurred(
     return between(-loss * speed2 / (1.0 + smear)), between(own)
 
 
-class _Total:
-    """Sums of score and information over the figures."""
-
-    def __init__(self, directions: Sequence[Perturbation]) -> None:
-        self._place: dict[tuple[str, int], int] = {(d.kind, d.entry): k for k, d in enumerate(directions)}
-        self._information = np.zeros((len(directions), len(directions)))
-        self._score, self._nats = np.zeros(len(directions)), 0.0
-
-    def add(self, keys: Sequence[tuple[str, int]], information: Array, score: Array, nats: float) -> None:
-        own = [k for k, key in enumerate(keys) if key in self._place]
-        at = [self._place[keys[k]] for k in own]
-        self._information[np.ix_(at, at)] += information[np.ix_(own, own)]
-        self._score[at] += score[own]
-        self._nats += nats
-
-    def result(self) -> PhotometricScore:
-        return PhotometricScore(self._information, self._score, self._nats)
-
-
 def _within(tones: Tones, along: CameraPath) -> Tones:
-    kept = along.holds(tones.i, tones.j)
-    return Tones(
-        i=along.index(tones.i[kept]), j=along.index(tones.j[kept]), figures=tones.figures[kept],
-        std=tones.std[kept], outward=tones.outward[kept], zoom=tones.zoom[kept], depth=tones.depth[kept],
-        shading_map_rms=tones.shading_map_rms,
-    )  # fmt: skip
+    kept = tones.some(along.holds(tones.i, tones.j))
+    return replace(kept, i=along.index(kept.i), j=along.index(kept.j))
 
 
 def _speed2(matches: FeatureMatches, path: SmoothedPath) -> Array:

@@ -22,7 +22,7 @@ from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_scor
 from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import warp
 from slam.criticism.kalman.filter_parameters import CAMERA, OFFSET, POINTS, READOUT, FilterParameters
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.smoothing import SmoothedPath
@@ -43,24 +43,9 @@ _PIXEL_NUDGE = 0.1
 """Step in pixels to either side of a central difference."""
 
 
-@dataclass(frozen=True)
-class ReprojectionScore:
-    """Score of the matches of one flight for p perturbations, at one set of parameters."""
-
-    information: Array
-    """(p, p)."""
-    score: Array
-    """(p,)."""
-    log_likelihood: float
-    chi_square: float = 0.0
-    """Squared whitened residuals, with the poses free within the path's covariance."""
-    rows: int = 0
-    """Number of residuals."""
-
-
 def reprojection_score(
     record: Record, matches: FeatureMatches, parameters: FilterParameters, directions: Sequence[Perturbation]
-) -> ReprojectionScore:
+) -> LikelihoodScore:
     """Return score and information of the perturbations, 0 for those that pictures cannot show."""
     return reprojection_score_along(matches, parameters, camera_path(record, matches, parameters), directions)
 
@@ -70,25 +55,21 @@ def reprojection_score_along(
     parameters: FilterParameters,
     along: CameraPath,
     directions: Sequence[Perturbation],
-) -> ReprojectionScore:
+) -> LikelihoodScore:
     """Return the same for a known path through some of the pictures."""
-    points = _points(_Scene.of(matches, parameters, along), directions)
-    tones = photometric_score(matches, parameters.camera, along, directions)
     faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]
-    return ReprojectionScore(
-        points.information + tones.information + np.diag(faint),
-        points.score + tones.score,
-        points.log_likelihood + tones.log_likelihood,
-        points.chi_square,
-        points.rows,
+    return (
+        _points(_Scene.of(matches, parameters, along), directions)
+        + photometric_score(matches, parameters.camera, along, directions)
+        + LikelihoodScore(np.diag(faint), np.zeros(len(directions)))
     )
 
 
-def _points(scene: _Scene, directions: Sequence[Perturbation]) -> ReprojectionScore:
+def _points(scene: _Scene, directions: Sequence[Perturbation]) -> LikelihoodScore:
     """Return the score of the positions of points."""
     path = scene.path
     if not len(scene.i):
-        return ReprojectionScore(np.zeros((len(directions), len(directions))), np.zeros(len(directions)), 0.0)
+        return LikelihoodScore.nothing(len(directions))
     B = scene.by_pose()
     C = np.zeros((len(scene.i), 2, len(directions) + len(TOLERANCE)))
     moving = [k for k, d in enumerate(directions) if d.kind == "sensor"]
@@ -112,7 +93,7 @@ def _points(scene: _Scene, directions: Sequence[Perturbation]) -> ReprojectionSc
     return _marginal(scene, B, C, path.covariance)
 
 
-def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> ReprojectionScore:
+def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> LikelihoodScore:
     """Marginalise the poses with the path's covariance, and the camera with its tolerance."""
     n, rows = len(covariance) // 6, 2 * len(scene.i)
     right = np.concatenate([C, (scene.seen - scene.transferred())[:, :, None]], axis=2)
@@ -146,7 +127,7 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Reproject
     left = left[np.ix_(own, own)] - left[np.ix_(own, loose)] @ taken
     log_det += float(np.linalg.slogdet(tolerance * std * std[:, None])[1])
     chi_square = float(left[-1, -1])
-    return ReprojectionScore(left[:-1, :-1], left[:-1, -1], -0.5 * (chi_square + log_det), chi_square, rows)
+    return LikelihoodScore(left[:-1, :-1], left[:-1, -1], -0.5 * (chi_square + log_det), chi_square, rows)
 
 
 def _summed(row: Ints, count: int, values: Array) -> Array:

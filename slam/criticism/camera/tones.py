@@ -7,6 +7,7 @@ a trend) gives t a pattern; a random one (exposure) gives it a variance.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from weakref import WeakKeyDictionary
@@ -17,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from frontend.robust import robust_std
 from slam.criticism.camera.feature_matches import FeatureMatches
+from slam.criticism.kalman.perturbations import LikelihoodScore
 from slam.data_quality.pictures.cells import BRIGHTEST, DARKEST, radius2
 from slam.data_quality.pictures.lens_shading_map import LensShadingMap, lens_shading_map
 
@@ -61,6 +63,11 @@ class Tones:
     shading_map_rms: float
     """Root mean square of the lens shading map that other pictures predict, at least 1e-6."""
 
+    def some(self, kept: NDArray[np.bool_]) -> Tones:
+        """Return only the pairs of the mask (p,)."""
+        of_pairs = ("i", "j", "figures", "std", "outward", "zoom", "depth")
+        return replace(self, **{name: getattr(self, name)[kept] for name in of_pairs})
+
 
 _WORKED_OUT: WeakKeyDictionary[FeatureMatches, Tones] = WeakKeyDictionary()
 """Tones of each flight's matches; they do not depend on the filter parameters."""
@@ -73,50 +80,39 @@ def tones_of(matches: FeatureMatches) -> Tones:
     return _WORKED_OUT[matches]
 
 
-def _nothing() -> Tones:
-    nothing = np.zeros(0, dtype=np.int64)
-    none = np.zeros((0, FIGURES))
-    return Tones(
-        i=nothing,
-        j=nothing,
-        figures=none,
-        std=none,
-        outward=np.zeros(0),
-        zoom=np.zeros(0),
-        depth=np.zeros((0, 3)),
-        shading_map_rms=0.0,
-    )
-
-
 def _worked_out(matches: FeatureMatches) -> Tones:
+    rows: list[tuple[object, ...]] = []
     if matches.uneven:
-        return _nothing()
+        return _joined(rows, 0.0)
     key = matches.earlier * (len(matches.stamps_s) + 1) + matches.later
     order = np.argsort(key, kind="stable")
     bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
     stain = lens_shading_map(matches.camera, matches.cells)
     matches = _cleaned(matches, stain)
-    rows, pairs, outward, zoom, depth = [], [], [], [], []
     shares = _shares(matches, stain)
     for begin, end in pairwise(bounds.tolist()):
         own = order[begin:end]
-        share = shares.get((int(matches.earlier[own[0]]), int(matches.later[own[0]])), NOT_MEASURED)
-        found = _figures(matches, own, share)
+        i, j = int(matches.earlier[own[0]]), int(matches.later[own[0]])
+        found = _figures(matches, own, shares.get((i, j), NOT_MEASURED))
         if found is not None:
-            rows.append(found)
-            pairs.append((matches.earlier[own[0]], matches.later[own[0]]))
-            outward.append(_outward(matches, own).mean())
-            zoom.append(np.log(_extent(matches.pixel_i[own]) / _extent(matches.pixel_j[own])))
-            depth.append(_depth(matches, own))
-    if not rows:
-        return _nothing()
-    index = np.array(pairs, dtype=np.int64)
-    values, std = (np.array(part) for part in zip(*rows, strict=True))
+            outward = _outward(matches, own).mean()
+            zoom = np.log(_extent(matches.pixel_i[own]) / _extent(matches.pixel_j[own]))
+            rows.append((i, j, *found, outward, zoom, _depth(matches, own)))
+    tones = _joined(rows, max(float(np.sqrt(np.mean(stain.predicted_by_others**2))), 1e-6))
     if matches.glares:
-        std[:, [SHADING, SHADING_MAP]] = np.inf
-    shading_map_rms = max(float(np.sqrt(np.mean(stain.predicted_by_others**2))), 1e-6)
-    seen = np.array(outward), np.array(zoom), np.array(depth)
-    return Tones(index[:, 0], index[:, 1], values, std, *seen, shading_map_rms)
+        tones.std[:, [SHADING, SHADING_MAP]] = np.inf
+    return tones
+
+
+def _joined(rows: Sequence[tuple[object, ...]], shading_map_rms: float) -> Tones:
+    """Return the tones of pairs, each with its pictures and its values in the order of the fields."""
+    index = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
+    columns = (np.array([row[k] for row in rows], dtype=np.float64) for k in range(2, 7))
+    figures, std, outward, zoom, depth = columns
+    return Tones(
+        index[:, 0], index[:, 1], figures.reshape(-1, FIGURES), std.reshape(-1, FIGURES), outward, zoom,
+        depth.reshape(-1, 3), shading_map_rms,
+    )  # fmt: skip
 
 
 def _usable(a: Array, b: Array) -> NDArray[np.bool_]:
@@ -212,23 +208,10 @@ def _depth(matches: FeatureMatches, own: Ints) -> Array:
     return np.asarray(np.log(255.0 / np.maximum(level, 1.0)))
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """Score and information of one figure's d patterns, and of its variance in the last entry."""
-
-    information: Array
-    """(d + 1, d + 1)."""
-    score: Array
-    """(d + 1,)."""
-    log_likelihood: float
-    white: Array
-    """(p,) figures over their standard deviations, whitened."""
-
-
 def weigh(
     tones: Tones, figure: int, patterns: Array, predicted: Array, nuisances: Array, variance: float,
     memory: Array, slow: Array,
-) -> Weighed:  # fmt: skip
+) -> LikelihoodScore:  # fmt: skip
     """Return score and information of patterns in one figure, and of a random property of the n pictures.
 
     ``patterns`` (p, d) are derivatives of the figure, and ``predicted`` (p,) is its value under the present
@@ -240,7 +223,7 @@ def weigh(
     patterns, nuisances, slow = patterns[measured], nuisances[measured], slow[measured]
     n, p, d = len(memory), int(measured.sum()), patterns.shape[1]
     if p == 0:
-        return Weighed(np.zeros((d + 1, d + 1)), np.zeros(d + 1), 0.0, np.zeros(0))
+        return LikelihoodScore.nothing(d + 1)
     D = np.zeros((p, n))
     D[np.arange(p), tones.i[measured]] += 1.0
     D[np.arange(p), tones.j[measured]] -= 1.0
@@ -260,8 +243,7 @@ def weigh(
     information[d, d] = 0.5 * np.sum(spread * spread.T)
     score[d] = 0.5 * (pulled @ random @ pulled - np.trace(spread))
     log_det = 2.0 * float(np.log(np.diag(factor[0])).sum())
-    white = np.linalg.solve(np.tril(factor[0]), y)
-    return Weighed(information, score, -0.5 * (float(y @ solved[:, d]) + log_det), white)
+    return LikelihoodScore(information, score, -0.5 * (float(y @ solved[:, d]) + log_det))
 
 
 def _scale(D: Array, y: Array, std: Array) -> float:

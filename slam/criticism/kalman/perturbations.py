@@ -7,7 +7,7 @@ injects a signal into a channel, a target or a force. Sensitivities are per unit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -47,6 +47,39 @@ class Perturbation:
     """Name of the signal that is injected."""
     unit: float | None = None
     """Divisor of the finite difference; by default the step."""
+
+
+@dataclass(frozen=True)
+class LikelihoodScore:
+    """Log likelihood of some data, with its score and Fisher information for p columns."""
+
+    information: Array
+    """(p, p)."""
+    score: Array
+    """(p,)."""
+    log_likelihood: float = 0.0
+    chi_square: float = 0.0
+    """Squared whitened residuals, where the data have residuals."""
+    rows: int = 0
+    """Number of residuals."""
+
+    @staticmethod
+    def nothing(columns: int) -> LikelihoodScore:
+        """Return that of no data."""
+        return LikelihoodScore(np.zeros((columns, columns)), np.zeros(columns))
+
+    def __add__(self, other: LikelihoodScore) -> LikelihoodScore:
+        """Return that of both, which are independent."""
+        return LikelihoodScore(
+            self.information + other.information, self.score + other.score,
+            self.log_likelihood + other.log_likelihood, self.chi_square + other.chi_square,
+            self.rows + other.rows,
+        )  # fmt: skip
+
+    def by(self, columns: Array) -> LikelihoodScore:
+        """Return the same for q other columns, of which the p are linear combinations ``columns`` (p, q)."""
+        information = columns.T @ self.information @ columns
+        return replace(self, information=information, score=self.score @ columns)
 
 
 LATE_SHARE = 3.0 * LATE_SPREAD

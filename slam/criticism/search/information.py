@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, Run, whole
-from slam.criticism.kalman.perturbations import Perturbation, Signal
+from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.threads import in_threads
@@ -101,7 +101,7 @@ def fisher_information(
     weight = _variance_weight(records, plain)
     apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
 
-    def one(k: int) -> tuple[list[_Summed], FilterPass]:
+    def one(k: int) -> tuple[list[LikelihoodScore], FilterPass]:
         steps = np.array([c.step if c.everywhere or before_s[k] < ENOUGH_S else np.inf for c in changes])
         changed = [c.apply(parameters) for c, step in zip(changes, steps, strict=True) if step < np.inf]
         run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
@@ -117,9 +117,9 @@ def fisher_information(
             *map(gain_column, gain_corrected),
         ),
         flight=np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
-        information=np.array([information for information, _, _ in flat]),
-        score=np.array([score for _, score, _ in flat]),
-        log_likelihood=np.array([nats for _, _, nats in flat]),
+        information=np.array([part.information for part in flat]),
+        score=np.array([part.score for part in flat]),
+        log_likelihood=np.array([part.log_likelihood for part in flat]),
         passes=passes,
         readings=tuple(
             len(flight) - (r.matches is not None) for flight, r in zip(parts, records, strict=True)
@@ -127,27 +127,17 @@ def fisher_information(
     )
 
 
-_Summed: TypeAlias = tuple[Array, Array, float]
-"""Information (p, p), score (p,) and log likelihood of a segment."""
-
-
 def _sighted(
     record: Record, parameters: FilterParameters, perturbations: Sequence[Perturbation], changes: int
-) -> list[_Summed]:
+) -> list[LikelihoodScore]:
     """Return the pictures as one more segment: given the readings they are independent of all innovations."""
     if record.matches is None:
         return []
-    seen, p = (
-        reprojection_score(record, record.matches, parameters, perturbations),
-        len(perturbations) + changes,
-    )
-    information, score = np.zeros((p, p)), np.zeros(p)
-    information[: len(perturbations), : len(perturbations)] = seen.information
-    score[: len(perturbations)] = seen.score
-    return [(information, score, seen.log_likelihood)]
+    seen = reprojection_score(record, record.matches, parameters, perturbations)
+    return [seen.by(np.eye(len(perturbations), len(perturbations) + changes))]
 
 
-def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight) -> Iterator[_Summed]:
+def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight) -> Iterator[LikelihoodScore]:
     """Yield information, score and log likelihood of each segment of a flight.
 
     ``steps`` (changes,) are the sizes of the changes of the noise, infinite for those that did not run."""
@@ -170,7 +160,7 @@ def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight)
         excess = np.minimum(rows.white**2, CUT) - weight.expected[rows.channels]
         score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened
         information[d:end, d:end] += 0.5 * spread.T @ widened
-        yield information, score, run.passed(rows.begin, rows.end).log_likelihood
+        yield LikelihoodScore(information, score, run.passed(rows.begin, rows.end).log_likelihood)
 
 
 def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> _VarianceWeight:

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
-from slam.criticism.camera.reprojection import ReprojectionScore, reprojection_score_along
+from slam.criticism.camera.reprojection import reprojection_score_along
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, STEPS, FilterParameters, slot
-from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
+from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record
 from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, picture_effects
 from slam.criticism.without_commands.regression import SEGMENT_S, Sizes
@@ -46,7 +46,7 @@ class _Segment:
     """Ten seconds of a flight with pictures."""
 
     middle_s: float
-    seen: ReprojectionScore
+    seen: LikelihoodScore
 
 
 def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
@@ -137,7 +137,7 @@ def with_errors(parameters: FilterParameters, sizes: Sizes) -> FilterParameters:
     return replace(parameters, camera=camera, sensor=sensor)
 
 
-def _misfit(seen: ReprojectionScore, information: Array) -> float:
+def _misfit(seen: LikelihoodScore, information: Array) -> float:
     """Return the ratio of squared residuals to their noise, once all that moves points is fitted. Above 1,
     pictures and path disagree."""
     tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_PATTERNS)]

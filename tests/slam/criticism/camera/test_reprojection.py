@@ -13,7 +13,7 @@ from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
-from slam.criticism.camera.reprojection import TOLERANCE, ReprojectionScore, reprojection_score
+from slam.criticism.camera.reprojection import TOLERANCE, reprojection_score
 from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS, warp
 from slam.criticism.kalman.filter_parameters import (
     BLUR,
@@ -30,7 +30,7 @@ from slam.criticism.kalman.filter_parameters import (
     camera_vector,
     filter_parameters_of,
 )
-from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
+from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.smoothing import smoothed
 from slam.simulation.camera.effects import CameraEffects, true_camera
@@ -53,7 +53,7 @@ def seen(terms: dict[str, dict[str, float]], seed: int) -> tuple[Record, Feature
     return record_of(flight), matches
 
 
-def estimate(found: ReprojectionScore, entry: int) -> tuple[float, float]:
+def estimate(found: LikelihoodScore, entry: int) -> tuple[float, float]:
     """Size and standard deviation of one camera entry, the sonar's datum free within a centimetre."""
     datum = len(DIRECTIONS) - 1
     pivot = found.information[datum, datum] + 12 / 0.02**2
@@ -63,14 +63,14 @@ def estimate(found: ReprojectionScore, entry: int) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def healthy(parameters: FilterParameters) -> tuple[Record, FeatureMatches, ReprojectionScore]:
+def healthy(parameters: FilterParameters) -> tuple[Record, FeatureMatches, LikelihoodScore]:
     record, matches = seen({}, 3)
     return record, matches, reprojection_score(record, matches, parameters, DIRECTIONS)
 
 
 @pytest.mark.slow
 def test_healthy_pictures_agree_with_the_path(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore],
+    healthy: tuple[Record, FeatureMatches, LikelihoodScore],
 ) -> None:
     found = healthy[2]
     assert 0.6 < found.chi_square / found.rows < 1.3
@@ -160,7 +160,7 @@ def test_the_errors_of_the_path_agree_with_its_covariance(parameters: FilterPara
 
 
 def test_pictures_from_the_floor_alone_say_nothing(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
+    healthy: tuple[Record, FeatureMatches, LikelihoodScore], parameters: FilterParameters
 ) -> None:
     record, matches, _ = healthy
     stands = np.ones(len(record.times_s), dtype=bool)
@@ -170,7 +170,7 @@ def test_pictures_from_the_floor_alone_say_nothing(
 
 
 def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
+    healthy: tuple[Record, FeatureMatches, LikelihoodScore], parameters: FilterParameters
 ) -> None:
     stamps_s = np.arange(0.0, 300.0, 0.2)
     every = np.ones(len(stamps_s), dtype=bool)
@@ -208,7 +208,7 @@ def test_a_lens_projects_as_the_simulator_s_camera() -> None:
 
 
 def test_camera_information_is_limited_by_its_tolerance(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore],
+    healthy: tuple[Record, FeatureMatches, LikelihoodScore],
 ) -> None:
     for entry in (FOCAL, TILT_Y):
         assert estimate(healthy[2], entry)[1] > TOLERANCE[entry]
@@ -228,7 +228,7 @@ def test_a_model_s_camera_terms_are_held() -> None:
     ],
 )
 def test_a_warp_that_no_term_is_shows_at_its_size(
-    k: int, parameters: FilterParameters, healthy: tuple[Record, FeatureMatches, ReprojectionScore]
+    k: int, parameters: FilterParameters, healthy: tuple[Record, FeatureMatches, LikelihoodScore]
 ) -> None:
     record, matches, _ = healthy
     size = 0.02
@@ -248,7 +248,7 @@ def test_a_warp_that_no_term_is_shows_at_its_size(
 
 
 def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
+    healthy: tuple[Record, FeatureMatches, LikelihoodScore], parameters: FilterParameters
 ) -> None:
     """Noise in the points that are carried made height seem to drift one way round, and back the other."""
     record, matches, _ = healthy
@@ -265,7 +265,7 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
 
 
 def test_a_picture_on_the_floor_is_no_evidence(
-    healthy: tuple[Record, FeatureMatches, ReprojectionScore], parameters: FilterParameters
+    healthy: tuple[Record, FeatureMatches, LikelihoodScore], parameters: FilterParameters
 ) -> None:
     """A centimetre of another landing gear is a tenth of the height there."""
     record, matches, _ = healthy

@@ -13,11 +13,10 @@ from slam.criticism.camera.photometric import (
     PICTURE_PATTERNS,
     SHADING_PATTERN,
     VARIANCE_PATTERNS,
-    PhotometricScore,
     photometric_score,
 )
 from slam.criticism.kalman.filter_parameters import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.smoothing import PathErrors, SmoothedPath
 from slam.data_quality.pictures.bilinear_weights import COUNT
 from slam.data_quality.pictures.cells import Cells
@@ -96,7 +95,7 @@ def walk(seed: int) -> Array:
     return walked
 
 
-def judged(matches: FeatureMatches, path: CameraPath) -> tuple[Array, PhotometricScore]:
+def judged(matches: FeatureMatches, path: CameraPath) -> tuple[Array, LikelihoodScore]:
     """z of every direction alone."""
     found = photometric_score(matches, np.zeros(len(CAMERA)), path, DIRECTIONS)
     return found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12)), found
