@@ -165,7 +165,7 @@ print(json.dumps(found))
 """
 
 
-JOINS = {"slam.criticism.kalman.sensor_terms": "slam.simulation.terms."}
+JOINS = {"slam.criticism.kalman.readings": "slam.simulation.terms."}
 """Modules that compile plain functions of the modules of a package."""
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.innovations import referred
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.pairs import ranked_pairs

@@ -16,12 +16,11 @@ from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
-from slam.criticism.kalman.innovations import segments
+from slam.criticism.kalman.innovations import referred, segments
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
-from slam.criticism.kalman.reference import referred
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of, prior_precision, value_of
+from slam.criticism.search.nuisances import MEAN_NUISANCES, MEAN_PERTURBATIONS, prior_precision, value_of
 from slam.criticism.search.screening import project
 from slam.criticism.search.search import SearchResult
 from slam.criticism.threads import in_threads
@@ -70,7 +69,7 @@ def telling_flight(
     It is the best for the time that it takes, with these ``kinds`` of instruments and a camera as in
     ``seen``. The sentence is empty for a term that moves no mean.
     """
-    every = [perturbation_of(n) for n in MEAN_NUISANCES] + [*first.perturbations, *second.perturbations]
+    every = [*MEAN_PERTURBATIONS, *first.perturbations, *second.perturbations]
     names = [n.name for n in MEAN_NUISANCES] + [d.name for d in every[len(MEAN_NUISANCES) :]]
     own = np.array([names.index(column) for column in first.columns if column in names], dtype=np.int64)
     if len(own) == 0:

@@ -1,5 +1,8 @@
 """Compiled measurement functions of the filter: the simulator's instruments without noise.
 
+The reading equations of the catalogue's terms are joined to one kernel for each instrument. The parameters of
+all terms that change what an instrument reads form one vector.
+
 The filter's state is that of the equations of motion (position to yaw rate), then the hold noise: noise on
 the targets, the velocity noise before its pole (o) and after it (w), and the wind of gusts.
 """
@@ -7,17 +10,16 @@ the targets, the velocity noise before its pole (o) and after it (w), and the wi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.compilation import inner_kernel
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.kalman.sensor_terms import READ_BY as READ_BY
-from slam.criticism.kalman.sensor_terms import SENSOR as SENSOR
-from slam.criticism.kalman.sensor_terms import reading_terms
 from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, X, Y, Z, noise_share
+from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
@@ -70,6 +72,44 @@ def place_of(channel: int) -> tuple[int, int]:
     """Return the kind of the events that read a channel, and its column there."""
     kind, column = np.argwhere(channel == CHANNEL_AT)[0]
     return int(kind), int(column)
+
+
+STREAMS = ("imu", "attitude", "velocity", "sonar")
+"""Streams of the filter's kinds of events, in their order."""
+SENSOR = (
+    *(f"{t.name}.{p.name}" for t in CATALOGUE.values() if t.stream in STREAMS for p in t.smooth),
+    "sonar.datum_m", "attitude.delay_s", "velocity.delay_s",
+)  # fmt: skip
+"""Entries of the instruments' parameter vector; the last three belong to no term."""
+
+
+def _kind(entry: str) -> int:
+    owner = entry.partition(".")[0]
+    return STREAMS.index(CATALOGUE[owner].stream if owner in CATALOGUE else owner)
+
+
+READ_BY = tuple(_kind(entry) for entry in SENSOR)
+"""Kind of the events that read each entry."""
+
+
+def reading_terms(stream: str) -> Callable[..., None]:
+    """Return the kernel ``(out, state, rate, elapsed, sensor)`` that applies the terms of a stream in turn.
+
+    numba neither inlines nor caches a loop over functions. Therefore the calls are written out.
+    """
+    # Without a module's name, a cached kernel cannot be loaded by a process that compiles its caller.
+    space: dict[str, Any] = {"__name__": __name__}
+    calls = []
+    for term in CATALOGUE.values():
+        if term.stream == stream and term.read is not None:
+            space[term.name] = inner_kernel(term.read)
+            first = SENSOR.index(f"{term.name}.{term.parameters[0].name}")
+            calls.append(f"    {term.name}(out, state, rate, elapsed, sensor, {first})")
+    name = f"terms_of_{stream}"
+    source = f"def {name}(out, state, rate, elapsed, sensor):\n" + "\n".join(calls or ["    pass"])
+    exec(compile(source, __file__, "exec"), space)
+    joined: Callable[..., None] = inner_kernel(space[name])
+    return joined
 
 
 SLANT, TILT_X, TILT_Y = (SENSOR.index(name) for name in ("sonar_slant.c", "sonar_tilt.x", "sonar_tilt.y"))

@@ -72,7 +72,7 @@ class Record:
     landing: NDArray[np.bool_]
     """(events,) true on the floor and shortly after, where the landing gear spoils readings."""
     usual_log_variance: Array
-    """(channels,) log variance of healthy innovations. Both are 0 until ``reference.referred``."""
+    """(channels,) log variance of healthy innovations. Both are 0 until ``innovations.referred``."""
     matches: FeatureMatches | None = None
     """Feature matches between its pictures."""
 

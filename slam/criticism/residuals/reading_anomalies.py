@@ -19,7 +19,7 @@ from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.evidence import ONE_OF_ALL, parameter_cost
+from slam.criticism.search.thresholds import ONE_OF_ALL, parameter_cost
 from slam.data_quality.frozen import RUN, at_least_value
 from slam.data_quality.lost_pictures import HEALTHY_LOSS, LOST_NATS, LostPictures
 from slam.data_quality.pictures.highlights import are_lamps

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from slam.criticism.cause import SURE, Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.innovations import referred, whole
 from slam.criticism.kalman.record import Record, in_order
-from slam.criticism.kalman.reference import referred
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT

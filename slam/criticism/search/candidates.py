@@ -10,9 +10,9 @@ from slam.core.progress import Tally
 from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.evidence import VERY_SIMILAR_NATS
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitting import refit
+from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
 from slam.simulation.terms import CATALOGUE
 
 CANDIDATES = 5

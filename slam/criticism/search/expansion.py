@@ -22,15 +22,15 @@ from slam.criticism.search.effects import (
     plausible_range,
     relaxed_nuisances,
 )
-from slam.criticism.search.evidence import parameter_cost
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.fitting import noise_changes
 from slam.criticism.search.inclusion import is_profiled, with_free_value
 from slam.criticism.search.information import FisherInformation, fisher_information
-from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, perturbation_of
+from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_PERTURBATIONS
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.screening import deviate
+from slam.criticism.search.thresholds import parameter_cost
 from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
 
@@ -103,7 +103,7 @@ def expand(
     patterns = pattern_directions(records)
     late = delayed_readings(records) if model.out_of_model else []
     moved = [d for e in (*effects, *late) for d in e.perturbations]
-    perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + moved + patterns
+    perturbations = [*MEAN_PERTURBATIONS, *moved, *patterns]
     changes = noise_changes() + [c for e in effects for c in e.changes]
     fisher = fisher_information(records, parameters, perturbations, changes, signals, plain, GAIN_CORRECTED)
     values = {

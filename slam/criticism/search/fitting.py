@@ -15,10 +15,10 @@ from slam.criticism.search.inclusion import at_profiled_value, with_free_value
 from slam.criticism.search.information import NoiseChange, fisher_information
 from slam.criticism.search.nuisances import (
     MEAN_NUISANCES,
+    MEAN_PERTURBATIONS,
     NOISE_NUISANCES,
     NUISANCES,
     limits_of,
-    perturbation_of,
     value_of,
     with_value,
 )
@@ -75,9 +75,7 @@ def fit_nuisances(
     if not model.out_of_model and sum(record.duration_s for record in records) > LONG_S:
         rounds[-1] = list(records)
     for flights in rounds:
-        perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + [
-            d for e in effects for d in e.perturbations
-        ]
+        perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
         changes = noise_changes() + [c for e in effects for c in e.changes]
         found = fisher_information(flights, parameters, perturbations, changes)
         maximum = quadratic_likelihood(found, parameters, model, {}, nuisances=NUISANCES).maximise(effects)
@@ -109,9 +107,7 @@ def refit(
     share, step, columns = 1.0, np.zeros(0), []
     trial = parameters
     for _ in range(ITERATIONS):
-        perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + [
-            d for e in effects for d in e.perturbations
-        ]
+        perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
         fisher = fisher_information(
             records, trial, perturbations, [c for e in with_changes for c in e.changes]
         )

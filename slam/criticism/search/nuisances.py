@@ -104,6 +104,9 @@ def perturbation_of(nuisance: Nuisance) -> Perturbation:
     return parameter_perturbation(nuisance.name, nuisance.step)
 
 
+MEAN_PERTURBATIONS = tuple(perturbation_of(n) for n in MEAN_NUISANCES)
+
+
 def value_of(nuisance: Nuisance, parameters: FilterParameters) -> float:
     """Return x in filter parameters."""
     if nuisance.kind == "gain":

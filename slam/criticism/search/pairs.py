@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.evidence import parameter_cost
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, backwards
 from slam.criticism.search.inclusion import is_profiled
 from slam.criticism.search.screening import deviate
-from slam.criticism.search.thresholds import Thresholds
+from slam.criticism.search.thresholds import Thresholds, parameter_cost
 from slam.simulation.terms import CATALOGUE
 
 Two = tuple[Effect, Effect]

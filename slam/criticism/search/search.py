@@ -14,12 +14,11 @@ import numpy as np
 
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.innovations import recoloured
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.reference import recoloured
 from slam.criticism.search.ar1_noise import ar1_effects, with_ar1_noise, without_small_ar1
 from slam.criticism.search.candidates import best_candidate
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.evidence import VERY_SIMILAR_NATS, parameter_cost
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
 from slam.criticism.search.fitting import first_seconds, fit_nuisances, refit
 from slam.criticism.search.inclusion import (
@@ -31,7 +30,7 @@ from slam.criticism.search.inclusion import (
 )
 from slam.criticism.search.pairs import mask_each_other, masked_pair
 from slam.criticism.search.screening import deviate
-from slam.criticism.search.thresholds import Thresholds, with_misfit
+from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, Thresholds, parameter_cost, with_misfit
 from slam.simulation.terms import CATALOGUE
 
 LINEAR_Z = 25.0

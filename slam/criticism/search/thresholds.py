@@ -1,5 +1,8 @@
-"""Thresholds of terms and residual patterns, calibrated on simulated healthy flights and shipped with the
-package."""
+"""Thresholds and costs of hypotheses.
+
+The thresholds of terms and residual patterns are calibrated on simulated healthy flights and shipped with the
+package. Priors and costs of parameters are in nats.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,17 @@ from importlib import resources
 
 import numpy as np
 
+from slam.simulation.terms import CATALOGUE
+
 CHANCE = "what chance reaches once in a hundred healthy cases"
+KNOWN, UNKNOWN = 0.9, 0.1
+"""Prior probabilities of an effect of the catalogue and of anything else."""
+ONE_OF_ALL = float(np.log(len(CATALOGUE) / KNOWN))
+"""Cost in nats of one term of the catalogue out of all."""
+VERY_SIMILAR_NATS = 4.0
+"""Lead below which two explanations are taken as alternatives."""
+SIZE_PRIOR = 100.0
+"""Prior variance of an effect's size in units of its standard error: sizes of up to about 20 sigma."""
 
 
 @dataclass(frozen=True)
@@ -54,3 +67,8 @@ MISFIT = 0.05
 def with_misfit(threshold: float, greatest: float) -> float:
     """Return the threshold beside a cause with a z of ``greatest``, whose own misfit is included."""
     return float(np.hypot(threshold, MISFIT * greatest))
+
+
+def parameter_cost(degrees: int) -> float:
+    """Return the cost in nats of ``degrees`` fitted parameters."""
+    return 0.5 * degrees * float(np.log1p(SIZE_PRIOR))

@@ -18,7 +18,7 @@ from slam.criticism.kalman.innovations import segments
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.inclusion import is_saturation, with_free_value
-from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of, prior_precision
+from slam.criticism.search.nuisances import MEAN_NUISANCES, MEAN_PERTURBATIONS, prior_precision
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import with_misfit
@@ -54,9 +54,7 @@ def consistencies(
 
     ``parameters`` include the effects at their sizes.
     """
-    perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + [
-        d for e in chosen for d in e.perturbations
-    ]
+    perturbations = [*MEAN_PERTURBATIONS, *(d for e in chosen for d in e.perturbations)]
     precision = np.zeros(len(perturbations))
     precision[: len(MEAN_NUISANCES)] = [prior_precision(n, model) for n in MEAN_NUISANCES]
 

@@ -22,7 +22,7 @@ from slam.criticism.search.fitting import first_seconds, refit
 from slam.criticism.search.inclusion import is_saturation, without_effect
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, SearchResult
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.held_out import with_step
+from slam.criticism.verdict.held_out import fitted_parameters
 from slam.criticism.verdict.rollouts import rollout_residuals
 
 Array = NDArray[np.float64]
@@ -78,7 +78,7 @@ def covariate(
 
     def refitted(effects: list[Effect]) -> FilterParameters:
         if z < LINEAR_Z and not is_saturation(effect):
-            return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)
+            return fitted_parameters(found, effects)
         return refit(short, found.model, without_effect(effect, parameters), effects)[1]
 
     models = {"": refitted(rest), cause: parameters}

@@ -20,12 +20,12 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.evidence import SIZE_PRIOR
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.inclusion import is_profiled
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
+from slam.criticism.search.thresholds import SIZE_PRIOR
 
 Array = NDArray[np.float64]
 
@@ -186,3 +186,8 @@ def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Eff
         if size != 0.0 and column not in skip:
             parameters = fitted_parameter(column).stepped(parameters, float(size))
     return parameters
+
+
+def fitted_parameters(found: SearchResult, effects: Sequence[Effect]) -> FilterParameters:
+    """Return the most probable parameters with some effects at the last expansion."""
+    return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)

@@ -15,13 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.evidence import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
 from slam.criticism.search.expansion import LikelihoodExpansion, expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.inclusion import is_saturation, without_effect
 from slam.criticism.search.pairs import ranked_pairs
-from slam.criticism.search.search import LINEAR_Z, SearchResult
+from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
+from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -176,6 +177,23 @@ def _in_other_words(
     if is_term(shape) or shape.relaxes or not is_term(term):
         return False
     return _alike(expansion, rest, term, shape) > SAME_TRACE
+
+
+def likeliest(records: Sequence[Record], found: SearchResult, posterior: Posterior) -> SearchResult:
+    """Replace chosen terms by more probable ones, each by another term or by two, and return the search
+    result."""
+    other = likelier_term(found, posterior)
+    if other is not None:
+        place, name = other
+        found = with_term_replaced(
+            records, found, place, [(e,) for e in found.last.effects if e.name == name]
+        )
+    for place in found.chosen:
+        if pairs := likelier_pairs(found, place):
+            found = with_term_replaced(records, found, place, pairs)
+        if place not in found.chosen:
+            break
+    return found
 
 
 def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, str] | None:

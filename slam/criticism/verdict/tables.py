@@ -9,7 +9,8 @@ from scipy.special import ndtr
 
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.readings import CHANNELS, place_of
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.ar1_noise import lag_one_correlation
 from slam.criticism.search.expansion import LikelihoodExpansion
@@ -89,3 +90,9 @@ def checks(records: Sequence[Record], expansion: LikelihoodExpansion) -> tuple[C
             tenths = np.histogram(ndtr(white), bins=TENTHS, range=(0.0, 1.0))[0] / len(white)
             found.append(ChannelCheck(name, len(white), square, next_one, tuple(tenths.tolist())))
     return tuple(found)
+
+
+def noise_correlations(parameters: FilterParameters) -> dict[str, float]:
+    """Return the correlation of successive readings of each instrument that has one."""
+    each = zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True)
+    return {instrument: correlation for instrument, correlation in each if correlation > 0.0}

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam.criticism.search.evidence import KNOWN, UNKNOWN, VERY_SIMILAR_NATS
+from slam.criticism.search.thresholds import KNOWN, UNKNOWN, VERY_SIMILAR_NATS
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands.regression import Regression
 from slam.simulation.terms import CATALOGUE

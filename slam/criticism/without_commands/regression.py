@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import WARPS
-from slam.criticism.search.evidence import parameter_cost
+from slam.criticism.search.thresholds import parameter_cost
 from slam.criticism.without_commands.effect_columns import is_square
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.terms import CATALOGUE

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from slam.core.flight import Flight
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.record import Record, record_of
-from slam.criticism.kalman.reference import referred
 from slam.simulation.healthy.flights import at_lower_rates
 from slam.simulation.model import load_model
 

@@ -10,8 +10,8 @@ import pytest
 from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.reference import referred
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

@@ -12,9 +12,9 @@ from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.reference import referred
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
 from slam.criticism.without_commands.next_flight import next_motion

@@ -273,6 +273,6 @@ def test_the_process_noise_near_the_floor_shows_no_height():
 
 
 def test_joined_terms_are_of_a_module_so_that_another_process_can_load_them_from_the_cache():
-    from slam.criticism.kalman import sensor_terms
+    from slam.criticism.kalman import readings
 
-    assert sensor_terms.reading_terms("imu").py_func.__module__ == sensor_terms.__name__
+    assert readings.reading_terms("imu").py_func.__module__ == readings.__name__

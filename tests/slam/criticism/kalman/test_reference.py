@@ -9,10 +9,9 @@ import pytest
 
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.innovations import referred, whole
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.reference import referred
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import load_model

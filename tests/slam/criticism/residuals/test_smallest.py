@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.innovations import referred, whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.reference import referred
 from slam.criticism.residuals.reading_anomalies import (
     _lost,
     reading_anomalies,

@@ -6,7 +6,7 @@ import pytest
 
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.innovations import referred
 from slam.criticism.search import search as searching
 from slam.criticism.search.effects import Effect, relaxed_nuisances
 from slam.criticism.search.expansion import ScoreTest

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.reference import referred
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
 from slam.criticism.verdict.decision import decide
