@@ -29,8 +29,8 @@ from backend.clocks.picture_clock import (
     GAIN_ERROR,
     LEAST_TURNS,
     SURE,
-    PictureClock,
     clock_of,
+    finer,
     piece_of,
 )
 from backend.inertial_scale.preintegration import integrate
@@ -43,8 +43,6 @@ LARGEST_DRIFT, CRYSTAL_DRIFT = 1e-3, 1e-4
 first, and the crystals of cheap clocks differ by the second."""
 _SEARCH_S = 0.5
 """Error of a candidate from the rates of turn: some steps of the signals."""
-_FINE_STEP_S, _FINE_S = 0.002, 0.1
-"""Step and reach of the last search: within a step, a vehicle turns by less than the noise of a picture."""
 _CANDIDATES = 8
 _LONGEST_GAP_S = 0.5
 """Over longer turns the turn says little about the rate."""
@@ -206,11 +204,13 @@ def _fit(turns: Turns, readings: InertialReadings, lag_s: float) -> _Fit | None:
     clock = None if residuals is None else clock_of(residuals, turns.gain_error)
     if residuals is None or clock is None or not clock.pieces[0].known:
         return None
-    delay_s, std_s = _finer(moved, near, clock)
+    piece = clock.pieces[0]
+    if len(clock.pieces) == 1:
+        piece = finer(piece, moved.stamps_s, moved.w_R_b, moved.chain, near)
     found = ClockAlignment(
         middle_s=middle_s + lag_s,
-        lag_s=lag_s + delay_s,
-        lag_std_s=std_s,
+        lag_s=lag_s + piece.delay_s,
+        lag_std_s=piece.std_s,
         drift=drift,
         drift_std=drift_std,
         b_R_m=b_R_m,
@@ -222,19 +222,6 @@ def _fit(turns: Turns, readings: InertialReadings, lag_s: float) -> _Fit | None:
     count = int(np.ptp(turns.stamps_s) / _BLOCK_S) + 2
     blocks = np.bincount(number.astype(np.int64), _evidence(residuals), count)
     return _Fit(found, np.asarray(blocks, dtype=np.float64))
-
-
-def _finer(turns: Turns, readings: InertialReadings, clock: PictureClock) -> tuple[float, float]:
-    """Return the delay and its deviation from a search with fine steps around that of ``clock``."""
-    piece = clock.pieces[0]
-    if len(clock.pieces) > 1:
-        return piece.delay_s, piece.std_s
-    straight = turns.after(piece.delay_s)
-    fine = delay_residuals(straight.stamps_s, straight.w_R_b, straight.chain, readings, _FINE_S, _FINE_STEP_S)
-    if fine is None or len(fine.begin_s) < LEAST_TURNS:
-        return piece.delay_s, piece.std_s
-    finer = piece_of(fine, 0.0)
-    return piece.delay_s + finer.delay_s, finer.std_s
 
 
 def _residuals(turns: Turns, readings: InertialReadings, reach_s: float) -> DelayResiduals | None:
@@ -285,8 +272,10 @@ def _drift(residuals: DelayResiduals) -> tuple[float, float]:
     windows = min(_WINDOWS, len(residuals.begin_s) // LEAST_TURNS)
     if windows < 2:
         return 0.0, LARGEST_DRIFT
+    # What the sampling of the gyro leaves open is common to all windows.
+    apart = replace(residuals, sampling_std_s=0.0)
     parts = [
-        residuals.part(slice(int(rows[0]), int(rows[-1]) + 1))
+        apart.part(slice(int(rows[0]), int(rows[-1]) + 1))
         for rows in np.array_split(np.arange(len(residuals.begin_s)), windows)
     ]
     pieces = [piece_of(part, 0.0) for part in parts]

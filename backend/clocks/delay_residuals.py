@@ -20,6 +20,7 @@ from scipy.linalg import cholesky_banded, lapack
 from scipy.spatial.transform import Rotation
 
 from backend import quaternions
+from backend.clocks.sampling import sampling_std_s
 from backend.measurements import InertialReadings
 
 Array = NDArray[np.float64]
@@ -59,6 +60,8 @@ class DelayResiduals:
     """(n, 3) turns by the pictures."""
     difference_rad: Array
     """(n, g, 3)."""
+    sampling_std_s: float = 0.0
+    """Standard deviation of an error of all delays alike, from the sampling of the gyro."""
 
     def part(self, turns: slice) -> DelayResiduals:
         """Return the residuals of some turns that follow each other."""
@@ -165,7 +168,9 @@ def residuals_at(
         difference = quaternions.product(back_by_gyro, turned[:, None])
         difference_rad[:, some] = quaternions.rotation_vectors(difference)
     turn_rad = quaternions.rotation_vectors(turned)
-    return DelayResiduals(delays_s, stamps_s[first], stamps_s[last], turn_rad, difference_rad)
+    begin_s, end_s = stamps_s[first], stamps_s[last]
+    sampling = sampling_std_s(readings, float(np.median(end_s - begin_s)))
+    return DelayResiduals(delays_s, begin_s, end_s, turn_rad, difference_rad, sampling)
 
 
 def gyro_attitudes(readings: InertialReadings, stamps_s: Array) -> Array:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from backend.clocks.delay_residuals import (
     DelayResiduals,
     delay_residuals,
+    residuals_at,
+    thinned,
     turn_costs,
 )
 from backend.clocks.grid_posterior import grid_posterior
@@ -31,6 +33,9 @@ LEAST_TURNS = 15
 _BLOCKS = 12
 """Blocks of time whose scores are compared."""
 _ROUNDS = 3
+_FINE_STEP_S, _FINE_S = 0.001, NOTABLE_S
+"""Step and reach of the search around a delay: within a step, a lively vehicle changes its rate by less than
+the noise of gyro and pictures."""
 _AS_LIKELY = 9.0
 """Difference of a log-likelihood, times -2, that is three standard deviations."""
 GAIN_ERROR, _GAIN_SURE = 0.1, 3.0
@@ -47,7 +52,10 @@ class ClockPiece:
     delay_s: float
     """Mean of the posterior: how much later a picture is stamped than the gyro's reading of that moment."""
     std_s: float
-    """Standard deviation of the posterior, which covers all delays that explain the turns as well."""
+    """Standard deviation of the posterior, which covers all delays that explain the turns as well, and what
+    the sampling of the gyro leaves open."""
+    far_std_s: float = 0.0
+    """Its share from delays that are farther away than the reach of the finer search."""
 
     @property
     def known(self) -> bool:
@@ -70,9 +78,10 @@ class PictureClock:
 
     def stds_at(self, stamps_s: Array) -> Array:
         """Return the standard deviation (n,) of the delay of pictures stamped ``stamps_s`` (n,)."""
-        return np.array([piece.std_s for piece in self.pieces])[self._numbers(stamps_s)]
+        return np.array([piece.std_s for piece in self.pieces])[self.numbers_at(stamps_s)]
 
-    def _numbers(self, stamps_s: Array) -> NDArray[np.int64]:
+    def numbers_at(self, stamps_s: Array) -> NDArray[np.int64]:
+        """Return the number of the piece (n,) of pictures stamped ``stamps_s`` (n,)."""
         return np.searchsorted([piece.begin_s for piece in self.pieces[1:]], stamps_s, side="right")
 
     def delayed(self, delay_s: float, std_s: float) -> PictureClock:
@@ -84,7 +93,7 @@ class PictureClock:
     def delays_at(self, stamps_s: Array) -> Array:
         """Return the delay (n,) of pictures stamped ``stamps_s`` (n,); 0 where it is not known."""
         delays_s = [piece.delay_s if piece.known else 0.0 for piece in self.pieces]
-        return np.array(delays_s)[self._numbers(stamps_s)]
+        return np.array(delays_s)[self.numbers_at(stamps_s)]
 
 
 def picture_clock(
@@ -97,7 +106,15 @@ def picture_clock(
     the delay.
     """
     residuals = delay_residuals(stamps_s, w_R_b, chain, readings)
-    return None if residuals is None else clock_of(residuals)
+    clock = None if residuals is None else clock_of(residuals)
+    if clock is None:
+        return None
+    number = clock.numbers_at(stamps_s)
+    pieces = [
+        finer(piece, stamps_s[number == k], w_R_b[number == k], chain[number == k], readings)
+        for k, piece in enumerate(clock.pieces)
+    ]
+    return replace(clock, pieces=tuple(pieces))
 
 
 def clock_of(residuals: DelayResiduals, gain_error: float = GAIN_ERROR) -> PictureClock | None:
@@ -119,9 +136,30 @@ def piece_of(residuals: DelayResiduals, begin_s: float) -> ClockPiece:
     delays_s, weight = grid_posterior(residuals.delays_s, turn_cost.sum(axis=0))
     mean_s = float(weight @ delays_s)
     weight = grid_posterior(residuals.delays_s, robust_cost(turn_cost))[1]
+    off_s = delays_s - mean_s
     # A width below the step of the grid is not resolved.
-    std_s = np.sqrt(weight @ (delays_s - mean_s) ** 2 + (delays_s[1] - delays_s[0]) ** 2 / 12)
-    return ClockPiece(begin_s, mean_s, float(std_s))
+    variance = weight @ off_s**2 + (delays_s[1] - delays_s[0]) ** 2 / 12 + residuals.sampling_std_s**2
+    far = weight @ np.where(np.abs(off_s) > _FINE_S, off_s, 0.0) ** 2
+    return ClockPiece(begin_s, mean_s, float(np.sqrt(variance)), float(np.sqrt(far)))
+
+
+def finer(
+    piece: ClockPiece, stamps_s: Array, w_R_b: Array, chain: NDArray[np.int64], readings: InertialReadings
+) -> ClockPiece:
+    """Return the piece after a search with small steps around its delay; itself where its width exceeds them.
+
+    The arguments are those of ``picture_clock`` for the pictures of the piece. In a lively flight the
+    likelihood is narrower than a step of the search over all delays.
+    """
+    if 4 * np.sqrt(piece.std_s**2 - piece.far_std_s**2) > _FINE_S:
+        return piece
+    rows, steps = thinned(stamps_s), round(_FINE_S / _FINE_STEP_S)
+    delays_s = piece.delay_s + _FINE_STEP_S * np.arange(-steps, steps + 1, dtype=np.float64)
+    residuals = residuals_at(delays_s, stamps_s[rows], w_R_b[rows], chain[rows], readings)
+    if residuals is None or len(residuals.begin_s) < LEAST_TURNS:
+        return piece
+    found = piece_of(residuals, piece.begin_s)
+    return replace(found, std_s=float(np.hypot(found.std_s, piece.far_std_s)), far_std_s=piece.far_std_s)
 
 
 def robust_cost(turn_cost: Array) -> Array:
