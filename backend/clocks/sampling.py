@@ -40,7 +40,7 @@ def sampling_std_s(readings: InertialReadings, turn_s: float) -> float:
     noise, in_jumps, _ = np.linalg.lstsq(terms, near_zero, rcond=None)[0].tolist()
     changed = _variogram(readings, over) - noise
     share = np.clip(in_jumps * over / changed, 0.0, 1.0) if changed > 0 else 0.0
-    return float(share) * step_s / np.sqrt(12.0)
+    return float(share * step_s / np.sqrt(12.0))
 
 
 def _variogram(readings: InertialReadings, lag: int) -> float:
