@@ -106,9 +106,14 @@ class ControlPoint:
         return replace(self, keyframe=keyframe, pixel=self.pixel[mine])
 
 
+LensModel = Literal["brown", "equidistant"]
+"""Models of a lens: radial and tangential distortion of a pinhole (Brown 1966), or an equidistant fisheye
+(Kannala and Brandt 2006; OpenCV's fisheye)."""
+
+
 @dataclass(frozen=True)
 class PinholeModel:
-    """Mounting and projection of a pinhole camera with distortion, and how well each number is known.
+    """Mounting and projection of a camera with distortion, and how well each number is known.
 
     Pixel coordinates follow OpenCV (the centre of the first pixel is (0, 0)) and are those of the recorded
     picture. A standard deviation of 0 holds the numbers that it belongs to; others are estimated.
@@ -118,8 +123,8 @@ class PinholeModel:
     center_px: tuple[float, float]
     b_T_c: Array
     """(4, 4)."""
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    """OpenCV's (k1, k2, p1, p2, k3)."""
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """OpenCV's (k1, k2, p1, p2, k3), or (k1, k2, k3, k4) of an equidistant fisheye."""
     focal_std_ratio: float = 0.0
     """Relative standard deviation of the focal length."""
     aspect_std_ratio: float = 0.0
@@ -127,11 +132,12 @@ class PinholeModel:
     center_std_px: float = 0.0
     """Standard deviation of the principal point along either axis."""
     radial_std: float = 0.0
-    """Standard deviation of k1, k2 and k3."""
+    """Standard deviation of k1, k2, k3 and k4."""
     tangential_std: float = 0.0
     """Standard deviation of p1 and p2."""
     mount_std_rad: float = 0.0
     """Standard deviation of the mount's tilt about the camera's x and y; 0 fixes the mount."""
+    lens: LensModel = "brown"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Pinhole camera with radial-tangential distortion, looking at a floor."""
+"""Camera with a distorting lens, looking at a floor."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from backend.measurements import LensModel
 
 Array = NDArray[np.float64]
 
@@ -26,7 +28,7 @@ class Camera:
     size_px: tuple[int, int]
     """(width, height)."""
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    """OpenCV's (k1, k2, p1, p2[, k3])."""
+    """OpenCV's (k1, k2, p1, p2[, k3]), or (k1, k2, k3, k4) of an equidistant fisheye."""
     b_T_c: Array = field(default_factory=lambda: NADIR_B_T_C.copy())
     """(4, 4) transform from camera to body coordinates."""
     focal_std_ratio: float = 0.0
@@ -36,13 +38,14 @@ class Camera:
     center_std_px: float = 0.0
     """Standard deviation of the principal point along either axis."""
     radial_std: float = 0.0
-    """Standard deviation of k1, k2 and k3."""
+    """Standard deviation of k1, k2, k3 and k4."""
     tangential_std: float = 0.0
     """Standard deviation of p1 and p2."""
     mount_std_rad: float = 0.0
     """Standard deviation of the tilt of the mount."""
     readout_s: float = 0.0
     """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
+    lens: LensModel = "brown"
 
     @property
     def matrix(self) -> Array:
@@ -65,8 +68,13 @@ class Camera:
 
     @property
     def is_distorted(self) -> bool:
-        """Whether any distortion coefficient differs from zero."""
-        return any(self.distortion)
+        """Whether the pictures differ from those of an ideal pinhole."""
+        return self.lens == "equidistant" or any(self.distortion)
+
+    @property
+    def all_distortion(self) -> tuple[float, ...]:
+        """The coefficients, with a k3 in Brown's model."""
+        return self.distortion if self.lens == "equidistant" else (*self.distortion, 0.0)[:5]
 
     @property
     def corners_px(self) -> Array:
@@ -81,11 +89,9 @@ class Camera:
             return pixel
         # OpenCV's default of five iterations leaves 0.15 px in the corners of a wide lens.
         stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-6)
-        return np.asarray(
-            cv2.undistortPoints(
-                pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix, criteria=stop
-            ).reshape(-1, 2)
-        )
+        undistort = cv2.fisheye.undistortPoints if self.lens == "equidistant" else cv2.undistortPoints
+        lens, K = np.array(self.distortion), self.matrix
+        return np.asarray(undistort(pixel[:, None], K, lens, P=K, criteria=stop).reshape(-1, 2))
 
     def recorded(self, pixel: Array) -> Array:
         """Return the distorted pixels (n, 2) of **undistorted** pixels (n, 2)."""
@@ -118,10 +124,31 @@ class Camera:
         pixel = np.full((len(c_p), 2), np.nan)
         front = c_p[:, 2] > 1e-9
         if front.any():
-            pixel[front] = cv2.projectPoints(
+            project = cv2.fisheye.projectPoints if self.lens == "equidistant" else cv2.projectPoints
+            pixel[front] = project(
                 c_p[front, None], np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion)
             )[0].reshape(-1, 2)
         return pixel
+
+    def recorded_maps(
+        self, node_H_ray: Array, size_px: tuple[int, int], matrix: Array | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the recorded pixel (u, v), each (h, w), of the nodes of a grid of ``size_px`` (w, h).
+
+        ``node_H_ray`` (3, 3) maps rays in camera axes to nodes. ``matrix`` (3, 3) is that of a picture of
+        another size, and the camera's own where it is missing.
+        """
+        init = cv2.fisheye if self.lens == "equidistant" else cv2
+        # OpenCV inverts its "new camera matrix" to map a node to a ray, and accepts any homography.
+        u, v = init.initUndistortRectifyMap(
+            self.matrix if matrix is None else matrix,
+            np.array(self.distortion),
+            np.eye(3),
+            node_H_ray,
+            size_px,
+            cv2.CV_32FC1,
+        )
+        return u, v
 
     def floor_H_image(self, w_T_b: Array, floor_z: float = 0.0) -> Array:
         """Return the homography (3, 3) from undistorted pixels to world (x, y) on the plane z = floor_z.

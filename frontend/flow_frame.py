@@ -60,8 +60,7 @@ class FlowFrame:
         H = to @ i_H_j @ np.linalg.inv(to)
         if self.camera.is_distorted:
             K = to @ self.camera.matrix
-            ray_H, lens = np.linalg.solve(K, H @ K), np.array(self.camera.distortion)
-            at = cv2.initUndistortRectifyMap(K, lens, ray_H, K, self.size_px, cv2.CV_32FC1)
+            at = self.camera.recorded_maps(H @ K, self.size_px, K)
             warped = cv2.remap(grey, *at, cv2.INTER_LINEAR, borderMode=border)
         else:
             warped = cv2.warpPerspective(grey, H, self.size_px, flags=cv2.INTER_LINEAR, borderMode=border)

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import LensModel
 from frontend.camera import Camera
 
 Array = NDArray[np.float64]
@@ -57,7 +58,9 @@ def rectifier(camera: Camera, size_px: tuple[int, int]) -> Rectifier | None:
     """Return the rectifier for pictures scaled to ``size_px`` (width, height); None without distortion."""
     if not camera.is_distorted:
         return None
-    return _rectifier(camera.focal_px, camera.center_px, camera.size_px, camera.distortion, size_px)
+    return _rectifier(
+        camera.focal_px, camera.center_px, camera.size_px, camera.distortion, camera.lens, size_px
+    )
 
 
 @lru_cache(maxsize=4)
@@ -66,10 +69,11 @@ def _rectifier(
     center_px: tuple[float, float],
     full_px: tuple[int, int],
     distortion: tuple[float, ...],
+    lens: LensModel,
     size_px: tuple[int, int],
 ) -> Rectifier:
     camera, scale = (
-        Camera(focal_px=focal_px, center_px=center_px, size_px=full_px, distortion=distortion),
+        Camera(focal_px=focal_px, center_px=center_px, size_px=full_px, distortion=distortion, lens=lens),
         np.array(full_px) / np.array(size_px),
     )
     first = -np.ceil(_MARGIN_RATIO * np.array(size_px))
@@ -102,8 +106,7 @@ def _to_recorded(camera: Camera, scale: Array, first: Array, step: int, count: N
     focal = np.array(camera.focal_px) / scale / step
     center = ((np.array(camera.center_px) + 0.5) / scale - 0.5 - first) / step
     matrix = np.array([[focal[0], 0, center[0]], [0, focal[1], center[1]], [0, 0, 1]])
-    lens, size = np.array(camera.distortion), (int(count[0]), int(count[1]))
-    maps = cv2.initUndistortRectifyMap(camera.matrix, lens, None, matrix, size, cv2.CV_32FC1)
+    maps = camera.recorded_maps(matrix, (int(count[0]), int(count[1])))
     # Values far outside the picture are clipped to keep them finite; they are marked invalid.
     return np.asarray(np.clip(np.nan_to_num(np.stack(maps, axis=-1), nan=-_LIMIT_PX), -_LIMIT_PX, _LIMIT_PX))
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE, WORLD_SIZE, rotation_jacobian, rotation_of
 from backend.bundle.floor_points import intersect_floor
-from backend.bundle.projections import CALIBRATION_SIZE, linearise
+from backend.bundle.projections import linearise
 from backend.bundle.robust import robust
 from backend.measurements import ControlPoint, FloorTracks, Measurements, PinholeModel
 from backend.se3 import cross_matrix
@@ -64,7 +64,7 @@ def add_control(
 ) -> None:
     """Add the views and the surveys of control points, both with robust losses.
 
-    ``lens`` (9,) is the calibration, or None where it is a variable.
+    ``lens`` (q,) is the calibration, or None where it is a variable.
     """
     kernel = gtsam.noiseModel.mEstimator.Huber.Create(weights.huber_sigmas)
     for number, point in enumerate(points):
@@ -82,7 +82,7 @@ def view_factor(
 ) -> gtsam.CustomFactor:
     """Return the factor of a point in a picture: projection minus ``pixel`` (2,).
 
-    ``lens`` (9,) as in `add_control`.
+    ``lens`` (q,) as in `add_control`.
     """
     keys = [pose_key, point_key] if lens is not None else [pose_key, point_key, CALIBRATION(0)]
 
@@ -99,8 +99,8 @@ def view_factor(
 
 
 def view(f_T_c: Array, point: Array, lens: Array, pixel: Array) -> tuple[Array, Array, Array, Array]:
-    """Return projection minus pixel (2,), with its Jacobians by pose (2, 6), point (2, 3) and lens (2, 9)."""
-    J_pose, J_point, J_lens = np.zeros((1, 2, 6)), np.zeros((1, 2, 3)), np.zeros((1, 2, CALIBRATION_SIZE))
+    """Return projection minus pixel (2,), with its Jacobians by pose (2, 6), point (2, 3) and lens (2, q)."""
+    J_pose, J_point, J_lens = np.zeros((1, 2, 6)), np.zeros((1, 2, 3)), np.zeros((1, 2, lens.size))
     first, pixels = np.zeros(1, dtype=np.int64), np.ascontiguousarray(pixel[None], dtype=float)
     right = linearise(
         np.ascontiguousarray(f_T_c[None]), point[None], np.ascontiguousarray(lens), first, first, pixels,

@@ -1,22 +1,26 @@
 """The calibration that all pictures share: what is told of it, and what a refinement has estimated.
 
-Its numbers are (fx, fy, cx, cy, k1, k2, p1, p2, k3), in OpenCV's notation.
+Its numbers are in OpenCV's notation. They are (fx, fy, cx, cy, k1, k2, p1, p2, k3) of Brown's model, and
+(fx, fy, cx, cy, k1, k2, k3, k4) of an equidistant fisheye.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import PinholeModel
+from backend.measurements import LensModel, PinholeModel
 
 Array = NDArray[np.float64]
 
-FOCAL, CENTER, DISTORTION = slice(0, 2), slice(2, 4), slice(4, 9)
-_RADIAL, _TANGENTIAL = [4, 5, 8], [6, 7]
-NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+FOCAL, CENTER = slice(0, 2), slice(2, 4)
+NAMES: Mapping[LensModel, tuple[str, ...]] = {
+    "brown": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"),
+    "equidistant": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
+}
 
 _HELD = 1e-5
 """Standard deviation of a number that is held; of the focal lengths as a ratio."""
@@ -24,8 +28,9 @@ _HELD = 1e-5
 
 @dataclass(frozen=True)
 class LensEstimate:
-    """A calibration that a refinement has estimated, each array (9,) in the order of ``NAMES``."""
+    """A calibration that a refinement has estimated, each array (q,) in the order of ``NAMES``."""
 
+    model: LensModel
     calibration: Array
     std: Array
     """Standard deviations; NaN if undetermined."""
@@ -49,19 +54,20 @@ def is_uncertain(camera: PinholeModel) -> bool:
 
 
 def told_calibration(camera: PinholeModel) -> Array:
-    """Return the calibration (9,) that is told."""
+    """Return the calibration (q,) that is told."""
     return np.array([*camera.focal_px, *camera.center_px, *camera.distortion])
 
 
 def told_covariance(camera: PinholeModel) -> Array:
-    """Return the covariance (9, 9) of the calibration that is told."""
+    """Return the covariance (q, q) of the calibration that is told."""
     focal = np.array(camera.focal_px)
-    sigmas = np.full(9, _HELD)
+    names = NAMES[camera.lens]
+    sigmas = np.full(len(names), _HELD)
     # Held relatively: in pixels the two focal lengths would be so strongly tied that digits are lost.
     sigmas[FOCAL] = focal * max(camera.aspect_std_ratio, _HELD)
     sigmas[CENTER] = max(camera.center_std_px, _HELD)
-    sigmas[_RADIAL] = max(camera.radial_std, _HELD)
-    sigmas[_TANGENTIAL] = max(camera.tangential_std, _HELD)
+    sigmas[[name[0] == "k" for name in names]] = max(camera.radial_std, _HELD)
+    sigmas[[name[0] == "p" for name in names]] = max(camera.tangential_std, _HELD)
     covariance = np.diag(sigmas**2)
     covariance[FOCAL, FOCAL] += camera.focal_std_ratio**2 * np.outer(focal, focal)
     return covariance

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, NoiseLevels
 from backend.bundle.lens import told_calibration
-from backend.bundle.projections import CALIBRATION_SIZE, linearise, residuals
+from backend.bundle.projections import linearise, residuals
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -28,7 +28,7 @@ class Cameras:
     f_T_c: Array
     """(n, 4, 4) poses, in mean heights."""
     calibration: Array
-    """(9,) numbers of the lens (`backend.bundle.projections`)."""
+    """(q,) numbers of the lens (`backend.bundle.projections`)."""
 
     @staticmethod
     def of(problem: BundleProblem, values: gtsam.Values) -> Cameras:
@@ -48,7 +48,7 @@ class LinearObservations:
     of_point: Array
     """(m, 2, 3)."""
     of_calibration: Array
-    """(m, 2, q), q = 9 numbers of the calibration, or 0 if it is fixed."""
+    """(m, 2, q) by the numbers of the calibration, q = 0 if it is fixed."""
     right: Array
     """(m, 2) minus the residuals."""
     prior_right: Array
@@ -110,7 +110,7 @@ class FloorObservations:
         """Linearise the observations at poses and points (t, 3)."""
         count = len(self.track)
         of_pose, of_point = np.empty((count, 2, 6)), np.empty((count, 2, 3))
-        of_calibration = np.empty((count, 2, CALIBRATION_SIZE if self_calibrates else 0))
+        of_calibration = np.empty((count, 2, cameras.calibration.size if self_calibrates else 0))
         right = linearise(
             cameras.f_T_c, point, cameras.calibration, self.keyframe, self.track, self.pixel,
             self.std_px, self.huber_sigmas, of_pose, of_point, of_calibration,

@@ -1,9 +1,11 @@
 """Projection of floor points into pictures, with derivatives and Huber's weights: numba kernels.
 
-The nine numbers of a calibration are (fx, fy, cx, cy, k1, k2, p1, p2, k3), in OpenCV's notation. Poses are
-perturbed on the right, rotation first.
+The numbers of a calibration are (fx, fy, cx, cy, k1, k2, p1, p2, k3) of a pinhole with distortion, or
+(fx, fy, cx, cy, k1, k2, k3, k4) of an equidistant fisheye, in OpenCV's notation: their count tells the model.
+Poses are perturbed on the right, rotation first.
 
-Source: Brown 1966 (distortion); Hartley and Zisserman 2004, section 7.4; Huber 1964.
+Source: Brown 1966 (distortion); Kannala and Brandt 2006 (fisheye); Hartley and Zisserman 2004, section 7.4;
+Huber 1964.
 """
 
 from __future__ import annotations
@@ -21,7 +23,11 @@ Index = NDArray[np.int64]
 
 discard_stale([Path(__file__)])
 
-CALIBRATION_SIZE = 9
+_EQUIDISTANT_SIZE = 8
+"""Numbers of an equidistant fisheye's calibration."""
+_ON_AXIS = 1e-8
+"""Squared image radius below which the radius of a fisheye is its series at the axis: the next term is then
+below the rounding."""
 
 
 @njit(cache=True)
@@ -36,7 +42,10 @@ def _in_camera(f_T_c: Array, point: Array) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def _distorted(calibration: Array, x: float, y: float) -> tuple[float, float]:
-    """Return image coordinates over the focal length with the radial and tangential distortion."""
+    """Return image coordinates over the focal length with the distortion of the lens."""
+    if len(calibration) == _EQUIDISTANT_SIZE:
+        stretch, _ = _equidistant(calibration, x * x + y * y)
+        return stretch * x, stretch * y
     k1, k2, p1, p2, k3 = calibration[4:]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -44,6 +53,20 @@ def _distorted(calibration: Array, x: float, y: float) -> tuple[float, float]:
         radial * x + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
         radial * y + 2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y),
     )
+
+
+@njit(cache=True)
+def _equidistant(calibration: Array, r2: float) -> tuple[float, float]:
+    """Return the recorded over the undistorted radius r of a fisheye, and its derivative by r, over r."""
+    k1, k2, k3, k4 = calibration[4:]
+    if r2 < _ON_AXIS:
+        return 1.0 + (k1 - 1.0 / 3.0) * r2, 2.0 * (k1 - 1.0 / 3.0)
+    r = math.sqrt(r2)
+    angle = math.atan(r)
+    a2 = angle * angle
+    stretch = angle / r * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+    slope = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
+    return stretch, (slope / (1.0 + r2) - stretch) / r2
 
 
 @njit(cache=True)
@@ -95,8 +118,8 @@ def linearise(
 ) -> Array:
     """Return minus the whitened residuals (m, 2), and fill in their Jacobians.
 
-    The Jacobians are ``of_pose`` (m, 2, 6), ``of_point`` (m, 2, 3) and ``of_calibration`` (m, 2, 9), or
-    (m, 2, 0) for a fixed calibration. Rows beyond Huber's limit have the square root of its weight. A point
+    The Jacobians are ``of_pose`` (m, 2, 6), ``of_point`` (m, 2, 3) and ``of_calibration`` (m, 2, q), q = 0
+    for a fixed calibration. Rows beyond Huber's limit have the square root of its weight. A point
     behind the camera has no derivatives.
     """
     count, lens = len(keyframe), of_calibration.shape[2] > 0
@@ -135,8 +158,13 @@ def linearise(
 def _by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
     """Fill in the Jacobian (2, 2) of the pixel by the undistorted image coordinates."""
     fx, fy = calibration[:2]
-    k1, k2, p1, p2, k3 = calibration[4:]
     r2 = x * x + y * y
+    if len(calibration) == _EQUIDISTANT_SIZE:
+        radial, growth = _equidistant(calibration, r2)
+        J[0, 0], J[0, 1] = fx * (radial + growth * x * x), fx * growth * x * y
+        J[1, 0], J[1, 1] = fy * growth * x * y, fy * (radial + growth * y * y)
+        return
+    k1, k2, p1, p2, k3 = calibration[4:]
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
     growth = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3))
     xx = radial + growth * x * x + 2.0 * p1 * y + 6.0 * p2 * x
@@ -148,13 +176,21 @@ def _by_ray(calibration: Array, x: float, y: float, J: Array) -> None:
 
 @njit(cache=True)
 def _by_calibration(calibration: Array, x: float, y: float, weight: float, J: Array) -> None:
-    """Fill in the Jacobian (2, 9) of the pixel by the calibration, times the weight."""
+    """Fill in the Jacobian (2, q) of the pixel by the calibration, times the weight."""
     fx, fy = calibration[:2]
     xd, yd = _distorted(calibration, x, y)
     r2 = x * x + y * y
     J[:] = 0.0
     J[0, 0], J[0, 2] = weight * xd, weight
     J[1, 1], J[1, 3] = weight * yd, weight
+    if len(calibration) == _EQUIDISTANT_SIZE:
+        angle = math.atan(math.sqrt(r2))
+        power = 1.0 if r2 < _ON_AXIS else angle / math.sqrt(r2)
+        for k in range(4):
+            power *= angle * angle
+            J[0, 4 + k] = weight * fx * power * x
+            J[1, 4 + k] = weight * fy * power * y
+        return
     terms = (
         (x * r2, y * r2),
         (x * r2 * r2, y * r2 * r2),

@@ -44,20 +44,19 @@ from backend.bundle.graph import (
     Variables,
     metric_jacobians,
     metric_poses,
-    start_calibration,
     start_variables,
 )
-from backend.bundle.inertial.graph import InertialPart, without_unused
-from backend.bundle.inertial.noise import estimate_inertial_noise, start_factors
-from backend.bundle.lens import LensEstimate, is_uncertain, told_covariance
-from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
-from backend.bundle.noise import estimate_noise, same_noise, start_noise
-from backend.bundle.position_redundancy import absorbed_positions
-from backend.bundle.projections import CALIBRATION_SIZE
+from backend.bundle.inertial.graph import InertialPart
+from backend.bundle.inertial.noise import start_factors
+from backend.bundle.lens import LensEstimate, told_calibration, told_covariance
+from backend.bundle.lens_choice import fisheye_by_evidence
+from backend.bundle.minimise import BundleMinimum, BundleOptimum
+from backend.bundle.noise import start_noise
 from backend.bundle.reported.graph import ReportedPart
+from backend.bundle.rounds import reported_noise, solve_rounds
 from backend.bundle.world import WorldTransform
 from backend.errors import BackendError
-from backend.measurements import NO_REPORTED_NOISE, Measurements, PinholeModel, ReportedNoise
+from backend.measurements import Measurements, PinholeModel
 from backend.pose_graph.solution import RangeErrors
 from backend.sparse_cholesky import SingularMatrixError
 
@@ -150,36 +149,14 @@ def refine(
         noise or nominal,
         height_m=nominal.height_m,
         inertial=start_factors(problem, at.values),
-        reported=_reported_noise(problem, at.values),
+        reported=reported_noise(problem, at.values),
     )
-    start = at.values
-    used = np.ones(len(tracks.track), bool)
-    iterations = 0
-    settled = False
-    for number in range(config.rounds):
-        if number == 1 and is_uncertain(camera):
-            # Only now, as the lens is less certain than the poses of a poor initial guess.
-            problem = replace(problem, self_calibrates=True)
-            at = start_calibration(at, camera)
-            # What the told lens does not explain is no outlier yet.
-            used = np.ones(len(tracks.track), bool)
-        cost = BundleCost.of(problem, noise, used, start)
-        last = settled or number + 1 == config.rounds
-        minimum = minimise_bundle(cost, at, 30, 1e-5 if last else 1e-3, on_step)
-        at, iterations = minimum.at, iterations + minimum.iterations
-        if last:
-            break
-        before = noise
-        optimum = BundleOptimum(cost, at, minimum.structure, noise, used)
-        factors, kept = estimate_inertial_noise(optimum)
-        absorbed = absorbed_positions(optimum)
-        noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
-        if number == 0:
-            # Once, because levels of a grid would keep the rounds from settling.
-            noise = replace(noise, reported=_reported_noise(problem, at.values))
-        settled = number > 0 and same_noise(before, noise) and bool(kept.all())
-        problem, at = _reintegrated(problem, at, kept, before.reported)
-    return _result(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+    solved = solve_rounds(problem, at, noise, at.values, on_step)
+    other = fisheye_by_evidence(solved.optimum, solved.minimum.error, at.values)
+    if other is None:
+        return _result(solved.optimum, solved.minimum, solved.iterations)
+    again = solve_rounds(*other, solved.optimum.noise, at.values, on_step)
+    return _result(again.optimum, again.minimum, solved.iterations + again.iterations)
 
 
 def _check_start(w_T_b: Array, camera: PinholeModel, floor_z_m: float) -> None:
@@ -235,30 +212,6 @@ def _scaled(reported: ReportedPart, at: Variables, camera: PinholeModel) -> Vari
     world[LOG_SCALE] += np.log(ratio) if ratio > 0 else 0.0
     values.update(WORLD, world)
     return replace(at, values=values)
-
-
-def _reported_noise(problem: BundleProblem, values: gtsam.Values) -> ReportedNoise:
-    """Return the noise of reported motion that the poses show."""
-    if problem.reported is None:
-        return NO_REPORTED_NOISE
-    return problem.reported.noise(values, WorldTransform(values.atVector(WORLD), problem.camera.b_T_c))
-
-
-def _reintegrated(
-    problem: BundleProblem, at: Variables, kept: NDArray[np.bool_], noise: ReportedNoise
-) -> tuple[BundleProblem, Variables]:
-    """Integrate the ``kept`` intervals (k,) of inertial readings about the estimated biases and delay.
-
-    ``noise`` of reported motion was assumed for the variables.
-    """
-    reported = None if problem.reported is None else problem.reported.updated(at.values, noise)
-    problem, before = replace(problem, reported=reported), problem.inertial
-    if before is None:
-        return problem, at
-    part = before.reintegrated(at.values, kept)
-    others = () if reported is None else reported.path.keys
-    values = without_unused(at.values, None, others) if part is None else part.continued(at.values, before)
-    return replace(problem, inertial=part), replace(at, values=values)
 
 
 def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> tuple[Array, Array]:
@@ -318,7 +271,7 @@ def _covariances(optimum: BundleOptimum) -> tuple[Array, Array]:
     """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world, and the calibration's (q, q),
     q = 0 if it is held; NaN if undetermined."""
     poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
-    q = CALIBRATION_SIZE if optimum.problem.self_calibrates else 0
+    q = told_calibration(optimum.problem.camera).size if optimum.problem.self_calibrates else 0
     try:
         reduced = optimum.linearise().eliminate()
         return reduced.joint_covariances(poses, WORLD), reduced.calibration_covariance
@@ -328,7 +281,8 @@ def _covariances(optimum: BundleOptimum) -> tuple[Array, Array]:
 
 def _lens(problem: BundleProblem, values: gtsam.Values, covariance: Array) -> LensEstimate:
     told = np.sqrt(np.diag(told_covariance(problem.camera)))
-    return LensEstimate(values.atVector(CALIBRATION(0)), np.sqrt(np.diag(covariance)), told)
+    found, std = values.atVector(CALIBRATION(0)), np.sqrt(np.diag(covariance))
+    return LensEstimate(problem.camera.lens, found, std, told)
 
 
 def _conditional_scale_std(covariance: Array) -> float:

@@ -16,28 +16,40 @@ from backend.bundle.graph import WORLD
 from backend.bundle.lens import CENTER, FOCAL, NAMES
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
-from backend.bundle.projections import CALIBRATION_SIZE, distorted
+from backend.bundle.projections import distorted
 from backend.bundle.reduced_system import LinearSystem
+from backend.measurements import LensModel
 
 Array = NDArray[np.float64]
 Kind = Literal["radial", "decentring", "principal point", "position offset"]
 
-_NUMBERS: Mapping[Kind, list[int]] = {
-    "radial": [NAMES.index("k1"), NAMES.index("k2")],
-    "decentring": [NAMES.index("p1"), NAMES.index("p2")],
-    "principal point": [NAMES.index("cx"), NAMES.index("cy")],
+_NUMBERS: Mapping[Kind, tuple[str, str]] = {
+    "radial": ("k1", "k2"),
+    "decentring": ("p1", "p2"),
+    "principal point": ("cx", "cy"),
 }
 """Numbers of the calibration that each kind of error changes."""
 LENS_KINDS: tuple[Kind, ...] = tuple(_NUMBERS)
 _POSITION_ROWS = 3
 
 
-def lens_displacement(kind: Kind, coefficients: Array, xy: Array) -> Array:
+def _numbers(model: LensModel) -> dict[Kind, list[int]]:
+    """Return the places in the calibration of each kind of error that the model of the lens has."""
+    names = NAMES[model]
+    return {
+        kind: [names.index(name) for name in changed]
+        for kind, changed in _NUMBERS.items()
+        if set(changed) <= set(names)
+    }
+
+
+def lens_displacement(model: LensModel, kind: Kind, coefficients: Array, xy: Array) -> Array:
     """Return by how much a lens error displaces image points ``xy`` (m, 2), both over the focal length."""
-    ideal = np.zeros(CALIBRATION_SIZE)
+    ideal, xy = np.zeros(len(NAMES[model])), np.ascontiguousarray(xy)
     ideal[FOCAL] = 1.0
-    ideal[_NUMBERS[kind]] = coefficients
-    return distorted(ideal, np.ascontiguousarray(xy)) - xy
+    wrong = ideal.copy()
+    wrong[_numbers(model)[kind]] += coefficients
+    return distorted(wrong, xy) - distorted(ideal, xy)
 
 
 @dataclass(frozen=True)
@@ -86,7 +98,7 @@ def _of_pixels(optimum: BundleOptimum, rows: int) -> dict[Kind, Array]:
     by_lens = by_lens.reshape(-1, by_lens.shape[2])
     by_lens[:, CENTER] *= cameras.calibration[FOCAL]
     columns: dict[Kind, Array] = {}
-    for kind, numbers in _NUMBERS.items():
+    for kind, numbers in _numbers(optimum.problem.camera.lens).items():
         columns[kind] = np.zeros((rows, len(numbers)))
         columns[kind][: len(by_lens)] = by_lens[:, numbers]
     return columns

@@ -107,16 +107,7 @@ def pixel_maps(camera: Camera, view: MosaicView, lattice: Lattice) -> tuple[Floa
 
 def homography_maps(camera: Camera, ray_H_node: Array, rows: int, cols: int) -> tuple[Float32, Float32]:
     """Return the distorted pixel (u, v) (rows, cols) of nodes whose rays a homography (3, 3) gives."""
-    # OpenCV inverts its "new camera matrix" to map a node to a ray, and accepts any homography.
-    u, v = cv2.initUndistortRectifyMap(
-        camera.matrix,
-        np.array(camera.distortion),
-        np.eye(3),
-        np.linalg.inv(ray_H_node),
-        (cols, rows),
-        cv2.CV_32FC1,
-    )
-    return _clipped(camera, u, v)
+    return _clipped(camera, *camera.recorded_maps(np.asarray(np.linalg.inv(ray_H_node), float), (cols, rows)))
 
 
 def raised_maps(

@@ -159,7 +159,8 @@ class InstrumentErrors:
     picture_clock: ClockErrors | None = None
     """None without a gyro that explains how the pictures turn."""
     lens: Mapping[str, LensNumber] | None = None
-    """Numbers of the lens by their names (fx, fy, cx, cy, k1, k2, p1, p2, k3); None where all are certain."""
+    """Numbers of the lens by their names; None where all are certain. They are fx, fy, cx, cy, k1, k2, p1, p2
+    and k3, or fx, fy, cx, cy, k1, k2, k3 and k4 of an equidistant fisheye."""
     velocity: VelocityErrors | None = None
     """None where the map does not use the velocity."""
     barometer: BarometerErrors | None = None

@@ -322,4 +322,10 @@ def calibrated(camera: Camera, bundle: Bundle) -> Camera:
     if bundle.lens is None:
         return camera
     fx, fy, cx, cy, *distortion = bundle.lens.calibration.tolist()
-    return replace(camera, focal_px=(fx, fy), center_px=(cx, cy), distortion=tuple(distortion))
+    return replace(
+        camera,
+        focal_px=(fx, fy),
+        center_px=(cx, cy),
+        distortion=tuple(distortion),
+        lens=bundle.lens.model,
+    )

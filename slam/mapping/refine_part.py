@@ -65,16 +65,16 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
 
 
 def _model(camera: Camera) -> PinholeModel:
-    k1, k2, p1, p2, k3 = (*camera.distortion, 0.0)[:5]
     return PinholeModel(
         focal_px=camera.focal_px,
         center_px=camera.center_px,
         b_T_c=camera.b_T_c,
-        distortion=(k1, k2, p1, p2, k3),
+        distortion=camera.all_distortion,
         focal_std_ratio=camera.focal_std_ratio,
         aspect_std_ratio=camera.aspect_std_ratio,
         center_std_px=camera.center_std_px,
         radial_std=camera.radial_std,
         tangential_std=camera.tangential_std,
         mount_std_rad=camera.mount_std_rad,
+        lens=camera.lens,
     )

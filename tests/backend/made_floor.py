@@ -59,6 +59,8 @@ class Scene:
     """True focal length over the one that is told."""
     radial: float = 0.0
     """True k1."""
+    fisheye: tuple[float, float, float, float] | None = None
+    """True k1 to k4 of an equidistant fisheye; None for Brown's model."""
     tangential: tuple[float, float] = (0.0, 0.0)
     """True p1 and p2."""
     center_off_px: tuple[float, float] = (0.0, 0.0)
@@ -77,7 +79,7 @@ class Made:
     floor_z_m: float
     slope_rad: tuple[float, float]
     lens: np.ndarray
-    """(9,) true fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    """True fx, fy, cx, cy, and k1, k2, p1, p2, k3 or the k1, k2, k3, k4 of a fisheye."""
 
 
 def make(scene: Scene, seed: int) -> Made:
@@ -123,12 +125,17 @@ def _heights(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple
 def _lens(scene: Scene) -> np.ndarray:
     focal_px = scene.focal_ratio * np.array(scene.camera.focal_px)
     center_px = np.array(scene.camera.center_px) + scene.center_off_px
-    return np.array([*focal_px, *center_px, scene.radial, 0.0, *scene.tangential, 0.0])
+    brown = scene.radial, 0.0, *scene.tangential, 0.0
+    return np.array([*focal_px, *center_px, *(scene.fisheye or brown)])
 
 
 def _recorded(xy: np.ndarray, lens: np.ndarray) -> np.ndarray:
-    """Pixels (m, 2) of directions (m, 2) at depth 1 (Brown 1966)."""
+    """Pixels (m, 2) of directions (m, 2) at depth 1 (Brown 1966; Kannala and Brandt 2006)."""
     x, y = xy.T
+    if len(lens) == 8:
+        angle = np.arctan(np.hypot(x, y))
+        recorded = np.polyval([*lens[:3:-1], 1.0], angle**2) * angle
+        return xy * (recorded / np.hypot(x, y))[:, None] * lens[:2] + lens[2:4]
     k1, k2, p1, p2, k3 = lens[4:]
     r2 = x**2 + y**2
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
@@ -168,8 +175,8 @@ def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorT
         c_p = (point - pose[:3, 3]) @ pose[:3, :3]
         xy = c_p[:, :2] / c_p[:, 2:]
         pixel = _recorded(xy, lens)
-        # Beyond 45 degrees the distortion folds points back into the picture: a lens does not see them.
-        ahead = (c_p[:, 2] > 0) & (np.abs(xy) < 1).all(axis=1)
+        # Beyond 45 degrees Brown's distortion folds points back into the picture: a lens does not see them.
+        ahead = (c_p[:, 2] > 0) & (np.abs(xy) < (1.0 if scene.fisheye is None else 3.0)).all(axis=1)
         seen = np.flatnonzero(ahead & (pixel > 0).all(axis=1) & (pixel < scene.size_px).all(axis=1))
         pixel = pixel[seen] + noise[k, seen]
         rows += [(k, t, *p) for t, p in zip(seen, pixel, strict=True)]

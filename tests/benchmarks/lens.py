@@ -39,7 +39,7 @@ def measure() -> list[Metric]:
         within("mean square of all errors over their variances", float(np.mean(whitened**2)), "", _BAND),
         *(
             reported(f"{name}: root mean square error", value, unit(name))
-            for name, value in zip(NAMES, rmse, strict=True)
+            for name, value in zip(NAMES["brown"], rmse, strict=True)
         ),
     ]
 

@@ -51,7 +51,9 @@ def camera_model(camera: Camera) -> tuple[str, tuple[float, ...]]:
     """Return COLMAP's name and parameters of the smallest model that describes a camera exactly."""
     fx, fy = camera.focal_px
     center = tuple(value + _PIXEL_CENTER for value in camera.center_px)
-    k1, k2, p1, p2, k3 = (*camera.distortion, *[0.0] * 5)[:5]
+    if camera.lens == "equidistant":
+        return "OPENCV_FISHEYE", (fx, fy, *center, *camera.distortion)
+    k1, k2, p1, p2, k3 = camera.all_distortion
     if k3:
         return "FULL_OPENCV", (fx, fy, *center, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
     if p1 or p2 or (fx != fy and (k1 or k2)):

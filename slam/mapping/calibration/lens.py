@@ -18,4 +18,4 @@ def lens_numbers(bundle: Bundle | None) -> Mapping[str, LensNumber] | None:
         lens.calibration.tolist(), lens.std.tolist(), told.tolist(), lens.told_std.tolist(),
         lens.is_estimated.tolist(), strict=True,
     )  # fmt: skip
-    return {name: LensNumber(*row) for name, row in zip(NAMES, rows, strict=True)}
+    return {name: LensNumber(*row) for name, row in zip(NAMES[lens.model], rows, strict=True)}

@@ -212,9 +212,8 @@ class _SystematicWarning:
 
 def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> _SystematicWarning:
     """Return the warning, with the accuracies that the same errors contradict."""
-    assert flight.camera is not None
     height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
-    line = systematic_warning(shared, flight.camera, height_m, map_.metric, flight.camera_file)
+    line = systematic_warning(shared, map_.camera, height_m, map_.metric, flight.camera_file)
     if not line:
         return _SystematicWarning()
     contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]

@@ -58,8 +58,8 @@ def systematic_warning(
 ) -> str:
     """Return the warning; empty where the errors concern no position and the covariances include them.
 
-    ``camera`` is the declared one, ``height_m`` its typical height over the floor. Lengths are metres if
-    ``metric``. ``camera_file`` says where a calibration is declared.
+    ``camera`` is the declared or estimated one, ``height_m`` its typical height over the floor. Lengths are
+    metres if ``metric``. ``camera_file`` says where a calibration is declared.
     """
     if found is None:
         return ""
@@ -95,7 +95,7 @@ def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) 
         u, v = coefficients * camera.focal_px
         return f"principal point off by {u:+.2g}, {v:+.2g} px"
     corners = camera.rays(camera.undistort(camera.corners_px))[:, :2]
-    displaced = lens_displacement(kind, coefficients, corners) * camera.focal_px
+    displaced = lens_displacement(camera.lens, kind, coefficients, corners) * camera.focal_px
     largest = float(np.linalg.norm(displaced, axis=1).max())
     if kind == "decentring":
         return f"tangential terms: {_figure(largest)} px at the corners"

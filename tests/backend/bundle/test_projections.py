@@ -8,8 +8,9 @@ import gtsam
 import numpy as np
 import pytest
 
-from backend.bundle.projections import CALIBRATION_SIZE, linearise, residuals, undistorted
+from backend.bundle.projections import linearise, residuals, undistorted
 
+FISHEYE = np.array([410.0, 390.0, 320.0, 240.0, 0.05, -0.03, 0.02, -0.01])
 CALIBRATION = np.array([410.0, 390.0, 320.0, 240.0, -0.2, 0.05, 0.01, -0.02, 0.03])
 OBSERVED = np.zeros(1, dtype=np.int64)
 
@@ -59,7 +60,7 @@ def test_rays_of_recorded_pixels_are_projected_onto_them() -> None:
 def test_the_jacobians_are_the_numeric_derivatives(seed: int, huber_sigmas: float) -> None:
     pose, point, pixel = scene(seed)
     std_px = 0.7
-    of_pose, of_point, of_calibration = (np.full((1, 2, d), np.nan) for d in (6, 3, CALIBRATION_SIZE))
+    of_pose, of_point, of_calibration = (np.full((1, 2, d), np.nan) for d in (6, 3, CALIBRATION.size))
     right = linearise(
         pose.matrix()[None], point[None], CALIBRATION, OBSERVED, OBSERVED, pixel[None],
         np.array([std_px]), huber_sigmas, of_pose, of_point, of_calibration,

@@ -90,14 +90,13 @@ def image(stamp_ns: int, jpeg: bytes) -> Message:
 
 def calibration(stamp_ns: int, camera: Camera) -> Message:
     """Return the camera of a picture."""
-    k1, k2, p1, p2, k3 = (*camera.distortion, 0.0)[:5]
     return CameraCalibration(
         timestamp=_time(stamp_ns),
         frame_id=CAMERA,
         width=camera.size_px[0],
         height=camera.size_px[1],
-        distortion_model="plumb_bob",
-        D=[k1, k2, p1, p2, k3],
+        distortion_model="plumb_bob" if camera.lens == "brown" else "kannala_brandt",
+        D=list(camera.all_distortion),
         K=camera.matrix.ravel().tolist(),
         R=np.eye(3).ravel().tolist(),
         P=np.column_stack([camera.matrix, np.zeros(3)]).ravel().tolist(),

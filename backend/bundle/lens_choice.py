@@ -1,0 +1,88 @@
+"""Choice between two models of an uncertain lens, Brown's and an equidistant fisheye, by their evidence.
+
+Where nothing is told of a distortion, its model is not told either. Both models are then fitted to the same
+observations at the same noise. The evidence of each is the marginal likelihood by Laplace's approximation:
+the likelihood at the optimum, and how much the flight narrows the priors of the numbers. What both models
+share, poses and points, contributes equally to both.
+
+Source: MacKay 2003, chapter 28 (Laplace's approximation, Occam's factor); Kass and Raftery 1995.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import K as CALIBRATION
+from numpy.typing import NDArray
+
+from backend.bundle.graph import BundleProblem, Variables
+from backend.bundle.lens import CENTER, FOCAL, told_covariance
+from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
+from backend.bundle.observations import Cameras
+from backend.bundle.projections import undistorted
+from backend.errors import BackendError
+from backend.sparse_cholesky import SingularMatrixError
+
+Array = NDArray[np.float64]
+
+_VERY_STRONG = 5.0
+"""Logarithm of the ratio of two marginal likelihoods from which the evidence is very strong (Kass and Raftery
+1995, section 3.2)."""
+_ITERATIONS = 30
+_TOLERANCE = 1e-3
+"""Relative change of the error at which the second model is fitted: as in the rounds before the last."""
+
+
+def fisheye_by_evidence(
+    optimum: BundleOptimum, error: float, start: gtsam.Values
+) -> tuple[BundleProblem, Variables] | None:
+    """Return problem and variables of an equidistant fisheye, if it explains the observations much better.
+
+    ``optimum`` has the ``error``, half the sum of squares, and ``start`` holds what nothing observes. The
+    result is None where the fisheye is not better, or where the model of the lens is told or held.
+    """
+    told = optimum.problem.camera
+    may_be = told.lens == "brown" and told.radial_std > 0 and not any(told.distortion)
+    if not (optimum.problem.self_calibrates and may_be):
+        return None
+    camera = replace(told, lens="equidistant", distortion=(0.0,) * 4)
+    problem = replace(optimum.problem, camera=camera)
+    values = gtsam.Values(optimum.values)
+    values.erase(CALIBRATION(0))
+    values.insert(CALIBRATION(0), _alike(optimum))
+    cost = BundleCost.of(problem, optimum.noise, optimum.used, start)
+    try:
+        found = minimise_bundle(cost, Variables(values, optimum.at.point), _ITERATIONS, _TOLERANCE)
+        fisheye = BundleOptimum(cost, found.at, found.structure, optimum.noise, optimum.used)
+        gain = _log_evidence(fisheye, found.error) - _log_evidence(optimum, error)
+    except (BackendError, SingularMatrixError):
+        return None
+    return (problem, found.at) if gain > _VERY_STRONG else None
+
+
+def _log_evidence(optimum: BundleOptimum, error: float) -> float:
+    """Return the logarithm of the marginal likelihood, but for what both models of the lens share.
+
+    Raises ``SingularMatrixError`` where the flight leaves a direction open.
+    """
+    posterior = optimum.linearise().eliminate().calibration_covariance
+    narrowed = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(told_covariance(optimum.problem.camera))[1]
+    return float(0.5 * narrowed - error)
+
+
+def _alike(optimum: BundleOptimum) -> Array:
+    """Return the calibration (8,) of the fisheye closest to the estimated lens at the observations."""
+    seen, prior = optimum.cost.observations, optimum.problem.camera
+    lens = Cameras.of(optimum.problem, optimum.values).calibration
+    xy = undistorted(lens, seen.pixel)
+    radius = np.maximum(np.linalg.norm(xy, axis=1), np.finfo(float).tiny)
+    recorded = np.sum((seen.pixel - lens[CENTER]) / lens[FOCAL] * xy, axis=1) / radius
+    powers = np.arctan(radius)[:, None] ** np.array([1, 3, 5, 7, 9])
+    weight = lens[0] / seen.std_px
+    # A narrow view does not tell all numbers: their priors keep them where they are told.
+    priors = np.diag([0.0] + [1 / prior.radial_std] * 4)
+    rows = np.vstack([powers * weight[:, None], priors])
+    ratio, *terms = np.linalg.lstsq(rows, np.append(recorded * weight, np.zeros(5)), rcond=None)[0]
+    return np.array([*(ratio * lens[FOCAL]), *lens[CENTER], *(np.array(terms) / ratio)])

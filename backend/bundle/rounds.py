@@ -1,0 +1,91 @@
+"""Rounds of a refinement: each solves, and then estimates the noise of the measurements from residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables, start_calibration
+from backend.bundle.inertial.graph import without_unused
+from backend.bundle.inertial.noise import estimate_inertial_noise
+from backend.bundle.lens import is_uncertain
+from backend.bundle.minimise import BundleCost, BundleMinimum, BundleOptimum, minimise_bundle
+from backend.bundle.noise import estimate_noise, same_noise
+from backend.bundle.position_redundancy import absorbed_positions
+from backend.bundle.world import WorldTransform
+from backend.measurements import NO_REPORTED_NOISE, ReportedNoise
+from backend.pose_graph.descent import OnStep
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The result of the last round."""
+
+    optimum: BundleOptimum
+    minimum: BundleMinimum
+    iterations: int
+    """Those of all rounds."""
+
+
+def solve_rounds(
+    problem: BundleProblem, at: Variables, noise: NoiseLevels, start: gtsam.Values, on_step: OnStep | None
+) -> Solved:
+    """Solve until the noise is settled, from the variables ``at``; ``start`` holds what nothing observes.
+
+    Raises ``BackendError`` if the problem cannot be solved.
+    """
+    tracks, camera, config = problem.tracks, problem.camera, problem.config
+    used = np.ones(len(tracks.track), bool)
+    iterations = 0
+    settled = False
+    for number in range(config.rounds):
+        if number == 1 and is_uncertain(camera) and not problem.self_calibrates:
+            # Only now, as the lens is less certain than the poses of a poor initial guess.
+            problem = replace(problem, self_calibrates=True)
+            at = start_calibration(at, camera)
+            # What the told lens does not explain is no outlier yet.
+            used = np.ones(len(tracks.track), bool)
+        cost = BundleCost.of(problem, noise, used, start)
+        last = settled or number + 1 == config.rounds
+        minimum = minimise_bundle(cost, at, 30, 1e-5 if last else 1e-3, on_step)
+        at, iterations = minimum.at, iterations + minimum.iterations
+        if last:
+            break
+        before = noise
+        optimum = BundleOptimum(cost, at, minimum.structure, noise, used)
+        factors, kept = estimate_inertial_noise(optimum)
+        absorbed = absorbed_positions(optimum)
+        noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
+        if number == 0:
+            # Once, because levels of a grid would keep the rounds from settling.
+            noise = replace(noise, reported=reported_noise(problem, at.values))
+        settled = number > 0 and same_noise(before, noise) and bool(kept.all())
+        problem, at = _reintegrated(problem, at, kept, before.reported)
+    return Solved(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+
+
+def reported_noise(problem: BundleProblem, values: gtsam.Values) -> ReportedNoise:
+    """Return the noise of reported motion that the poses show."""
+    if problem.reported is None:
+        return NO_REPORTED_NOISE
+    return problem.reported.noise(values, WorldTransform(values.atVector(WORLD), problem.camera.b_T_c))
+
+
+def _reintegrated(
+    problem: BundleProblem, at: Variables, kept: NDArray[np.bool_], noise: ReportedNoise
+) -> tuple[BundleProblem, Variables]:
+    """Integrate the ``kept`` intervals (k,) of inertial readings about the estimated biases and delay.
+
+    ``noise`` of reported motion was assumed for the variables.
+    """
+    reported = None if problem.reported is None else problem.reported.updated(at.values, noise)
+    problem, before = replace(problem, reported=reported), problem.inertial
+    if before is None:
+        return problem, at
+    part = before.reintegrated(at.values, kept)
+    others = () if reported is None else reported.path.keys
+    values = without_unused(at.values, None, others) if part is None else part.continued(at.values, before)
+    return replace(problem, inertial=part), replace(at, values=values)
