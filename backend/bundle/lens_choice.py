@@ -3,9 +3,11 @@
 Where nothing is told of a distortion, its model is not told either. Both models are then fitted to the same
 observations at the same noise. The evidence of each is the marginal likelihood by Laplace's approximation:
 the likelihood at the optimum, and how much the flight narrows the priors of the numbers. What both models
-share, poses and points, contributes equally to both.
+share, poses and points, contributes equally to both. The fisheye has no tangential terms, so Brown's model
+counts without them where these are superfluous.
 
-Source: MacKay 2003, chapter 28 (Laplace's approximation, Occam's factor); Kass and Raftery 1995.
+Source: MacKay 2003, chapter 28 (Laplace's approximation, Occam's factor); Kass and Raftery 1995; Dickey 1971
+(evidence without some of the numbers).
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, Variables
-from backend.bundle.lens import CENTER, FOCAL, told_covariance
+from backend.bundle.lens import CENTER, FOCAL, NAMES, told_calibration, told_covariance
 from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import undistorted
@@ -67,9 +69,16 @@ def _log_evidence(optimum: BundleOptimum, error: float) -> float:
 
     Raises ``SingularMatrixError`` where the flight leaves a direction open.
     """
-    posterior = optimum.linearise().eliminate().calibration_covariance
-    narrowed = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(told_covariance(optimum.problem.camera))[1]
-    return float(0.5 * narrowed - error)
+    camera = optimum.problem.camera
+    posterior, prior = optimum.linearise().eliminate().calibration_covariance, told_covariance(camera)
+    evidence = 0.5 * (np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(prior)[1]) - error
+    found = Cameras.of(optimum.problem, optimum.values).calibration - told_calibration(camera)
+    tangential = np.flatnonzero([name[0] == "p" for name in NAMES[camera.lens]])
+    if len(tangential) and camera.tangential_std > 0:
+        p, of_p = found[tangential], np.ix_(tangential, tangential)
+        narrowed = np.linalg.slogdet(prior[of_p])[1] - np.linalg.slogdet(posterior[of_p])[1]
+        evidence += max(0.5 * (narrowed - p @ np.linalg.solve(posterior[of_p], p)), 0.0)
+    return float(evidence)
 
 
 def _alike(optimum: BundleOptimum) -> Array:

@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 CAMERA = Camera((300.0, 305.0), (161.0, 117.5), (320, 240))
 FISHY = replace(CAMERA, distortion=(-0.25, 0.06, 0.002, -0.003))
+FISHEYE = replace(CAMERA, distortion=(0.05, -0.03, 0.02, -0.01), lens="equidistant")
 
 
 def mounted(turn_rad: tuple[float, float, float], b_p_c_m: tuple[float, float, float]) -> Camera:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from frontend.camera import Camera
 from frontend.homography import transfer
-from tests.frontend.floor_pairs import CAMERA, FISHY, body, look, mounted
+from tests.frontend.floor_pairs import CAMERA, FISHEYE, FISHY, body, look, mounted
 
 angle = st.floats(-0.4, 0.4)
 TURNED = mounted((0.3, -0.2, 1.0), (0.1, 0.05, -0.04))
@@ -34,7 +34,7 @@ def test_floor_homography_inverts_projection(
     np.testing.assert_allclose(camera.project(c_p), pixel, atol=1e-6)
 
 
-@pytest.mark.parametrize("camera", [CAMERA, FISHY, replace(FISHY, focal_px=(200.0, 200.0))])
+@pytest.mark.parametrize("camera", [CAMERA, FISHY, replace(FISHY, focal_px=(200.0, 200.0)), FISHEYE])
 def test_undistortion_inverts_projection(camera: Camera) -> None:
     u, v = np.meshgrid(np.linspace(0, 319, 17), np.linspace(0, 239, 13))
     pixel = np.column_stack([u.ravel(), v.ravel()])
@@ -52,6 +52,22 @@ def test_distortion_is_opencvs_radial_and_tangential_polynomial() -> None:
     yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     expected = np.array([[xd, yd]]) * FISHY.focal_px + FISHY.center_px
     np.testing.assert_allclose(FISHY.project(ray * 3), expected, atol=1e-9)
+
+
+def test_the_distance_of_a_fisheyes_pixel_is_a_polynomial_of_the_angle() -> None:
+    ray, angle = np.array([[0.4, -0.3, 1.0]]), np.arctan(0.5)
+    radius = angle + 0.05 * angle**3 - 0.03 * angle**5 + 0.02 * angle**7 - 0.01 * angle**9
+    expected = radius * np.array([[0.8, -0.6]]) * FISHEYE.focal_px + FISHEYE.center_px
+    np.testing.assert_allclose(FISHEYE.project(ray * 3), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", [FISHY, FISHEYE])
+def test_a_map_of_recorded_pixels_is_the_projection(camera: Camera) -> None:
+    size = width, height = camera.size_px
+    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    pixel = np.column_stack([u.ravel(), v.ravel()]).astype(float)
+    found = np.stack(camera.recorded_maps(camera.matrix, size), axis=-1).reshape(-1, 2)
+    np.testing.assert_allclose(found, camera.recorded(pixel), atol=1e-3)
 
 
 def test_recorded_pixels_are_those_that_undistortion_came_from() -> None:

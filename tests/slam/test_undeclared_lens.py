@@ -72,6 +72,25 @@ def test_a_fisheye_that_is_declared_as_a_pinhole_is_reported(view_deg: float) ->
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("view_deg", [64.0, 90.0])
+def test_a_fisheye_of_which_nothing_is_told_is_estimated(view_deg: float) -> None:
+    """As of photographs: a pinhole is declared, but no number of it is certain."""
+    flight = fisheye(view_deg, 0)
+    camera = flight.camera
+    assert camera is not None
+    uncertain = replace(camera, focal_std_ratio=0.03, center_std_px=2.0, radial_std=0.1, tangential_std=0.002)
+    estimate = optimize(replace(flight, camera=uncertain))
+    assert estimate.status == "ok"
+    lens = estimate.instruments.lens
+    assert lens is not None
+    true = dict(zip(lens, (*camera.focal_px, *camera.center_px, 0.0, 0.0, 0.0, 0.0), strict=True))
+    assert list(true) == ["fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"]
+    assert all(abs(lens[name].value - true[name]) < 3 * lens[name].std for name in lens)
+    assert lens["k1"].estimated
+    assert evaluate(estimate, flight).ate_m.rmse < 0.01, "0.13 m with the pinhole"
+
+
+@pytest.mark.slow
 def test_a_lens_that_is_declared_is_no_error() -> None:
     declared = optimize(flown(0, camera={"distortion": [-0.3, 0.0, 0.0, 0.0]}))
     assert declared.status == "ok"

@@ -46,6 +46,10 @@ WRONG_LENS = replace(
     tangential=(0.002, -0.001),
 )
 """A lens whose told calibration is wrong by a deviation in each number, and positions of an RTK receiver."""
+FISHEYE = replace(
+    WRONG_LENS, radial=0.0, tangential=(0.0, 0.0), fisheye=(0.05, -0.02, 0.0, 0.0), keyframes=16
+)
+"""An equidistant fisheye of which nothing is told: a pinhole without distortion is."""
 ROUGH = replace(SONAR, relief=0.03)
 SCENES = {
     "sonar": SONAR,

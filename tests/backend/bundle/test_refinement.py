@@ -201,7 +201,7 @@ def test_a_refinement_that_is_stopped_early_says_so(monkeypatch: pytest.MonkeyPa
     def one_step(cost: BundleCost, at: Variables, limit: int, *rest: object) -> BundleMinimum:
         return minimise_bundle(cost, at, 1, 0.0)
 
-    monkeypatch.setattr("backend.bundle.refinement.minimise_bundle", one_step)
+    monkeypatch.setattr("backend.bundle.rounds.minimise_bundle", one_step)
     assert refine(made.measurements, made.start).not_converged == "1 iterations done"
 
 

@@ -71,8 +71,8 @@ def test_an_undeclared_distortion_is_found_with_its_size(k1: float) -> None:
     assert list(found.coefficients) == ["radial"]
     assert found.alternatives == ()
     corner = np.array([CAMERA.center_px]) / CAMERA.focal_px
-    seen = lens_displacement("radial", np.array(found.coefficients["radial"]), corner)
-    true = lens_displacement("radial", np.array([k1, 0.0]), corner)
+    seen = lens_displacement("brown", "radial", np.array(found.coefficients["radial"]), corner)
+    true = lens_displacement("brown", "radial", np.array([k1, 0.0]), corner)
     np.testing.assert_allclose(seen, true, rtol=0.2)
     assert found.excess > 1.0
 

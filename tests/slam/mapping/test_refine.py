@@ -156,7 +156,7 @@ def test_a_part_that_cannot_be_refined_keeps_its_place_and_says_so():
 def test_the_camera_of_the_map_has_the_lens_that_was_estimated() -> None:
     declared = Camera((200.0, 200.0), (87.5, 71.5), (176, 144), (-0.3, 0.1, 0.004, -0.003))
     numbers = np.array([210.0, 209.0, 90.0, 70.0, -0.2, 0.05, 0.001, 0.002, 0.03])
-    lens = LensEstimate(numbers, np.ones(9), np.ones(9))
+    lens = LensEstimate("brown", numbers, np.ones(9), np.ones(9))
     found = calibrated(declared, SimpleNamespace(b_T_c=declared.b_T_c, lens=lens))  # type: ignore[arg-type]
     assert (*found.focal_px, *found.center_px, *found.distortion) == tuple(numbers.tolist())
     held = calibrated(declared, SimpleNamespace(b_T_c=declared.b_T_c, lens=None))  # type: ignore[arg-type]

@@ -66,6 +66,11 @@ def test_the_pose_goes_from_the_world_to_the_camera(tmp_path):
             "FULL_OPENCV",
             (100, 100, 32, 24, 0.1, 0.02, 0.003, 0.004, 0.05, 0, 0, 0),
         ),
+        (
+            {"distortion": (0.1, 0.02, 0.003, 0.004), "lens": "equidistant"},
+            "OPENCV_FISHEYE",
+            (100, 100, 32, 24, 0.1, 0.02, 0.003, 0.004),
+        ),
     ],
 )
 def test_the_lens_is_the_smallest_model(changes, model, params, tmp_path):
