@@ -5,8 +5,9 @@ import math
 import gtsam
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, RotationSpline
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Truth
 from tests.benchmarks import blind_dev, inertial_alone, inertial_bound, instruments
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
@@ -156,14 +157,26 @@ def test_an_accelerometer_on_an_arm_feels_how_the_arms_end_accelerates():
     end_m = w_T_b[:, :3, :3] @ arm_m
     accel = np.gradient(np.gradient(end_m, t, axis=0), t, axis=0)
     expected = np.einsum("nba,nb->na", w_T_b[:, :3, :3], accel)
-    found = inertial_alone.lever_force(Truth(t, w_T_b), t, arm_m)
+    turn = RotationSpline(t, Rotation.from_matrix(w_T_b[:, :3, :3]))
+    found = inertial_bound.lever_force(turn, t, arm_m)
     assert np.abs(found - expected)[10:-10].max() < 0.01 * np.abs(expected).max()
 
 
+def test_the_bound_of_the_scale_adds_noise_and_gain():
+    """A vehicle that sways without a tilt: gravity shows the gain as well as the offset along it is known."""
+    t, noise_std, gain_std, offset_m_s2 = np.arange(0, 20 * np.pi, 0.01), 0.7, 0.02, 0.2
+    w_v_m_s = np.column_stack([np.sin(t), 0 * t, 0 * t])
+    truth = Truth(t, np.tile(np.eye(4), (len(t), 1, 1)), w_v_m_s)
+    by_gravity = (offset_m_s2**2 + noise_std**2 / len(t)) / GRAVITY_M_S2**2
+    expected = noise_std**2 / np.sum(np.cos(t) ** 2) + 1 / (gain_std**-2 + 1 / by_gravity)
+    found = inertial_bound.scale_bound(truth, t, noise_std, gain_std, offset_m_s2, 0.05)
+    assert found == pytest.approx(np.sqrt(expected), rel=1e-3)
+
+
 def test_recovered_errors_are_judged_by_their_reported_deviations():
-    good = inertial_alone.Recovered(0, "ok", 0.4, 1.0, (0.5, -1.0, 1.9), (0.1, 0.1, 0.1), (1.0,))
-    bad = inertial_alone.Recovered(1, "ok", 0.8, 9.0, (5.0, -6.0, 7.0), (0.1, 0.1, 0.1), ())
-    none = inertial_alone.Recovered(2, "no map")
+    good = inertial_alone.Recovered(0, "ok", 0.6, 0.4, 1.0, (0.5, -1.0, 1.9), (0.1, 0.1, 0.1), (1.0,))
+    bad = inertial_alone.Recovered(1, "ok", 0.8, 0.8, 9.0, (5.0, -6.0, 7.0), (0.1, 0.1, 0.1), ())
+    none = inertial_alone.Recovered(2, "no map", 1.0)
     found = {m.key.split(":")[0].split(",")[0]: m for m in inertial_alone.figures([good, bad, none])}
     assert (found["lively flights of 3 with a metric scale"].value, found["error of the scale"].value) == (
         2, pytest.approx(0.6),
@@ -171,3 +184,5 @@ def test_recovered_errors_are_judged_by_their_reported_deviations():
     offset, arm = found["offset of the accelerometer"], found["lever arm of the accelerometer"]
     assert (offset.value, offset.met, arm.value, arm.met) == (50.0, False, 100.0, True)
     assert found["delay of the pictures"].value == 100.0
+    allowed = found["least median error of the scale that the noise of the accelerometer allows"]
+    assert allowed.value == pytest.approx(0.6745 * 0.8, rel=1e-4)

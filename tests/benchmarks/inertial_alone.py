@@ -16,17 +16,18 @@ from multiprocessing import get_context
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, RotationSpline
-from scipy.stats import binom
+from scipy.stats import binom, norm
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Truth
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.mapping.config import SensorTrust
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from tests.benchmarks.alone import print_alone
 from tests.benchmarks.calibration import judged
+from tests.benchmarks.inertial_bound import lever_force, scale_bound
 from tests.benchmarks.instrument_flights import ACCEL_OFFSET_M_S2, GYRO_OFFSET_RAD_S, corners
 from tests.benchmarks.metric import Metric, at_least, at_most, reported
 
@@ -34,6 +35,7 @@ FLIGHTS, CORES = 8, 2
 ARM_M, DELAY_S = 0.05, 0.03
 """Standard deviations of the lever arm along each axis, and of the delay of the pictures' clock."""
 SIGMAS, SHARE = 2.0, 0.95
+EXACT = "bound of Cramér and Rao, with pictures that show the path exactly"
 
 Array = NDArray[np.float64]
 
@@ -44,6 +46,9 @@ class Recovered:
 
     seed: int
     status: str
+    bound_percent: float
+    """Least standard deviation of the scale that any estimator of these readings has, if its pictures show
+    the path exactly."""
     scale_percent: float = np.nan
     """Absolute error of the map's lengths; NaN without metres."""
     scale_nees: float = np.nan
@@ -68,10 +73,14 @@ def figures(found: list[Recovered]) -> list[Metric]:
     percent = np.array([f.scale_percent for f in found])
     metric = np.isfinite(percent)
     median = float(np.median(percent[metric])) if metric.any() else np.nan
+    allowed = float(norm.ppf(0.75) * np.median([f.bound_percent for f in found]))
     worst = f"largest {np.max(percent[metric]):.3g} %" if metric.any() else ""
     metrics = [
         at_least(f"lively flights of {len(found)} with a metric scale", metric.sum(), "", len(found)),
         at_most("error of the scale, median", median, "%", 0.5, worst),
+        reported(
+            "least median error of the scale that the noise of the accelerometer allows", allowed, "%", EXACT
+        ),
     ]
     if metric.any():
         metrics += judged("scale", np.array([f.scale_nees for f in found])[metric], 1)
@@ -104,21 +113,28 @@ def fly(seed: int) -> Recovered:
     flight = lively(seed, rng)
     assert flight.imu is not None
     assert flight.truth is not None
-    accel_m_s2 = flight.imu.accel_m_s2 + lever_force(flight.truth, flight.imu.stamps_s, arm_m)
+    recorded, truth = flight.imu, flight.truth
+    turn = RotationSpline(truth.stamps_s, Rotation.from_matrix(truth.w_T_b[:, :3, :3]))
+    at_s = np.clip(recorded.stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
+    accel_m_s2 = recorded.accel_m_s2 + lever_force(turn, at_s, arm_m)
+    noise_std_m_s2 = recorded.accel_noise_density / np.sqrt(np.median(np.diff(recorded.stamps_s)))
+    bound = scale_bound(
+        truth, recorded.stamps_s, noise_std_m_s2, SensorTrust.accel_gain_std, ACCEL_OFFSET_M_S2, ARM_M
+    )
     imu = replace(
-        flight.imu,
+        recorded,
         accel_m_s2=gain * accel_m_s2 + offset_m_s2,
-        gyro_rad_s=flight.imu.gyro_rad_s + rng.normal(0, GYRO_OFFSET_RAD_S, 3),
+        gyro_rad_s=recorded.gyro_rad_s + rng.normal(0, GYRO_OFFSET_RAD_S, 3),
     )
     flight = replace(flight, imu=imu, sonar=None, velocity=None)
     late = flight.restamped(["frames"], lambda stamps_s: stamps_s + delay_s)
     try:
         estimate = optimize(late)
     except InputError as refused:
-        return Recovered(seed, f"no map: {refused}")
+        return Recovered(seed, f"no map: {refused}", 100 * bound)
     found = evaluate(estimate, flight)
     errors = estimate.instruments.accelerometer
-    result = Recovered(seed, estimate.status)
+    result = Recovered(seed, estimate.status, 100 * bound)
     if estimate.metric and estimate.scale_std is not None:
         result = replace(
             result,
@@ -150,16 +166,6 @@ def lively(seed: int, rng: np.random.Generator) -> Flight:
     assert flight.frames is not None
     pictures = [flight.frames.load(k) for k in range(len(flight.frames))]
     return replace(flight, frames=replace(flight.frames, load=pictures.__getitem__))
-
-
-def lever_force(truth: Truth, stamps_s: Array, arm_m: Array) -> Array:
-    """Return the specific force (n, 3) that an accelerometer at ``arm_m`` (3,) measures beyond that of the
-    body's origin, in body axes: ``alpha x r + omega x (omega x r)``."""
-    turn = RotationSpline(truth.stamps_s, Rotation.from_matrix(truth.w_T_b[:, :3, :3]))
-    at_s = np.clip(stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
-    rate, change = turn(at_s, 1), turn(at_s, 2)
-    arm = np.broadcast_to(arm_m, rate.shape)
-    return np.asarray(np.cross(change, arm) + np.cross(rate, np.cross(rate, arm)))
 
 
 if __name__ == "__main__":

@@ -1,19 +1,24 @@
-"""Accuracy that an inertial unit alone allows across a gap between pictures.
+"""Accuracy that an inertial unit allows: of the position across a gap between pictures, and of the scale.
 
-Near level, errors of tilt, velocity and position along a horizontal axis follow ``theta' = w_g``, ``v' = g
-theta + w_a``, ``p' = v`` with white noise of gyro and accelerometer. The integral of the noise over the gap
-has a closed form.
+Across a gap, near level, errors of tilt, velocity and position along a horizontal axis follow ``theta' =
+w_g``, ``v' = g theta + w_a``, ``p' = v`` with white noise of gyro and accelerometer. The integral of the
+noise over the gap has a closed form.
+
+The scale's bound is that of Cramér and Rao for pictures that show the path exactly, up to its scale.
 
 Source: Groves 2013, Principles of GNSS, Inertial and Multisensor Integrated Navigation Systems, section 5.7
-(errors of inertial navigation); Forster et al. 2017 (T-RO 33), section VI (covariance of preintegration).
+(errors of inertial navigation); Forster et al. 2017 (T-RO 33), section VI (covariance of preintegration); Van
+Trees 1968, Detection, Estimation, and Modulation Theory, Part I, section 2.4 (bound with priors).
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from backend.measurements import GRAVITY_M_S2
+from slam.core.flight import Truth
 
 Array = NDArray[np.float64]
 
@@ -50,3 +55,35 @@ def smoothing_bound_m(gap_s: float, gyro_density: float, accel_density: float) -
     P = gap_covariance(gap_s, gyro_density, accel_density)
     seen, hidden = P[:2, :2], P[2, :2]
     return float(np.sqrt(2 * (P[2, 2] - hidden @ np.linalg.solve(seen, hidden))))
+
+
+def scale_bound(
+    truth: Truth, stamps_s: Array, noise_std_m_s2: float, gain_std: float, offset_m_s2: float, arm_m: float
+) -> float:
+    """Return the least relative standard deviation of the scale by an accelerometer.
+
+    It reads the specific force at ``stamps_s`` (n,) with white noise, a gain, an offset and a lever arm,
+    whose standard deviations are given. All else is known: the attitudes, and the path up to its scale.
+    """
+    accel = np.gradient(truth.w_v_m_s, truth.stamps_s, axis=0)
+    accel = np.column_stack([np.interp(stamps_s, truth.stamps_s, axis) for axis in accel.T])
+    turn = RotationSpline(truth.stamps_s, Rotation.from_matrix(truth.w_T_b[:, :3, :3]))
+    at_s = np.clip(stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
+    b_R_w = turn(at_s).as_matrix().transpose(0, 2, 1)
+    b_accel = np.einsum("kab,kb->ka", b_R_w, accel)
+    weight = GRAVITY_M_S2 * b_R_w[:, :, 2]
+    by_scale_and_gain = np.stack([b_accel, b_accel + weight], axis=-1)
+    by_offset = np.tile(np.eye(3), (len(stamps_s), 1, 1))
+    by_arm = np.stack([lever_force(turn, at_s, axis) for axis in np.eye(3)], axis=-1)
+    jacobian = np.concatenate([by_scale_and_gain, by_offset, by_arm], axis=-1)
+    prior = [0.0, gain_std**-2, *[offset_m_s2**-2] * 3, *[arm_m**-2] * 3]
+    information = np.einsum("kai,kaj->ij", jacobian, jacobian) / noise_std_m_s2**2 + np.diag(prior)
+    return float(np.sqrt(np.linalg.inv(information)[0, 0]))
+
+
+def lever_force(turn: RotationSpline, stamps_s: Array, arm_m: Array) -> Array:
+    """Return the specific force (n, 3) that an accelerometer at ``arm_m`` (3,) measures beyond that of the
+    body's origin, in body axes: ``alpha x r + omega x (omega x r)``."""
+    rate, change = turn(stamps_s, 1), turn(stamps_s, 2)
+    arm = np.broadcast_to(arm_m, rate.shape)
+    return np.asarray(np.cross(change, arm) + np.cross(rate, np.cross(rate, arm)))
