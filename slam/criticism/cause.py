@@ -60,6 +60,11 @@ class Gain:
     """Open-loop roll-out errors before and after, by channel and horizon, and reprojection errors of
     pictures."""
 
+    @staticmethod
+    def of(parts: Array, by: str | None, channels: tuple[ChannelError, ...] = ()) -> Gain:
+        """Return the gain with these nats (n,) of each part."""
+        return Gain(float(parts.sum()), bootstrap_interval(parts), by, tuple(parts.tolist()), channels)
+
     @property
     def foremost(self) -> ChannelError | None:
         """The channel with the greatest relative gain two seconds ahead, or from picture to picture. It is

@@ -165,9 +165,8 @@ def with_coarser_noise(record: Record, model: Model) -> Record:
 def _span_s(flight: Flight) -> tuple[float, float] | None:
     """Return the stamps of the first reading and the last; None where there are none."""
     streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
-    if not streams:
-        return None
-    return min(float(s.stamps_s[0]) for s in streams), max(float(s.stamps_s[-1]) for s in streams)
+    stamps = [s.stamps_s for s in streams if len(s.stamps_s)]
+    return (min(float(s[0]) for s in stamps), max(float(s[-1]) for s in stamps)) if stamps else None
 
 
 def _pause(flight: Flight, record: Record) -> str:
@@ -198,13 +197,11 @@ def _unusable(flight: Flight) -> str:
 
 def _has_stick_motion(flight: Flight) -> bool:
     """Whether the stick moves while there are readings."""
-    streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
-    stamped = [s.stamps_s for s in streams if len(s.stamps_s)]
-    if flight.command is None or not stamped:
+    span_s = _span_s(flight)
+    if flight.command is None or span_s is None:
         return False
     stamps = flight.command.stamps_s
-    during = stamps >= min(float(s[0]) for s in stamped) - 1.0
-    during &= stamps <= max(float(s[-1]) for s in stamped)
+    during = (stamps >= span_s[0] - 1.0) & (stamps <= span_s[1] + 1.0)
     return bool((np.abs(np.nan_to_num(flight.command.stick[during])) >= LEAST_STICK).any())
 
 

@@ -69,6 +69,16 @@ def split_state(state: Array, full: Array, noise: Array) -> None:
     noise[GUST_Y] = state[GUST + 1] if state.shape[0] > GUST else 0.0
 
 
+@inner_kernel
+def _thrust_slopes(pitch: float, ahead: float, aside: float, parameters: Array) -> tuple[float, float, float]:
+    """Return the derivatives of the thrust to the side by roll, and of that ahead and to the side by
+    pitch."""
+    if parameters[SMALL_ANGLE] >= 0.5:
+        return -1.0, 1.0, 0.0
+    cosine = math.cos(pitch)
+    return -(1.0 / cosine + aside * aside * cosine), 1.0 + ahead * ahead, aside * ahead
+
+
 @kernel
 def jacobian(
     state: Array, command: Array, parameters: Array, rate: Array, matrix: Array, scratch: Scratch
@@ -85,11 +95,7 @@ def jacobian(
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
     rates(full, c, s, ahead, aside, command, noise, parameters, rate)
     matrix[:] = 0.0
-    by_roll, ahead_by_pitch, aside_by_pitch = -1.0, 1.0, 0.0
-    if parameters[SMALL_ANGLE] < 0.5:
-        cosine = math.cos(state[PITCH])
-        by_roll = -(1.0 / cosine + aside * aside * cosine)
-        ahead_by_pitch, aside_by_pitch = 1.0 + ahead * ahead, aside * ahead
+    by_roll, ahead_by_pitch, aside_by_pitch = _thrust_slopes(state[PITCH], ahead, aside, parameters)
     clear = state[Z] > parameters[GEAR] + parameters[FADE] + CLEAR_M and parameters[ROTOR_RADIUS] == 0.0
     for j in (Z, VX, VY, ROLL, PITCH, YAW):
         if j == Z and clear:

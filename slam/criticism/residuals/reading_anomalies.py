@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import gamma
 
-from slam.criticism.cause import Cause, Gain, Interval, bootstrap_interval
+from slam.criticism.cause import Cause, Gain, Interval
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import RANGE, SONAR
@@ -69,7 +69,7 @@ class ReadingAnomaly:
         total = sum(self.nats)
         lead = total - parameter_cost(1) - ONE_OF_ALL
         parts, by = (self.predicted_by_others, "flight") if self.predicted_by_others else (self.nats, None)
-        gain = Gain(sum(parts), bootstrap_interval(np.array(parts)), by, parts, ())
+        gain = Gain.of(np.array(parts), by)
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(
             name=self.name,
@@ -98,7 +98,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Rea
         kept.append(replace(record, values=values) if at.any() else record)
     if not any(map(len, stuck)):
         return list(records), []
-    interval = _interval("sonar_dead_zone", "limit", float(np.median(np.concatenate(stuck))), LIMIT_STD_M)
+    size = _sized("sonar_dead_zone", float(np.median(np.concatenate(stuck))), 1.96 * LIMIT_STD_M)
 
     def beside(own: Array, others: Sequence[Array]) -> float:
         """Return the nats of the flight's repeated readings at the others' limit."""
@@ -107,9 +107,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Rea
         return NATS_A_REPEAT * float(near.sum())
 
     nats = tuple(NATS_A_REPEAT * float(len(own)) for own in stuck)
-    return kept, [
-        ReadingAnomaly("sonar_dead_zone", {"limit": interval}, nats, predicted_by_others(stuck, beside))
-    ]
+    return kept, [ReadingAnomaly("sonar_dead_zone", size, nats, predicted_by_others(stuck, beside))]
 
 
 def predicted_by_others(
@@ -148,8 +146,8 @@ def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
     if share < HEALTHY_LOSS or sum(nats) < LOST_NATS:
         return []
     reach = 1.96 * share / float(np.sqrt(lost.sum()))
-    interval = Interval(share, "1", max(share - reach, 0.0), share + reach)
-    return [ReadingAnomaly("dropped_frames", {"share": interval}, nats, predicted_by_others(flights, beside))]
+    size = _sized("dropped_frames", share, reach)
+    return [ReadingAnomaly("dropped_frames", size, nats, predicted_by_others(flights, beside))]
 
 
 def _highlights(records: Sequence[Record]) -> list[ReadingAnomaly]:
@@ -180,9 +178,9 @@ def _moving_objects(records: Sequence[Record]) -> list[ReadingAnomaly]:
     if found == 0:
         return []
     reach = 1.96 * np.sqrt(found)
-    count = Interval(float(found), "1", max(found - reach, 1.0), found + reach)
+    size = _sized("moving_objects", float(found), float(reach), least=1.0)
     nats = tuple(NATS_A_PAIR * float(sum(flight)) for flight in passes)
-    return [ReadingAnomaly("moving_objects", {"count": count}, nats)]
+    return [ReadingAnomaly("moving_objects", size, nats)]
 
 
 def _spikes(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
@@ -199,9 +197,8 @@ def _spikes(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[Rea
     if count < FEWEST_SPIKES:
         return []
     share = count / total
-    std = np.sqrt(count) / total
-    interval = Interval(share, "1", max(share - 1.96 * std, 0.0), share + 1.96 * std)
-    return [ReadingAnomaly("sonar_spikes", {"share": interval}, tuple(NATS_A_SPIKE * c for c in counts))]
+    size = _sized("sonar_spikes", share, float(1.96 * (np.sqrt(count) / total)))
+    return [ReadingAnomaly("sonar_spikes", size, tuple(NATS_A_SPIKE * c for c in counts))]
 
 
 def ranges_of(records: Sequence[Record]) -> Array:
@@ -224,10 +221,10 @@ def _quantised(records: Sequence[Record]) -> list[ReadingAnomaly]:
     found = _quantisation(records)
     if found is None:
         return []
-    interval = _interval("sonar_quantisation", "step", found.step_m, STEP_STD_M)
+    size = _sized("sonar_quantisation", found.step_m, 1.96 * STEP_STD_M)
     nats = tuple(len(ranges_of([record])) * found.strength**2 for record in records)
     by_others = predicted_by_others(records, nats_by_others)
-    return [ReadingAnomaly("sonar_quantisation", {"step": interval}, nats, by_others)]
+    return [ReadingAnomaly("sonar_quantisation", size, nats, by_others)]
 
 
 def nats_by_others(own: Record, others: Sequence[Record]) -> float:
@@ -236,9 +233,10 @@ def nats_by_others(own: Record, others: Sequence[Record]) -> float:
     return step.nats_of(ranges) if step is not None and len(ranges) else 0.0
 
 
-def _interval(term: str, parameter: str, value: float, std: float) -> Interval:
-    unit = CATALOGUE[term].parameter(parameter).unit
-    return Interval(value, unit, value - 1.96 * std, value + 1.96 * std)
+def _sized(term: str, value: float, reach: float, least: float = 0.0) -> dict[str, Interval]:
+    """Return the size of a term's first parameter: a value and half its 95 % interval."""
+    size = CATALOGUE[term].parameters[0]
+    return {size.name: Interval(value, size.unit, max(value - reach, least), value + reach)}
 
 
 def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, str]]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, Gain, Interval, bootstrap_interval
+from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, Gain, Interval
 from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import LATE, Effect, catalogue_value
@@ -106,7 +106,7 @@ def causes_of(
                 name=effect.name,
                 probability=posterior.probability.get(effect.name, 0.0),
                 parameters=fitted_sizes(found.last, effect, found.chosen),
-                gain=Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
+                gain=Gain.of(own.nats, own.by, channels),
                 z=z,
                 lead_nats=posterior.lead_nats[place],
                 alternatives=posterior.alternatives[place],
@@ -127,9 +127,7 @@ def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
     probability = float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
     if probability <= cause.probability:
         return found
-    gain = replace(
-        cause.gain, nats=float(parts.sum()), ci95=bootstrap_interval(parts), parts=tuple(parts.tolist())
-    )
+    gain = Gain.of(parts, cause.gain.by, cause.gain.channels)
     return replace(found, gain=gain, probability=probability)
 
 

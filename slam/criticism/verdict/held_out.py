@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import bootstrap_interval
 from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -50,11 +49,6 @@ class HeldOut:
     def total(self) -> float:
         """Sum of the gains."""
         return float(self.nats.sum())
-
-    @property
-    def ci95(self) -> tuple[float, float]:
-        """95 % interval of the sum."""
-        return bootstrap_interval(self.nats)
 
 
 def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:

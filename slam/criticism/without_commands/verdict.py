@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.cause import LIKELY, Cause, ChannelError, Gain, Interval, bootstrap_interval
+from slam.criticism.cause import LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible_range
 from slam.criticism.search.thresholds import MISFIT
@@ -226,8 +226,7 @@ def _cause(
         half = float(np.hypot(data.wide * std, MISFIT * size[k]))
         value, low, high = (in_catalogue(column, float(size[k]) + x) for x in (0.0, -half, half))
         parameters[parameter.name] = Interval(value, parameter.unit, low, high)
-    gains = data.held_out(rest, effect)
-    gain = Gain(float(gains.sum()), bootstrap_interval(gains), data.by, tuple(gains.tolist()), errors)
+    gain = Gain.of(data.held_out(rest, effect), data.by, errors)
     place = in_place_of(data, chosen, effect)
     z = data.z(chosen, effect)
     return Cause(
