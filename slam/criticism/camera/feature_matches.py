@@ -69,8 +69,6 @@ class FeatureMatches:
     """(m, 4) mean level around the point in blue, green and red, and standard deviation of the grey levels.
     """
     tone_j: Array
-    registered: float
-    """Share of the successive pairs that could be registered."""
     missing: int
     """Number of pictures missing from the regular stamps."""
     taken: int
@@ -174,7 +172,6 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches 
     moving, cells = _laid_over(greys, i_H_j, camera)
     seen = [spots(dims[i], dims[j], a_H_b, camera) for (i, j), a_H_b in i_H_j.items()]
     bright = [(s.lagging, s.others, s.strength) for s in seen if s.lagging or s.others]
-    successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
     return FeatureMatches(
         camera=camera,
         stamps_s=stamps_s,
@@ -185,7 +182,6 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches 
         std_px=std,
         tone_i=tone_a,
         tone_j=tone_b,
-        registered=successive,
         missing=missing(frames.stamps_s),
         taken=len(frames),
         lens_distortion=lens_distortion,

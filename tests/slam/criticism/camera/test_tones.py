@@ -74,7 +74,7 @@ def made(
     cells = Cells(k, n, places[0], places[1], np.log(grey[0] / grey[1]))
     stamps = 0.25 * np.arange(PICTURES)
     matches = FeatureMatches(
-        CAMERA_AT, stamps, i, j, pixel[0], pixel[1], np.full(len(i), 0.2), tones[0], tones[1], 1.0, 0,
+        CAMERA_AT, stamps, i, j, pixel[0], pixel[1], np.full(len(i), 0.2), tones[0], tones[1], 0,
         PICTURES, LensDistortionMap(CAMERA_AT, PICTURES, np.zeros((2, COUNT, 2)), 0.0), cells,
     )  # fmt: skip
     poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))

@@ -59,7 +59,7 @@ def seen(taken: int, missing: int) -> FeatureMatches:
     camera = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
     at, tone = np.zeros((0, 2)), np.zeros((0, 4))
     return FeatureMatches(
-        camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken,
+        camera, stamps, none, none, at, at, np.zeros(0), tone, tone, missing, taken,
         LensDistortionMap(camera, taken, np.zeros((2, COUNT, 2)), 0.0), Cells.of(()),
     )  # fmt: skip
 
