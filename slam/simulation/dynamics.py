@@ -86,6 +86,8 @@ PARAMETERS = (
     "battery_sag.loss",
     "trim_offset.roll",
     "trim_offset.pitch",
+    "canted_thrust.ahead",
+    "canted_thrust.left",
     "steady_wind.x",
     "steady_wind.y",
     "ground_effect.radius",
@@ -100,7 +102,7 @@ PARAMETERS = (
 (
     MAX_TILT, GAIN, DRAG, ATTITUDE_TIME, CLIMB_RATE, CLIMB_TIME, MAX_YAW_RATE, YAW_TIME, GEAR, FADE,
     SMALL_ANGLE, BRAKING, BRAKING_LEAN, ASYMMETRY, QUADRATIC, CUBIC, DEAD_BAND, TILT_LIMIT, SAG,
-    TRIM_ROLL, TRIM_PITCH, WIND_X, WIND_Y, ROTOR_RADIUS, CLIMB_ASYMMETRY, YAW_DRAG,
+    TRIM_ROLL, TRIM_PITCH, CANT_AHEAD, CANT_LEFT, WIND_X, WIND_Y, ROTOR_RADIUS, CLIMB_ASYMMETRY, YAW_DRAG,
     HOLD_STIFFNESS, HOLD_DAMPING, HOLD_CAPTURE,
 ) = range(len(PARAMETERS))  # fmt: skip
 
@@ -177,6 +179,9 @@ def rates(
     rate[YAW] = state[YAW_RATE]
     rate[YAW_RATE] = (yaw_push - (1.0 + parameters[YAW_DRAG]) * state[YAW_RATE]) / parameters[YAW_TIME]
 
+    # canted_thrust, to first order in its angles.
+    ahead += parameters[CANT_AHEAD]
+    aside += parameters[CANT_LEFT]
     ax = GRAVITY_M_S2 * (c * ahead - s * aside)
     ay = GRAVITY_M_S2 * (s * ahead + c * aside)
 

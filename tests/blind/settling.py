@@ -25,6 +25,8 @@ SETTLED = 2.56
 """Sigmas between two causes at which the more probable one is right in nine of ten cases."""
 PROPOSED = re.compile(r"fly '(.+)' (once|\d+ times)")
 RIVAL_SIZES = 6
+SAME_FORCE = {"trim_offset", "canted_thrust"}
+"""Without a measured attitude no flight separates these: a manoeuvre need only separate them from others."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ def _separation(
         unexplained(outing, base, traces[:, k : k + 1], rival, streams, times)
         for k in range(traces.shape[1])
         for rival in causes
-        if rival != name
+        if rival != name and {rival, name} != SAME_FORCE
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.blind.camera import FOCAL_PX, HEIGHT, MIDDLE, PIECE_M, PIECES, WIDTH, Camera, floor, pictures
 from tests.blind.cases import PICTURED, Outing, make
-from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, STRANGER, Fault
+from tests.blind.faults import BY_NAME, FAULTS, FURTHER, SEEN, SEEN_STRANGE, STRANGE, STRANGER, Fault
 from tests.blind.instruments import moments
 from tests.blind.vehicle import HEALTHY
 
@@ -107,4 +107,4 @@ def test_folders_of_sound_and_faulty_cameras_look_alike(tmp_path: Path) -> None:
 
 
 def test_no_two_faults_have_one_name() -> None:
-    assert len(BY_NAME) == sum(map(len, (FAULTS, STRANGE, STRANGER, SEEN, SEEN_STRANGE)))
+    assert len(BY_NAME) == sum(map(len, (FAULTS, FURTHER, STRANGE, STRANGER, SEEN, SEEN_STRANGE)))

@@ -23,7 +23,17 @@ from tests.blind.cases import (
     sized,
     suite,
 )
-from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, STRANGER, UNTELLABLE, Blind
+from tests.blind.faults import (
+    BY_NAME,
+    FAULTS,
+    FURTHER,
+    SEEN,
+    SEEN_STRANGE,
+    STRANGE,
+    STRANGER,
+    UNTELLABLE,
+    Blind,
+)
 from tests.blind.instruments import (
     NOISE,
     RATE_HZ,
@@ -128,7 +138,7 @@ def strongest(name: str) -> dict[str, float]:
 def test_every_effect_changes_what_is_read(outing):
     """At its largest far beyond the noise, where a plan that shows it is flown."""
     shown = [
-        f.name for f in (*FAULTS, *STRANGE, *STRANGER)
+        f.name for f in (*FAULTS, *FURTHER, *STRANGE, *STRANGER)
         if f.name not in (*CHANCE, *CONTACT) and (set(f.needs) & set(outing.plans) or not f.needs)
     ]  # fmt: skip
     traces = outing.traces(HEALTHY, [strongest(name) for name in shown], ALL)
@@ -201,7 +211,7 @@ def test_the_catalogue_is_covered():
     """Every term is hidden by some case, but what holds no nominal vehicle's place."""
     from slam.simulation.terms import CATALOGUE
 
-    assert {f.name for f in (*FAULTS, *SEEN)} == set(CATALOGUE) - {"position_hold"}
+    assert {f.name for f in (*FAULTS, *FURTHER, *SEEN)} == set(CATALOGUE) - {"position_hold"}
     assert not {f.name for f in (*STRANGE, *STRANGER, *SEEN_STRANGE)} & set(CATALOGUE)
     assert len(STRANGE) >= 5
     assert len(SEEN_STRANGE) >= 5

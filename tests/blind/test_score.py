@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from tests.blind.cases import Case, Hidden
-from tests.blind.faults import FAULTS, SEEN, SENSES
+from tests.blind.faults import FAULTS, FURTHER, SEEN, SENSES
 from tests.blind.rows import Bound, Row, least, most, wilson
 from tests.blind.score import Answer, card, misnamed, points_at_channel, says_so
 from tests.blind.vehicle import HEALTHY
@@ -108,7 +108,7 @@ def test_a_size_that_points_the_wrong_way_is_seen(found: tuple[float, float], hi
 
 def test_the_way_of_every_hidden_effect_is_that_of_its_knobs():
     """The other simulator's own sign conventions, by name: nothing is drawn without one that has a sign."""
-    for fault in (*FAULTS, *SEEN):
+    for fault in (*FAULTS, *FURTHER, *SEEN):
         drawn = [fault.apply(0.1, dict(HEALTHY), np.random.default_rng(seed)) for seed in range(8)]
         assert (fault.name in SENSES) == any(value < 0.0 for knobs in drawn for value in knobs.values()), (
             fault.name

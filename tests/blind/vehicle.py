@@ -37,7 +37,7 @@ HEALTHY: dict[str, float] = {
     "lean_roll": 0.0, "lean_pitch": 0.0, "wind_x": 0.0, "wind_y": 0.0, "gust": 0.0, "gust_tau": 1.5,
     "cushion": 0.0, "sink": 0.0, "spin_drag": 0.0, "load": 0.0, "load_hz": 0.6, "askew": 0.0, "nose_up": 0.0,
     "swing_over": 0.0, "lazy_servo": 0.0, "knock_roll": 0.0, "knock_pitch": 0.0, "swirl": 0.0,
-    "tilt_turns": 0.0,
+    "tilt_turns": 0.0, "cant_ahead": 0.0, "cant_left": 0.0,
     # instruments
     "flow_eps": 0.0, "flow_turn": 0.0, "flow_top": 0.0, "flow_stuck": 0.0, "late_level": 0.0,
     "echo_fast": 0.0, "pulled": 0.0,
@@ -227,7 +227,11 @@ def push(k: dict[str, np.ndarray], state: np.ndarray, gust: np.ndarray) -> tuple
     """Horizontal acceleration v' in the world: tilt against the air, the load, the floor's friction."""
     z, vx, vy, roll, pitch, yaw = (state[i] for i in (2, 3, 4, 6, 7, 8))
     c, s = np.cos(yaw), np.sin(yaw)
-    ahead, left = np.tan(pitch), -np.tan(roll) / np.cos(pitch)
+    # The rotors push along (cant_ahead, cant_left, 1) of the body, as hard as carries the weight.
+    nose, side = k["cant_ahead"], k["cant_left"]
+    up = np.cos(pitch) * np.cos(roll) - np.sin(pitch) * nose + np.cos(pitch) * np.sin(roll) * side
+    ahead = (np.sin(pitch) * np.cos(roll) + np.cos(pitch) * nose + np.sin(pitch) * np.sin(roll) * side) / up
+    left = (np.cos(roll) * side - np.sin(roll)) / up
     fx, fy = G * (c * ahead - s * left), G * (s * ahead + c * left)
     # A boundary layer: the wind is as named at 1 m and falls towards the floor.
     layer = np.log1p(np.maximum(z, 0.0) / 0.02) / np.log1p(1.0 / 0.02)

@@ -34,6 +34,7 @@ PLAIN_Z = 8.0
 """Least z that chance does not reach; the term stays without confirmation by held-out flights."""
 MOST_ALIKE = 4
 """Greatest number of names of an equivalence set."""
+ROUNDING = 1e-9
 WIDE = 1.96
 SCATTER = 1.25
 """Ratio of the scatter of found sizes about the truth to their standard error: found terms are selected, and
@@ -115,20 +116,25 @@ def causes_of(
         )
     if best is None:
         return tuple(causes)
-    return tuple(_with_rollout_size(cause, effect, best) for cause, effect in zip(causes, known, strict=True))
+    return tuple(
+        _with_rollout_size(cause, effect, best, posterior)
+        for cause, effect in zip(causes, known, strict=True)
+    )
 
 
-def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
-    """Return the cause with its size by roll-outs, and with the probability by held-out roll-outs where that
-    is greater."""
+def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit, posterior: Posterior) -> Cause:
+    """Return the cause with its size by roll-outs, and with their gain where they raised its probability."""
     found = replace(cause, parameters=_rollout_sizes(best, effect))
     parts = np.array(best.nats.get(effect.name, ()))
-    odds = float(parts.sum()) - required_nats(effect)
-    probability = float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
-    if probability <= cause.probability:
+    if rollout_probability(best, effect) < posterior.of_set(cause.alternatives) - ROUNDING:
         return found
-    gain = Gain.of(parts, cause.gain.by, cause.gain.channels)
-    return replace(found, gain=gain, probability=probability)
+    return replace(found, gain=Gain.of(parts, cause.gain.by, cause.gain.channels))
+
+
+def rollout_probability(best: RolloutFit, effect: Effect) -> float:
+    """Return the probability of a term, its alternatives among them, by held-out roll-outs."""
+    odds = float(sum(best.nats.get(effect.name, ()))) - required_nats(effect)
+    return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
 
 
 def split_by_probability(
@@ -261,8 +267,10 @@ def decide(
 
 
 def is_unknown(causes: Sequence[Cause], probability: Mapping[str, float]) -> bool:
-    """Whether something else than a term is more probable than not, and no cause is."""
-    return probability[SOMETHING_ELSE] > LIKELY and all(c.probability <= LIKELY for c in causes)
+    """Whether something else than a term is more probable than not, and no cause with its alternatives is."""
+    return probability[SOMETHING_ELSE] > LIKELY and all(
+        c.probability + sum(probability.get(n, 0.0) for n in c.alternatives[1:]) <= LIKELY for c in causes
+    )
 
 
 def _in_words(effect: Effect, found: SearchResult) -> str:

@@ -8,7 +8,7 @@ from slam.core.progress import Progress
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.consistency import contradictions
-from slam.criticism.verdict.decision import confirmed_terms
+from slam.criticism.verdict.decision import confirmed_terms, rollout_probability
 from slam.criticism.verdict.held_out import fitted_parameters
 from slam.criticism.verdict.posterior import Posterior, likeliest, posterior_of
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
@@ -45,4 +45,6 @@ def explain(found: SearchResult, progress: Progress) -> Explanation:
         reported, parameters = replace(reported, chosen=best.chosen), best.parameters
     if reported is not found:
         posterior = posterior_of(reported)
+    if best is not None:
+        posterior = posterior.raised({e.name: rollout_probability(best, e) for e in reported.chosen})
     return Explanation(reported, parameters, posterior, doubts, best)

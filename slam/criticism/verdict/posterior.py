@@ -9,8 +9,8 @@ its prior.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,9 @@ Array = NDArray[np.float64]
 
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 ONE_CLASS, CLASS_NATS = 0.95, 10.0
-"""Correlation beyond which two terms are alternatives, unless one leads by more nats than its form
-explains."""
+"""Correlation beyond which two terms are alternatives, unless one leads by more nats than its form explains.
+Of such a lead the share VERY_SIMILAR_NATS / CLASS_NATS counts in the probabilities: an alternative is never
+beside a probability of 1.00."""
 SAME_TRACE = 0.9
 """Correlation with a term beyond which a pattern counts as the term itself: a range proportional to the climb
 rate is a lag."""
@@ -49,6 +50,25 @@ class Posterior:
     """Lead of each chosen effect over the best other name in its place."""
     rivals: tuple[str, ...] = ()
     """The most probable other term in place of each chosen effect; empty where there is none."""
+
+    def of_set(self, names: Sequence[str]) -> float:
+        """Return the probability of a term and its alternatives together."""
+        return min(sum(self.probability.get(name, 0.0) for name in names), 1.0)
+
+    def raised(self, known: Mapping[str, float]) -> Posterior:
+        """Return the posterior with greater probabilities of some chosen terms.
+
+        ``known`` are probabilities that something of the term's kind is there. Each is shared among the
+        term's alternatives as before, since it does not distinguish them.
+        """
+        probability = dict(self.probability)
+        for names in self.alternatives:
+            before, after = self.of_set(names), known.get(names[0], 0.0)
+            if after > before:
+                own = [self.probability.get(n, 0.0) for n in names]
+                shares = [p / before if before else 1.0 / len(names) for p in own]
+                probability |= {n: after * share for n, share in zip(names, shares, strict=True)}
+        return replace(self, probability=probability)
 
 
 def is_term(effect: Effect) -> bool:
@@ -145,28 +165,32 @@ def _at_term(found: SearchResult, term: Effect) -> _Place:
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
     rest = [e for e in chosen if e is not term]
     weights = [(_evidence(expansion, rest) + over, _names(rest))]
-    others: dict[str, float] = {}
-    tried: dict[str, Effect] = {}
+    tried: list[tuple[Effect, float]] = []
     among = [
         e for e in (*expansion.effects, *expansion.patterns)
         if not any(e.repeats(c) for c in chosen) and not _in_other_words(expansion, rest, term, e)
     ]  # fmt: skip
     for effect, evidence in _beside(expansion, rest, among):
-        evidence += over
+        lead = own - evidence - over
         if (term.label, effect.label) in found.leads:
-            evidence = own - found.leads[term.label, effect.label]
-        weights.append((evidence, _names([*rest, effect])))
-        if is_term(effect) and evidence > others.get(effect.name, -np.inf):
-            others[effect.name], tried[effect.name] = evidence, effect
-    others = {n: e for n, e in others.items() if n not in {c.name for c in chosen}}
-    order = sorted(others, key=lambda n: -others[n])
-    near = [
+            lead = found.leads[term.label, effect.label]
+        tried.append((effect, lead))
+    best: dict[str, tuple[float, Effect]] = {}
+    for effect, lead in tried:
+        known = is_term(effect) and effect.name not in {c.name for c in chosen}
+        if known and lead < best.get(effect.name, (np.inf, effect))[0]:
+            best[effect.name] = lead, effect
+    order = sorted(best, key=lambda n: best[n][0])
+    one_class = {
         n for n in order
-        if own - others[n] < VERY_SIMILAR_NATS
-        or (own - others[n] < CLASS_NATS and _alike(expansion, rest, term, tried[n]) > ONE_CLASS)
-    ]  # fmt: skip
-    near += [n for n in found.rivals.get(term.name, ()) if n in others and n not in near]
-    lead_nats = own - max(others.values(), default=-np.inf)
+        if best[n][0] < CLASS_NATS and _alike(expansion, rest, term, best[n][1]) > ONE_CLASS
+    }  # fmt: skip
+    for effect, lead in tried:
+        counted = lead * VERY_SIMILAR_NATS / CLASS_NATS if effect.name in one_class and lead > 0.0 else lead
+        weights.append((own - counted, _names([*rest, effect])))
+    near = [n for n in order if best[n][0] < VERY_SIMILAR_NATS or n in one_class]
+    near += [n for n in found.rivals.get(term.name, ()) if n in best and n not in near]
+    lead_nats = min((lead for lead, _ in best.values()), default=np.inf)
     return _Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
 
 
@@ -232,14 +256,9 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Eff
 
 
 def _equally_good(found: SearchResult, saturation: Effect) -> tuple[str, ...]:
-    """Return the alternatives that fitted as well as a saturation when it was chosen. Those of an
-    out-of-model vehicle are reported as left over."""
+    """Return the alternatives that fitted as well as a saturation when it was chosen."""
     chosen = {e.name for e in found.chosen}
-    return (
-        ()
-        if found.model.out_of_model
-        else tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
-    )
+    return tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
 
 
 def _second_to_saturation(found: SearchResult) -> str:

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from slam.criticism.cause import Cause
 from slam.criticism.kalman.record import Record
 from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
-from slam.criticism.search.inclusion import is_saturation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import is_term
 from slam.criticism.verdict.rollout_fit import RolloutFit
@@ -28,13 +27,7 @@ def left_over(
     reported, faint = ({c.name for c in causes} for causes in judged)
     passes = found.last.fisher.passes
     vibration, uneven = vibration_of(records, passes), uneven_of(records)
-    saturations = [
-        e.name
-        for e in found.chosen
-        if is_saturation(e) and found.rivals.get(e.name) and found.model.out_of_model
-    ]
     return [
-        *(f"{name} may be {' or '.join(found.rivals[name])}" for name in saturations),
         *(f"{n if n in reported else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
         *(best.unhealthy if best is not None else ()),
         *([str(vibration)] if vibration else []),

@@ -18,6 +18,7 @@ from slam.simulation import sensors
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import film_flight
 from slam.simulation.camera.optics import CameraModel
+from slam.simulation.dynamics import YAW
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion, Trajectory, at_rest, draw_model_noise, simulate_motion, step_count
@@ -99,10 +100,16 @@ def simulate_flight(
     maker: Model | None = None,
     student: bool = False,
     camera: CameraModel | None = None,
+    heading_rad: float | None = None,
 ) -> Flight:
-    """Simulate one flight of a vehicle. Its stated noise figures are those of ``maker``, or its own."""
+    """Simulate one flight of a vehicle. Its stated noise figures are those of ``maker``, or its own.
+
+    It starts at ``heading_rad``, by default at a random heading.
+    """
     rng = np.random.default_rng((seed, 7))
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
+    if heading_rad is not None:
+        start[YAW] = heading_rad
     noise = draw_model_noise(model, step_count(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
     motion = simulate_motion(stick, model, start, noise)
     flight = simulate_readings(model, maker or model, motion, student, seed, rng)

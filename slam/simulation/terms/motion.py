@@ -135,8 +135,24 @@ MOTION = (
             signed("pitch", "rad", radians(3), 0.5, step=0.001),
         ),
         equation="added to the commanded tilt, in body axes",
-        confounders=("steady_wind", "accel_bias"),
+        confounders=("steady_wind", "canted_thrust", "accel_bias"),
         excitation="rotation by 180 deg; at one heading it has the same effect as wind",
+    ),
+    Term(
+        name="canted_thrust",
+        meaning="its rotors push aside while it flies level, whatever its heading",
+        family="motion",
+        acts_on="force",
+        parameters=(
+            signed("ahead", "rad", radians(3), 0.5, step=0.001),
+            signed("left", "rad", radians(3), 0.5, step=0.001),
+        ),
+        equation="v' += g (ahead, left) in the heading frame: the thrust is not along the body's z",
+        confounders=("steady_wind", "trim_offset", "accel_bias"),
+        excitation=(
+            "rotation by 180 deg; at one heading it has the same effect as wind, and without a measured "
+            "attitude the same as a trim"
+        ),
     ),
     Term(
         name="steady_wind",
@@ -145,7 +161,7 @@ MOTION = (
         acts_on="wind",
         parameters=(signed("x", "m/s", 1.0, 20.0, step=0.02), signed("y", "m/s", 1.0, 20.0, step=0.02)),
         equation="drag acts on v - wind, world axes",
-        confounders=("trim_offset",),
+        confounders=("trim_offset", "canted_thrust"),
         excitation="rotation by 180 deg",
     ),
     Term(

@@ -124,6 +124,17 @@ def test_integration_agrees_with_scipys(seed):
     assert np.abs(found - exact).max() < 1e-7
 
 
+def test_a_canted_thrust_drives_a_level_vehicle_along_its_heading():
+    model, heading_rad, k = NOMINAL.with_term("canted_thrust", ahead=0.02, left=-0.01), 0.9, 0.559
+    u = np.zeros((1, 1000, len(COMMAND)))
+    at = integrate(
+        start(yaw=heading_rad)[None], u, np.zeros((1, 1001, len(NOISE))), model.parameters()[None], STEP_S
+    )[0, -1]
+    assert at[STATE.index("roll")] == at[STATE.index("pitch")] == 0.0
+    speed = (at[STATE.index("v_x")] + 1j * at[STATE.index("v_y")]) * np.exp(-1j * heading_rad)
+    assert speed == pytest.approx(GRAVITY_M_S2 * (0.02 - 0.01j) / k * (1.0 - np.exp(-2.0 * k)), abs=1e-9)
+
+
 def test_members_of_an_ensemble_are_as_if_flown_alone():
     models = [NOMINAL, NOMINAL.with_term("quadratic_drag", c=0.2)]
     rng = np.random.default_rng(1)

@@ -13,7 +13,13 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict import decision
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import by_importance, confirmed_terms, decide, split_by_probability
+from slam.criticism.verdict.decision import (
+    by_importance,
+    confirmed_terms,
+    decide,
+    is_unknown,
+    split_by_probability,
+)
 from slam.criticism.verdict.posterior import (
     NOTHING,
     SOMETHING_ELSE,
@@ -146,12 +152,12 @@ def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
     assert by(0.6, 0.4) is None
 
 
-def test_a_fit_of_a_rival_takes_precedence_over_an_expansion():
-    rise, scale = Effect("sonar_temperature", relaxes=("a",)), Effect("sonar_scale", relaxes=("b",))
-    nats = {(): 0.0, (rise,): 50.0, (scale,): 51.4, (rise, scale): 51.5}
+def searched(nats, chosen, covariance=None, **more):
+    """The result of a search whose sets of effects explain these ``nats``."""
+    covariance = np.eye(2) if covariance is None else covariance
 
     def maximise(effects):
-        return SimpleNamespace(nats=nats[tuple(effects)], of=lambda _: (np.zeros(2), np.eye(2)))
+        return SimpleNamespace(nats=nats[tuple(effects)], of=lambda _: (np.zeros(2), covariance))
 
     def standing(rest, tried):
         return [
@@ -159,17 +165,62 @@ def test_a_fit_of_a_rival_takes_precedence_over_an_expansion():
         ]
 
     expansion = SimpleNamespace(
-        effects=(rise, scale),
+        effects=tuple(e for effects in nats if len(effects) == 1 for e in effects),
         patterns=(),
         score_tests=standing,
         own=lambda effect: effect,
         fisher=SimpleNamespace(log_likelihood=np.zeros(1)),
         quadratic=SimpleNamespace(maximise=maximise, index=lambda columns: columns),
     )
-    found = SearchResult(None, expansion, expansion, (rise,))
+    return SearchResult(None, expansion, expansion, chosen, **more)
+
+
+def test_a_fit_of_a_rival_takes_precedence_over_an_expansion():
+    rise, scale = Effect("sonar_temperature", relaxes=("a",)), Effect("sonar_scale", relaxes=("b",))
+    nats = {(): 0.0, (rise,): 50.0, (scale,): 51.4, (rise, scale): 51.5}
+    found = searched(nats, (rise,))
     assert posterior_of(found).probability["sonar_temperature"] < 0.25
     refitted = replace(found, leads={(rise.label, scale.label): 0.0})
     assert posterior_of(refitted).probability["sonar_temperature"] == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("lead", [0.5, 3.9, 4.1, 9.9])
+def test_no_alternative_stands_beside_a_probability_of_one(lead):
+    wind, cant = Effect("steady_wind", relaxes=("a",)), Effect("canted_thrust", relaxes=("b",))
+    nats = {(): 0.0, (wind,): 50.0, (cant,): 50.0 - lead, (wind, cant): 50.5}
+    posterior = posterior_of(searched(nats, (wind,), np.array([[1.0, 0.99], [0.99, 1.0]])))
+    assert posterior.alternatives == (("steady_wind", "canted_thrust"),)
+    assert posterior.lead_nats == (pytest.approx(lead),)
+    assert 0.5 < posterior.probability["steady_wind"] < 0.985
+    # A lead that the forms of the equations cannot explain is evidence.
+    apart = posterior_of(searched(nats, (wind,)))
+    assert apart.probability["steady_wind"] > posterior.probability["steady_wind"]
+
+
+def test_a_limit_and_a_curve_that_fit_alike_are_a_set_for_an_out_of_model_vehicle_too():
+    limit = Effect("tilt_limit", parameters=("limit",), relaxes=("a",))
+    curve = Effect("command_nonlinearity", relaxes=("b",))
+    found = searched(
+        {(): 0.0, (limit,): 50.0, (curve,): 49.0}, (limit,), rivals={"tilt_limit": ("command_nonlinearity",)}
+    )
+    found = replace(found, model=SimpleNamespace(out_of_model=True))
+    posterior = posterior_of(found)
+    assert posterior.alternatives == (("tilt_limit", "command_nonlinearity"),)
+    assert posterior.probability["tilt_limit"] == posterior.probability["command_nonlinearity"] <= 0.5
+
+
+def test_held_out_rollouts_raise_a_set_and_do_not_choose_in_it():
+    alike = ("tilt_limit", "command_nonlinearity")
+    weak = {NOTHING: 0.0, SOMETHING_ELSE: 1.0, "tilt_limit": 0.03, "command_nonlinearity": 0.01}
+    posterior = Posterior(weak, (alike, ("steady_wind",)), (0.0, 0.0))
+    raised = posterior.raised({"tilt_limit": 0.96, "steady_wind": 0.9}).probability
+    assert raised["tilt_limit"] == pytest.approx(0.72)
+    assert raised["command_nonlinearity"] == pytest.approx(0.24)
+    assert raised["steady_wind"] == pytest.approx(0.9)
+    assert posterior.raised({"tilt_limit": 0.02}).probability == weak
+    lead = replace(cause("tilt_limit", 0.48), alternatives=alike)
+    assert not is_unknown([lead], {SOMETHING_ELSE: 1.0, "command_nonlinearity": 0.48})
+    assert is_unknown([lead], {SOMETHING_ELSE: 1.0})
 
 
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():

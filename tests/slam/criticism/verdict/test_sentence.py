@@ -187,7 +187,7 @@ def test_only_what_shows_at_a_usual_size_counts_as_tested():
     assert list(shares) == ["quadratic_drag", "trim_offset", "sonar_scale"]
     finding = Criticism("nothing_wrong", detectable=seen)
     assert headline(finding) == (
-        "The flights show no error of the model. They would have shown 3 of 46 effects at their usual sizes."
+        "The flights show no error of the model. They would have shown 3 of 47 effects at their usual sizes."
     )
     # The smallest visible sizes are reported as such, apart from the usual ones.
     smallest = "Smallest sizes that nine of ten such flights would have shown"
