@@ -24,9 +24,9 @@ from backend.bundle.barometer import HEIGHTS
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
 from backend.bundle.inertial.graph import IMU
-from backend.bundle.inertial.preintegrate import STATE_SIZE
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reported.graph import row_instruments
+from backend.preintegration.intervals import STATE_SIZE
 
 Array = NDArray[np.float64]
 

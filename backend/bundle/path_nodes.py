@@ -17,9 +17,6 @@ from backend.measurements import Measurements, PinholeModel
 
 Array = NDArray[np.float64]
 
-_GAP_STEPS = 3.0
-"""Longest step between two readings that is no gap, in typical steps."""
-
 
 @dataclass(frozen=True)
 class PathNodes:
@@ -64,18 +61,3 @@ class _Interval(Protocol):
 def ends(intervals: Iterable[_Interval]) -> list[int]:
     """Return the nodes at the ends of intervals, in order."""
     return sorted({k for interval in intervals for k in (interval.i, interval.j)})
-
-
-def covered(read_s: Array, stamps_s: Array, least_gap_s: float) -> NDArray[np.bool_]:
-    """Return which intervals (n - 1,) between the stamps lie within the readings and contain no gap.
-
-    ``read_s`` (k,) are the times of the readings. A step of ``least_gap_s`` is no gap.
-    """
-    step_s = np.diff(read_s)
-    gap = step_s > max(_GAP_STEPS * float(np.median(step_s)), least_gap_s)
-    begin, end = read_s[:-1][gap], read_s[1:][gap]
-    # As many gaps have ended before an interval as begin before its end.
-    free = np.searchsorted(end, stamps_s[:-1], side="right") == np.searchsorted(begin, stamps_s[1:])
-    return np.asarray(
-        free & (stamps_s[:-1] >= read_s[0]) & (stamps_s[1:] <= read_s[-1]) & (np.diff(stamps_s) > 0)
-    )

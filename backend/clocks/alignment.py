@@ -33,8 +33,8 @@ from backend.clocks.picture_clock import (
     finer,
     piece_of,
 )
-from backend.inertial_scale.preintegration import integrate
 from backend.measurements import InertialReadings
+from backend.preintegration.integrals import integrate
 
 Array = NDArray[np.float64]
 

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-from backend.inertial_scale.preintegration import integrate_twice, interpolate_attitudes
 from backend.measurements import GRAVITY_M_S2, InertialReadings
+from backend.preintegration.integrals import integrate_twice, interpolate_attitudes
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.inertial.preintegrate import MOTION, STATE_SIZE, InertialInterval
 from backend.bundle.world import WorldTransform
 from backend.measurements import GRAVITY_M_S2
+from backend.preintegration.intervals import MOTION, STATE_SIZE, InertialInterval
 from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]

@@ -26,7 +26,11 @@ from backend.bundle.inertial.factor import (
     gain_effect,
     inertial_factor,
 )
-from backend.bundle.inertial.preintegrate import (
+from backend.bundle.path_nodes import PathNodes, ends
+from backend.bundle.robust import robust_unit
+from backend.bundle.world import WorldTransform
+from backend.measurements import Inertial, Measurements, PinholeModel
+from backend.preintegration.intervals import (
     NO_BIAS,
     STATE_SIZE,
     ImuBias,
@@ -34,10 +38,6 @@ from backend.bundle.inertial.preintegrate import (
     chains,
     preintegrate,
 )
-from backend.bundle.path_nodes import PathNodes, ends
-from backend.bundle.robust import robust_unit
-from backend.bundle.world import WorldTransform
-from backend.measurements import Inertial, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
 

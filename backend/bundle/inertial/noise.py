@@ -24,10 +24,10 @@ from backend.bundle.inertial.graph import (
     InertialPart,
     add_inertial,
 )
-from backend.bundle.inertial.preintegrate import MOTION, ROTATION, STATE_SIZE
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import LinearSystem
 from backend.errors import BackendError
+from backend.preintegration.intervals import MOTION, ROTATION, STATE_SIZE
 from backend.quantiles import chi_square_limit, chi_square_quantile
 from backend.sparse_cholesky import SingularMatrixError
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.path_nodes import covered
 from backend.measurements import ReportedMotion
+from backend.preintegration.integrals import covered
 
 Array = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from backend.bundle.inertial.factor import (
     gain_effect,
     inertial_factor,
 )
-from backend.bundle.inertial.preintegrate import STATE_SIZE, chains, preintegrate
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, InertialNoise, InertialReadings
+from backend.preintegration.intervals import STATE_SIZE, chains, preintegrate
 from tests.backend.made_floor import NADIR
 from tests.backend.made_motion import fly
 

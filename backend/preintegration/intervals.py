@@ -13,10 +13,9 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.path_nodes import covered
 from backend.errors import BackendError
-from backend.inertial_scale.preintegration import integrate
 from backend.measurements import GRAVITY_M_S2, Inertial, InertialNoise
+from backend.preintegration.integrals import covered, integrate
 
 Array = NDArray[np.float64]
 

@@ -13,6 +13,9 @@ from backend.quaternions import inverse, product, rotation_vectors
 
 Array = NDArray[np.float64]
 
+_GAP_STEPS = 3.0
+"""Longest step between two readings that is no gap, in typical steps."""
+
 
 def interpolate_attitudes(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array) -> Array:
     """Return attitudes (k, 3, 3) at the readings: integrated gyro, corrected linearly to meet both poses."""
@@ -41,3 +44,18 @@ def integrate_twice(stamps_s: Array, values: Array, at_s: Array) -> Array:
 
     once = integrate(stamps_s, values)
     return np.asarray(CubicHermiteSpline(stamps_s, integrate(stamps_s, once), once)(at_s))
+
+
+def covered(read_s: Array, stamps_s: Array, least_gap_s: float) -> NDArray[np.bool_]:
+    """Return which intervals (n - 1,) between the stamps lie within the readings and contain no gap.
+
+    ``read_s`` (k,) are the times of the readings. A step of ``least_gap_s`` is no gap.
+    """
+    step_s = np.diff(read_s)
+    gap = step_s > max(_GAP_STEPS * float(np.median(step_s)), least_gap_s)
+    begin, end = read_s[:-1][gap], read_s[1:][gap]
+    # As many gaps have ended before an interval as begin before its end.
+    free = np.searchsorted(end, stamps_s[:-1], side="right") == np.searchsorted(begin, stamps_s[1:])
+    return np.asarray(
+        free & (stamps_s[:-1] >= read_s[0]) & (stamps_s[1:] <= read_s[-1]) & (np.diff(stamps_s) > 0)
+    )

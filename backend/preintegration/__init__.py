@@ -1,0 +1,1 @@
+"""Readings of gyro and accelerometer, integrated between known times."""
