@@ -196,7 +196,7 @@ PACKAGES = {
     ),
     "backend": (
         ("errors", "measurements", "quantiles", "quaternions", "se3", "triple", "compilation"),
-        ("gauge", "preintegration", "sparse_cholesky", "sparse_product"),
+        ("gauge", "preintegration", "robust", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),
         ("bundle", "g2o", "clocks"),
     ),

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from backend.bundle.factors import FLOOR_Z, LOG_SCALE, SLOPE, WORLD_SIZE, rotation_jacobian, rotation_of
 from backend.bundle.floor_points import intersect_floor
 from backend.bundle.projections import linearise
-from backend.bundle.robust import robust
 from backend.measurements import ControlPoint, FloorTracks, Measurements, PinholeModel
+from backend.robust import robust
 from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]

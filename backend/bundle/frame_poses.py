@@ -22,8 +22,8 @@ from backend.bundle.homography_factor import (
     transfer,
 )
 from backend.bundle.lens import FOCAL
-from backend.bundle.robust import robust_unit
 from backend.measurements import PinholeModel, TrackedFrame
+from backend.robust import robust_unit
 
 Array = NDArray[np.float64]
 

@@ -6,6 +6,9 @@ are therefore queued and added together, so rarely that 99 of 100 keyframes stay
 After loops were added, the edges must pass the chi-square test of the batch. If they fail, the batch selects
 among all edges received so far, those that it rejected before included. ISAM2 is rebuilt where its selection
 is another one, and after an exception, which makes ISAM2 unusable.
+
+Readings of an IMU between two keyframes make a factor, with velocity and bias at both as variables. They join
+keyframes that no picture joins. In the batch, a relative pose with their covariance takes the place of these.
 """
 
 from __future__ import annotations
@@ -19,13 +22,28 @@ from numpy.typing import NDArray
 
 from backend.errors import BackendError, first_line
 from backend.gauge import gauge_prior, unobserved_directions
-from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
-from backend.pose_graph.from_measurements import from_measurements
+from backend.measurements import (
+    Attitude,
+    InertialNoise,
+    Measurements,
+    Position,
+    RelativePose,
+    SlantRange,
+)
+from backend.pose_graph.inertial_link import (
+    InertialLink,
+    has_velocity,
+    inertial_link,
+    relative_poses,
+    turns_agree,
+)
+from backend.pose_graph.keyframe_factors import edge_factors, joined, rekeyed, renumbered
 from backend.pose_graph.minimise import minimise
 from backend.pose_graph.problem import Problem, spatial_poses
 from backend.pose_graph.received_measurements import ReceivedMeasurements
 from backend.pose_graph.solve import solve
 from backend.pose_graph.unary_factors import aligned, jacobian
+from backend.preintegration.intervals import InertialInterval
 
 Array = NDArray[np.float64]
 
@@ -56,17 +74,25 @@ class Incremental:
     """Estimator for keyframes 0, 1, 2, ...; a gauge prior fixes what the first one does not measure.
 
     ``loops_robust`` allows the rejection of edges if the chi-square test fails, as in `solve`.
+    ``inertial_noise`` has the offsets of an IMU whose readings are given.
     """
 
-    def __init__(self, budget_s: float = BUDGET_S, loops_robust: bool = True) -> None:
+    def __init__(
+        self,
+        budget_s: float = BUDGET_S,
+        loops_robust: bool = True,
+        inertial_noise: InertialNoise = InertialNoise(),
+    ) -> None:
         self.budget_s = budget_s
         self.loops_robust = loops_robust
+        self.inertial_noise = inertial_noise
         self.count = 0
         self._received = ReceivedMeasurements()
         self._start = gtsam.Values()
         self._isam = _isam("CHOLESKY")
         self._pending: list[RelativePose] = []
         self._cooldown = 0
+        self._bridged: list[tuple[int, int]] = []
 
     @property
     def edges(self) -> tuple[tuple[RelativePose, bool], ...]:
@@ -85,39 +111,55 @@ class Incremental:
         ranges: tuple[SlantRange, ...] = (),
         positions: tuple[Position, ...] = (),
         w_T_b: Array | None = None,
+        inertial: InertialInterval | None = None,
     ) -> IncrementalUpdate:
         """Add the next keyframe, number ``count``, with its measurements.
 
-        One of its relative poses must connect it to an earlier one; ``w_T_b`` (4, 4) initialises the first.
+        One of its relative poses must connect it to an earlier one, or else ``inertial`` readings of the body
+        since keyframe ``inertial.i``, whose velocity earlier readings tell. They take metres over a level
+        floor. Where gyro and relative pose turn otherwise, they are left out. ``w_T_b`` (4, 4) initialises
+        the first keyframe.
         Raises ``BackendError`` for invalid values; the estimate is then unchanged.
         """
         number = self.count
         here = [e for e in relative_poses if number in (e.i, e.j)]
-        if number and not here:
+        certain = [e for e in here if e.kind != "loop"]
+        readings_alone = not certain and inertial is not None and self.bridges_by(inertial)
+        if number and not here and not readings_alone:
             raise BackendError(f"no relative pose joins keyframe {number} to an earlier one")
         if any(max(e.i, e.j) > number for e in relative_poses):
             raise BackendError(f"a relative pose names a keyframe after the newest, {number}")
-        anchor = min(here, key=lambda e: e.kind == "loop") if here else None
+        anchor = None if readings_alone else next(iter([*certain, *here]), None)
         loops = [e for e in relative_poses if e.kind == "loop" and e is not anchor]
         now = tuple(e for e in relative_poses if e.kind != "loop" or e is anchor)
         measured = Measurements(
             stamps_s=np.zeros(0), relative_poses=now, attitudes=attitudes, ranges=ranges, positions=positions
         )
-        problem, keys = _renumbered(measured, number)
-        _renumbered(Measurements(np.zeros(0), tuple(loops)), number)  # invalid loops are rejected now
-        edge_factors, unary = _edge_factors(problem, keys), _rekeyed(problem.unary_factor_graph(), keys)
+        problem, keys = renumbered(measured, number)
+        renumbered(Measurements(np.zeros(0), tuple(loops)), number)  # invalid loops are rejected now
+        of_edges, unary = edge_factors(problem, keys), rekeyed(problem.unary_factor_graph(), keys)
         gauge = gtsam.NonlinearFactorGraph()
-        if anchor is None:
+        link = self._link(inertial, anchor, number)
+        if number == 0:
             start = _first_pose(problem, w_T_b)
             gauge = _gauge_prior(problem, start)
-        else:
+        elif anchor is not None:
             start = self._predicted(anchor, number)
-        values = gtsam.Values()
+        else:
+            assert link is not None
+            start = link.w_T_j
+        values, by_readings = gtsam.Values(), gtsam.NonlinearFactorGraph()
         values.insert(number, gtsam.Pose3(start))
-        self._start.insert(number, gtsam.Pose3(start))
-        self._received.add_edges(now, edge_factors)
+        if link is not None:
+            values.insert(link.values)
+            by_readings = link.factors
+        self._start.insert(values)
+        self._received.add_edges(now, of_edges)
         self._received.add_keyframe(measured, unary, gauge)
-        rebuild_reason = self._update(_joined(edge_factors, unary, gauge), values)
+        self._received.add_inertial(by_readings, readings_alone)
+        if readings_alone and inertial is not None:
+            self._bridged.append((inertial.i, number))
+        rebuild_reason = self._update(joined(of_edges, unary, gauge, by_readings), values)
         self.count += 1
         self._pending += loops
         rejected: tuple[str, ...] = ()
@@ -150,6 +192,33 @@ class Incremental:
         """Return half the sum of squared whitened residuals of all kept factors, with robust losses."""
         return float(self._received.graph().error(self._isam.calculateEstimate()))
 
+    def bridges_by(self, inertial: InertialInterval) -> bool:
+        """Return whether these readings alone can join the next keyframe: earlier ones tell the velocity."""
+        return has_velocity(self._isam, inertial.i)
+
+    def bridges(self) -> tuple[RelativePose, ...]:
+        """Return a relative pose of kind ``inertial`` for each keyframe that readings alone join to an
+        earlier one. Queued loops do not count in it."""
+        if not self._bridged:
+            return ()
+        graph = self._received.chain()
+        values = minimise(graph, self._isam.calculateEstimate()).values
+        return relative_poses(graph, values, self._bridged)
+
+    def _link(
+        self, inertial: InertialInterval | None, anchor: RelativePose | None, number: int
+    ) -> InertialLink | None:
+        """Return the link by the readings; None without any, or where they contradict the pictures."""
+        if inertial is None or number == 0:
+            return None
+        inertial, w_T_j = replace(inertial, j=number), None
+        if anchor is not None:
+            w_T_j = self._predicted(anchor, number)
+            i_R_j = self.pose(inertial.i)[:3, :3].T @ w_T_j[:3, :3]
+            if not turns_agree(inertial, self.inertial_noise, i_R_j, anchor.covariance[:3, :3]):
+                return None
+        return inertial_link(inertial, self.inertial_noise, self._isam, w_T_j)
+
     def _predicted(self, anchor: RelativePose, number: int) -> Array:
         if anchor.j == number:
             return self.pose(anchor.i) @ anchor.i_T_j
@@ -174,11 +243,11 @@ class Incremental:
         if not loops:
             return "", ()
         received = self._received
-        problem, keys = _renumbered(Measurements(np.zeros(0), loops), self.count)
-        factors, before = _edge_factors(problem, keys), len(received.edges)
-        received.add_edges(loops, factors)
+        problem, keys = renumbered(Measurements(np.zeros(0), loops), self.count)
+        factors, before = edge_factors(problem, keys), len(received.edges)
+        received.add_edges(loops, factors, queued=True)
         try:
-            return self._update(_joined(factors), gtsam.Values(), relinearize=True), ()
+            return self._update(joined(factors), gtsam.Values(), relinearize=True), ()
         except BackendError as refusal:
             received.select([*received.kept[:before], *[False] * len(loops)])
             self._rebuild()
@@ -189,22 +258,25 @@ class Incremental:
 
         Return messages about the edges that are newly rejected; None if the selection stays.
         """
-        received = self._received
-        found = solve(received.measurements(self.count), covariances=False)
-        kept = found.edge_kept.tolist()
+        received, bridges = self._received, self.bridges()
+        measured = received.measurements(self.count)
+        measured = replace(measured, relative_poses=(*measured.relative_poses, *bridges))
+        found = solve(measured, covariances=False)
+        kept = found.edge_kept.tolist()[: len(received.edges)]
         if kept == received.kept:
             return None
         news = [
             f"the {'loop' if e.kind == 'loop' else 'odometry'} {e.i}-{e.j} is rejected: {reason}"
             for e, reason, now, was in zip(
-                received.edges, found.edge_reason, kept, received.kept, strict=True
+                received.edges, found.edge_reason[: len(kept)], kept, received.kept, strict=True
             )
             if was and not now
         ]
         received.select(kept)
-        self._start = gtsam.Values()
-        for k, w_T in enumerate(found.w_T_b):
-            self._start.insert(k, gtsam.Pose3(w_T))
+        self._start = self._isam.calculateEstimate()
+        if (found.component == 0).all():  # each part has a frame of its own
+            for k, w_T in enumerate(found.w_T_b):
+                self._start.update(k, gtsam.Pose3(w_T))
         return tuple(news)
 
     def _update(
@@ -237,44 +309,6 @@ def _isam(factorization: str) -> gtsam.ISAM2:
     # Relinearise only with loops or on request: it costs as much as a loop.
     params.enableRelinearization = False
     return gtsam.ISAM2(params)
-
-
-def _renumbered(measured: Measurements, number: int) -> tuple[Problem, list[int]]:
-    """Return the new measurements as a problem of few poses, and their keys. Raises ``BackendError``."""
-    owners = [
-        single.k for kind in (measured.attitudes, measured.ranges, measured.positions) for single in kind
-    ]
-    if any(k != number for k in owners):
-        raise BackendError(f"a measurement is not of the newest keyframe, {number}")
-    keys = sorted({number, *(k for e in measured.relative_poses for k in (e.i, e.j))})
-    if keys[0] < 0:
-        raise BackendError(f"a relative pose names keyframe {keys[0]}")
-    # The times do not matter here.
-    local = replace(measured, stamps_s=np.zeros(number + 1)).of_keyframes(keys)
-    local = replace(local, names=tuple(str(key) for key in keys))
-    return from_measurements(local, None)[0], keys
-
-
-def _edge_factors(problem: Problem, keys: list[int]) -> list[gtsam.NonlinearFactor]:
-    return [factor.rekey([keys[k] for k in list(factor.keys())]) for factor in problem.single_factors()]
-
-
-def _rekeyed(factors: gtsam.NonlinearFactorGraph, keys: list[int]) -> gtsam.NonlinearFactorGraph:
-    out = gtsam.NonlinearFactorGraph()
-    for factor in (factors.at(k) for k in range(factors.size())):
-        out.push_back(factor.rekey([keys[k] for k in list(factor.keys())]))
-    return out
-
-
-def _joined(
-    edges: list[gtsam.NonlinearFactor], *more: gtsam.NonlinearFactorGraph
-) -> gtsam.NonlinearFactorGraph:
-    graph = gtsam.NonlinearFactorGraph()
-    for factor in edges:
-        graph.push_back(factor)
-    for each in more:
-        graph.push_back(each)
-    return graph
 
 
 def _first_pose(problem: Problem, w_T_b: Array | None) -> Array:

@@ -73,12 +73,18 @@ NO_BIAS = ImuBias(np.zeros(3), np.zeros(3))
 
 
 def preintegrate(
-    inertial: Inertial, stamps_s: Array, bias: ImuBias = NO_BIAS, cut: Collection[int] = ()
+    inertial: Inertial,
+    stamps_s: Array,
+    bias: ImuBias = NO_BIAS,
+    cut: Collection[int] = (),
+    of_body: bool = False,
 ) -> tuple[InertialInterval, ...]:
     """Integrate the readings between successive keyframes at increasing ``stamps_s`` (n,).
 
     Intervals that begin at a keyframe of ``cut`` are left out, and those with a gap or an invalid reading.
-    ``bias`` is the point of linearisation: the effect of another one is exact to first order.
+    ``bias`` is the point of linearisation: the effect of another one is exact to first order. The states are
+    those of the IMU, or ``of_body``, where its nominal position counts and the force by a change of the rate
+    of turn is neglected.
     """
     readings = inertial.readings
     known = covered(readings.stamps_s, stamps_s, _LEAST_GAP_S)
@@ -91,6 +97,8 @@ def preintegrate(
     at = np.searchsorted(times_s, stamps_s)
     constant = gtsam.imuBias.ConstantBias(bias.accel_m_s2, bias.gyro_rad_s)
     parts = [_parameters(inertial.noise, accel) for accel in (True, False)]
+    for part in parts if of_body else ():
+        part.setBodyPSensor(gtsam.Pose3(gtsam.Rot3(), inertial.b_p_imu_m))
     intervals = []
     for k in np.flatnonzero(known).tolist():
         node = _thinned(times_s, int(at[k]), int(at[k + 1]))

@@ -27,7 +27,6 @@ from backend.bundle.inertial.factor import (
     inertial_factor,
 )
 from backend.bundle.path_nodes import PathNodes, ends
-from backend.bundle.robust import robust_unit
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, Measurements, PinholeModel
 from backend.preintegration.intervals import (
@@ -38,6 +37,7 @@ from backend.preintegration.intervals import (
     chains,
     preintegrate,
 )
+from backend.robust import robust_unit
 
 Array = NDArray[np.float64]
 

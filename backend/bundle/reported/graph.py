@@ -26,9 +26,9 @@ from backend.bundle.reported.factor import (
 )
 from backend.bundle.reported.integrate import ReportedInterval, integrate_reported
 from backend.bundle.reported.noise import Step, identify_reported_noise
-from backend.bundle.robust import robust_unit
 from backend.bundle.world import WorldTransform
 from backend.measurements import Measurements, PinholeModel, ReportedMotion, ReportedNoise
+from backend.robust import robust_unit
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,112 @@
+"""Readings of an IMU between two keyframes, in the incremental estimation.
+
+gtsam's factor compares poses, velocities and biases at both keyframes, in metres over a level floor with z
+up. It has a robust loss. The IMU's gains and the delay of the pictures are not estimated here, as the
+refinement does after the flight (`backend.bundle.inertial`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B as BIAS
+from gtsam.symbol_shorthand import V as VELOCITY
+from numpy.typing import NDArray
+
+from backend.measurements import InertialNoise, RelativePose
+from backend.pose_graph.marginals import posterior
+from backend.preintegration.intervals import ROTATION, InertialInterval
+from backend.quantiles import chi_square_limit
+from backend.robust import robust
+
+Array = NDArray[np.float64]
+
+_ANY_SPEED_M_S = 30.0
+"""Standard deviation of the first velocity, beyond that of any small vehicle."""
+_FALSE_ALARM = 1e-6
+"""Probability that a right gyro contradicts the pictures: a flight has thousands of intervals."""
+
+
+@dataclass(frozen=True)
+class InertialLink:
+    """The factor of an interval, and what comes with it."""
+
+    factors: gtsam.NonlinearFactorGraph
+    """The factor, and priors on velocity and bias where no earlier interval tells them."""
+    values: gtsam.Values
+    """Initial velocities and biases that the estimate does not have yet."""
+    w_T_j: Array
+    """(4, 4) pose of the later keyframe."""
+
+
+def has_velocity(isam: gtsam.ISAM2, k: int) -> bool:
+    """Return whether an interval tells the velocity of keyframe ``k``."""
+    return bool(isam.valueExists(VELOCITY(k)))
+
+
+def inertial_link(
+    interval: InertialInterval, noise: InertialNoise, isam: gtsam.ISAM2, w_T_j: Array | None
+) -> InertialLink:
+    """Return the link of an interval to the estimate ``isam``, which has the pose of its first keyframe.
+
+    ``w_T_j`` (4, 4) is the pose of the other one by the pictures; without it the readings predict it, which
+    takes the velocity of the first one.
+    """
+    i, j = interval.i, interval.j
+    integrated = interval.factor.preintegratedMeasurements()
+    begin, lasts_s = isam.calculateEstimatePose3(i), integrated.deltaTij()
+    values, factors = gtsam.Values(), gtsam.NonlinearFactorGraph()
+    if has_velocity(isam, i):
+        velocity = isam.calculateEstimateVector(VELOCITY(i))
+        bias = isam.calculateEstimateConstantBias(BIAS(i))
+    else:
+        assert w_T_j is not None
+        velocity, bias = (w_T_j[:3, 3] - begin.translation()) / lasts_s, gtsam.imuBias.ConstantBias()
+        values.insert(VELOCITY(i), velocity)
+        values.insert(BIAS(i), bias)
+        offsets = np.repeat([noise.accel_offset_m_s2, noise.gyro_offset_rad_s], 3)
+        any_velocity = gtsam.noiseModel.Isotropic.Sigma(3, _ANY_SPEED_M_S)
+        factors.push_back(gtsam.PriorFactorVector(VELOCITY(i), np.zeros(3), any_velocity))
+        factors.push_back(
+            gtsam.PriorFactorConstantBias(BIAS(i), bias, gtsam.noiseModel.Diagonal.Sigmas(offsets))
+        )
+    end = integrated.predict(gtsam.NavState(begin, velocity), bias)
+    values.insert(VELOCITY(j), end.velocity())
+    values.insert(BIAS(j), bias)
+    model = interval.factor.noiseModel()
+    assert isinstance(model, gtsam.noiseModel.Gaussian)
+    factor = interval.factor.cloneWithNewNoiseModel(robust(model))
+    factors.push_back(factor.rekey([i, VELOCITY(i), j, VELOCITY(j), BIAS(i), BIAS(j)]))
+    return InertialLink(factors, values, np.asarray(end.pose().matrix()) if w_T_j is None else w_T_j)
+
+
+def turns_agree(
+    interval: InertialInterval, noise: InertialNoise, i_R_j: Array, rotation_covariance: Array
+) -> bool:
+    """Return whether gyro and pictures turn alike; swapped axes or another unit do not.
+
+    ``i_R_j`` (3, 3) by the pictures has the ``rotation_covariance`` (3, 3) [rad²].
+    """
+    integrated = interval.factor.preintegratedMeasurements()
+    off_rad = integrated.deltaRij().localCoordinates(gtsam.Rot3(i_R_j))
+    by_bias = (noise.gyro_offset_rad_s * integrated.deltaTij()) ** 2 * np.eye(3)
+    covariance = interval.gyro_covariance[ROTATION, ROTATION] + by_bias + rotation_covariance
+    return bool(off_rad @ np.linalg.solve(covariance, off_rad) < chi_square_limit(_FALSE_ALARM, 3))
+
+
+def relative_poses(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, pairs: Sequence[tuple[int, int]]
+) -> tuple[RelativePose, ...]:
+    """Return the relative poses of pairs of keyframes, each of one interval, of kind ``inertial``."""
+    unit = gtsam.noiseModel.Unit.Create(6)
+    found = [values.atPose3(i).between(values.atPose3(j)) for i, j in pairs]
+    factors = [gtsam.BetweenFactorPose3(i, j, T, unit) for (i, j), T in zip(pairs, found, strict=True)]
+    # The random walk of a bias is a millionth of the first velocity's prior.
+    covariances = posterior(graph, values, [i for i, _ in pairs], factors, by_qr=True).predictions
+    return tuple(
+        RelativePose(i, j, T.matrix(), P, "inertial")
+        for (i, j), T, P in zip(pairs, found, covariances, strict=True)
+    )
