@@ -63,7 +63,7 @@ def keyframe_by_keyframe(
     readings = KeyframeReadings.at(flight, observations.stamps_s, flight.geo_origin(), config)
     setup = Setup(flight.camera, readings, config)
     measured, _ = graph_measurements(lift_edges(observations.registrations, setup), setup)
-    if measured.length_unit == "metres":
+    if measured.length_unit == "m":
         measured = replace(measured, inertial=inertial_measurements(flight.imu, config))
     return replay(measured, progress)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -40,10 +41,20 @@ class Flown:
     edges: tuple[RelativePose, ...]
     attitudes: tuple[Attitude, ...]
     ranges: tuple[SlantRange, ...]
-    intervals: dict[int, InertialInterval]
-    """Later keyframe -> readings since the one before."""
+    stamps_s: np.ndarray
+    inertial: Inertial
     gap: int
     """Last keyframe before the gap."""
+
+    @cached_property
+    def intervals(self) -> dict[int, InertialInterval]:
+        """Later keyframe -> readings since the one before."""
+        return {one.j: one for one in preintegrate(self.inertial, self.stamps_s, of_body=True)}
+
+    @property
+    def measurements(self) -> Measurements:
+        """All measurements."""
+        return Measurements(self.stamps_s, self.edges, self.attitudes, self.ranges, inertial=self.inertial)
 
     def replayed(self, with_imu: bool = True, **options) -> Incremental:
         """Add all keyframes."""
@@ -77,7 +88,8 @@ def flown(seed: int, gyro_turned: bool = False) -> Flown:
         edges=tuple(edges),
         attitudes=tuple(Attitude(k, np.array([*t, np.nan]), std_rad) for k, t in enumerate(tilt)),
         ranges=tuple(SlantRange(k, float(r), RANGE_STD_M) for k, r in enumerate(slant)),
-        intervals={one.j: one for one in preintegrate(inertial, stamps_s, of_body=True)},
+        stamps_s=stamps_s,
+        inertial=inertial,
         gap=gap,
     )
 
@@ -152,8 +164,7 @@ def test_the_final_solve_is_near_that_of_the_batch_with_the_bridge_as_an_edge():
     in_flight = live.trajectory()
     live.settle()
     edges = (*made.edges, *live.bridges())
-    measured = Measurements(np.arange(float(len(made.truth))), edges, made.attitudes, made.ranges)
-    batch = solve(measured, covariances=False)
+    batch = solve(replace(made.measurements, relative_poses=edges), covariances=False)
     settled = made.off(live.trajectory())[:, 3:]
     std_m = np.sqrt(np.trace(live.bridges()[0].covariance[3:, 3:]))
     assert np.abs(settled - made.off(batch.w_T_b)[:, 3:]).max() < 0.2 * std_m

@@ -10,6 +10,7 @@ import pytest
 from backend.measurements import Measurements
 from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe, replay
 from slam.report.accuracy import keyframe_by_keyframe_table
+from tests.backend.pose_graph.test_inertial_link import flown
 from tests.backend.synthetic import falsified, flight
 
 
@@ -41,6 +42,15 @@ def test_a_keyframe_waits_for_an_edge_to_an_earlier_one():
     found = replay(replace(measured, relative_poses=(*edges, bridge, late)))
     assert len(found.seconds) == 35
     assert found.settled < 1e-3
+
+
+@pytest.mark.parametrize("gyro_turned", [False, True])
+def test_readings_of_an_imu_join_what_lies_behind_a_gap_unless_they_contradict_the_pictures(gyro_turned):
+    made = flown(1, gyro_turned)
+    found = replay(made.measurements)
+    whole = len(made.truth)
+    assert (found.bridged, len(found.seconds)) == ((0, made.gap + 1) if gyro_turned else (1, whole))
+    assert found.settled < 0.05
 
 
 def test_the_table_names_the_unit():
