@@ -17,10 +17,8 @@ from scipy.sparse import csr_array
 
 from slam.criticism.camera.camera_path import CameraPath, camera_path
 from slam.criticism.camera.feature_matches import FeatureMatches
-from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
+from slam.criticism.camera.lens import NUDGE, WARP_TOLERANCE, floor_of, pixels_of, warp
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
-from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
-from slam.criticism.camera.warps import warp
 from slam.criticism.kalman.filter_parameters import CAMERA, OFFSET, POINTS, READOUT, FilterParameters
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.camera.lens import PAIRS, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
-from slam.criticism.camera.warps import PAIRS, WARPS
 from slam.criticism.kalman.perturbations import FORCES, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record, any_holds_heading

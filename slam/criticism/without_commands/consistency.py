@@ -15,8 +15,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
-from slam.criticism.without_commands.regression import TOLERANCE, Regression
+from slam.criticism.without_commands.regression import TOLERANCE, Regression, in_catalogue, is_square
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

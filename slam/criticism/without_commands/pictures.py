@@ -20,8 +20,15 @@ from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, STEPS, FilterParameters, slot
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record
-from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, picture_effects
-from slam.criticism.without_commands.regression import SEGMENT_S, Sizes
+from slam.criticism.without_commands.regression import (
+    LATE,
+    PATTERNS,
+    SEGMENT_S,
+    SIZE,
+    Sizes,
+    is_square,
+    picture_effects,
+)
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 
 Array = NDArray[np.float64]

@@ -1,4 +1,7 @@
-"""Least squares over the whitened rows of all comparisons, with the columns of effects."""
+"""Least squares over the whitened rows of all comparisons, with the columns of effects.
+
+A column is an error of an instrument or a camera: a term and its parameter, a delay, or a pattern.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
-from slam.criticism.camera.warps import WARPS
+from slam.criticism.camera.lens import WARP_TOLERANCE, WARPS
+from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
+from slam.criticism.kalman.filter_parameters import CAMERA, SQUARES, catalogued
+from slam.criticism.kalman.readings import SENSOR
+from slam.criticism.search import effects as searched
 from slam.criticism.search.thresholds import parameter_cost
-from slam.criticism.without_commands.effect_columns import is_square
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.terms import CATALOGUE
 
@@ -21,6 +26,15 @@ Ints = NDArray[np.int64]
 Sizes = Mapping[str, float]
 """Column -> size."""
 
+LATE = {f"{name}.s": parameter for name, (_, parameter) in searched.LATE.items()}
+"""Columns of delays, which are no terms, and their parameters."""
+PATTERNS = (*PICTURE_PATTERNS, *WARPS)
+"""Patterns of pictures, which are no terms either."""
+SIZE = ".size"
+"""Suffix of a pattern's column."""
+UNMEASURED = ("sonar_temperature.rise", "floor_slope.x", "floor_slope.y", "exposure_variation.gamma")
+"""Errors that pictures do not measure: a drifting scale, of which a segment has little; differences between
+healthy places; and a variance that resembles another. Varying brightness is reported as that of the gain."""
 SEGMENT_S = 10.0
 FEWEST_FLIGHTS = 3
 SEGMENTS = 6
@@ -213,3 +227,24 @@ def parts_of(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[d
         parts.append(dict(zip(segment.tolist(), data.part[begin : begin + count].tolist(), strict=True)))
         begin += count
     return parts
+
+
+def picture_effects() -> list[str]:
+    """Return every error that pictures may show."""
+    terms = [n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED]
+    return [*terms, *LATE, *(name + SIZE for name in PATTERNS)]
+
+
+def in_catalogue(column: str, size: float) -> float:
+    """Return a column's size in the catalogue's unit: for a variance, the standard deviation."""
+    if column in CAMERA:
+        return catalogued(CAMERA.index(column), size)
+    effect, _, parameter = column.rpartition(".")
+    return size + CATALOGUE[effect].parameter(parameter).neutral
+
+
+def is_square(column: str) -> bool:
+    """Whether a column is a square, or a variance: its size cannot be negative."""
+    if column in CAMERA:
+        return CAMERA.index(column) in SQUARES
+    return column.removesuffix(SIZE) in VARIANCE_PATTERNS

@@ -20,9 +20,8 @@ from slam.criticism.without_commands.consistency import (
     disagreements,
     onset,
 )
-from slam.criticism.without_commands.effect_columns import LATE
 from slam.criticism.without_commands.pictures import contradiction
-from slam.criticism.without_commands.regression import TOLERANCE, Regression
+from slam.criticism.without_commands.regression import LATE, TOLERANCE, Regression
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality.channels import noise_ratio, streams_of
 from slam.simulation.terms import CATALOGUE

@@ -24,11 +24,17 @@ from slam.criticism.verdict.decision import CONFIRMED_NATS, is_unknown
 from slam.criticism.verdict.sentence import with_sentences
 from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.consistency import varying_sizes
-from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.pictures import picture_errors
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
-from slam.criticism.without_commands.regression import TOLERANCE, Regression, parts_of, regression_of
+from slam.criticism.without_commands.regression import (
+    TOLERANCE,
+    Regression,
+    in_catalogue,
+    is_square,
+    parts_of,
+    regression_of,
+)
 from slam.criticism.without_commands.rollouts import channel_errors
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.unexplained import (

@@ -12,9 +12,8 @@ import pytest
 from slam.criticism import criticise
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands import next_flight
-from slam.criticism.without_commands.effect_columns import PATTERNS, SIZE
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
-from slam.criticism.without_commands.regression import regression_of
+from slam.criticism.without_commands.regression import PATTERNS, SIZE, regression_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.criticism.without_commands.whitened_rows import NODE_S
 from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings

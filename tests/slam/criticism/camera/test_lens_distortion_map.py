@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.homography import transfer
 from slam.criticism.camera.feature_matches import match_all_pictures
+from slam.criticism.camera.lens import LENS_MAP_PATTERN, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score
-from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS
 from slam.criticism.kalman.filter_parameters import CAMERA, STEPS, TILT_X, filter_parameters_of
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import record_of

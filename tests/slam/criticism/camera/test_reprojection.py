@@ -11,10 +11,9 @@ from scipy.stats import chi2
 from frontend.camera import Camera
 from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
 from slam.criticism.camera.feature_matches import FeatureMatches
-from slam.criticism.camera.lens import floor_of, pixels_of
+from slam.criticism.camera.lens import LENS_MAP_PATTERN, WARPS, floor_of, pixels_of, warp
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import TOLERANCE, reprojection_score
-from slam.criticism.camera.warps import LENS_MAP_PATTERN, WARPS, warp
 from slam.criticism.kalman.filter_parameters import (
     BLUR,
     CAMERA,
