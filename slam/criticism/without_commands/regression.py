@@ -18,6 +18,7 @@ from slam.criticism.kalman.filter_parameters import CAMERA, SQUARES, catalogued
 from slam.criticism.kalman.readings import SENSOR
 from slam.criticism.search import effects as searched
 from slam.criticism.search.thresholds import parameter_cost
+from slam.criticism.verdict.held_out import parts_of
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.terms import CATALOGUE
 
@@ -36,8 +37,6 @@ UNMEASURED = ("sonar_temperature.rise", "floor_slope.x", "floor_slope.y", "expos
 """Errors that pictures do not measure: a drifting scale, of which a segment has little; differences between
 healthy places; and a variance that resembles another. Varying brightness is reported as that of the gain."""
 SEGMENT_S = 10.0
-FEWEST_FLIGHTS = 3
-SEGMENTS = 6
 RIDGE = 1e-9
 TOLERANCE = {
     **{name: term.tolerance for name, term in CATALOGUE.items()},
@@ -203,22 +202,22 @@ def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
     minutes = np.concatenate(
         [(r.times_s - at) / 60.0 for found, at in zip(rows, middle_s, strict=True) for r in found]
     )
-    _, cluster = np.unique(np.column_stack([flight, segment]), axis=0, return_inverse=True)
-    by_flight = sum(bool(found) for found in rows) >= FEWEST_FLIGHTS
+    clusters, cluster = np.unique(np.column_stack([flight, segment]), axis=0, return_inverse=True)
+    part, by = parts_of(clusters[:, 0])
     return Regression(
         off=off,
         columns=columns,
         kind=kind,
-        part=flight if by_flight else cluster % SEGMENTS,
+        part=part[cluster],
         cluster=cluster,
         flight=flight,
         times_s=np.concatenate([r.times_s for found in rows for r in found]),
         minutes=minutes,
-        by="flight" if by_flight else "segment",
+        by=by,
     )
 
 
-def parts_of(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[dict[float, int]]:
+def part_of_segments(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[dict[float, int]]:
     """Return for each flight of the ``rows`` of ``data``: number of a segment -> its part."""
     parts, begin = [], 0
     for flight in rows:

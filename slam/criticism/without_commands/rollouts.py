@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.cause import ChannelError
 from slam.criticism.verdict.rollouts import HORIZONS_S
-from slam.criticism.without_commands.regression import SEGMENT_S, Regression, Sizes, parts_of
+from slam.criticism.without_commands.regression import SEGMENT_S, Regression, Sizes, part_of_segments
 from slam.criticism.without_commands.whitened_rows import NODE_S, Averages, WhitenedRows
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ def channel_errors(
     ``data`` belongs to these ``rows``.
     """
     squares: dict[tuple[str, str, float], list[Array]] = {}
-    for flight, parts in zip(rows, parts_of(rows, data), strict=True):
+    for flight, parts in zip(rows, part_of_segments(rows, data), strict=True):
         for averages in (r.averages for r in flight if r.averages is not None):
             for horizon in HORIZONS_S:
                 found = _errors_of(averages, horizon, parts, sizes, data.by == "flight")

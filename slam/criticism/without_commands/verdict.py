@@ -32,7 +32,7 @@ from slam.criticism.without_commands.regression import (
     Regression,
     in_catalogue,
     is_square,
-    parts_of,
+    part_of_segments,
     regression_of,
 )
 from slam.criticism.without_commands.rollouts import channel_errors
@@ -156,7 +156,7 @@ def _errors(
     sizes = {
         part: {n: x for n, x in of.items() if n.rpartition(".")[0] in CATALOGUE} for part, of in every.items()
     }
-    pictures = picture_errors(found.records, found.parameters, parts_of(rows, data), sizes)
+    pictures = picture_errors(found.records, found.parameters, part_of_segments(rows, data), sizes)
     return (*channel_errors(rows, data, sizes), *pictures)
 
 
