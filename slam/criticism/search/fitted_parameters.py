@@ -22,7 +22,7 @@ from slam.criticism.search.nuisances import (
     value_of,
     with_value,
 )
-from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
+from slam.simulation.dynamics import PARAMETERS
 from slam.simulation.terms import CATALOGUE, Parameter
 
 LARGEST_SHARE = 0.4
@@ -69,7 +69,10 @@ class _Entry(FittedParameter):
         return float(getattr(parameters, self.where)[self.entry]) - self.limits.neutral
 
     def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        x = float(getattr(parameters, self.where)[self.entry]) + step
+        return self.at(parameters, float(getattr(parameters, self.where)[self.entry]) + step)
+
+    def at(self, parameters: FilterParameters, x: float) -> FilterParameters:
+        """Return the filter parameters with an entry of ``x``, within the limits of the equations."""
         return _with(parameters, self.where, self.entry, min(max(x, self.limits.least), self.limits.most))
 
     def longest_step(self, parameters: FilterParameters) -> float:
@@ -105,7 +108,11 @@ class _Latency(FittedParameter):
         return parameters.latency_s
 
     def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return replace(parameters, latency_s=min(max(parameters.latency_s + step, 0.0), LARGEST_LATENCY_S))
+        return self.at(parameters, parameters.latency_s + step)
+
+    def at(self, parameters: FilterParameters, x: float) -> FilterParameters:
+        """Return the filter parameters with a latency of ``x``, within the limits of the equations."""
+        return replace(parameters, latency_s=min(max(x, 0.0), LARGEST_LATENCY_S))
 
     def longest_step(self, parameters: FilterParameters) -> float:
         return self.limits.high - self.limits.low
@@ -115,29 +122,20 @@ class _Latency(FittedParameter):
 
 
 @dataclass(frozen=True)
-class _LatencyAt(_Latency):
-    """The delay at a value of the grid."""
+class _At(FittedParameter):
+    """Another parameter at a value of the grid."""
 
-    value_s: float
+    free: _Entry | _Latency
+    value: float
 
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return replace(parameters, latency_s=self.value_s)
-
-    def longest_step(self, parameters: FilterParameters) -> float:
-        return inf
-
-
-@dataclass(frozen=True)
-class _LimitAt(_Entry):
-    """A limit of the tilt at a value of the grid."""
-
-    value_rad: float
+    def value_in(self, parameters: FilterParameters) -> float:
+        return self.free.value_in(parameters)
 
     def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return _with(parameters, self.where, self.entry, self.value_rad)
+        return self.free.at(parameters, self.value)
 
-    def longest_step(self, parameters: FilterParameters) -> float:
-        return inf
+    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
+        return self.free.in_catalogue_units(current, parameters)
 
 
 @dataclass(frozen=True)
@@ -220,10 +218,10 @@ def fitted_parameter(name: str) -> FittedParameter:
     term, at, value = name.partition(AT)
     if at and term == "gusts":
         return _Gusts(float(value))
-    if at and term == "control_latency":
-        return _LatencyAt(_limits(f"{term}.T"), float(value))
-    if at and term == "tilt_limit":
-        return _LimitAt("dynamics", TILT_LIMIT, _limits(f"{term}.limit"), float(value))
+    if at:
+        free = fitted_parameter(f"{term}.{CATALOGUE[term].parameters[0].name}")
+        assert isinstance(free, _Entry | _Latency)
+        return _At(free, float(value))
     if name == "control_latency.T":
         return _Latency(_limits(name))
     if name == "clock_drift.ppm":
