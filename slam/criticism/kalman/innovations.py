@@ -34,6 +34,7 @@ from slam.criticism.kalman.readings import (
     NO_CHANNEL,
     STATES,
     STATES_WITH_GUSTS,
+    place_of,
 )
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.steps import GATE
@@ -90,6 +91,12 @@ class FilterPass:
         """
         square = np.where(self.status == USED, self.white**2, GATE**2)
         return np.where(self.status == IGNORED, 0.0, -0.5 * (square - 1.0 + self.log_variance))
+
+    def of_channel(self, record: Record, channel: int) -> tuple[Ints, Array, Ints]:
+        """Return the events (m,) of a channel, their innovations (m,) and their status (m,)."""
+        kind, column = place_of(channel)
+        rows = np.flatnonzero(record.kinds == kind)
+        return rows, self.white[rows, column], self.status[rows, column]
 
     @property
     def log_likelihood(self) -> float:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
-from slam.criticism.kalman.readings import CHANNELS, SONAR, place_of
+from slam.criticism.kalman.readings import CHANNELS, RANGE
 from slam.criticism.kalman.record import Record
 from slam.data_quality.lines import FEWEST, LOG_CHANCE, LOWEST_HZ, log_tail, over_neighbours
 
@@ -69,12 +69,11 @@ def _line(channel: int, records: Sequence[Record], passes: Sequence[FilterPass])
 
 def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]:
     """Return a channel's whitened innovations at even times (0 where unused), and the time step."""
-    kind, c = place_of(channel)
-    rows = np.flatnonzero(record.kinds == kind)
-    used = run.status[rows, c] == USED
+    rows, innovations, status = run.of_channel(record, channel)
+    used = status == USED
     if used.sum() < FEWEST:
         return np.zeros(0), 0.0
-    times_s, white = record.times_s[rows], np.where(used, run.white[rows, c], 0.0)
+    times_s, white = record.times_s[rows], np.where(used, innovations, 0.0)
     step_s = float(np.median(np.diff(times_s)))
     at = np.rint((times_s - times_s[0]) / step_s).astype(np.int64)
     return np.asarray(np.bincount(at, weights=white - white.mean()), dtype=float), step_s
@@ -85,13 +84,10 @@ def outliers_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> list
     sonar's are spikes."""
     found = []
     for channel, name in enumerate(CHANNELS):
-        kind, column = place_of(channel)
-        if kind == SONAR:
+        if channel == RANGE:
             continue
-        judged = [
-            run.status[record.kinds == kind, column] for record, run in zip(records, passes, strict=True)
-        ]
-        status = np.concatenate(judged)
+        flights = zip(records, passes, strict=True)
+        status = np.concatenate([run.of_channel(record, channel)[2] for record, run in flights])
         out = int(np.count_nonzero(status == OUTLIER))
         both = out + int(np.count_nonzero(status == USED))
         if out >= FEWEST_OUTLIERS and out > LARGEST_SHARE * both:

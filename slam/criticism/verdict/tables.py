@@ -10,9 +10,9 @@ from scipy.special import ndtr
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.ar1_noise import lag_one_correlation
+from slam.criticism.search.correlated_noise import lag_one_correlation
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.criticism.search.search import SearchResult
@@ -80,11 +80,9 @@ def checks(records: Sequence[Record], expansion: LikelihoodExpansion) -> tuple[C
     correlation, _ = lag_one_correlation(records, expansion.fisher.passes)
     found = []
     for channel, name in enumerate(CHANNELS):
-        kind, c = place_of(channel)
-        pairs = zip(records, expansion.fisher.passes, strict=True)
-        white = np.concatenate(
-            [run.white[(record.kinds == kind) & (run.status[:, c] == USED), c] for record, run in pairs]
-        )
+        flights = zip(records, expansion.fisher.passes, strict=True)
+        each = [run.of_channel(record, channel) for record, run in flights]
+        white = np.concatenate([innovations[status == USED] for _, innovations, status in each])
         if len(white) > 1:
             square, next_one = float(np.mean(white**2)), float(correlation[channel])
             tenths = np.histogram(ndtr(white), bins=TENTHS, range=(0.0, 1.0))[0] / len(white)

@@ -13,7 +13,7 @@ from slam.criticism.kalman.innovations import segments, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.ar1_noise import lag_one_correlation
+from slam.criticism.search.correlated_noise import lag_one_correlation
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

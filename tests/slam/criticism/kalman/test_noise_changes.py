@@ -11,7 +11,7 @@ from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import Run, whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.ar1_noise import ar1_effects
+from slam.criticism.search.correlated_noise import ar1_effects
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.fitting import first_seconds, noise_changes
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight

@@ -10,7 +10,7 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.ar1_noise import with_ar1_noise
+from slam.criticism.search.correlated_noise import with_ar1_noise
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight

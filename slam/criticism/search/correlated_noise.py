@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, whole
-from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_OF, place_of
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_OF
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import fit_nuisances
@@ -91,9 +91,8 @@ def lag_one_correlation(records: Sequence[Record], passes: Sequence[FilterPass])
     products, pairs, squares = (np.zeros(len(CHANNELS)) for _ in range(3))
     for record, run in zip(records, passes, strict=True):
         for k in range(len(CHANNELS)):
-            kind, c = place_of(k)
-            rows = record.kinds == kind
-            white = np.where(run.status[rows, c] == USED, run.white[rows, c], np.nan)
+            _, white, status = run.of_channel(record, k)
+            white = np.where(status == USED, white, np.nan)
             product = white[1:] * white[:-1]
             products[k] += np.nansum(product)
             pairs[k] += np.isfinite(product).sum()
