@@ -32,8 +32,9 @@ from backend.measurements import (
 )
 from backend.pose_graph.inertial_link import (
     InertialLink,
-    has_velocity,
+    bridges,
     inertial_link,
+    is_informative,
     relative_poses,
     turns_agree,
 )
@@ -193,8 +194,9 @@ class Incremental:
         return float(self._received.graph().error(self._isam.calculateEstimate()))
 
     def bridges_by(self, inertial: InertialInterval) -> bool:
-        """Return whether these readings alone can join the next keyframe: earlier ones tell the velocity."""
-        return has_velocity(self._isam, inertial.i)
+        """Return whether these readings alone can join the next keyframe: earlier ones tell the velocity, so
+        that its position is known to a height above the floor."""
+        return bridges(self._isam, replace(inertial, j=self.count), self.inertial_noise)
 
     def bridges(self) -> tuple[RelativePose, ...]:
         """Return a relative pose of kind ``inertial`` for each keyframe that readings alone join to an
@@ -209,7 +211,7 @@ class Incremental:
         self, inertial: InertialInterval | None, anchor: RelativePose | None, number: int
     ) -> InertialLink | None:
         """Return the link by the readings; None without any, or where they contradict the pictures."""
-        if inertial is None or number == 0:
+        if inertial is None or not is_informative(inertial, self.pose(inertial.i)[2, 3]):
             return None
         inertial, w_T_j = replace(inertial, j=number), None
         if anchor is not None:

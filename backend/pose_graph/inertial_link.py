@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 
 from backend.measurements import InertialNoise, RelativePose
 from backend.pose_graph.marginals import posterior
-from backend.preintegration.intervals import ROTATION, InertialInterval
+from backend.preintegration.intervals import POSITION, ROTATION, InertialInterval
 from backend.quantiles import chi_square_limit
 from backend.robust import robust
 
 Array = NDArray[np.float64]
 
+MOST_HEIGHTS = 1.0
+"""Largest standard deviation of a bridge in heights above the floor: beyond it the pictures could be
+anywhere."""
 _ANY_SPEED_M_S = 30.0
 """Standard deviation of the first velocity, beyond that of any small vehicle."""
 _FALSE_ALARM = 1e-6
@@ -45,6 +48,43 @@ class InertialLink:
 def has_velocity(isam: gtsam.ISAM2, k: int) -> bool:
     """Return whether an interval tells the velocity of keyframe ``k``."""
     return bool(isam.valueExists(VELOCITY(k)))
+
+
+def is_informative(interval: InertialInterval, height_m: float) -> bool:
+    """Return whether the noise of an interval leaves the position known to a height above the floor."""
+    noise = (interval.gyro_covariance + interval.accel_covariance)[POSITION, POSITION]
+    return bool(np.trace(noise) < (MOST_HEIGHTS * height_m) ** 2)
+
+
+def bridges(isam: gtsam.ISAM2, interval: InertialInterval, noise: InertialNoise) -> bool:
+    """Return whether an interval without pictures leaves the position known to a height above the floor."""
+    i, j = interval.i, interval.j
+    if not has_velocity(isam, i):
+        return False
+    link = inertial_link(interval, noise, isam, None)
+    # At another point than the covariance's, velocities would turn by the unknown heading.
+    point, values = isam.getLinearizationPoint(), gtsam.Values(link.values)
+    begin = point.atPose3(i)
+    values.insert(i, begin)
+    values.insert(j, gtsam.Pose3(link.w_T_j))
+    values.insert(VELOCITY(i), point.atVector(VELOCITY(i)))
+    values.insert(BIAS(i), point.atConstantBias(BIAS(i)))
+    # Columns in order of the keys: pose, velocity, pose, velocity, bias, bias.
+    linear = np.asarray(keyed(interval).linearize(values).jacobian()[0])
+    by_begin = np.hstack([linear[:, :9], linear[:, 18:24]])
+    from_errors = np.linalg.inv(np.hstack([linear[:, 9:18], linear[:, 24:]]))[:6]
+    by_begin = -from_errors @ by_begin
+    by_begin[:, :6] -= begin.between(gtsam.Pose3(link.w_T_j)).inverse().AdjointMap()
+    known = isam.jointMarginalCovariance([i, VELOCITY(i), BIAS(i)]).fullMatrix()
+    covariance = by_begin @ known @ by_begin.T + from_errors @ from_errors.T
+    height_m = float(begin.translation()[2])
+    return bool(np.trace(covariance[3:, 3:]) < (MOST_HEIGHTS * height_m) ** 2)
+
+
+def keyed(interval: InertialInterval) -> gtsam.NonlinearFactor:
+    """Return the factor of an interval on the keys of its keyframes."""
+    i, j = interval.i, interval.j
+    return interval.factor.rekey([i, VELOCITY(i), j, VELOCITY(j), BIAS(i), BIAS(j)])
 
 
 def inertial_link(
@@ -79,7 +119,7 @@ def inertial_link(
     model = interval.factor.noiseModel()
     assert isinstance(model, gtsam.noiseModel.Gaussian)
     factor = interval.factor.cloneWithNewNoiseModel(robust(model))
-    factors.push_back(factor.rekey([i, VELOCITY(i), j, VELOCITY(j), BIAS(i), BIAS(j)]))
+    factors.push_back(factor.rekey(keyed(interval).keys()))
     return InertialLink(factors, values, np.asarray(end.pose().matrix()) if w_T_j is None else w_T_j)
 
 
@@ -107,6 +147,6 @@ def relative_poses(
     # The random walk of a bias is a millionth of the first velocity's prior.
     covariances = posterior(graph, values, [i for i, _ in pairs], factors, by_qr=True).predictions
     return tuple(
-        RelativePose(i, j, T.matrix(), P, "inertial")
+        RelativePose(i, j, T.matrix(), 0.5 * (P + P.T), "inertial")
         for (i, j), T, P in zip(pairs, found, covariances, strict=True)
     )

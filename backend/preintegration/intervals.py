@@ -21,8 +21,8 @@ Array = NDArray[np.float64]
 
 STATE_SIZE = 15
 """Rows of the error of an interval: rotation, position, velocity, bias of accelerometer and gyro (3 each)."""
-ROTATION, MOTION = slice(0, 3), slice(3, 9)
-"""Rows that the gyro dominates, and rows that the accelerometer dominates."""
+ROTATION, POSITION, MOTION = slice(0, 3), slice(3, 6), slice(3, 9)
+"""Rows that the gyro dominates, rows of the position, and rows that the accelerometer dominates."""
 _LEAST_GAP_S = 0.05
 """Time without a reading that is no gap. Small vehicles turn at less than 10 Hz, so that a straight line
 bridges a twentieth of a second."""

@@ -18,6 +18,7 @@ from backend import se3
 from backend.ekf.inputs import VisualStep, renumber_steps
 from backend.errors import BackendError
 from backend.measurements import RelativePose
+from backend.pose_graph.inertial_link import MOST_HEIGHTS
 from frontend.lift import lift
 from frontend.registration import Registration
 from slam.core.errors import InputError
@@ -33,9 +34,6 @@ _LEVEL = np.array([2, 3, 4])
 """Rows of a pose's error in which a part of a map is free: heading, x, y. Its floor is level and at z = 0."""
 _HEIGHT = 5
 """Row of the height, which each part fixes by its floor and which has an error all the same."""
-_MOST_HEIGHTS = 1.0
-"""Largest standard deviation of a bridge in heights above the floor: beyond it the pictures could be
-anywhere."""
 
 
 def picture_steps(links: Sequence[Registration | None], setup: Setup) -> tuple[VisualStep, ...]:
@@ -86,7 +84,7 @@ def inertial_edges(
         i, j = int(numbers[k - 1]), int(numbers[k])
         covariance = states.clone_T_b_covariances[k]
         height_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
-        if j not in reached and np.trace(covariance[3:, 3:]) < (_MOST_HEIGHTS * height_m) ** 2:
+        if j not in reached and np.trace(covariance[3:, 3:]) < (MOST_HEIGHTS * height_m) ** 2:
             edges.append(RelativePose(i, j, states.clone_T_b[k], covariance, "inertial"))
     return tuple(edges)
 
