@@ -82,12 +82,15 @@ def required_nats(effect: Effect) -> float:
 
 
 @dataclass(frozen=True)
-class _Place:
+class Place:
     """Alternatives to one chosen term."""
 
     names: tuple[str, ...]
+    """Its own name, then those of terms that explain as much within 4 nats."""
     lead_nats: float
+    """Lead over the best other term, with the cost of the parameters."""
     rival: str
+    """The most probable other term; empty where there is none."""
     weights: tuple[tuple[float, frozenset[str]], ...] = ()
     """Evidence of the chosen set without the term, and with each other in its place."""
 
@@ -103,7 +106,7 @@ def posterior_of(found: SearchResult) -> Posterior:
     ]
     if not chosen or (len(chosen) > 1 and not saturations):
         weights += _in_place_of_all(found)
-    probability = _probabilities(weights)
+    probability = probabilities(weights)
     for names in (saturation.names for saturation in saturations):
         share = probability.get(names[0], 0.0) / len(names)
         probability.update({n: max(share, probability.get(n, 0.0)) for n in names[1:]} | {names[0]: share})
@@ -150,16 +153,16 @@ def _over(found: SearchResult, expansion: LikelihoodExpansion) -> float:
     return float(expansion.fisher.log_likelihood.sum() - found.last.fisher.log_likelihood.sum())
 
 
-def _at_saturation(found: SearchResult, saturation: Effect) -> _Place:
+def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
     """Return the alternatives to a saturation, which the search compared with all others with the filter run
     anew."""
     names = (saturation.name, *_equally_good(found, saturation))
     if len(names) == 1:
-        return _Place(names, np.inf, _second_to_saturation(found))
-    return _Place(names, 0.0, names[1])
+        return Place(names, np.inf, _second_to_saturation(found))
+    return Place(names, 0.0, names[1])
 
 
-def _at_term(found: SearchResult, term: Effect) -> _Place:
+def _at_term(found: SearchResult, term: Effect) -> Place:
     expansion = _expansion_without(found, term)
     own, over = _evidence(found.last, found.chosen), _over(found, expansion)
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
@@ -191,7 +194,7 @@ def _at_term(found: SearchResult, term: Effect) -> _Place:
     near = [n for n in order if best[n][0] < VERY_SIMILAR_NATS or n in one_class]
     near += [n for n in found.rivals.get(term.name, ()) if n in best and n not in near]
     lead_nats = min((lead for lead, _ in best.values()), default=np.inf)
-    return _Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
+    return Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
 
 
 def _in_other_words(
@@ -317,7 +320,9 @@ def _names(effects: Sequence[Effect]) -> frozenset[str]:
     return frozenset(e.name if is_term(e) else SOMETHING_ELSE for e in effects) or frozenset([NOTHING])
 
 
-def _probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str, float]:
+def probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str, float]:
+    """Return the probability of each name from the evidence in nats of hypotheses, which are sets of
+    names."""
     logs = np.array([w for w, _ in weights])
     share = np.exp(logs - logs.max())
     share /= share.sum()

@@ -10,12 +10,12 @@ on it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from slam.criticism.search.thresholds import KNOWN, UNKNOWN, VERY_SIMILAR_NATS
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Place, probabilities
 from slam.criticism.without_commands.regression import Regression
 from slam.simulation.terms import CATALOGUE
 
@@ -23,19 +23,7 @@ IN_TIME = " ~ time"
 """Suffix of an error that grows with time."""
 
 
-@dataclass(frozen=True)
-class InPlace:
-    """Alternatives to a chosen effect."""
-
-    near: tuple[str, ...]
-    """Terms that explain as much within 4 nats, the nearest first."""
-    lead_nats: float
-    """Lead over the best other term, with the cost of the parameters."""
-    rival: str
-    """The most probable other term; empty where there is none."""
-
-
-def in_place_of(data: Regression, chosen: Sequence[str], effect: str) -> InPlace:
+def in_place_of(data: Regression, chosen: Sequence[str], effect: str) -> Place:
     """Return the alternatives to one of the chosen terms."""
     behind = {
         e: _behind(data, chosen, effect, e) for e in data.effects() if e in CATALOGUE and e not in chosen
@@ -43,7 +31,7 @@ def in_place_of(data: Regression, chosen: Sequence[str], effect: str) -> InPlace
     near = [e for e in sorted(behind, key=lambda e: behind[e][0]) if behind[e][0] < VERY_SIMILAR_NATS]
     rivals = [*near, *sorted(behind, key=lambda e: sum(behind[e]))]
     lead_nats = min((max(sum(of), 0.0) for of in behind.values()), default=np.inf)
-    return InPlace(tuple(near), float(lead_nats), next(iter(rivals), ""))
+    return Place((effect, *near), float(lead_nats), next(iter(rivals), ""))
 
 
 def posterior_of(data: Regression, chosen: Sequence[str]) -> dict[str, float]:
@@ -60,14 +48,11 @@ def posterior_of(data: Regression, chosen: Sequence[str]) -> dict[str, float]:
     if len(chosen) != 1:
         for other in data.effects():
             weights.setdefault(frozenset([other]), _evidence_alone(data, chosen, other))
-    greatest = max(weights.values())
-    share = {effects: float(np.exp(weight - greatest)) for effects, weight in weights.items()}
-    whole = sum(share.values())
-    total = {e: 0.0 for e in data.effects() if e in CATALOGUE} | {NOTHING: 0.0, SOMETHING_ELSE: 0.0}
-    for effects, part in share.items():
-        for name in {e if e in CATALOGUE else SOMETHING_ELSE for e in effects} or {NOTHING}:
-            total[name] = min(total[name] + part / whole, 1.0)
-    return total
+    named = [
+        (nats, frozenset(e if e in CATALOGUE else SOMETHING_ELSE for e in effects) or frozenset([NOTHING]))
+        for effects, nats in weights.items()
+    ]
+    return {e: 0.0 for e in data.effects() if e in CATALOGUE} | probabilities(named)
 
 
 def _behind(data: Regression, chosen: Sequence[str], effect: str, other: str) -> tuple[float, float]:

@@ -242,7 +242,7 @@ def _cause(
         gain=gain,
         z=z,
         lead_nats=place.lead_nats,
-        alternatives=(effect, *place.near),
+        alternatives=place.names,
         rival=place.rival,
     )
 

@@ -24,9 +24,9 @@ from slam.criticism.verdict.posterior import (
     NOTHING,
     SOMETHING_ELSE,
     Posterior,
-    _probabilities,
     likelier_term,
     posterior_of,
+    probabilities,
 )
 from slam.criticism.verdict.tables import ranking
 from slam.simulation.terms import CATALOGUE
@@ -119,7 +119,7 @@ def test_nothing_is_wrong_only_if_no_single_reading_is():
 
 @pytest.mark.parametrize("sets", [9, 18, 38])
 def test_a_term_of_every_set_has_probability_one(sets: int):
-    found = _probabilities([(-0.1 * k, frozenset(["quadratic_drag", str(k)])) for k in range(sets)])
+    found = probabilities([(-0.1 * k, frozenset(["quadratic_drag", str(k)])) for k in range(sets)])
     assert 1.0 - 1e-12 < found["quadratic_drag"] <= 1.0
 
 
