@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from backend.measurements import LensModel
@@ -17,6 +18,12 @@ NADIR_B_T_C: Array = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0
 
 _MIN_AREA_RATIO = 0.01
 """Lower limit of the area ratio. Smaller values occur where the distortion polynomial is not monotonic."""
+
+_MAX_ANGLE_RAD = np.radians(80.0)
+"""Largest angle from the axis of a fisheye's ray: at it an undistorted pixel is 33 times as long."""
+_ANGLES, _NEWTON_STEPS = 1000, 2
+"""Angles of the table that starts the inversion of a fisheye, 1.4 mrad apart. Each step of Newton squares the
+error of the start, which is below 1e-6."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +53,8 @@ class Camera:
     readout_s: float = 0.0
     """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
     lens: LensModel = "brown"
+    told: Camera | None = None
+    """The camera with the lens that was told, where this lens is an estimate: the deviations are about it."""
 
     @property
     def matrix(self) -> Array:
@@ -77,6 +86,13 @@ class Camera:
         return self.distortion if self.lens == "equidistant" else (*self.distortion, 0.0)[:5]
 
     @property
+    def told_numbers(self) -> tuple[float, ...]:
+        """(fx, fy, cx, cy) and coefficients that were told; a lens of another model had none."""
+        told = self.told or self
+        terms = told.all_distortion if told.lens == self.lens else (0.0,) * len(self.all_distortion)
+        return (*told.focal_px, *told.center_px, *terms)
+
+    @property
     def corners_px(self) -> Array:
         """(4, 2) centres of the corner pixels, clockwise from the top left."""
         w, h = self.size_px
@@ -87,11 +103,30 @@ class Camera:
         pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
         if not self.is_distorted or len(pixel) == 0:
             return pixel
+        if self.lens == "equidistant":
+            return self._undistort_fisheye(pixel)
         # OpenCV's default of five iterations leaves 0.15 px in the corners of a wide lens.
         stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-6)
-        undistort = cv2.fisheye.undistortPoints if self.lens == "equidistant" else cv2.undistortPoints
         lens, K = np.array(self.distortion), self.matrix
-        return np.asarray(undistort(pixel[:, None], K, lens, P=K, criteria=stop).reshape(-1, 2))
+        return np.asarray(cv2.undistortPoints(pixel[:, None], K, lens, P=K, criteria=stop).reshape(-1, 2))
+
+    def _undistort_fisheye(self, pixel: Array) -> Array:
+        """Return undistorted pixels (n, 2); those of larger angles than can be undistorted at the largest."""
+        powers = np.array([1.0, *self.distortion])
+        grid = np.linspace(0.0, _MAX_ANGLE_RAD, _ANGLES)
+        radius = grid * polyval(grid**2, powers)
+        folds = np.flatnonzero(np.diff(radius) <= 0)
+        known = slice(None, folds[0] + 1 if len(folds) else None)
+        from_center = (pixel - self.center_px) / self.focal_px
+        recorded = np.linalg.norm(from_center, axis=1)
+        angle = np.interp(recorded, radius[known], grid[known])
+        inside = recorded < radius[known][-1]
+        for _ in range(_NEWTON_STEPS):
+            off = angle * polyval(angle**2, powers) - recorded
+            slope = polyval(angle**2, powers * np.arange(1, 10, 2))
+            angle = np.where(inside & (slope > 0), angle - off / np.where(slope > 0, slope, 1.0), angle)
+        stretch = np.divide(np.tan(angle), recorded, out=np.ones(len(pixel)), where=recorded > 0)
+        return np.asarray(from_center * stretch[:, None] * self.focal_px + self.center_px)
 
     def recorded(self, pixel: Array) -> Array:
         """Return the distorted pixels (n, 2) of **undistorted** pixels (n, 2)."""

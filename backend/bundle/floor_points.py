@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.lens import told_calibration
+from backend.bundle.lens import start_numbers
 from backend.bundle.projections import undistorted
 from backend.measurements import FloorTracks, PinholeModel
 
@@ -18,7 +18,7 @@ _MAX_RAY_SLOPE = -1e-3
 def intersect_floor(tracks: FloorTracks, camera: PinholeModel, w_T_c: Array) -> Array:
     """Return (t, 3) mean intersections of each track's rays with the floor z = 0; ``w_T_c`` is (n, 4, 4)."""
     pose = w_T_c[tracks.keyframe]
-    xy = undistorted(told_calibration(camera), np.ascontiguousarray(tracks.pixel, dtype=float))
+    xy = undistorted(start_numbers(camera), np.ascontiguousarray(tracks.pixel, dtype=float))
     ray = np.column_stack([xy, np.ones(len(xy))])
     ray = np.einsum("mab,mb->ma", pose[:, :3, :3], ray)
     hit = pose[:, :3, 3] - (pose[:, 2, 3] / np.minimum(ray[:, 2], _MAX_RAY_SLOPE))[:, None] * ray

@@ -35,7 +35,7 @@ from backend.bundle.inertial.graph import (
     InertialPart,
     add_inertial,
 )
-from backend.bundle.lens import told_calibration, told_covariance
+from backend.bundle.lens import start_numbers, told_calibration, told_covariance
 from backend.bundle.reported.graph import ReportedPart, add_reported
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, PinholeModel, ReportedNoise
@@ -170,7 +170,7 @@ def pose_side_graph(
     """Build the factors of everything but the floor points: sensors, calibration and gauge."""
     graph = gtsam.NonlinearFactorGraph()
     _add_sensors(graph, problem, noise)
-    lens = None if problem.self_calibrates else told_calibration(problem.camera)
+    lens = None if problem.self_calibrates else start_numbers(problem.camera)
     weights = ControlWeights(noise.control, noise.marks, problem.config.huber_sigmas)
     add_control(graph, problem.measurements.control, WORLD, lens, weights)
     if problem.self_calibrates:
@@ -192,7 +192,7 @@ def pose_side_graph(
 def start_calibration(at: Variables, camera: PinholeModel) -> Variables:
     """Return the variables with the initial calibration."""
     values = gtsam.Values(at.values)
-    values.insert(CALIBRATION(0), told_calibration(camera))
+    values.insert(CALIBRATION(0), start_numbers(camera))
     return Variables(values, at.point)
 
 

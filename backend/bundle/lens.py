@@ -16,7 +16,7 @@ from backend.measurements import LensModel, PinholeModel
 
 Array = NDArray[np.float64]
 
-FOCAL, CENTER = slice(0, 2), slice(2, 4)
+FOCAL, CENTER, TERMS = slice(0, 2), slice(2, 4), slice(4, None)
 NAMES: Mapping[LensModel, tuple[str, ...]] = {
     "brown": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"),
     "equidistant": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
@@ -53,9 +53,14 @@ def is_uncertain(camera: PinholeModel) -> bool:
     return any(std > 0 for std in (*stds, camera.radial_std, camera.tangential_std))
 
 
-def told_calibration(camera: PinholeModel) -> Array:
-    """Return the calibration (q,) that is told."""
+def start_numbers(camera: PinholeModel) -> Array:
+    """Return the calibration (q,) to start with, which a held lens keeps."""
     return np.array([*camera.focal_px, *camera.center_px, *camera.distortion])
+
+
+def told_calibration(camera: PinholeModel) -> Array:
+    """Return the calibration (q,) that is told, the mean of its prior."""
+    return start_numbers(camera) if camera.told is None else np.array(camera.told)
 
 
 def told_covariance(camera: PinholeModel) -> Array:

@@ -20,7 +20,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, Variables
-from backend.bundle.lens import CENTER, FOCAL, NAMES, told_calibration, told_covariance
+from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, told_calibration, told_covariance
 from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import undistorted
@@ -45,11 +45,12 @@ def fisheye_by_evidence(
     ``optimum`` has the ``error``, half the sum of squares, and ``start`` holds what nothing observes. The
     result is None where the fisheye is not better, or where the model of the lens is told or held.
     """
-    told = optimum.problem.camera
-    may_be = told.lens == "brown" and told.radial_std > 0 and not any(told.distortion)
-    if not (optimum.problem.self_calibrates and may_be):
+    brown = optimum.problem.camera
+    told, model_is_told = told_calibration(brown), any(told_calibration(brown)[TERMS])
+    if not optimum.problem.self_calibrates or brown.lens != "brown" or brown.radial_std == 0 or model_is_told:
         return None
-    camera = replace(told, lens="equidistant", distortion=(0.0,) * 4)
+    none = (0.0,) * 4
+    camera = replace(brown, lens="equidistant", distortion=none, told=(*told[:4].tolist(), *none))
     problem = replace(optimum.problem, camera=camera)
     values = gtsam.Values(optimum.values)
     values.erase(CALIBRATION(0))

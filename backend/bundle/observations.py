@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, NoiseLevels
-from backend.bundle.lens import told_calibration
+from backend.bundle.lens import start_numbers
 from backend.bundle.projections import linearise, residuals
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Cameras:
         f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
         if problem.self_calibrates:
             return Cameras(f_T_c, values.atVector(CALIBRATION(0)))
-        return Cameras(f_T_c, told_calibration(problem.camera))
+        return Cameras(f_T_c, start_numbers(problem.camera))
 
 
 @dataclass(frozen=True)

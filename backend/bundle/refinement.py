@@ -48,7 +48,7 @@ from backend.bundle.graph import (
 )
 from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial.noise import start_factors
-from backend.bundle.lens import LensEstimate, told_calibration, told_covariance
+from backend.bundle.lens import LensEstimate, start_numbers, told_covariance
 from backend.bundle.lens_choice import fisheye_by_evidence
 from backend.bundle.minimise import BundleMinimum, BundleOptimum
 from backend.bundle.noise import start_noise
@@ -271,7 +271,7 @@ def _covariances(optimum: BundleOptimum) -> tuple[Array, Array]:
     """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world, and the calibration's (q, q),
     q = 0 if it is held; NaN if undetermined."""
     poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
-    q = told_calibration(optimum.problem.camera).size if optimum.problem.self_calibrates else 0
+    q = start_numbers(optimum.problem.camera).size if optimum.problem.self_calibrates else 0
     try:
         reduced = optimum.linearise().eliminate()
         return reduced.joint_covariances(poses, WORLD), reduced.calibration_covariance

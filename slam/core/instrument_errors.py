@@ -155,7 +155,8 @@ class InstrumentErrors:
     mount: MountTilt | None = None
     """None where the camera's mount was held at its nominal value."""
     systematic: SystematicErrors | None = None
-    """Errors that all pictures or all positions share; None without any beyond chance."""
+    """Errors that all pictures or all positions share; None without any beyond chance. They are those of a
+    declared lens that the pictures refute where the map has an estimated one instead."""
     picture_clock: ClockErrors | None = None
     """None without a gyro that explains how the pictures turn."""
     lens: Mapping[str, LensNumber] | None = None

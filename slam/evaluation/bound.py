@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from backend.bundle.floor_points import intersect_floor
 from backend.bundle.graph import BundleConfig, NoiseLevels
 from backend.bundle.information import Information, information
-from backend.bundle.lens import told_calibration
+from backend.bundle.lens import start_numbers
 from backend.bundle.noise import huber_std, start_noise, track_correlation_factor
 from backend.bundle.projections import residuals
 from backend.bundle.refinement import refine
@@ -184,7 +184,7 @@ def _on_the_floor(tracks: FloorTracks, camera: PinholeModel, w_T_b: Array) -> Ar
     w_T_c = w_T_b @ camera.b_T_c
     point, origin = intersect_floor(tracks, camera, w_T_c), np.zeros_like(tracks.pixel)
     seen = tracks.keyframe, tracks.track, origin
-    return np.asarray(residuals(w_T_c, point, told_calibration(camera), *seen))
+    return np.asarray(residuals(w_T_c, point, start_numbers(camera), *seen))
 
 
 def _with_noise(measured: Measurements, noise: NoiseLevels) -> Measurements:

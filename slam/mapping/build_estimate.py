@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,13 +58,14 @@ def _loop_verdicts(
     return tuple(sorted(verdicts, key=lambda v: (v.i, v.j)))
 
 
-def build_estimate(context: Context, map_: Map) -> Estimate:
-    """Collect poses, verdicts, counts and warnings of a finished map."""
+def build_estimate(
+    context: Context, map_: Map, shared: SystematicErrors | None, untested: Sequence[str]
+) -> Estimate:
+    """Collect poses, verdicts, counts and warnings of a finished map, with its `shared_errors`."""
     flight, setup = context.flight, context.setup
     observations, edges, solution = map_.observations, map_.edges, map_.graph
     chained, odometry = _lesser_maps(context, map_)
     assert flight.frames is not None
-    shared, untested = _systematic_errors(map_)
     not_placed = pictures_not_placed(flight, map_)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
@@ -99,7 +100,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
             accelerometer_errors(map_.inertial, clock),
             mount,
-            shared,
+            shared or context.refuted,
             clock,
             lens_numbers(map_.bundle),
             velocity,
@@ -133,7 +134,7 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
     return chained, (context.bridges.join(odometry) if in_parts else odometry).w_T_b
 
 
-def _systematic_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
+def shared_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
     """Return the errors that all pictures or positions share, and a line where they cannot be tested for."""
     try:
         return (None if map_.bundle is None else systematic_errors(map_.bundle)), []

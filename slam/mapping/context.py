@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from backend.bundle.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.flight import Flight
@@ -39,6 +40,8 @@ class Context:
     bridges: InertialBridges
     clock: PictureClock = NO_CORRECTION
     """Delays that were taken out of the pictures' stamps."""
+    refuted: SystematicErrors | None = None
+    """Errors of the map with the declared lens, where this one has an estimated lens instead."""
 
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:

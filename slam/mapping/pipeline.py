@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
+from backend.bundle.systematic_errors import SystematicErrors
 from frontend.camera import Camera
 from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
@@ -14,7 +16,7 @@ from slam.core.flight import Flight
 from slam.core.heap import map_large_blocks, trim_heap
 from slam.core.progress import Progress, silent
 from slam.core.stage_timer import Stopwatch
-from slam.mapping.build_estimate import build_estimate
+from slam.mapping.build_estimate import build_estimate, shared_errors
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
@@ -26,6 +28,7 @@ from slam.mapping.stages import (
     close_loops,
     match_overlaps,
     odometry,
+    other_lens,
     refine,
     self_calibrate,
     solve_again,
@@ -65,15 +68,48 @@ def optimize_with_observations(
     flight, job = without_horizon_frames(flight, camera), Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):
-        context, refined = _map_without_obstacles(job, flight, tracked)
-        matched = match_overlaps(context, refined)
-        refined = refine(context, solve_again(context, matched), with_inertia=True)
-        context, refined = self_calibrate(context, matched, refined)
-        estimate = build_estimate(context, refined)
+        finished = _with_its_lens(_finished(job, flight, tracked), flight)
+        context, refined = finished.context, finished.refined
+        estimate = build_estimate(context, refined, finished.shared, finished.untested)
         stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
         echoes = echoes_in_map(flight.sonar, stamps_s, poses, refined.floor_z_m)
         elevation = echoes.map if echoes else None
         return replace(estimate, elevation=elevation, metric=refined.metric), refined.observations
+
+
+@dataclass(frozen=True)
+class _Finished:
+    """A map with the errors that all its pictures share."""
+
+    context: Context
+    refined: Map
+    shared: SystematicErrors | None
+    untested: Sequence[str]
+
+
+def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) -> _Finished:
+    context, refined = _map_without_obstacles(job, flight, tracked)
+    matched = match_overlaps(context, refined)
+    refined = refine(context, solve_again(context, matched), with_inertia=True)
+    context, refined = self_calibrate(context, matched, refined)
+    return _Finished(context, refined, *shared_errors(refined))
+
+
+def _with_its_lens(first: _Finished, flight: Flight) -> _Finished:
+    """Map the flight again, with the lens that the first map shows, where that is another one than was told.
+
+    The pictures are then rectified with it: features that the told lens makes move are found again.
+    """
+    lens = other_lens(first.context, first.refined, first.shared)
+    if lens is None:
+        return first
+    try:
+        again = _finished(replace(first.context.job, camera=lens.camera), flight)
+    except InputError:  # no pictures join with this lens
+        return first
+    if again.refined.main_share < LEAST_LEFT * first.refined.main_share:
+        return first
+    return replace(again, context=replace(again.context, refuted=lens.refuted))
 
 
 def _first_map(

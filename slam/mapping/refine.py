@@ -318,7 +318,7 @@ def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
 
 def calibrated(camera: Camera, bundle: Bundle) -> Camera:
     """Return the camera with the mount and the lens that a refinement has estimated."""
-    camera = replace(camera, b_T_c=bundle.b_T_c)
+    camera = replace(camera, b_T_c=bundle.b_T_c, told=None)
     if bundle.lens is None:
         return camera
     fx, fy, cx, cy, *distortion = bundle.lens.calibration.tolist()

@@ -77,4 +77,5 @@ def _model(camera: Camera) -> PinholeModel:
         tangential_std=camera.tangential_std,
         mount_std_rad=camera.mount_std_rad,
         lens=camera.lens,
+        told=camera.told_numbers if camera.told else None,
     )

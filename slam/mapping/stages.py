@@ -8,15 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 
+from backend.bundle.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.lens_priors import as_nominal
 from slam.core.progress import show_compilation
 from slam.mapping.build_estimate import reason_kind
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.calibration.camera_mount import estimated_mount
 from slam.mapping.calibration.clock_offset import clock_correction, finer_correction
+from slam.mapping.calibration.other_lens import OtherLens, is_refuted, with_lens_of
 from slam.mapping.calibration.picture_turns import tracked_clock
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
@@ -148,6 +151,25 @@ def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Contex
     chain = odometry(context, chain.observations.stamped_by(clock.delays_at))
     again = solve_again(context, replace(refined, observations=observations, odometry=chain))
     return context, refine(context, again, with_inertia=True)
+
+
+def other_lens(context: Context, refined: Map, errors: SystematicErrors | None) -> OtherLens | None:
+    """Return the camera with the lens that the pictures show, where it is another one than was told.
+
+    That is a held lens whose ``errors`` displace the poses by more than their covariances state, or one of
+    another model.
+    """
+    camera = context.job.camera
+    if refined.camera.lens != camera.lens:
+        return OtherLens(with_lens_of(camera, refined.camera), None)
+    if not is_refuted(refined.bundle, errors):
+        return None
+    with context.timer("refine"):
+        setup = replace(context.setup, camera=as_nominal(context.setup.camera))
+        found = refine_map(refined, setup, context.job.progress)
+    if found.bundle is None or found.bundle.lens is None:
+        return None
+    return OtherLens(with_lens_of(as_nominal(camera), found.camera), errors)
 
 
 def _estimated_mount(context: Context, refined: Map) -> Camera | None:

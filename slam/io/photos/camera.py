@@ -16,6 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from frontend.camera import Camera
+from slam.core.lens_priors import (
+    CENTER_STD_RATIO,
+    NOMINAL_FOCAL_STD_RATIO,
+    NOMINAL_RADIAL_STD,
+    TANGENTIAL_STD,
+)
 from slam.io.photos.exif import PhotoTags
 from slam.io.photos.lens_tags import radial_of_fisheye
 
@@ -30,17 +36,12 @@ _FOCAL_STD_RATIO = {
     "dewarp": 0.005,
     "lens": 0.005,
     "calibrated": 0.01,
-    "tags": 0.03,
+    "tags": NOMINAL_FOCAL_STD_RATIO,
     "assumed": ASSUMED_FOCAL_STD_RATIO,
 }
 """Relative standard deviation of the focal length by source. CalibratedFocalLength is often the nominal value
 of the model, so it is less accurate than DewarpData.
 """
-_CENTER_STD_RATIO = 0.01
-"""Standard deviation of the principal point over the longer side. Makers' calibrations are off by as much as
-that of pictures without one: focus, temperature and a new lens shift it."""
-_TANGENTIAL_STD = 0.002
-"""Standard deviation of p1 and p2: their usual size, since makers' values are not better than none."""
 _PLAUSIBLE_FOCAL = (0.3, 30.0)
 """Limits of the focal length over the longer side: 118 to 2 degrees of view."""
 _MAX_FOCAL_RATIO = 1.15
@@ -68,9 +69,9 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=tags.size_px,
         focal_std_ratio=_FOCAL_STD_RATIO[best],
-        center_std_px=_CENTER_STD_RATIO * max(width, height),
-        radial_std=0.02 if best in ("dewarp", "lens") else 0.1,
-        tangential_std=_TANGENTIAL_STD,
+        center_std_px=CENTER_STD_RATIO * max(width, height),
+        radial_std=0.02 if best in ("dewarp", "lens") else NOMINAL_RADIAL_STD,
+        tangential_std=TANGENTIAL_STD,
     )
     distortion = "; no lens distortion assumed, the map estimates it"
     if best == "dewarp":
@@ -178,7 +179,7 @@ def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, str]:
         remark = (
             "; its fisheye is too wide for a pinhole camera: no distortion assumed; undistort the pictures"
         )
-        return replace(camera, radial_std=0.1), remark
+        return replace(camera, radial_std=NOMINAL_RADIAL_STD), remark
     ratio, distortion, error_px = found
     return (
         replace(camera, focal_px=(fx * scale * ratio, fy * scale * ratio), distortion=distortion),

@@ -34,7 +34,12 @@ from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.single_join import single_join_warnings
-from slam.mapping.warnings.systematic_warning import explains, is_outside_covariances, systematic_warning
+from slam.mapping.warnings.systematic_warning import (
+    explains,
+    is_outside_covariances,
+    refuted_lens_warning,
+    systematic_warning,
+)
 
 MOST_STUCK = 0.5
 """Share of equal ranges from which on even a robust estimate of the height follows them."""
@@ -102,6 +107,7 @@ def _reasons(
     metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
     by_metres = metric or map_.georeferenced
     lines = [
+        _refuted_lens(context, map_),
         # First, because instruments contradict a map that a lens has bent.
         systematic.line if systematic.is_in_status else "",
         *map_.warnings,
@@ -202,6 +208,21 @@ def _stuck_ranges(flight: Flight, map_: Map) -> str:
     return stuck_ranges(flight.sonar, MOST_STUCK)
 
 
+def _refuted_lens(context: Context, map_: Map) -> str:
+    """Report a declared lens in whose place the map has an estimated one."""
+    if context.refuted is None:
+        return ""
+    flight, height_m = context.flight, _main_height_m(map_)
+    assert flight.camera is not None
+    return refuted_lens_warning(
+        context.refuted, flight.camera, map_.camera, height_m, map_.metric, flight.camera_file
+    )
+
+
+def _main_height_m(map_: Map) -> float:
+    return float(np.nanmedian(map_.height_m[map_.component == 0]))
+
+
 @dataclass(frozen=True)
 class _SystematicWarning:
     """Warning about errors that all pictures share; the line is empty where there are none."""
@@ -212,8 +233,7 @@ class _SystematicWarning:
 
 def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> _SystematicWarning:
     """Return the warning, with the accuracies that the same errors contradict."""
-    height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
-    line = systematic_warning(shared, map_.camera, height_m, map_.metric, flight.camera_file)
+    line = systematic_warning(shared, map_.camera, _main_height_m(map_), map_.metric, flight.camera_file)
     if not line:
         return _SystematicWarning()
     contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]

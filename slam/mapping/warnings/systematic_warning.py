@@ -48,6 +48,15 @@ def explains(found: SystematicErrors | None, contradiction: Contradiction) -> bo
     return any(contradiction.pattern.kind in _PATTERNS_OF_FIXES[kind] for kind in kinds)
 
 
+def refuted_lens_warning(
+    found: SystematicErrors, declared: Camera, used: Camera, height_m: float, metric: bool, camera_file: str
+) -> str:
+    """Return the warning about a ``declared`` lens in whose place the map has an estimated one, ``used``."""
+    line = systematic_warning(found, declared, height_m, metric, camera_file)
+    lens = "an equidistant fisheye" if used.lens == "equidistant" else "a lens with distortion"
+    return f"{line}; so was the map with it, and this one has {lens} instead, as estimated from the pictures"
+
+
 def is_outside_covariances(found: SystematicErrors | None) -> bool:
     """Return whether the errors displace the poses by more than the map's covariances state."""
     return found is not None and found.excess > 1.0
