@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError, first_line
-from backend.gauge import gauge_prior, unobserved_directions
 from backend.measurements import (
     Attitude,
     InertialNoise,
@@ -32,18 +31,25 @@ from backend.measurements import (
 )
 from backend.pose_graph.inertial_link import (
     InertialLink,
+    MeasuredInterval,
     bridges,
     inertial_link,
-    is_informative,
     relative_poses,
     turns_agree,
 )
-from backend.pose_graph.keyframe_factors import edge_factors, joined, rekeyed, renumbered
+from backend.pose_graph.inertial_noise import FlightNoise
+from backend.pose_graph.keyframe_factors import (
+    edge_factors,
+    first_gauge,
+    first_pose,
+    joined,
+    rekeyed,
+    renumbered,
+)
 from backend.pose_graph.minimise import minimise
-from backend.pose_graph.problem import Problem, spatial_poses
+from backend.pose_graph.problem import spatial_poses
 from backend.pose_graph.received_measurements import ReceivedMeasurements
 from backend.pose_graph.solve import solve
-from backend.pose_graph.unary_factors import aligned, jacobian
 from backend.preintegration.intervals import InertialInterval
 
 Array = NDArray[np.float64]
@@ -51,8 +57,6 @@ Array = NDArray[np.float64]
 BUDGET_S = 0.02
 _COOLDOWN_KEYFRAMES = 100
 """Number of keyframes between two updates that exceed the budget: one in a hundred may."""
-_WEAK_STD = 30.0
-"""Standard deviation, in rad and m, of a gauge prior that yields to any measurement."""
 _RELINEARIZE_THRESHOLD = 0.05
 """Change, in rad and m, above which a variable is relinearised."""
 
@@ -87,6 +91,7 @@ class Incremental:
         self.budget_s = budget_s
         self.loops_robust = loops_robust
         self.inertial_noise = inertial_noise
+        self._flight_noise = FlightNoise(inertial_noise)
         self.count = 0
         self._received = ReceivedMeasurements()
         self._start = gtsam.Values()
@@ -140,10 +145,10 @@ class Incremental:
         renumbered(Measurements(np.zeros(0), tuple(loops)), number)  # invalid loops are rejected now
         of_edges, unary = edge_factors(problem, keys), rekeyed(problem.unary_factor_graph(), keys)
         gauge = gtsam.NonlinearFactorGraph()
-        link = self._link(inertial, anchor, number)
+        link = self._link(inertial, anchor, certain) if number and inertial is not None else None
         if number == 0:
-            start = _first_pose(problem, w_T_b)
-            gauge = _gauge_prior(problem, start)
+            start = first_pose(problem, w_T_b)
+            gauge = first_gauge(problem, start)
         elif anchor is not None:
             start = self._predicted(anchor, number)
         else:
@@ -158,8 +163,6 @@ class Incremental:
         self._received.add_edges(now, of_edges)
         self._received.add_keyframe(measured, unary, gauge)
         self._received.add_inertial(by_readings, readings_alone)
-        if readings_alone and inertial is not None:
-            self._bridged.append((inertial.i, number))
         rebuild_reason = self._update(joined(of_edges, unary, gauge, by_readings), values)
         self.count += 1
         self._pending += loops
@@ -194,9 +197,9 @@ class Incremental:
         return float(self._received.graph().error(self._isam.calculateEstimate()))
 
     def bridges_by(self, inertial: InertialInterval) -> bool:
-        """Return whether these readings alone can join the next keyframe: earlier ones tell the velocity, so
-        that its position is known to a height above the floor."""
-        return bridges(self._isam, replace(inertial, j=self.count), self.inertial_noise)
+        """Return whether these readings alone place the next keyframe to a height above the floor."""
+        readings = self._readings(inertial)
+        return readings is not None and bridges(self._isam, readings)
 
     def bridges(self) -> tuple[RelativePose, ...]:
         """Return a relative pose of kind ``inertial`` for each keyframe that readings alone join to an
@@ -208,18 +211,34 @@ class Incremental:
         return relative_poses(graph, values, self._bridged)
 
     def _link(
-        self, inertial: InertialInterval | None, anchor: RelativePose | None, number: int
+        self, inertial: InertialInterval, anchor: RelativePose | None, certain: list[RelativePose]
     ) -> InertialLink | None:
-        """Return the link by the readings; None without any, or where they contradict the pictures."""
-        if inertial is None or not is_informative(inertial, self.pose(inertial.i)[2, 3]):
+        """Return the link by the readings; None where their noise is unknown or they contradict the pictures.
+
+        The ``certain`` edges show their noise for those that come.
+        """
+        i, readings = inertial.i, self._readings(inertial)
+        for edge in certain:
+            if (edge.i, edge.j) == (i, self.count):
+                self._flight_noise.add(inertial, edge, self.pose(i)[:3, :3])
+        if readings is None:
             return None
-        inertial, w_T_j = replace(inertial, j=number), None
-        if anchor is not None:
-            w_T_j = self._predicted(anchor, number)
-            i_R_j = self.pose(inertial.i)[:3, :3].T @ w_T_j[:3, :3]
-            if not turns_agree(inertial, self.inertial_noise, i_R_j, anchor.covariance[:3, :3]):
-                return None
-        return inertial_link(inertial, self.inertial_noise, self._isam, w_T_j)
+        if anchor is None:
+            self._bridged.append((i, self.count))
+            return inertial_link(readings, self._isam, None)
+        w_T_i, w_T_j = self.pose(i), self._predicted(anchor, self.count)
+        if not readings.is_informative(w_T_i[2, 3]):
+            return None
+        if not turns_agree(readings, w_T_i[:3, :3].T @ w_T_j[:3, :3], anchor.covariance[:3, :3]):
+            return None
+        return inertial_link(readings, self._isam, w_T_j)
+
+    def _readings(self, inertial: InertialInterval) -> MeasuredInterval | None:
+        """Return readings up to the next keyframe with their noise; None if that is not known yet."""
+        factors = self._flight_noise.factors()
+        if factors is None:
+            return None
+        return MeasuredInterval(replace(inertial, j=self.count), self.inertial_noise, factors)
 
     def _predicted(self, anchor: RelativePose, number: int) -> Array:
         if anchor.j == number:
@@ -311,27 +330,3 @@ def _isam(factorization: str) -> gtsam.ISAM2:
     # Relinearise only with loops or on request: it costs as much as a loop.
     params.enableRelinearization = False
     return gtsam.ISAM2(params)
-
-
-def _first_pose(problem: Problem, w_T_b: Array | None) -> Array:
-    if w_T_b is not None:
-        if w_T_b.shape != (4, 4) or not np.isfinite(w_T_b).all():
-            raise BackendError("the pose of the first keyframe is not a finite (4, 4) transform")
-        return w_T_b
-    return np.asarray(aligned(np.eye(4)[None], problem.unary_factors)[0])
-
-
-def _gauge_prior(problem: Problem, start: Array) -> gtsam.NonlinearFactorGraph:
-    """Return a prior on the directions that the first keyframe's measurements do not observe.
-
-    The prior is weak, since later measurements may observe them; it is tight if the first keyframe measures
-    nothing, since the trajectory is then relative to it.
-    """
-    out = gtsam.NonlinearFactorGraph()
-    if not problem.unary_factors:
-        out.push_back(gauge_prior(0, start, np.eye(6)))
-        return out
-    directions = unobserved_directions([jacobian(a, start, start[:3, 3]) for a in problem.unary_factors])
-    if len(directions):
-        out.push_back(gauge_prior(0, start, directions, _WEAK_STD))
-    return out

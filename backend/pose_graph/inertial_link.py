@@ -50,18 +50,36 @@ def has_velocity(isam: gtsam.ISAM2, k: int) -> bool:
     return bool(isam.valueExists(VELOCITY(k)))
 
 
-def is_informative(interval: InertialInterval, height_m: float) -> bool:
-    """Return whether the noise of an interval leaves the position known to a height above the floor."""
-    noise = (interval.gyro_covariance + interval.accel_covariance)[POSITION, POSITION]
-    return bool(np.trace(noise) < (MOST_HEIGHTS * height_m) ** 2)
+@dataclass(frozen=True)
+class MeasuredInterval:
+    """An interval, and its noise in flight."""
+
+    interval: InertialInterval
+    nominal: InertialNoise
+    factors: tuple[float, float]
+    """On the nominal noise of gyro and accelerometer."""
+
+    @property
+    def covariance(self) -> Array:
+        """(15, 15) covariance of the error."""
+        return self.interval.covariance(*self.factors)
+
+    @property
+    def model(self) -> gtsam.noiseModel.Gaussian:
+        """Noise model of the error."""
+        return gtsam.noiseModel.Gaussian.Covariance(self.covariance)
+
+    def is_informative(self, height_m: float) -> bool:
+        """Return whether the noise leaves the position known to a height above the floor."""
+        return bool(np.trace(self.covariance[POSITION, POSITION]) < (MOST_HEIGHTS * height_m) ** 2)
 
 
-def bridges(isam: gtsam.ISAM2, interval: InertialInterval, noise: InertialNoise) -> bool:
+def bridges(isam: gtsam.ISAM2, readings: MeasuredInterval) -> bool:
     """Return whether an interval without pictures leaves the position known to a height above the floor."""
-    i, j = interval.i, interval.j
+    i, j = readings.interval.i, readings.interval.j
     if not has_velocity(isam, i):
         return False
-    link = inertial_link(interval, noise, isam, None)
+    link = inertial_link(readings, isam, None)
     # At another point than the covariance's, velocities would turn by the unknown heading.
     point, values = isam.getLinearizationPoint(), gtsam.Values(link.values)
     begin = point.atPose3(i)
@@ -70,7 +88,7 @@ def bridges(isam: gtsam.ISAM2, interval: InertialInterval, noise: InertialNoise)
     values.insert(VELOCITY(i), point.atVector(VELOCITY(i)))
     values.insert(BIAS(i), point.atConstantBias(BIAS(i)))
     # Columns in order of the keys: pose, velocity, pose, velocity, bias, bias.
-    linear = np.asarray(keyed(interval).linearize(values).jacobian()[0])
+    linear = np.asarray(keyed(readings, readings.model).linearize(values).jacobian()[0])
     by_begin = np.hstack([linear[:, :9], linear[:, 18:24]])
     from_errors = np.linalg.inv(np.hstack([linear[:, 9:18], linear[:, 24:]]))[:6]
     by_begin = -from_errors @ by_begin
@@ -81,22 +99,21 @@ def bridges(isam: gtsam.ISAM2, interval: InertialInterval, noise: InertialNoise)
     return bool(np.trace(covariance[3:, 3:]) < (MOST_HEIGHTS * height_m) ** 2)
 
 
-def keyed(interval: InertialInterval) -> gtsam.NonlinearFactor:
-    """Return the factor of an interval on the keys of its keyframes."""
-    i, j = interval.i, interval.j
-    return interval.factor.rekey([i, VELOCITY(i), j, VELOCITY(j), BIAS(i), BIAS(j)])
+def keyed(readings: MeasuredInterval, model: gtsam.noiseModel.Base) -> gtsam.NonlinearFactor:
+    """Return the factor of the readings on the keys of its keyframes."""
+    i, j = readings.interval.i, readings.interval.j
+    factor = readings.interval.factor.cloneWithNewNoiseModel(model)
+    return factor.rekey([i, VELOCITY(i), j, VELOCITY(j), BIAS(i), BIAS(j)])
 
 
-def inertial_link(
-    interval: InertialInterval, noise: InertialNoise, isam: gtsam.ISAM2, w_T_j: Array | None
-) -> InertialLink:
-    """Return the link of an interval to the estimate ``isam``, which has the pose of its first keyframe.
+def inertial_link(readings: MeasuredInterval, isam: gtsam.ISAM2, w_T_j: Array | None) -> InertialLink:
+    """Return the link of readings to the estimate ``isam``, which has the pose of its first keyframe.
 
     ``w_T_j`` (4, 4) is the pose of the other one by the pictures; without it the readings predict it, which
     takes the velocity of the first one.
     """
-    i, j = interval.i, interval.j
-    integrated = interval.factor.preintegratedMeasurements()
+    noise, i, j = readings.nominal, readings.interval.i, readings.interval.j
+    integrated = readings.interval.factor.preintegratedMeasurements()
     begin, lasts_s = isam.calculateEstimatePose3(i), integrated.deltaTij()
     values, factors = gtsam.Values(), gtsam.NonlinearFactorGraph()
     if has_velocity(isam, i):
@@ -116,24 +133,19 @@ def inertial_link(
     end = integrated.predict(gtsam.NavState(begin, velocity), bias)
     values.insert(VELOCITY(j), end.velocity())
     values.insert(BIAS(j), bias)
-    model = interval.factor.noiseModel()
-    assert isinstance(model, gtsam.noiseModel.Gaussian)
-    factor = interval.factor.cloneWithNewNoiseModel(robust(model))
-    factors.push_back(factor.rekey(keyed(interval).keys()))
+    factors.push_back(keyed(readings, robust(readings.model)))
     return InertialLink(factors, values, np.asarray(end.pose().matrix()) if w_T_j is None else w_T_j)
 
 
-def turns_agree(
-    interval: InertialInterval, noise: InertialNoise, i_R_j: Array, rotation_covariance: Array
-) -> bool:
+def turns_agree(readings: MeasuredInterval, i_R_j: Array, rotation_covariance: Array) -> bool:
     """Return whether gyro and pictures turn alike; swapped axes or another unit do not.
 
     ``i_R_j`` (3, 3) by the pictures has the ``rotation_covariance`` (3, 3) [rad²].
     """
-    integrated = interval.factor.preintegratedMeasurements()
+    integrated = readings.interval.factor.preintegratedMeasurements()
     off_rad = integrated.deltaRij().localCoordinates(gtsam.Rot3(i_R_j))
-    by_bias = (noise.gyro_offset_rad_s * integrated.deltaTij()) ** 2 * np.eye(3)
-    covariance = interval.gyro_covariance[ROTATION, ROTATION] + by_bias + rotation_covariance
+    by_bias = (readings.nominal.gyro_offset_rad_s * integrated.deltaTij()) ** 2 * np.eye(3)
+    covariance = readings.covariance[ROTATION, ROTATION] + by_bias + rotation_covariance
     return bool(off_rad @ np.linalg.solve(covariance, off_rad) < chi_square_limit(_FALSE_ALARM, 3))
 
 

@@ -6,11 +6,19 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.errors import BackendError
+from backend.gauge import gauge_prior, unobserved_directions
 from backend.measurements import Measurements
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.problem import Problem
+from backend.pose_graph.unary_factors import aligned, jacobian
+
+Array = NDArray[np.float64]
+
+_WEAK_STD = 30.0
+"""Standard deviation, in rad and m, of a gauge prior that yields to any measurement."""
 
 
 def renumbered(measured: Measurements, number: int) -> tuple[Problem, list[int]]:
@@ -52,3 +60,28 @@ def joined(
     for each in more:
         graph.push_back(each)
     return graph
+
+
+def first_pose(problem: Problem, w_T_b: Array | None) -> Array:
+    """Return the initial pose (4, 4) of the first keyframe: the given one, or one by its measurements."""
+    if w_T_b is not None:
+        if w_T_b.shape != (4, 4) or not np.isfinite(w_T_b).all():
+            raise BackendError("the pose of the first keyframe is not a finite (4, 4) transform")
+        return w_T_b
+    return np.asarray(aligned(np.eye(4)[None], problem.unary_factors)[0])
+
+
+def first_gauge(problem: Problem, start: Array) -> gtsam.NonlinearFactorGraph:
+    """Return a prior on the directions that the first keyframe's measurements do not observe.
+
+    The prior is weak, since later measurements may observe them; it is tight if the first keyframe measures
+    nothing, since the trajectory is then relative to it.
+    """
+    out = gtsam.NonlinearFactorGraph()
+    if not problem.unary_factors:
+        out.push_back(gauge_prior(0, start, np.eye(6)))
+        return out
+    directions = unobserved_directions([jacobian(a, start, start[:3, 3]) for a in problem.unary_factors])
+    if len(directions):
+        out.push_back(gauge_prior(0, start, directions, _WEAK_STD))
+    return out

@@ -49,12 +49,16 @@ class InertialInterval:
     mean_rate_rad_s: Array
     """(3,)."""
 
+    def covariance(self, gyro_factor: float, accel_factor: float) -> Array:
+        """Return the covariance (15, 15) of the error, for noise larger by these factors."""
+        return gyro_factor**2 * self.gyro_covariance + accel_factor**2 * self.accel_covariance
+
     def whitening(self, gyro_factor: float, accel_factor: float) -> Array:
         """Return the matrix (15, 15) that whitens the error, for noise larger by these factors.
 
         Raises ``BackendError`` if the rates are too large for a covariance.
         """
-        covariance = gyro_factor**2 * self.gyro_covariance + accel_factor**2 * self.accel_covariance
+        covariance = self.covariance(gyro_factor, accel_factor)
         try:
             return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
         except np.linalg.LinAlgError as error:

@@ -18,6 +18,7 @@ from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations
+from slam.mapping.inertial.measurements import inertial_measurements
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.setup import Setup
@@ -55,13 +56,15 @@ def keyframe_by_keyframe(
     """Replay the pose graph of a mapped flight, of which ``optimize_with_observations`` gives the
     observations.
 
-    The heights are those of the recording: echoes of obstacles, which the map takes out, are among them. No
-    IMU takes part: vibration adds to its noise, which the refinement alone finds.
+    The heights are those of the recording: echoes of obstacles, which the map takes out, are among them. In
+    metres, the readings of the IMU between keyframes take part, and join those that no picture joins.
     """
     assert flight.camera is not None
     readings = KeyframeReadings.at(flight, observations.stamps_s, flight.geo_origin(), config)
     setup = Setup(flight.camera, readings, config)
     measured, _ = graph_measurements(lift_edges(observations.registrations, setup), setup)
+    if measured.length_unit == "m":
+        measured = replace(measured, inertial=inertial_measurements(flight.imu, config))
     return replay(measured, progress)
 
 

@@ -115,6 +115,7 @@ def keyframe_by_keyframe_table(found: KeyframeByKeyframe) -> FigureTable:
     rejected = f"{found.rejected_in_flight}, {found.rejected_by_batch}"
     rows = (
         ("keyframes, loops", f"{len(ms)}, {found.loops}"),
+        ("keyframes that the IMU alone joins to earlier ones", str(found.bridged)),
         ("time for a keyframe, median, 99 of 100, longest", f"{times} ms"),
         ("edges rejected at the end of the flight, by the batch", rejected),
         ("loops that waited at the end of the flight, to keep the time", str(found.waiting)),

@@ -29,6 +29,7 @@ from backend.bundle.inertial.factor import (
 from backend.bundle.path_nodes import PathNodes, ends
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, Measurements, PinholeModel
+from backend.pose_graph.inertial_noise import MOST_SIGMAS
 from backend.preintegration.intervals import (
     NO_BIAS,
     STATE_SIZE,
@@ -48,9 +49,8 @@ _NEAR_S = 0.3
 """Half the time over which a path is smoothed: the thrust of a small vehicle turns more slowly."""
 _PARABOLA = 3
 """Coefficients of a parabola."""
-_MOST_CUT, _MOST_SIGMAS = 0.25, 4.0
-"""Share of intervals that may be cut: where more do not fit, the others fit by chance; and the largest errors
-in standard deviations."""
+_MOST_CUT = 0.25
+"""Share of intervals that may be cut: where more do not fit, the others fit by chance."""
 
 
 class InertialNoiseFactors(NamedTuple):
@@ -168,7 +168,7 @@ class InertialPart:
             ("error of the accelerometer's gain", constants[GAINS].max(), noise.gain_ratio),
             ("error of the gyro's gain", constants[GYRO_GAINS].max(), noise.gyro_gain_ratio),
         ):
-            if found > _MOST_SIGMAS * std:
+            if found > MOST_SIGMAS * std:
                 return f"the {name} would be {found:.2g}, and {std:.2g} is expected"
         return ""
 

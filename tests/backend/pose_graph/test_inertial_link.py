@@ -21,6 +21,7 @@ from backend.measurements import (
     SlantRange,
 )
 from backend.pose_graph.incremental import Incremental
+from backend.pose_graph.inertial_noise import FlightNoise
 from backend.pose_graph.solve import solve
 from backend.preintegration.intervals import InertialInterval, preintegrate
 from tests.backend.made_motion import MadeFlight, fly
@@ -71,7 +72,7 @@ class Flown:
         return se3.log(se3.inverse(truth) @ estimate)
 
 
-def flown(seed: int, gyro_turned: bool = False) -> Flown:
+def flown(seed: int, gyro_turned: bool = False, vibration: float = 1.0) -> Flown:
     rng = np.random.default_rng(seed)
     flight = fly(rng)
     stamps_s = np.arange(0.0, LASTS_S, STEP_S)
@@ -82,7 +83,7 @@ def flown(seed: int, gyro_turned: bool = False) -> Flown:
     tilt = flight.angles.at(stamps_s)[:, :2] + rng.normal(0, TILT_STD_RAD, (len(truth), 2))
     std_rad = np.array([TILT_STD_RAD, TILT_STD_RAD, np.inf])
     slant = flight.slant(stamps_s) + rng.normal(0, RANGE_STD_M, len(truth))
-    inertial = Inertial(readings(flight, rng, gyro_turned), NOISE)
+    inertial = Inertial(readings(flight, rng, gyro_turned, vibration), NOISE)
     return Flown(
         truth=truth,
         edges=tuple(edges),
@@ -99,11 +100,13 @@ def _edge(truth: np.ndarray, i: int, j: int, kind, rng: np.random.Generator) -> 
     return RelativePose(i, j, se3.inverse(truth[i]) @ truth[j] @ noise, np.diag(EDGE_STD**2), kind)
 
 
-def readings(flight: MadeFlight, rng: np.random.Generator, gyro_turned: bool) -> InertialReadings:
-    """Return readings with white noise and constant offsets."""
+def readings(
+    flight: MadeFlight, rng: np.random.Generator, gyro_turned: bool, vibration: float
+) -> InertialReadings:
+    """Return readings with white noise, ``vibration`` times the nominal one, and constant offsets."""
     at_s = np.arange(-0.1, LASTS_S + 0.1, IMU_S)
     gyro, accel = (
-        true + rng.normal(0, density / np.sqrt(IMU_S), true.shape) + rng.normal(0, offset, 3)
+        true + rng.normal(0, vibration * density / np.sqrt(IMU_S), true.shape) + rng.normal(0, offset, 3)
         for true, density, offset in (
             (flight.body_rate(at_s), NOISE.gyro_density, NOISE.gyro_offset_rad_s),
             (flight.force(at_s), NOISE.accel_density, NOISE.accel_offset_m_s2),
@@ -133,6 +136,15 @@ def test_readings_bridge_a_gap_between_pictures():
     made = flown(1)
     off = made.off(made.replayed().trajectory())
     assert np.abs(off[:, 3:]).max() < 3 * navigation_bound_m(GAP_S, NOISE.gyro_density, NOISE.accel_density)
+
+
+@pytest.mark.parametrize("vibration", [1.0, 5.0])
+def test_the_noise_in_flight_is_found_from_the_pictures_before(vibration: float):
+    made, noise = flown(3, vibration=vibration), FlightNoise(NOISE)
+    assert noise.factors() is None
+    for edge in made.edges:
+        noise.add(made.intervals[edge.j], edge, made.truth[edge.i, :3, :3])
+    assert noise.factors() == (pytest.approx(vibration, rel=0.3), pytest.approx(vibration, rel=0.3))
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ def test_a_keyframe_waits_for_an_edge_to_an_earlier_one():
 
 @pytest.mark.parametrize("gyro_turned", [False, True])
 def test_readings_of_an_imu_join_what_lies_behind_a_gap_unless_they_contradict_the_pictures(gyro_turned):
-    made = flown(1, gyro_turned)
+    made = flown(5, gyro_turned)
     found = replay(made.measurements)
     whole = len(made.truth)
     assert (found.bridged, len(found.seconds)) == ((0, made.gap + 1) if gyro_turned else (1, whole))
