@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,6 +101,10 @@ class Cause:
     """Its own name, then terms whose evidence in its place lies within 4 nats."""
     rival: str = ""
     """The most probable other term in its place; empty where there is none."""
+
+    def with_alternatives(self, probability: Mapping[str, float]) -> float:
+        """Return its probability and that of its alternatives together."""
+        return self.probability + sum(probability.get(n, 0.0) for n in self.alternatives[1:])
 
 
 def bootstrap_interval(nats: Array) -> tuple[float, float]:

@@ -20,11 +20,13 @@ from slam.criticism.kalman.innovations import referred, segments
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.expansion import LikelihoodExpansion
+from slam.criticism.search.inclusion import is_saturation
 from slam.criticism.search.nuisances import MEAN_NUISANCES, MEAN_PERTURBATIONS, prior_precision, value_of
 from slam.criticism.search.screening import project
 from slam.criticism.search.search import SearchResult
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.posterior import Posterior, is_term
+from slam.criticism.verdict.posterior import Posterior
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation.model import Model
@@ -32,6 +34,11 @@ from slam.simulation.model import Model
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
 DISTINGUISHED_SIGMA = 3.3
 """Separation at which two terms are distinguished in nineteen of twenty cases."""
+MOST_PAIRS = 3
+"""Greatest number of pairs for which all manoeuvres are tried."""
+PRINTED = 0.005
+"""Least probability that is not printed as 0.00."""
+NONE = "No manoeuvre of the list"
 MOST_TIMES = 3
 """Greatest number of flights that are advised: a motion that has to be flown more often is no advice."""
 
@@ -39,19 +46,36 @@ MOST_TIMES = 3
 def next_flight(
     records: Sequence[Record], model: Model, found: SearchResult, posterior: Posterior, progress: Progress
 ) -> str:
-    """Return advice on the next flight, in a sentence, for the first chosen term with alternatives; empty
-    where none has any."""
-    known = [(e, a) for e, a in zip(found.chosen, posterior.alternatives, strict=True) if len(a) > 1]
-    if not known:
-        return ""
-    effect, names = known[0]
-    other = next(e for e in found.last.effects if e.name == names[1] and is_term(e))
-    expansion = found.last
-    step, _ = expansion.quadratic.maximise(found.chosen).of(expansion.quadratic.index(effect.columns))
-    current = np.array([_current_value(found, column) for column in effect.columns])
+    """Return advice on the next flight, in a sentence, for the first pair of a chosen term and an alternative
+    that a manoeuvre separates; empty where there is no such pair.
+
+    Pairs of which both are probable come first. A cause of next to no probability needs no flight.
+    """
+    probability = posterior.probability
+    pairs = [
+        (min(probability.get(effect.name, 0.0), probability.get(name, 0.0)), effect, name)
+        for effect, names in zip(found.chosen, posterior.alternatives, strict=True)
+        for name in names[1:]
+    ]
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
     seen = next((record.matches for record in records if record.matches is not None), None)
-    return telling_flight(model, effect, other, step + current, kinds, seen, progress)
+    advised = ""
+    for least, effect, name in sorted(pairs, key=lambda pair: -pair[0])[:MOST_PAIRS]:
+        if least < PRINTED:
+            break
+        if is_saturation(effect):
+            # No slope shows it: the first expansion has it at values of a grid, and the other's size.
+            other, effect = (_best_way(found.first, n) for n in (effect.name, name))
+            expansion, chosen = found.first, [effect]
+        else:
+            other, expansion, chosen = _best_way(found.last, name), found.last, [*found.chosen]
+        step, _ = expansion.quadratic.maximise(chosen).of(expansion.quadratic.index(effect.columns))
+        size = step + [_current_value(expansion, found, column) for column in effect.columns]
+        sentence = telling_flight(model, effect, other, size, kinds, seen, progress)
+        if sentence and not sentence.startswith(NONE):
+            return sentence
+        advised = advised or sentence
+    return advised
 
 
 def telling_flight(
@@ -112,7 +136,7 @@ def advice(
     if times.min() > MOST_TIMES:
         best = int(np.argmax(sigma))
         return (
-            f"No manoeuvre of the list distinguishes {first} from {second} in {MOST_TIMES} flights; another "
+            f"{NONE} distinguishes {first} from {second} in {MOST_TIMES} flights; another "
             f"sensor is needed. The best is to {motions[best]}: {sigma[best]:.1f} sigma a time."
         )
     few = np.flatnonzero(times <= MOST_TIMES)
@@ -130,9 +154,14 @@ def _precision(name: str, other: Effect, parameters: FilterParameters) -> float:
     return prior_precision(nuisance, parameters)
 
 
-def _current_value(found: SearchResult, column: str) -> float:
+def _best_way(expansion: LikelihoodExpansion, name: str) -> Effect:
+    """Return the way of trying a term that explains most by itself."""
+    return expansion.score_tests([], [e for e in expansion.effects if e.name == name])[0].effect
+
+
+def _current_value(expansion: LikelihoodExpansion, found: SearchResult, column: str) -> float:
     """Return the current value of a column; of a nuisance, its difference from the healthy vehicle's own."""
     nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
     if nuisance is None:
-        return found.last.quadratic.current.get(column, 0.0)
-    return value_of(nuisance, found.last.parameters) - value_of(nuisance, found.model)
+        return expansion.quadratic.current.get(column, 0.0)
+    return value_of(nuisance, expansion.parameters) - value_of(nuisance, found.model)

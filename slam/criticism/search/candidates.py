@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from slam.core.progress import Tally
 from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitting import refit
-from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
+from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, similar_nats
 from slam.simulation.terms import CATALOGUE
 
 CANDIDATES = 5
@@ -34,7 +36,7 @@ class BestCandidate(NamedTuple):
     parameters: FilterParameters
     """Filter parameters with it."""
     rivals: tuple[str, ...]
-    """Names of terms that explain as much."""
+    """Names of terms that explain as much, but for what a misfit explains."""
     leads: dict[tuple[str, str], float]
     """Leads as in ``SearchResult.leads``."""
 
@@ -65,6 +67,7 @@ def best_candidate(
     alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
     best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
     known = [fit for fit in fits if fit.effect.name in CATALOGUE]
+    alike -= similar_nats(np.sqrt(2.0 * max(best.worth, 0.0))) - VERY_SIMILAR_NATS
     rivals = {fit.effect.name for fit in known if fit.worth > alike} - {best.effect.name}
     leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
     if best.effect.name not in CATALOGUE:

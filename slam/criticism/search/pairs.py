@@ -84,6 +84,3 @@ def mask_each_other(expansion: LikelihoodExpansion, two: Sequence[Effect], limit
 def _pair(terms: Two, nats: float) -> Pair:
     nats = max(nats, 0.0)
     return Pair(terms, nats, deviate(2 * nats, sum(len(e.columns) for e in terms)))
-
-
-__all__ = ["Pair", "mask_each_other", "masked_pair", "ranked_pairs"]

@@ -339,6 +339,3 @@ def _without(
     known, _ = refit(short, model, expansion.parameters, [*others, saturation])
     open_way, _ = refit(short, model, without_saturation(saturation, expansion.parameters), others)
     return deviate(2.0 * max(known - open_way, 0.0), len(saturation.columns))
-
-
-__all__ = ["SearchResult", "search", "with_term_replaced"]

@@ -69,6 +69,15 @@ def with_misfit(threshold: float, greatest: float) -> float:
     return float(np.hypot(threshold, MISFIT * greatest))
 
 
+def similar_nats(z: float) -> float:
+    """Return the lead in nats that the misfit of a cause with a z of ``z`` explains.
+
+    Sensitivities that differ by d sigma give the true one a lead of d^2 / 2, and a misfit m the other one up
+    to d m: together 2 m^2 for the d at which both are equal.
+    """
+    return max(VERY_SIMILAR_NATS, 2.0 * (MISFIT * z) ** 2)
+
+
 def parameter_cost(degrees: int) -> float:
     """Return the cost in nats of ``degrees`` fitted parameters."""
     return 0.5 * degrees * float(np.log1p(SIZE_PRIOR))

@@ -19,7 +19,7 @@ from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Verdict
 from slam.criticism.verdict.held_out import HeldOut, held_out
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, is_term, required_nats
+from slam.criticism.verdict.posterior import SOMETHING_ELSE, Posterior, is_term, required_nats
 from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.criticism.verdict.rollouts import rollout_errors
@@ -34,7 +34,6 @@ PLAIN_Z = 8.0
 """Least z that chance does not reach; the term stays without confirmation by held-out flights."""
 MOST_ALIKE = 4
 """Greatest number of names of an equivalence set."""
-ROUNDING = 1e-9
 WIDE = 1.96
 SCATTER = 1.25
 """Ratio of the scatter of found sizes about the truth to their standard error: found terms are selected, and
@@ -116,17 +115,14 @@ def causes_of(
         )
     if best is None:
         return tuple(causes)
-    return tuple(
-        _with_rollout_size(cause, effect, best, posterior)
-        for cause, effect in zip(causes, known, strict=True)
-    )
+    return tuple(_with_rollout_size(c, e, best, posterior) for c, e in zip(causes, known, strict=True))
 
 
 def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit, posterior: Posterior) -> Cause:
     """Return the cause with its size by roll-outs, and with their gain where they raised its probability."""
     found = replace(cause, parameters=_rollout_sizes(best, effect))
     parts = np.array(best.nats.get(effect.name, ()))
-    if rollout_probability(best, effect) < posterior.of_set(cause.alternatives) - ROUNDING:
+    if rollout_probability(best, effect) < posterior.of_set(cause.alternatives) - 1e-9:
         return found
     return replace(found, gain=Gain.of(parts, cause.gain.by, cause.gain.channels))
 
@@ -160,13 +156,8 @@ def split_by_probability(
             else c
             for c in causes
         ]
-    faint = tuple(c for c in causes if _with_alternatives(c, posterior) < FAINT)
+    faint = tuple(c for c in causes if c.with_alternatives(posterior.probability) < FAINT)
     return tuple(c for c in causes if c not in faint), faint
-
-
-def _with_alternatives(cause: Cause, posterior: Posterior) -> float:
-    """Return the probability of a cause and its alternatives together."""
-    return cause.probability + sum(posterior.probability.get(n, 0.0) for n in cause.alternatives[1:])
 
 
 def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
@@ -268,9 +259,8 @@ def decide(
 
 def is_unknown(causes: Sequence[Cause], probability: Mapping[str, float]) -> bool:
     """Whether something else than a term is more probable than not, and no cause with its alternatives is."""
-    return probability[SOMETHING_ELSE] > LIKELY and all(
-        c.probability + sum(probability.get(n, 0.0) for n in c.alternatives[1:]) <= LIKELY for c in causes
-    )
+    likeliest = max((c.with_alternatives(probability) for c in causes), default=0.0)
+    return likeliest <= LIKELY < probability[SOMETHING_ELSE]
 
 
 def _in_words(effect: Effect, found: SearchResult) -> str:
@@ -286,6 +276,3 @@ def _in_words(effect: Effect, found: SearchResult) -> str:
 
 def _strongest(left: Sequence[ScoreTest]) -> str:
     return f"{left[0].effect.name} (z = {left[0].z:.1f})" if left else ""
-
-
-__all__ = ["NOTHING", "by_importance", "causes_of", "confirmed_terms", "decide", "fitted_sizes"]

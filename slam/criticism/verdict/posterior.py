@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,33 +86,38 @@ class Place:
     """Alternatives to one chosen term."""
 
     names: tuple[str, ...]
-    """Its own name, then those of terms that explain as much within 4 nats."""
+    """Its own name, then those of terms that explain as much."""
     lead_nats: float
     """Lead over the best other term, with the cost of the parameters."""
     rival: str
     """The most probable other term; empty where there is none."""
     weights: tuple[tuple[float, frozenset[str]], ...] = ()
     """Evidence of the chosen set without the term, and with each other in its place."""
+    tied: tuple[str, ...] = ()
+    """Names that fitted as well with the filter run anew, whatever an expansion shows of them."""
+    leads: Mapping[str, float] = field(default_factory=dict)
+    """Alternative -> nats by which the term leads; none where they fitted as well."""
 
 
 def posterior_of(found: SearchResult) -> Posterior:
     """Return the probabilities at the last expansion; of terms that increase noise, at one without them."""
     expansion, chosen = found.last, list(found.chosen)
     places = [_at_saturation(found, e) if is_saturation(e) else _at_term(found, e) for e in chosen]
-    saturations = [place for place, effect in zip(places, chosen, strict=True) if is_saturation(effect)]
     weights = [
         (_evidence(expansion, chosen), _names(chosen)),
         *(w for place in places for w in place.weights),
     ]
-    if not chosen or (len(chosen) > 1 and not saturations):
+    if not chosen or (len(chosen) > 1 and not any(map(is_saturation, chosen))):
         weights += _in_place_of_all(found)
     probability = probabilities(weights)
-    for names in (saturation.names for saturation in saturations):
-        share = probability.get(names[0], 0.0) / len(names)
-        probability.update({n: max(share, probability.get(n, 0.0)) for n in names[1:]} | {names[0]: share})
+    for place in places:
+        share = probability.get(place.names[0], 0.0) / (1 + len(place.tied))
+        probability |= {n: max(share, probability.get(n, 0.0)) for n in place.tied} | {place.names[0]: share}
+    # What explains more in the place of another term is no alternative to this one.
+    least = {n: min(p.leads.get(n, np.inf) for p in places) for place in places for n in place.leads}
     return Posterior(
         probability,
-        tuple(place.names for place in places),
+        tuple(tuple(n for n in p.names if p.leads.get(n, 0.0) <= least.get(n, 0.0)) for p in places),
         tuple(place.lead_nats for place in places),
         tuple(place.rival for place in places),
     )
@@ -156,10 +161,10 @@ def _over(found: SearchResult, expansion: LikelihoodExpansion) -> float:
 def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
     """Return the alternatives to a saturation, which the search compared with all others with the filter run
     anew."""
-    names = (saturation.name, *_equally_good(found, saturation))
-    if len(names) == 1:
-        return Place(names, np.inf, _second_to_saturation(found))
-    return Place(names, 0.0, names[1])
+    chosen = {e.name for e in found.chosen}
+    tied = tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
+    rival = tied[0] if tied else _second_to_saturation(found)
+    return Place((saturation.name, *tied), 0.0 if tied else np.inf, rival, tied=tied)
 
 
 def _at_term(found: SearchResult, term: Effect) -> Place:
@@ -168,33 +173,32 @@ def _at_term(found: SearchResult, term: Effect) -> Place:
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
     rest = [e for e in chosen if e is not term]
     weights = [(_evidence(expansion, rest) + over, _names(rest))]
-    tried: list[tuple[Effect, float]] = []
     among = [
         e for e in (*expansion.effects, *expansion.patterns)
         if not any(e.repeats(c) for c in chosen) and not _in_other_words(expansion, rest, term, e)
     ]  # fmt: skip
-    for effect, evidence in _beside(expansion, rest, among):
-        lead = own - evidence - over
-        if (term.label, effect.label) in found.leads:
-            lead = found.leads[term.label, effect.label]
-        tried.append((effect, lead))
+    tried = [
+        (effect, found.leads.get((term.label, effect.label), own - evidence - over))
+        for effect, evidence in _beside(expansion, rest, among)
+    ]
     best: dict[str, tuple[float, Effect]] = {}
-    for effect, lead in tried:
-        known = is_term(effect) and effect.name not in {c.name for c in chosen}
-        if known and lead < best.get(effect.name, (np.inf, effect))[0]:
-            best[effect.name] = lead, effect
-    order = sorted(best, key=lambda n: best[n][0])
-    one_class = {
-        n for n in order
-        if best[n][0] < CLASS_NATS and _alike(expansion, rest, term, best[n][1]) > ONE_CLASS
-    }  # fmt: skip
+    for effect, lead in sorted(tried, key=lambda one: one[1]):
+        if is_term(effect) and effect.name not in {c.name for c in chosen}:
+            best.setdefault(effect.name, (lead, effect))
+    close = [n for n, (lead, _) in best.items() if lead < CLASS_NATS]
+    one_class = {n for n in close if _alike(expansion, rest, term, best[n][1]) > ONE_CLASS}
     for effect, lead in tried:
         counted = lead * VERY_SIMILAR_NATS / CLASS_NATS if effect.name in one_class and lead > 0.0 else lead
         weights.append((own - counted, _names([*rest, effect])))
-    near = [n for n in order if best[n][0] < VERY_SIMILAR_NATS or n in one_class]
-    near += [n for n in found.rivals.get(term.name, ()) if n in best and n not in near]
-    lead_nats = min((lead for lead, _ in best.values()), default=np.inf)
-    return Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
+    # What explains nothing is no alternative, however little the term itself explains.
+    near = {
+        n: lead for n, (lead, _) in best.items()
+        if (lead < VERY_SIMILAR_NATS or n in one_class) and own - lead > weights[0][0]
+    }  # fmt: skip
+    tied = tuple(n for n in found.rivals.get(term.name, ()) if n in best and n not in near)
+    lead_nats = 0.0 if tied else min((lead for lead, _ in best.values()), default=np.inf)
+    rival = next(iter([*near, *tied, *best]), "")
+    return Place((term.name, *near, *tied), lead_nats, rival, tuple(weights), tied, near)
 
 
 def _in_other_words(
@@ -256,12 +260,6 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Eff
         ):
             pairs.append(best.terms)
     return pairs
-
-
-def _equally_good(found: SearchResult, saturation: Effect) -> tuple[str, ...]:
-    """Return the alternatives that fitted as well as a saturation when it was chosen."""
-    chosen = {e.name for e in found.chosen}
-    return tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
 
 
 def _second_to_saturation(found: SearchResult) -> str:

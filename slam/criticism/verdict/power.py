@@ -38,21 +38,18 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
         size = (threshold + NINE_OF_TEN) * float(np.sqrt(covariance[k, k]))
         neutral = catalogue_value(effect, k, 0.0, expansion.parameters, 0.0)
         value = abs(catalogue_value(effect, k, size, expansion.parameters, 0.0) - neutral)
-        unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
         parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
         if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
             kept = found.get(effect.name)
-            found[effect.name] = (min(value, kept[0]) if kept else value), unit
-    saturations = [
-        (e, float(e.columns[0].partition(AT)[2]))
+            found[effect.name] = (min(value, kept[0]) if kept else value), parameter.unit
+    shown = [
+        (float(e.columns[0].partition(AT)[2]), e.name)
         for e in expansion.effects
         if is_saturation(e) and is_profiled(e)
-    ]
-    shown = [
-        limit for e, limit in saturations if _score_at_tried_size(expansion, e) > threshold + NINE_OF_TEN
-    ]
+        and _score_at_tried_size(expansion, e) > threshold + NINE_OF_TEN
+    ]  # fmt: skip
     # The highest limit that shows is the smallest effect.
-    return found | ({saturations[0][0].name: (max(shown), "rad")} if shown else {})
+    return found | {name: (limit, "rad") for limit, name in sorted(shown)}
 
 
 def _score_at_tried_size(expansion: LikelihoodExpansion, effect: Effect) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, NOT_AHEAD_S, Cause, Gain
+from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
@@ -100,9 +100,10 @@ def _tested(found: Criticism) -> str:
 
 def _unknown(found: Criticism) -> str:
     """Name probable causes in the main clause: what else is wrong does not make them less probable."""
-    if found.probable:
-        lacks = _listed_causes(found.probable)
-        return f"The model lacks {lacks}, and more is wrong that no term of the catalogue explains."
+    if lacking := _lacking(found):
+        return (
+            f"The model lacks {_listed(lacking)}, and more is wrong that no term of the catalogue explains."
+        )
     return "Something is wrong that no term of the catalogue explains."
 
 
@@ -125,8 +126,8 @@ def _ambiguous(found: Criticism) -> str:
 def _named(found: Criticism) -> str:
     if not found.causes:
         return "No term of the catalogue is a probable cause."
-    if len(found.probable) > 1:
-        return f"The model lacks {_listed_causes(found.probable)}."
+    if len(lacking := _lacking(found)) > 1 or (lacking and not found.probable):
+        return f"The model lacks {_listed(lacking)}."
     lead = found.probable[0] if found.probable else found.causes[0]
     sizes = ", ".join(f"{n} = {p.value:.3g}{_spaced(p.unit)}" for n, p in lead.parameters.items())
     bracket = f"({sizes}{'; ' if sizes else ''}probability {lead.probability:.2f})"
@@ -135,6 +136,15 @@ def _named(found: Criticism) -> str:
     if lead.probability >= FAINT:
         return f"The most probable cause is {lead.name}: {CATALOGUE[lead.name].meaning} {bracket}."
     return f"No term of the catalogue is a probable cause; the nearest is {lead.name}."
+
+
+def _lacking(found: Criticism) -> list[str]:
+    """Return the causes that are more probable than not, alone or with their alternatives."""
+    known = {n: found.probability_of(n) for c in found.causes for n in c.alternatives}
+    sets = [c for c in found.causes if c.probability <= LIKELY < c.with_alternatives(known)]
+    return [f"{c.name} (probability {c.probability:.2f})" for c in found.probable] + [
+        f"{' or '.join(c.alternatives)} (together {c.with_alternatives(known):.2f})" for c in sets
+    ]
 
 
 def _unexplained(found: Criticism) -> str:

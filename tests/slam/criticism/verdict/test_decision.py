@@ -156,8 +156,10 @@ def searched(nats, chosen, covariance=None, **more):
     """The result of a search whose sets of effects explain these ``nats``."""
     covariance = np.eye(2) if covariance is None else covariance
 
+    table = {frozenset(effects): value for effects, value in nats.items()}
+
     def maximise(effects):
-        return SimpleNamespace(nats=nats[tuple(effects)], of=lambda _: (np.zeros(2), covariance))
+        return SimpleNamespace(nats=table[frozenset(effects)], of=lambda _: (np.zeros(2), covariance))
 
     def standing(rest, tried):
         return [
@@ -207,6 +209,32 @@ def test_a_limit_and_a_curve_that_fit_alike_are_a_set_for_an_out_of_model_vehicl
     posterior = posterior_of(found)
     assert posterior.alternatives == (("tilt_limit", "command_nonlinearity"),)
     assert posterior.probability["tilt_limit"] == posterior.probability["command_nonlinearity"] <= 0.5
+
+
+@pytest.mark.parametrize("lead", [0.0, 30.0])
+def test_what_fitted_as_well_when_a_term_was_chosen_shares_its_probability(lead):
+    """A curve is chosen, and an expansion about it says little of a limit."""
+    curve, limit = Effect("command_nonlinearity", relaxes=("b",)), Effect("tilt_limit", relaxes=("a",))
+    nats = {(): 0.0, (curve,): 900.0, (limit,): 900.0 - lead, (curve, limit): 900.5}
+    posterior = posterior_of(searched(nats, (curve,), rivals={"command_nonlinearity": ("tilt_limit",)}))
+    assert posterior.alternatives == (("command_nonlinearity", "tilt_limit"),)
+    assert posterior.probability["tilt_limit"] == pytest.approx(posterior.probability["command_nonlinearity"])
+    assert posterior.probability["tilt_limit"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_what_explains_nothing_is_no_alternative_to_a_term_that_rollouts_chose():
+    lag, slope = Effect("attitude_lag", relaxes=("a",)), Effect("floor_slope", relaxes=("b",))
+    nats = {(): 0.0, (lag,): 0.1, (slope,): 0.0, (lag, slope): 0.1}
+    assert posterior_of(searched(nats, (lag,))).alternatives == (("attitude_lag",),)
+
+
+def test_an_alternative_counts_where_it_explains_most():
+    lag, brake = Effect("attitude_lag", relaxes=("a",)), Effect("active_braking", relaxes=("b",))
+    late = Effect("control_latency", relaxes=("c",))
+    nats = {(): 0.0, (lag,): 400.0, (brake,): 300.0, (late,): 405.0, (lag, brake): 700.0}
+    nats |= {(brake, late): 720.0, (lag, late): 701.0, (lag, brake, late): 720.0}
+    posterior = posterior_of(searched(nats, (lag, brake)))
+    assert posterior.alternatives == (("attitude_lag", "control_latency"), ("active_braking",))
 
 
 def test_held_out_rollouts_raise_a_set_and_do_not_choose_in_it():
