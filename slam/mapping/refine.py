@@ -97,7 +97,7 @@ def refine_map(
         over_floor_covariances=over_floor_covariances,
         component=component,
         floor_z_m=main.floor_z_m if main else 0.0,
-        camera=calibrated(setup.camera, main.bundle) if main and main.bundle else setup.camera,
+        camera=calibrated(setup.camera, main.bundle if main else None),
         bundle=main.bundle if main else None,
         georeferenced=main.georeferenced if main else False,
         warnings=(
@@ -316,9 +316,12 @@ def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
     return tied
 
 
-def calibrated(camera: Camera, bundle: Bundle) -> Camera:
-    """Return the camera with the mount and the lens that a refinement has estimated."""
-    camera = replace(camera, b_T_c=bundle.b_T_c, told=None)
+def calibrated(camera: Camera, bundle: Bundle | None) -> Camera:
+    """Return the camera with the mount and the lens that a refinement has estimated, if there is one."""
+    camera = replace(camera, told=None)
+    if bundle is None:
+        return camera
+    camera = replace(camera, b_T_c=bundle.b_T_c)
     if bundle.lens is None:
         return camera
     fx, fy, cx, cy, *distortion = bundle.lens.calibration.tolist()
