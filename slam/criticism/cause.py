@@ -104,7 +104,8 @@ class Cause:
 
     def with_alternatives(self, probability: Mapping[str, float]) -> float:
         """Return its probability and that of its alternatives together."""
-        return self.probability + sum(probability.get(n, 0.0) for n in self.alternatives[1:])
+        others = sum(probability.get(n, 0.0) for n in self.alternatives[1:])
+        return min(self.probability + others, 1.0)
 
 
 def bootstrap_interval(nats: Array) -> tuple[float, float]:

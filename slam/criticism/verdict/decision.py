@@ -115,14 +115,14 @@ def causes_of(
         )
     if best is None:
         return tuple(causes)
-    return tuple(_with_rollout_size(c, e, best, posterior) for c, e in zip(causes, known, strict=True))
+    return tuple(_with_rollout_size(c, e, best) for c, e in zip(causes, known, strict=True))
 
 
-def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit, posterior: Posterior) -> Cause:
+def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
     """Return the cause with its size by roll-outs, and with their gain where they raised its probability."""
     found = replace(cause, parameters=_rollout_sizes(best, effect))
     parts = np.array(best.nats.get(effect.name, ()))
-    if rollout_probability(best, effect) < posterior.of_set(cause.alternatives) - 1e-9:
+    if rollout_probability(best, effect) < cause.probability - 1e-9:
         return found
     return replace(found, gain=Gain.of(parts, cause.gain.by, cause.gain.channels))
 

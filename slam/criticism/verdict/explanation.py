@@ -46,5 +46,6 @@ def explain(found: SearchResult, progress: Progress) -> Explanation:
     if reported is not found:
         posterior = posterior_of(reported)
     if best is not None:
-        posterior = posterior.raised({e.name: rollout_probability(best, e) for e in reported.chosen})
+        known = {e.name: rollout_probability(best, e) for e in reported.chosen}
+        posterior = posterior.raised(known, reported.rivals)
     return Explanation(reported, parameters, posterior, doubts, best)

@@ -51,23 +51,19 @@ class Posterior:
     rivals: tuple[str, ...] = ()
     """The most probable other term in place of each chosen effect; empty where there is none."""
 
-    def of_set(self, names: Sequence[str]) -> float:
-        """Return the probability of a term and its alternatives together."""
-        return min(sum(self.probability.get(name, 0.0) for name in names), 1.0)
+    def raised(self, known: Mapping[str, float], tied: Mapping[str, Sequence[str]]) -> Posterior:
+        """Return the posterior with greater probabilities of chosen terms, as ``known`` otherwise.
 
-    def raised(self, known: Mapping[str, float]) -> Posterior:
-        """Return the posterior with greater probabilities of some chosen terms.
-
-        ``known`` are probabilities that something of the term's kind is there. Each is shared among the
-        term's alternatives as before, since it does not distinguish them.
+        Each is shared equally with the ``tied`` alternatives to the term, which it does not distinguish. What
+        is left is for the others.
         """
         probability = dict(self.probability)
-        for names in self.alternatives:
-            before, after = self.of_set(names), known.get(names[0], 0.0)
-            if after > before:
-                own = [self.probability.get(n, 0.0) for n in names]
-                shares = [p / before if before else 1.0 / len(names) for p in own]
-                probability |= {n: after * share for n, share in zip(names, shares, strict=True)}
+        for name, *others in self.alternatives:
+            same = [name, *(n for n in others if n in tied.get(name, ()))]
+            total = known.get(name, 0.0)
+            if total > probability.get(name, 0.0) * len(same):
+                left = {n: min(probability.get(n, 0.0), 1.0 - total) for n in others}
+                probability |= left | dict.fromkeys(same, total / len(same))
         return replace(self, probability=probability)
 
 

@@ -240,15 +240,19 @@ def test_an_alternative_counts_where_it_explains_most():
 def test_held_out_rollouts_raise_a_set_and_do_not_choose_in_it():
     alike = ("tilt_limit", "command_nonlinearity")
     weak = {NOTHING: 0.0, SOMETHING_ELSE: 1.0, "tilt_limit": 0.03, "command_nonlinearity": 0.01}
-    posterior = Posterior(weak, (alike, ("steady_wind",)), (0.0, 0.0))
-    raised = posterior.raised({"tilt_limit": 0.96, "steady_wind": 0.9}).probability
-    assert raised["tilt_limit"] == pytest.approx(0.72)
-    assert raised["command_nonlinearity"] == pytest.approx(0.24)
-    assert raised["steady_wind"] == pytest.approx(0.9)
-    assert posterior.raised({"tilt_limit": 0.02}).probability == weak
+    weak |= {"flow_scale": 1.0}
+    posterior = Posterior(weak, (alike, ("active_braking", "flow_scale")), (0.0, 0.0))
+    tied = {"tilt_limit": ("command_nonlinearity",)}
+    raised = posterior.raised({"tilt_limit": 0.96, "active_braking": 0.9}, tied).probability
+    assert raised["tilt_limit"] == raised["command_nonlinearity"] == pytest.approx(0.48)
+    # What only the likelihood of wrong equations prefers has what is left.
+    assert raised["active_braking"] == pytest.approx(0.9)
+    assert raised["flow_scale"] == pytest.approx(0.1)
+    assert posterior.raised({"tilt_limit": 0.02}, tied).probability == weak
     lead = replace(cause("tilt_limit", 0.48), alternatives=alike)
     assert not is_unknown([lead], {SOMETHING_ELSE: 1.0, "command_nonlinearity": 0.48})
     assert is_unknown([lead], {SOMETHING_ELSE: 1.0})
+    assert lead.with_alternatives({"command_nonlinearity": 1.0}) == 1.0
 
 
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
