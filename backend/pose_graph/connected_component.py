@@ -24,6 +24,7 @@ from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.doubts import has_dominant_loop, suspected_loops
 from backend.pose_graph.selection.rejection import has_loops_on_odometry, reasons, reject_outliers
+from backend.pose_graph.selection.rival_loops import rival_loops, rivals_sentence
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 
 Array = NDArray[np.float64]
@@ -81,7 +82,9 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
         # Past its time limit, each search ends with the best set so far.
         complete = selected.is_complete and time.monotonic() <= options.deadline
+        rivals = rival_loops(gauge_fixed, kept, fit.w_T)
         disputes = selected.disputed_odometry
+        disputes += () if rivals is None else (rivals_sentence(problem, rivals),)
     minimum, w_T, contradictions = fit.minimum, fit.w_T, _contradictions(problem, fit)
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()

@@ -29,6 +29,7 @@ from backend.pose_graph.selection.chains import Chain, Joining
 from backend.pose_graph.selection.evidence import log_unit_volumes, odometry_log_odds
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale
+from backend.pose_graph.selection.rival_loops import LEAST_LOG_ODDS, described
 from backend.pose_graph.solution import Solution
 from backend.quantiles import binomial_tail
 
@@ -36,8 +37,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-_LEAST_LOG_ODDS = -float(np.log(SIGNIFICANCE))
-"""Odds of 1000 to 1 (nats), below which neither group is called right: the level of all gates."""
 _COMMON_CAUSE = -float(np.log(SIGNIFICANCE))
 """Improbability (nats) that a floor repeats, so that rows of loops are false together."""
 _MOST_PREDICTIONS = 300_000
@@ -82,7 +81,7 @@ def doubtful_rivals(problem: Problem, kept: Mask, w_T: Array) -> Rivals | None:
     groups = _groups(problem, rejected, w_T, samples, worth)
     found = [_contradicted(problem, group, w_T, worth) for group in groups]
     worst = min(found, key=lambda each: each.log_odds, default=None)
-    return worst if worst is not None and worst.log_odds < _LEAST_LOG_ODDS else None
+    return worst if worst is not None and worst.log_odds < LEAST_LOG_ODDS else None
 
 
 @dataclass(frozen=True)
@@ -257,20 +256,19 @@ def _sentence(problem: Problem, found: Rivals) -> str:
     loops = found.against[~problem.trusted[found.against]]
     steps = found.against[problem.trusted[found.against]]
     against = " and ".join(
-        _group(problem, edges, kind)
-        for edges, kind in ((loops, "kept loops"), (steps, "edges of odometry"))
+        described(problem, edges, *kinds)
+        for edges, kinds in (
+            (loops, ("kept loop", "kept loops")),
+            (steps, ("edge of odometry", "edges of odometry")),
+        )
         if len(edges)
     )
     odds = np.exp(max(found.log_odds, 0.0))
+    rejected = described(problem, found.rejected, "rejected edge", "rejected edges")
+    agree = "contradicts" if len(found.rejected) == 1 else "agree with each other and contradict"
     return (
-        f"{_group(problem, found.rejected, 'rejected edges')} agree with each other and contradict {against}:"
+        f"{rejected} {agree} {against}:"
         f" if the rejected ones are true, the later poses lie {found.length:.2g} {problem.length_unit} and"
         f" {found.degrees:.2g} deg elsewhere, and the odds for the kept ones are only {odds:.0f} to 1; check"
         " which of the two are true, and delete the others from the file"
     )
-
-
-def _group(problem: Problem, edges: Index, kind: str) -> str:
-    low, high = np.minimum(problem.i, problem.j)[edges], np.maximum(problem.i, problem.j)[edges]
-    ends = [f"{problem.name(each.min())} to {problem.name(each.max())}" for each in (low, high)]
-    return f"{len(edges)} {kind} (from {ends[0]}, into {ends[1]})"

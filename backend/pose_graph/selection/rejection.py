@@ -121,7 +121,8 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
     """Select again without the step of odometry that is most in doubt, as long as the evidence grows.
 
     Loops that agreed with the step speak for it, and those that are gained without it speak against it: if
-    more are lost than by chance, and no fewer than are gained, the step stays.
+    more are lost than by chance, and they and the step itself are as many witnesses as the gained ones, the
+    step stays. Loops in a row are one witness. Where nothing is gained, nothing speaks against the step.
     """
     problem, doubting = gauge_fixed.problem, gauge_fixed
     while time.monotonic() < gauge_fixed.options.deadline:
@@ -145,8 +146,8 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         is_supported = (
             found.fit.test.passed
             and agreement_is_lost(found.kept & loops, other.kept)
-            and np.count_nonzero(lost) >= np.count_nonzero(against)
-            and bool((step & ~other.kept).any())
+            and _rows(problem, lost) + 1 >= _rows(problem, against)
+            and bool((step & ~other.kept).any() or not against.any())
         )
         is_probable = _is_more_probable(gauge_fixed, other, found)
         if is_probable and not is_supported:
@@ -155,6 +156,11 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         said = odometry_dispute(problem, step, against, is_probable) if other.fit.test.passed else ""
         return replace(found, disputed_odometry=(said,) if said else ())
     return found
+
+
+def _rows(problem: Problem, loops: Mask) -> int:
+    """Return the number of rows that some loops (m,) form."""
+    return len(np.unique(place_pairs(problem.i[loops], problem.j[loops], ROW_LENGTH)))
 
 
 def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
@@ -249,12 +255,12 @@ def _refit(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array, candidate: Ma
 
 
 def _taken_back(gauge_fixed: GaugeFixedProblem, found: Selection, back: Mask) -> Selection:
-    """Add the edges ``back`` (m,) to a selection; their worse half is left out until the evidence grows."""
+    """Add the edges ``back`` (m,) to a selection, without their worst quarter until the evidence grows."""
     while back.any():
         other = _fitted(gauge_fixed, found.kept | back, found.fit.w_T)
         if _explains_more_places(gauge_fixed, other, found):
             return other
-        back = back & (found.innovation_sigma < np.quantile(found.innovation_sigma[back], 0.5))
+        back = back & (found.innovation_sigma < np.quantile(found.innovation_sigma[back], 0.75))
     return found
 
 

@@ -55,8 +55,8 @@ def swap_loops(
     can be flipped at once; the second has all loops.
     """
     place = place_pairs(problem.i, problem.j)
-    search = _LocalSearch(problem, graph, solve, place, out_of_time)
-    few = _one_loop_a_place(problem, kept, w_T, place)
+    search = LocalSearch(problem, graph, solve, place, out_of_time)
+    few = one_loop_a_place(problem, kept, w_T, place)
     chosen, at = search.run(few, solve(few, w_T), allow_single_flips=False)
     allow_single_flips = not np.array_equal(chosen, few)
     if allow_single_flips:
@@ -65,7 +65,7 @@ def swap_loops(
     return search.run(kept, w_T, allow_single_flips)
 
 
-def _one_loop_a_place(problem: Problem, kept: Mask, w_T: Array, place: Index) -> Mask:
+def one_loop_a_place(problem: Problem, kept: Mask, w_T: Array, place: Index) -> Mask:
     """Return odometry, and for each pair of places the accepted loop of the smallest residual.
 
     On a repetitive floor loops between the same places are false together: they are not independent.
@@ -81,7 +81,7 @@ def _first_of_each(loops: Index, place: Index) -> Index:
 
 
 @dataclass(frozen=True)
-class _LocalSearch:
+class LocalSearch:
     """Hill climbing on the evidence over sets of accepted loops."""
 
     problem: Problem
@@ -90,6 +90,8 @@ class _LocalSearch:
     place: Index
     """(m,) label of the two places of each edge."""
     out_of_time: Callable[[], bool]
+    least_gain: float = _MIN_GAIN
+    """Evidence (nats) that a sequence of flips must gain."""
 
     def run(self, kept: Mask, w_T: Array, allow_single_flips: bool) -> tuple[Mask, Array]:
         """Return the finally kept edges (m,) and their poses.
@@ -105,14 +107,14 @@ class _LocalSearch:
             odds, both = current.odds, not allow_single_flips
             # False loops in a set inflate its noise until they look like noise: try the stated noise too.
             scales = sorted({current.scale, min(current.scale, 1.0)})
-            proposals = [self._propose(replace(current, scale=scale), both, volumes) for scale in scales]
+            proposals = [self.propose(replace(current, scale=scale), both, volumes) for scale in scales]
             best = max((p for p in proposals if p is not None), key=lambda p: p.evidence(odds), default=None)
             if best is None or best.evidence(odds) <= current.evidence(odds):
                 break
             current, allow_single_flips = best, True
         return (kept, w_T) if current is None else (current.kept, current.w_T)
 
-    def _propose(self, current: LinearizedSet, both: bool, volumes: Array) -> LinearizedSet | None:
+    def propose(self, current: LinearizedSet, both: bool, volumes: Array) -> LinearizedSet | None:
         """Return the set after the best flip sequence; None if there is none."""
         flips = self._best_flips(current, both)
         if len(flips) == 0:
@@ -138,9 +140,9 @@ class _LocalSearch:
             *out[np.argsort(-log_odds[out])[:_FORCED_IN]].tolist(),
             *in_[np.argsort(log_odds[in_])[:_FORCED_OUT]].tolist(),
         ]
-        found = (search.best_sequence(first, both) for first in [None, *forced])
-        gain, sequence = max(found, key=lambda each: each[0])
-        return loops[sequence] if gain > _MIN_GAIN else _NONE
+        least = self.least_gain
+        found = (search.best_sequence(first, both, least) for first in [None, *forced])
+        return loops[max(found, key=lambda each: each[0])[1]]
 
     def _likeliest_rejected(self, current: LinearizedSet, samples: Array) -> LoopInnovations | None:
         """Return the rejected loops of highest log odds, one per pair of places without an accepted loop.

@@ -87,13 +87,14 @@ class SwapSearch:
         self._flips.append((x, gain, column, sign))
         self.accepted[x] = not self.accepted[x]
 
-    def best_sequence(self, first: int | None, both: bool) -> tuple[float, list[int]]:
+    def best_sequence(self, first: int | None, both: bool, least: float = 0.0) -> tuple[float, list[int]]:
         """Return the gain in evidence (nats) of the best greedy flip sequence, and its loops.
 
-        ``first`` is flipped at any cost. With ``both`` at least one must be inserted and one removed.
+        ``first`` is flipped at any cost. With ``both`` at least one must be inserted and one removed. Where
+        no sequence gains more than ``least``, the result is that gain and no loop.
         """
         self._begin()
-        total, best, length = 0.0, 0.0, 0
+        total, best, length = 0.0, least, 0
         done: list[int] = []
         directions: set[bool] = set()
         while len(done) < _MAX_FLIPS and total > -ABANDON_NATS:

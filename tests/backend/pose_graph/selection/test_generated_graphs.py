@@ -109,3 +109,15 @@ def test_many_gained_loops_outvote_a_few_lost_ones() -> None:
     kept = solve_pose_graph(made.graph, covariances=False).edge_kept
     assert not (kept & made.false).any()
     assert kept[~made.false].all()
+
+
+@pytest.mark.slow
+def test_one_false_loop_that_bends_the_map_against_a_row_of_true_ones_is_named() -> None:
+    """Odometry allows the false loop, and the row it contradicts is one piece of evidence as it is."""
+    made = make(Scene("lawn mower", 1, 2, 0.6, "random", 103))
+    solved = solve_pose_graph(made.graph, covariances=False)
+    wrong = np.flatnonzero(solved.edge_kept & made.false)
+    assert len(wrong) == 1
+    ends = f"vertex {made.graph.i[wrong[0]]} to vertex {made.graph.j[wrong[0]]}"
+    assert solved.status != "ok"
+    assert f"without 1 kept loop ({ends})" in solved.status
