@@ -39,8 +39,8 @@ def assert_same(a, b, tolerance=0.0):
     assert type(a) is type(b)
     for field in dataclasses.fields(a):
         x, y = getattr(a, field.name), getattr(b, field.name)
-        if x is None or y is None:
-            assert x is y, field.name
+        if x is None or y is None or isinstance(x, str):
+            assert x == y, field.name
         else:
             np.testing.assert_allclose(y, x, rtol=tolerance, atol=tolerance, err_msg=field.name)
 
