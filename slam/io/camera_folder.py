@@ -7,7 +7,9 @@ import os
 from pathlib import Path
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
+from backend.measurements import LensModel
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Frames
 from slam.io.csv_stream import CsvTable
@@ -17,6 +19,8 @@ from slam.io.sensor_yaml import YamlFile
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
+EQUIDISTANT = ("equidistant", "fisheye", "kannala_brandt4")
+"""Names of the fisheye of OpenCV and Kalibr, with k1 to k4."""
 _MAX_READOUT_S = 0.2
 """Largest readout time of a rolling shutter, as in the catalogue of effects."""
 _FOCAL_PER_WIDTH = (0.02, 250.0)
@@ -70,9 +74,9 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
             "sensor.yaml has no T_BS: a down-looking camera with the nose at the top is assumed; add T_BS "
             "if it is mounted otherwise"
         )
-    distortion = _distortion(sensor)
+    lens, distortion = _lens(sensor)
     corner = math.hypot(max(cu, width - 1 - cu) / fu, max(cv, height - 1 - cv) / fv)
-    if (share := _valid_share(distortion, corner)) < 0.5:
+    if (share := _valid_share(lens, distortion, corner)) < 0.5:
         raise sensor.refuse(
             "distortion_coefficients",
             f"are only valid over {100 * share:.0f} % of the way from centre to corner; beyond, the "
@@ -97,39 +101,48 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         tangential_std=sensor.std("tangential_std", 0.0, 1.0),
         mount_std_rad=sensor.std("mount_std", 0.0, math.pi),
         readout_s=readout_s,
+        lens=lens,
     )
 
 
-def _distortion(sensor: YamlFile) -> tuple[float, ...]:
+def _lens(sensor: YamlFile) -> tuple[LensModel, tuple[float, ...]]:
+    """Return the lens model and its coefficients."""
     model = sensor.text("distortion_model", "")
+    if model.lower() in EQUIDISTANT:
+        return "equidistant", _coefficients(sensor, (4,), "k1, k2, k3, k4")
     if model.lower() not in RADTAN:
         raise sensor.refuse(
             "distortion_model",
             f"is {brief(model, 40)}",
-            "only radial-tangential is known; undistort first",
+            "radial-tangential and equidistant are known; undistort first",
         )
     if not sensor.has("distortion_coefficients"):
         if model.lower() in ("none", ""):
-            return (0.0, 0.0, 0.0, 0.0)
+            return "brown", (0.0, 0.0, 0.0, 0.0)
         raise refusal(
             sensor.path, "has no distortion_coefficients", "add [k1, k2, p1, p2], zeros where it has none"
         )
-    coefficients = sensor.numbers("distortion_coefficients", (4, 5))
+    return "brown", _coefficients(sensor, (4, 5), "k1, k2, p1, p2[, k3]")
+
+
+def _coefficients(sensor: YamlFile, counts: tuple[int, ...], names: str) -> tuple[float, ...]:
+    coefficients = sensor.numbers("distortion_coefficients", counts)
     if max(map(abs, coefficients)) > 100:
-        raise sensor.refuse(
-            "distortion_coefficients", "are beyond 100", "write OpenCV's k1, k2, p1, p2[, k3]"
-        )
+        raise sensor.refuse("distortion_coefficients", "are beyond 100", f"write OpenCV's {names}")
     return coefficients
 
 
-def _valid_share(distortion: tuple[float, ...], corner: float) -> float:
-    """Return the radius up to which OpenCV's radial polynomial is monotonic, as a share of the corner's
-    radius.
+def _valid_share(lens: LensModel, distortion: tuple[float, ...], corner: float) -> float:
+    """Return the radius up to which OpenCV's polynomial is monotonic, as a share of the corner's radius.
+
+    That of a fisheye is one of the angle, of less than 180 degrees.
     """
-    k1, k2, _, _, *k3 = distortion
-    radius = np.linspace(0.0, 4.0 * max(corner, 1.0), 4000)
-    squared = radius**2
-    distorted = radius * (1 + squared * (k1 + squared * (k2 + squared * (k3[0] if k3 else 0.0))))
+    if lens == "equidistant":
+        radius, terms = np.linspace(0.0, np.pi, 4000), distortion
+    else:
+        k1, k2, _, _, *k3 = distortion
+        radius, terms = np.linspace(0.0, 4.0 * max(corner, 1.0), 4000), (k1, k2, *k3)
+    distorted = radius * polyval(radius**2, [1.0, *terms])
     decreasing = np.flatnonzero(np.diff(distorted) <= 0)
     return 1.0 if not len(decreasing) else min(1.0, float(distorted[decreasing[0]]) / corner)
 

@@ -173,7 +173,7 @@ def _write_camera(camera: Camera, frames: Frames | None, folder: Path, comment: 
         "resolution": list(camera.size_px),
         "camera_model": "pinhole",
         "intrinsics": [*camera.focal_px, *camera.center_px],
-        "distortion_model": "radial-tangential",
+        "distortion_model": "equidistant" if camera.lens == "equidistant" else "radial-tangential",
         "distortion_coefficients": list(camera.distortion),
     }
     other = {

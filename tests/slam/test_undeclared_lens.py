@@ -137,6 +137,17 @@ def test_a_lens_that_is_declared_is_no_error() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("view_deg", [64.0, 80.0])
+def test_a_fisheye_that_is_declared_is_no_error(view_deg: float) -> None:
+    flight = fisheye(view_deg, 0)
+    assert flight.camera is not None
+    declared = replace(flight, camera=replace(flight.camera, lens="equidistant"))
+    estimate = optimize(declared)
+    assert estimate.status == "ok"
+    assert evaluate(estimate, declared).ate_m.rmse < 0.01, "0.13 m with the pinhole"
+
+
+@pytest.mark.slow
 def test_no_false_alarm_over_twenty_flights() -> None:
     assert [normal(seed)[1].instruments.systematic for seed in range(20)] == [None] * 20
 

@@ -80,6 +80,21 @@ def test_uncertainties_of_a_camera_are_read_back(tmp_path):
     assert_same(unsure, read_flight(tmp_path / "f").camera)
 
 
+def test_a_fisheye_is_read_back(tmp_path):
+    flight = made_flight()
+    fisheye = dataclasses.replace(flight.camera, lens="equidistant", distortion=(0.02, -0.003, 0.001, 0.0))
+    write_flight(dataclasses.replace(flight, camera=fisheye), tmp_path / "f")
+    assert_same(fisheye, read_flight(tmp_path / "f").camera)
+
+
+def test_a_fisheye_whose_polynomial_folds_back_is_refused(tmp_path):
+    flight = made_flight()
+    folded = dataclasses.replace(flight.camera, lens="equidistant", distortion=(-4.0, 0.0, 0.0, 0.0))
+    write_flight(dataclasses.replace(flight, camera=folded), tmp_path / "f")
+    with pytest.raises(InputError, match="folds back"):
+        read_flight(tmp_path / "f")
+
+
 def test_pictures_are_read_back_and_stay_on_disk(tmp_path):
     flight = made_flight()
     write_flight(flight, tmp_path / "f")
