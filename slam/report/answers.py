@@ -41,6 +41,7 @@ _INSTRUMENTS = {
 """Name of a share in `backend.bundle.information_shares` -> in words, and what improves it."""
 _STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
 """Instrument that tells the scale -> name of its stream in warnings."""
+_IF_WRONG = "Lengths that it tells 1 % too long make the map 1 % too large."
 _MOST_GAPS = 3
 """Stretches without pictures that are named."""
 _EXAMPLE_M = 10.0
@@ -83,7 +84,7 @@ def pilots_answers(
     """
     rows = [
         Item("Can I use this map?", _usable(estimate, summary)),
-        Item("How accurate is a place on it?", _place(facts)),
+        Item("How accurate is a place on it?", _place(facts, summary)),
         Item("Where is it least certain?", _least_certain(estimate, facts, ground)),
         Item("How far is it from the truth?", against_truth),
         Item("How far can I trust a distance or an area?", _distance(estimate, facts)),
@@ -110,11 +111,11 @@ def _usable(estimate: Estimate, summary: Summary) -> str:
         more = f" Read the {notes} note{'s' * (notes > 1)} under Warnings." if notes else ""
         assumed = " But no second instrument checks this accuracy: see “Is the scale right?” below."
         alone = assumed if estimate.accuracy_basis else ""
-        return f"Yes: all measurements agree with each other, within the accuracy below.{alone}{more}"
+        return f"Yes: the measurements that the map uses agree within the accuracy below.{alone}{more}"
     return "Only with care: “Check this first” above names what is wrong and what to do about it."
 
 
-def _place(facts: Facts) -> str:
+def _place(facts: Facts, summary: Summary) -> str:
     if not np.isfinite(facts.sigma_median_m):
         return "Not known: no uncertainty could be computed for most of it."
     relative = f" relative to {facts.relative_to}" if facts.relative_to else " on Earth"
@@ -123,6 +124,7 @@ def _place(facts: Facts) -> str:
         "typically known to "
         f"±{SPACE}{facts.length(facts.sigma_median_m)}{relative}: one standard deviation. Two times out of "
         "three the error is smaller on each axis; an error three times as large is rare."
+        + (" It does not count what “Check this first” above names." if summary.status != "ok" else "")
     )
 
 
@@ -157,8 +159,8 @@ def _distance(estimate: Estimate, facts: Facts) -> str:
     by_scale = f"±{SPACE}{length(facts.scale_std * apart_m)} ({percent(facts.scale_std)})"
     return (
         f"A distance of {facts.length(apart_m)} is right to {by_scale} by the scale, and an area to twice "
-        f"that share ({percent(2 * facts.scale_std)}). {_of_ends(estimate, ends)} map.html measures any "
-        "distance and area with all of it."
+        f"that share ({percent(2 * facts.scale_std)}), one standard deviation. The same share holds for any "
+        f"other length. {_of_ends(estimate, ends)} map.html measures any distance and area with all of it."
     )
 
 
@@ -167,7 +169,10 @@ def _of_ends(estimate: Estimate, ends: str) -> str:
     found = limit(estimate.information_shares)
     if found is not None and found[0] == "position":
         return "The uncertainty of a place on Earth adds little to it: most of that moves the whole map."
-    return f"The errors of both ends come on top, together typically less than {ends}."
+    return (
+        f"The errors of both ends come on top, together typically less than {ends}: the whole is the root of "
+        "the sum of both squares."
+    )
 
 
 def _scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
@@ -178,12 +183,13 @@ def _scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     known = f"to ±{SPACE}{percent(facts.scale_std)}" if facts.scale_std else "with an unknown uncertainty"
     if estimate.accuracy_basis:
         return (
-            f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right. {estimate.accuracy_basis}"
+            f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right. {_IF_WRONG}"
+            f" {estimate.accuracy_basis}"
         )
     if summary.status != "ok":
         return f"By {facts.scale_source}, {known}; but read “Check this first” above."
     if " and " not in facts.scale_source:
-        return f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right."
+        return f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right. {_IF_WRONG}"
     doubted = [
         stream
         for name, stream in _STREAMS.items()
@@ -238,8 +244,9 @@ def _missing(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if told:
         more = f", and {len(long) - len(told)} more" if len(long) > len(told) else ""
         told = [
-            f"no usable picture shows the ground under the path along {' and '.join(told)}{more} (x, y in "
-            f"{unit(facts.metric)}; dotted in the picture of the path)"
+            f"no usable picture was taken along {' and '.join(told)}{more} of the path (x, y in "
+            f"{unit(facts.metric)}; dotted in the picture of the path); the pictures at both ends still show "
+            "some of the ground between"
         ]
     if bare := _bare(facts, summary):
         told.append(f"{bare} of {facts.frames} pictures show too little, and the warnings say when")
@@ -273,7 +280,7 @@ def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{number} {are} not in the mosaic (summary.json says why)")
     if told:
         return f"{told[0][0].upper()}{'; '.join(told)[1:]}."
-    return "Nothing."
+    return "Nothing." if not summary.warnings else "Nothing; the warnings name what to check."
 
 
 def _loops(facts: Facts) -> str:
@@ -301,7 +308,7 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     counts = {kind: sum(row.count for row in rows if row.kind == kind) for kind in words}
     parts = ", ".join(f"{count} {words[kind]}" for kind, count in counts.items() if count)
     if not act:
-        return f"{parts}. No need to act: the map does not rest on them. The table below has the reasons."
+        return f"{parts}. No need to act on these: the map does not rest on them. The table has the reasons."
     first = f"“{act[0].reason}” ({act[0].count}): {act[0].act[0].lower()}{act[0].act[1:]}"
     return f"{parts}. The map does not rest on them. Act on {first} The table below has the others."
 

@@ -136,8 +136,8 @@ def _or_nan(value: float) -> float:
     return float(value) if np.isfinite(value) else float("nan")
 
 
-def sentence(facts: Facts) -> str:
-    """Summarise the result and its accuracy in words for a pilot."""
+def sentence(facts: Facts, status: str) -> str:
+    """Summarise the result and its accuracy in words for a pilot; ``status`` is that of the map."""
     thing = "poses" if facts.is_graph else "keyframes"
     if facts.placed == 0:
         return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
@@ -159,9 +159,11 @@ def sentence(facts: Facts) -> str:
             else "and others are not known"
         )
         relative = f"relative to {facts.relative_to}" if facts.relative_to else "on Earth"
-        text += f"; {relative} a position is typically known to ±{SPACE}{median}, {worst}"
+        text += f"; {relative} the position of a {thing[:-1]} is typically known to ±{SPACE}{median}, {worst}"
         if facts.mostly_scale:
             text += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
+        if status != "ok":
+            text += "; errors that the status names come on top"
     text += "."
     if facts.loops_kept:
         one = facts.loops_kept == 1

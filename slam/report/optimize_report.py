@@ -100,7 +100,7 @@ def render(
         version=VERSION,
         facts=facts,
         unit=unit(facts.metric),
-        sentence=sentence(facts),
+        sentence=sentence(facts, summary.status),
         summary=summary,
         limit=limit_sentence(estimate.information_shares),
         answers=pilots_answers(estimate, summary, facts, accuracy.against_truth, _ground(mosaics.quality)),

@@ -51,7 +51,7 @@ def write_map_page(
         "map_page/page.html.j2",
         name=estimate.name,
         version=VERSION,
-        sentence=sentence(facts),
+        sentence=sentence(facts, status),
         status=status,
         is_graph=facts.is_graph,
         data=_in_script(data),

@@ -136,7 +136,9 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
 def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
     question = "Is the scale right, and by which instrument?"
     estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
-    assert answers(estimate, flight)[question].endswith("if the height sensor is right.")
+    assert answers(estimate, flight)[question].endswith(
+        "if the height sensor is right. Lengths that it tells 1 % too long make the map 1 % too large."
+    )
     facts = replace(gather(estimate, flight), scale_source="height sensor and accelerometer")
 
     def told(*warnings):
@@ -176,8 +178,16 @@ def test_the_axes_are_told():
 
 
 def test_what_failed_is_told():
-    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
     assert answers(estimate, flight)["What failed?"] == "Nothing."
+    noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
+    assert answers(noted, flight)["What failed?"] == "Nothing; the warnings name what to check."
+    question = "How accurate is a place on it?"
+    assert "does not count" not in answers(noted, flight)[question]
+    assert (
+        "does not count what “Check this first” above"
+        in answers(replace(noted, status="x"), flight)[question]
+    )
     lost = replace(
         estimate,
         status="two parts",
