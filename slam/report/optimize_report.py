@@ -31,7 +31,7 @@ from slam.report.instrument_errors import (
 from slam.report.left_out import left_out
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
-from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
+from slam.report.pictures import altitude_picture, bounds_of, thumbnail, trajectory_picture
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -109,6 +109,7 @@ def render(
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
         widths=_widths(mosaics),
+        covered=[_covered(path, unit(facts.metric)) for path in (mosaics.before, mosaics.after)],
         quality=_embedded(mosaics.quality),
         trajectory=embedded(trajectory_picture(estimate, before, facts.gaps)) if drawable else None,
         altitude=embedded(altitude_picture(estimate, facts.gaps))
@@ -196,8 +197,19 @@ def _widths(mosaics: Mosaics) -> tuple[float, float]:
     paths = mosaics.before, mosaics.after
     if any(path is None or not path.exists() for path in paths):
         return 100.0, 100.0
-    before, after = (width_px(path) for path in paths if path)
+    before, after = (each.right - each.left for each in (bounds_of(path) for path in paths if path))
     return 100.0 * before / max(before, after), 100.0 * after / max(before, after)
+
+
+def _covered(path: Path | None, unit_name: str) -> str:
+    """Return between which coordinates a mosaic lies, in one sentence; empty where it has no world file."""
+    if path is None or not path.with_suffix(".pgw").exists():
+        return ""
+    area = bounds_of(path)
+    return (
+        f" From the left edge to the right one x = {area.left:.1f} to {area.right:.1f} {unit_name}, from the"
+        f" lower edge to the upper one y = {area.bottom:.1f} to {area.top:.1f} {unit_name}."
+    )
 
 
 def _ground(picture: Path | None) -> UncertainGround | None:

@@ -31,6 +31,7 @@ from slam.report.gaps import Gap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from rasterio.coords import BoundingBox
 
 Array = NDArray[np.float64]
 
@@ -99,15 +100,15 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     return png(figure)
 
 
-def width_px(path: Path) -> int:
-    """Return the size in pixels of a picture file."""
+def bounds_of(path: Path) -> BoundingBox:
+    """Return what a picture with a world file covers, in the unit of that file; without one, in pixels."""
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         with rasterio.open(path) as source:
-            return int(source.width)
+            return source.bounds
 
 
 def thumbnail(path: Path, most_px: int = 2000) -> bytes:

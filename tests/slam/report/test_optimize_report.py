@@ -333,7 +333,11 @@ def test_before_and_after_stand_side_by_side(tmp_path, no_figures):
     assert sum(link.startswith("data:image/jpeg") for link in both.links) == 2
     assert "Before" in both.text
     assert "After" in both.text
+    assert "left edge" not in both.text, "no world file says where it lies"
+    (tmp_path / "a.pgw").write_text("0.1\n0\n0\n-0.1\n-1.95\n2.95\n")
     one = page(made_estimate(), made_flight(), mosaics=Mosaics(tmp_path / "a.png"))
+    assert "x = -2.0 to 3.0 m" in one.text
+    assert "y = -1.0 to 3.0 m" in one.text
     assert "Before" not in one.text
 
 
