@@ -83,7 +83,7 @@ YAML = [
     ("cam0", r"resolution: .*\n", "", "no resolution"),
     ("cam0", r"resolution: .*", "resolution: [50, 36]", "48 x 36"),
     ("cam0", r"resolution: .*", "resolution: [-48, 36]", "positive"),
-    ("cam0", r"radial-tangential", "equidistant", "equidistant"),
+    ("cam0", r"radial-tangential", "double-sphere", "double-sphere"),
     ("cam0", r"pinhole", "omni", "omni"),
     ("cam0", r"pinhole", "pinhole\nreadout: 30", "readout is 30 s"),
     ("cam0", r"distortion_coefficients: .*", "distortion_coefficients: [1, 2]", "4 or 5"),
