@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -24,6 +25,20 @@ _MAX_ANGLE_RAD = np.radians(80.0)
 _ANGLES, _NEWTON_STEPS = 1000, 2
 """Angles of the table that starts the inversion of a fisheye, 1.4 mrad apart. Each step of Newton squares the
 error of the start, which is below 1e-6."""
+
+
+class Intrinsics(NamedTuple):
+    """The numbers that decide at which pixel a ray is recorded; as a whole they can be a key."""
+
+    focal_px: tuple[float, float]
+    center_px: tuple[float, float]
+    size_px: tuple[int, int]
+    distortion: tuple[float, ...]
+    lens: LensModel
+
+    def camera(self) -> Camera:
+        """Return a camera with these numbers, which are exact, and the usual mount."""
+        return Camera(**self._asdict())
 
 
 @dataclass(frozen=True)
@@ -55,6 +70,11 @@ class Camera:
     lens: LensModel = "brown"
     told: Camera | None = None
     """The camera with the lens that was told, where this lens is an estimate: the deviations are about it."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """All numbers of the lens and the size of the pictures."""
+        return Intrinsics(self.focal_px, self.center_px, self.size_px, self.distortion, self.lens)
 
     @property
     def matrix(self) -> Array:

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import LensModel
-from frontend.camera import Camera
+from frontend.camera import Camera, Intrinsics
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -58,24 +57,13 @@ def rectifier(camera: Camera, size_px: tuple[int, int]) -> Rectifier | None:
     """Return the rectifier for pictures scaled to ``size_px`` (width, height); None without distortion."""
     if not camera.is_distorted:
         return None
-    return _rectifier(
-        camera.focal_px, camera.center_px, camera.size_px, camera.distortion, camera.lens, size_px
-    )
+    return _rectifier(camera.intrinsics, size_px)
 
 
 @lru_cache(maxsize=4)
-def _rectifier(
-    focal_px: tuple[float, float],
-    center_px: tuple[float, float],
-    full_px: tuple[int, int],
-    distortion: tuple[float, ...],
-    lens: LensModel,
-    size_px: tuple[int, int],
-) -> Rectifier:
-    camera, scale = (
-        Camera(focal_px=focal_px, center_px=center_px, size_px=full_px, distortion=distortion, lens=lens),
-        np.array(full_px) / np.array(size_px),
-    )
+def _rectifier(intrinsics: Intrinsics, size_px: tuple[int, int]) -> Rectifier:
+    camera, full_px = intrinsics.camera(), intrinsics.size_px
+    scale = np.array(full_px) / np.array(size_px)
     first = -np.ceil(_MARGIN_RATIO * np.array(size_px))
     count = np.ceil((np.array(size_px) - 2 * first) / _COARSE_STEP).astype(int)
     ideal = first + _COARSE_STEP * np.stack(np.meshgrid(*map(np.arange, count)), axis=-1)

@@ -49,16 +49,9 @@ def fingerprint(plan: MosaicPlan, tile: Tile, digest: Callable[[int], bytes], ex
     # Views are renumbered in their order, so that the number of other views does not matter.
     number = np.searchsorted(present, cells.ravel())
     number[cells.ravel() < 0] = -1
-    lens = (
-        plan.camera.focal_px,
-        plan.camera.center_px,
-        plan.camera.size_px,
-        plan.camera.distortion,
-        plan.camera.lens,
-    )
     place = (plan.gsd_m, plan.first_row + tile.row, plan.first_col + tile.col, tile.rows, tile.cols)
     hasher = blake2b(_software_digest(), digest_size=16)
-    hasher.update(repr((lens, place)).encode())
+    hasher.update(repr((tuple(plan.camera.intrinsics), place)).encode())
     if plan.surface is not None:
         hasher.update(plan.surface.digest)
     hasher.update(number.astype(np.int32).tobytes() + exposure.vignette.tobytes())

@@ -93,6 +93,8 @@ def _difference(a: Camera, b: Camera) -> str | None:
     inner_a, inner_b = (np.array([*c.focal_px, *c.center_px]) for c in (a, b))
     if not np.allclose(inner_a, inner_b, rtol=1e-3):
         return f"intrinsics {inner_b.round(2).tolist()}, not {inner_a.round(2).tolist()}"
+    if a.lens != b.lens:
+        return f"{b.lens} lens, not {a.lens}"
     widest = max(len(a.distortion), len(b.distortion))
     distortion_a, distortion_b = (np.pad(c.distortion, (0, widest - len(c.distortion))) for c in (a, b))
     if not np.allclose(distortion_a, distortion_b, atol=1e-3):

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.camera import Camera
+from frontend.camera import Camera, Intrinsics
 from frontend.homography import transfer
 
 Array = NDArray[np.float64]
@@ -66,21 +66,12 @@ def overlaid(small_i: Image, small_j: Image, i_H_j: Array, camera: Camera) -> Ov
 
 def pixels(shape: tuple[int, ...], camera: Camera) -> Array:
     """Return (h w, 2) undistorted pixels at the camera's full size, at the centres of a reduced picture's."""
-    return _pixels(shape, camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
+    return _pixels(shape, camera.intrinsics)
 
 
 @lru_cache(maxsize=4)
-def _pixels(
-    shape: tuple[int, ...],
-    focal_px: tuple[float, float],
-    center_px: tuple[float, float],
-    size_px: tuple[int, int],
-    distortion: tuple[float, ...],
-) -> Array:
-    camera, scale = (
-        Camera(focal_px=focal_px, center_px=center_px, size_px=size_px, distortion=distortion),
-        size_px[0] / shape[1],
-    )
+def _pixels(shape: tuple[int, ...], intrinsics: Intrinsics) -> Array:
+    scale = intrinsics.size_px[0] / shape[1]
     columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
     grid = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64) + 0.5
-    return camera.undistort(grid * scale - 0.5)
+    return intrinsics.camera().undistort(grid * scale - 0.5)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from frontend.camera import Camera
+from frontend.camera import Camera, Intrinsics
 from slam.simulation.place.ground import Ground
 from slam.simulation.place.obstacles import corners
 from slam.simulation.place.scene import Scene
@@ -90,7 +90,7 @@ def sample(scene: Scene, camera: Camera, w_R_c: Array, w_t_c: Array, prisms: Arr
     each row of samples.
     """
     size = (camera.size_px[0] * SUPERSAMPLING, camera.size_px[1] * SUPERSAMPLING)
-    grid = _grid(camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
+    grid = _grid(camera.intrinsics)
     middle = len(w_t_c) // 2
     spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
     level = scene.floor.level_for(max(_height(w_t_c[middle], scene.ground), 1e-3) * spacing)
@@ -122,14 +122,8 @@ class _Grid:
 
 
 @lru_cache(maxsize=4)
-def _grid(
-    focal_px: tuple[float, float],
-    center_px: tuple[float, float],
-    size_px: tuple[int, int],
-    distortion: tuple[float, ...],
-) -> _Grid:
-    camera = Camera(focal_px=focal_px, center_px=center_px, size_px=size_px, distortion=distortion)
-    width, height = size_px
+def _grid(intrinsics: Intrinsics) -> _Grid:
+    camera, (width, height) = intrinsics.camera(), intrinsics.size_px
     u, v = ((np.arange(size * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5 for size in (width, height))
     pixel = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
     rays = camera.rays(camera.undistort(pixel))

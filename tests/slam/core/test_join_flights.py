@@ -118,6 +118,7 @@ def test_equal_names_are_numbered(two):
         (lambda f: replace(f, camera=replace(f.camera, size_px=(320, 240))), "320x240"),
         (lambda f: replace(f, camera=replace(f.camera, focal_px=(99.0, 99.0))), "99.0"),
         (lambda f: replace(f, camera=replace(f.camera, distortion=(0.1, 0, 0, 0))), "distortion"),
+        (lambda f: replace(f, camera=replace(f.camera, lens="equidistant")), "equidistant lens, not brown"),
         (lambda f: replace(f, camera=replace(f.camera, b_T_c=np.eye(4))), "mounted"),
         (lambda f: photographs([(f, 0), (f, 9)]), "photographs"),
     ],
