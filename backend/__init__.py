@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     )
     from backend.pose_graph.certificate import Certificate, certify
     from backend.pose_graph.graph import PoseGraph, build_pose_graph
-    from backend.pose_graph.incremental import Incremental
+    from backend.pose_graph.incremental.estimation import Incremental
     from backend.pose_graph.solution import RangeErrors, Solution
     from backend.pose_graph.solve import solve, solve_pose_graph
 
@@ -35,7 +35,7 @@ _MODULES = {
     "Certificate": "backend.pose_graph.certificate",
     "FilterModel": "backend.ekf.inputs",
     "FloorTracks": "backend.measurements",
-    "Incremental": "backend.pose_graph.incremental",
+    "Incremental": "backend.pose_graph.incremental.estimation",
     "InitialState": "backend.ekf.inputs",
     "Measurements": "backend.measurements",
     "PinholeModel": "backend.measurements",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.measurements import Attitude, InertialNoise, Measurements, RelativePose, SlantRange
-from backend.pose_graph.incremental import BUDGET_S, Incremental
+from backend.pose_graph.incremental.estimation import BUDGET_S, Incremental
 from backend.pose_graph.solve import solve
 from backend.preintegration.intervals import InertialInterval, preintegrate
 from slam.core.flight import Flight

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.pose_graph.incremental import BUDGET_S, Incremental
+from backend.pose_graph.incremental.estimation import BUDGET_S, Incremental
 from backend.pose_graph.solve import solve
 from tests.backend.synthetic import flight
 from tests.benchmarks.metric import Metric, at_most, reported

@@ -29,7 +29,6 @@ from backend.bundle.inertial.factor import (
 from backend.bundle.path_nodes import PathNodes, ends
 from backend.bundle.world import WorldTransform
 from backend.measurements import Inertial, Measurements, PinholeModel
-from backend.pose_graph.inertial_noise import MOST_SIGMAS
 from backend.preintegration.intervals import (
     NO_BIAS,
     STATE_SIZE,
@@ -38,6 +37,7 @@ from backend.preintegration.intervals import (
     chains,
     preintegrate,
 )
+from backend.preintegration.limits import MOST_SIGMAS
 from backend.robust import robust_unit
 
 Array = NDArray[np.float64]

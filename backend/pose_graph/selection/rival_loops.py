@@ -34,6 +34,7 @@ class RivalLoops:
     rejected: Index
     """Loops with those of their rows, and edges of odometry."""
     kept: Index
+    """Loops, with those of their rows."""
     log_odds: float
     """Log odds (nats) of the kept edges against the rejected ones, each row of loops counted once."""
 

@@ -18,7 +18,7 @@ from backend import se3
 from backend.ekf.inputs import VisualStep, renumber_steps
 from backend.errors import BackendError
 from backend.measurements import RelativePose
-from backend.pose_graph.inertial_link import MOST_HEIGHTS
+from backend.preintegration.limits import MOST_HEIGHTS
 from frontend.lift import lift
 from frontend.registration import Registration
 from slam.core.errors import InputError

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import EdgeKind, RelativePose, SlantRange
-from backend.pose_graph.incremental import Incremental
+from backend.pose_graph.incremental.estimation import Incremental
 from frontend.camera import Camera
 from frontend.lift import level_T_body, lift
 from frontend.registration import Registration

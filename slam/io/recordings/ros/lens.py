@@ -13,13 +13,13 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from slam.io.camera_folder import EQUIDISTANT
 from slam.io.radial_fit import fitted_radial, viewing_angles
 
 Array = NDArray[np.float64]
 Message = Any
 
 _RADTAN = ("plumb_bob", "rational_polynomial", "")
-_FISHEYE = ("equidistant", "fisheye", "kannala_brandt4")
 _ASPECT_TOLERANCE_PX = 1.0
 """Sizes of one picture in two resolutions differ by rounding."""
 
@@ -56,7 +56,7 @@ def lens_of(info: Message, size_px: tuple[int, int]) -> tuple[Lens, list[str]]:
     radius = float(np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=1).max())
     tangential = np.zeros(2)
     angle = viewing_angles()
-    if model in _FISHEYE and len(coefficients) >= 4:
+    if model in EQUIDISTANT and len(coefficients) >= 4:
         recorded = angle * polyval(angle**2, [1.0, *coefficients[:4]])
     elif model in _RADTAN and len(coefficients) >= 8 and not np.any(coefficients[8:]):
         k1, k2, p1, p2, k3, k4, k5, k6 = coefficients[:8]

@@ -19,14 +19,12 @@ from numpy.typing import NDArray
 from backend.measurements import InertialNoise, RelativePose
 from backend.pose_graph.marginals import posterior
 from backend.preintegration.intervals import POSITION, ROTATION, InertialInterval
+from backend.preintegration.limits import MOST_HEIGHTS
 from backend.quantiles import chi_square_limit
 from backend.robust import robust
 
 Array = NDArray[np.float64]
 
-MOST_HEIGHTS = 1.0
-"""Largest standard deviation of a bridge in heights above the floor: beyond it the pictures could be
-anywhere."""
 _ANY_SPEED_M_S = 30.0
 """Standard deviation of the first velocity, beyond that of any small vehicle."""
 _FALSE_ALARM = 1e-6

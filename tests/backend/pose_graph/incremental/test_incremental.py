@@ -6,7 +6,7 @@ import pytest
 from backend import se3
 from backend.errors import BackendError
 from backend.measurements import RelativePose
-from backend.pose_graph.incremental import Incremental, IncrementalUpdate
+from backend.pose_graph.incremental.estimation import Incremental, IncrementalUpdate
 from backend.pose_graph.solve import solve
 from tests.backend.synthetic import LOOP_STD, Made, falsified, flight
 

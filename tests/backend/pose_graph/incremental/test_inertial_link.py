@@ -20,8 +20,8 @@ from backend.measurements import (
     RelativePose,
     SlantRange,
 )
-from backend.pose_graph.incremental import Incremental
-from backend.pose_graph.inertial_noise import FlightNoise
+from backend.pose_graph.incremental.estimation import Incremental
+from backend.pose_graph.incremental.inertial_noise import FlightNoise
 from backend.pose_graph.solve import solve
 from backend.preintegration.intervals import InertialInterval, preintegrate
 from tests.backend.made_motion import MadeFlight, fly

@@ -29,7 +29,7 @@ from backend.measurements import (
     RelativePose,
     SlantRange,
 )
-from backend.pose_graph.inertial_link import (
+from backend.pose_graph.incremental.inertial_link import (
     InertialLink,
     MeasuredInterval,
     bridges,
@@ -37,8 +37,8 @@ from backend.pose_graph.inertial_link import (
     relative_poses,
     turns_agree,
 )
-from backend.pose_graph.inertial_noise import FlightNoise
-from backend.pose_graph.keyframe_factors import (
+from backend.pose_graph.incremental.inertial_noise import FlightNoise
+from backend.pose_graph.incremental.keyframe_factors import (
     edge_factors,
     first_gauge,
     first_pose,
@@ -46,9 +46,9 @@ from backend.pose_graph.keyframe_factors import (
     rekeyed,
     renumbered,
 )
+from backend.pose_graph.incremental.received_measurements import ReceivedMeasurements
 from backend.pose_graph.minimise import minimise
 from backend.pose_graph.problem import spatial_poses
-from backend.pose_graph.received_measurements import ReceivedMeasurements
 from backend.pose_graph.solve import solve
 from backend.preintegration.intervals import InertialInterval
 

@@ -14,16 +14,13 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2, InertialNoise, RelativePose
 from backend.preintegration.intervals import ROTATION, InertialInterval
+from backend.preintegration.limits import MOST_SIGMAS
 from backend.quantiles import chi_square_quantile
 
 Array = NDArray[np.float64]
 
 _LEAST = 10
 """Fewer residuals tell the noise too poorly: the median of ten is known to a third."""
-
-
-MOST_SIGMAS = 4.0
-"""Largest errors of right readings, in standard deviations."""
 
 
 class FlightNoise:

@@ -1,0 +1,1 @@
+"""Estimation of a pose graph that grows by one keyframe after the other."""
