@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from typing import Any
 
 import cv2
@@ -34,6 +33,9 @@ COARSE_PX = 8.0
 """Diameter at which a feature has twice the position variance of a fine one of the same contrast."""
 EVERY = 100_000
 """Feature limit above the number in any picture."""
+FINEST_OCTAVE = 0xFF
+"""The octave of the doubled picture, -1, in the lowest byte of SIFT's ``KeyPoint.octave``. Given points of
+coarser octaves alone, OpenCV describes them without doubling the picture: the descriptors differ slightly."""
 MOST_PX_AT_ONCE = 4_000_000
 """Pixels of the pictures that are searched at a time. SIFT's pyramids of a picture, first doubled, take 235
 bytes a pixel: 1 GB."""
@@ -101,26 +103,31 @@ class _Detections:
     """(n,) their order, strongest first."""
 
     @staticmethod
-    def of(points: Sequence[cv2.KeyPoint], size_px: tuple[int, int]) -> _Detections:
-        """Return the points of a picture of (width, height) ``size_px``."""
-        order = np.argsort(-_attribute("response", points), kind="stable")
-        return _Detections(points, cells(_pixels(points), size_px), order)
+    def of(points: Sequence[cv2.KeyPoint], grey: Image) -> _Detections:
+        """Return the points of a grey picture. Their order does not depend on how they were found."""
+        pixel, (size, angle, response) = _pixels(points), _attributes(points)
+        order = np.lexsort((angle, size, *pixel.T, -response))
+        return _Detections(points, cells(pixel, grey.shape[::-1]), order)
 
-    def strongest(self, limit: int) -> list[cv2.KeyPoint]:
+    def are_crowded(self, limit: int) -> bool:
+        """Return whether the ``limit`` strongest points are crowded."""
+        count = np.bincount(self.cell[self.by_strength[:limit]], minlength=COUNT)
+        full = count.sum() >= LIMIT_REACHED_RATIO * limit
+        return bool(full and np.sort(count)[-COUNT // 3 :].sum() > CROWDING_SHARE * count.sum())
+
+    def strongest(self, limit: int) -> NDArray[np.int64]:
         """Return up to ``limit`` points: the strongest, or, where these are crowded, fewer of the full cells.
 
         A textured object, such as a landing gear or a passer-by, could otherwise use up the limit and leave
         no features for the floor.
         """
         chosen = self.by_strength[:limit]
-        count = np.bincount(self.cell[chosen], minlength=COUNT)
-        full = len(chosen) >= LIMIT_REACHED_RATIO * limit
-        if full and np.sort(count)[-COUNT // 3 :].sum() > CROWDING_SHARE * count.sum():
-            sparse = count < SPARSE_CELL_RATIO * limit / COUNT
+        if self.are_crowded(limit):
+            sparse = np.bincount(self.cell[chosen], minlength=COUNT) < SPARSE_CELL_RATIO * limit / COUNT
             within = self._limited_per_cell(chosen[~sparse[self.cell[chosen]]], round(limit / COUNT))
             others = self.by_strength[sparse[self.cell[self.by_strength]]]
             chosen = np.concatenate([within, others[: limit - len(within)]])
-        return [self.points[k] for k in chosen.tolist()]
+        return chosen
 
     def _limited_per_cell(self, chosen: NDArray[np.int64], quota: int) -> NDArray[np.int64]:
         """Return the first ``quota`` of the ``chosen`` points (k,) in each cell, in their order."""
@@ -129,6 +136,17 @@ class _Detections:
         first = np.zeros(len(chosen), dtype=bool)
         first[by_cell[place_in_run(cell[by_cell]) < quota]] = True
         return chosen[first]
+
+
+@dataclass(frozen=True)
+class _Detectors:
+    """OpenCV's objects of one thread."""
+
+    detector: Any
+    descriptor: Any
+    of_strongest: Any = None
+    """SIFT that detects and describes the strongest points alone, with one pyramid of the picture; None for
+    other kinds."""
 
 
 class Extractor:
@@ -145,13 +163,11 @@ class Extractor:
     def __reduce__(self) -> tuple[type[Extractor], tuple[FeatureConfig]]:
         return Extractor, (self.config,)
 
-    def _detectors(self) -> tuple[Any, Any]:
-        """Return the detector and the descriptor of this thread, as OpenCV does not document which are
-        thread-safe."""
+    def _detectors(self) -> _Detectors:
+        """Return the detectors of this thread, as OpenCV does not document which are thread-safe."""
         if not hasattr(self._thread_local, "detectors"):
-            detector, descriptor = _create(self.config.kind)
-            self._thread_local.detectors = detector, descriptor or detector
-        detectors: tuple[Any, Any] = self._thread_local.detectors
+            self._thread_local.detectors, self._thread_local.crowded = _create(self.config), False
+        detectors: _Detectors = self._thread_local.detectors
         return detectors
 
     def __call__(self, image: Image, camera: Camera, mask: Image | None = None) -> Features:
@@ -176,10 +192,7 @@ class Extractor:
             size = np.array(grey.shape[::-1])
             if size.min() < SMALLEST_PX:
                 return self._no_features()
-        detector, descriptor = self._detectors()
-        # All points are detected and few are described: that costs less than to search sparse cells again.
-        every = _Detections.of(detector.detect(grey, mask), (int(size[0]), int(size[1])))
-        points, described = descriptor.compute(grey, every.strongest(self.config.max_features))
+        points, described = self._described(np.asarray(grey, dtype=np.uint8), mask)
         if described is None or len(points) == 0:
             return self._no_features()
         pixel = _positions(self.config.kind, points, size)
@@ -188,12 +201,31 @@ class Extractor:
         relative_std = _relative_std(self.config.kind, points) * camera.magnification(pixel)
         return Features(Points(pixel, relative_std), _normalise(described.reshape(len(points), -1)))
 
+    def _described(self, grey: Image, mask: Image | None) -> tuple[Sequence[cv2.KeyPoint], Any]:
+        """Return the points of a grey picture that are kept, and their descriptors (None without points)."""
+        detectors, limit = self._detectors(), self.config.max_features
+        # OpenCV masks points after it has limited their number. Neighbours of a crowded picture are crowded.
+        if detectors.of_strongest is not None and mask is None and not self._thread_local.crowded:
+            points, described = detectors.of_strongest.detectAndCompute(grey, None)
+            found = _Detections.of(points, grey)
+            if len(points) < limit or not found.are_crowded(limit):
+                kept = found.strongest(limit)
+                points = [points[k] for k in kept.tolist()]
+                if any(point.octave & 0xFF == FINEST_OCTAVE for point in points):
+                    return points, described[kept]
+        # All points are detected and few are described: that costs less than to search sparse cells again.
+        every = _Detections.of(detectors.detector.detect(grey, mask), grey)
+        self._thread_local.crowded = every.are_crowded(limit)
+        kept = every.strongest(limit)
+        points, described = detectors.descriptor.compute(grey, [every.points[k] for k in kept.tolist()])
+        return points, described
+
     def _no_features(self) -> Features:
         return Features(Points.alike(np.empty((0, 2))), np.empty((0, self._width), self._dtype))
 
     @property
     def _width(self) -> int:
-        return int(self._detectors()[1].descriptorSize())
+        return int(self._detectors().descriptor.descriptorSize())
 
     @property
     def _dtype(self) -> type:
@@ -215,35 +247,43 @@ def _pixels(points: Sequence[cv2.KeyPoint]) -> Array:
     return np.asarray(cv2.KeyPoint.convert(points), dtype=float).reshape(-1, 2)
 
 
-def _attribute(name: str, points: Sequence[cv2.KeyPoint]) -> Array:
-    """Return (n,) one attribute of all points."""
-    return np.fromiter(map(attrgetter(name), points), float, len(points))
+def _attributes(points: Sequence[cv2.KeyPoint]) -> Array:
+    """Return (3, n) size, angle and response of all points."""
+    each = [(point.size, point.angle, point.response) for point in points]
+    return np.array(each, dtype=float).reshape(-1, 3).T
 
 
-def _create(kind: FeatureKind) -> tuple[Any, Any]:
-    """Return the detector, and the descriptor if it is a separate object, else None."""
+def _create(config: FeatureConfig) -> _Detectors:
+    """Return the objects for the features of a configuration."""
     api: Any = cv2  # the type stubs lack several creators
+    kind = config.kind
     if kind == "sift":
-        # Dark floors need a low contrast threshold. Without precise upscaling positions are off by 1/4 px.
-        return api.SIFT_create(
-            nfeatures=EVERY, contrastThreshold=0.01, edgeThreshold=12, enable_precise_upscale=True
-        ), None
-    if kind == "orb":
-        return api.ORB_create(nfeatures=EVERY, scaleFactor=ORB_SCALE, fastThreshold=5), None
-    if kind == "orb-teblid":
+        return _Detectors(every := _sift(EVERY), every, _sift(config.max_features))
+    if kind in ("orb", "orb-teblid"):
         orb = api.ORB_create(nfeatures=EVERY, scaleFactor=ORB_SCALE, fastThreshold=5)
-        return orb, api.xfeatures2d.TEBLID_create(1.0)
+        return _Detectors(orb, orb if kind == "orb" else api.xfeatures2d.TEBLID_create(1.0))
     if kind == "akaze":
-        return api.xfeatures2d.AKAZE_create(threshold=2e-4), None
+        akaze = api.xfeatures2d.AKAZE_create(threshold=2e-4)
+        return _Detectors(akaze, akaze)
     if kind == "surf":
         try:
-            return api.xfeatures2d.SURF_create(hessianThreshold=100), None
+            surf = api.xfeatures2d.SURF_create(hessianThreshold=100)
         except (AttributeError, cv2.error) as error:
             raise FeatureUnavailableError(
                 "features 'surf': this OpenCV build lacks SURF (it was patented); use --features sift, "
                 "or install an OpenCV built with OPENCV_ENABLE_NONFREE"
             ) from error
+        return _Detectors(surf, surf)
     raise FeatureUnavailableError(f"features {kind!r}: unknown; choose sift, orb, orb-teblid, akaze or surf")
+
+
+def _sift(limit: int) -> Any:
+    """Return SIFT that keeps the ``limit`` strongest points of a picture."""
+    # Dark floors need a low contrast threshold. Without precise upscaling positions are off by 1/4 px.
+    api: Any = cv2  # the type stubs lack several creators
+    return api.SIFT_create(
+        nfeatures=limit, contrastThreshold=0.01, edgeThreshold=12, enable_precise_upscale=True
+    )
 
 
 def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArray[np.int64]) -> Array:
@@ -272,8 +312,9 @@ def _relative_std(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
     """
     if kind != "sift":
         return np.ones(len(points))
-    variance = (1.0 + (_attribute("size", points) / COARSE_PX) ** 2) / _attribute("response", points)
-    return np.sqrt(variance / median(variance))
+    size, _, response = _attributes(points)
+    variance = (1.0 + (size / COARSE_PX) ** 2) / response
+    return np.asarray(np.sqrt(variance / median(variance)))
 
 
 def _normalise(descriptor: NDArray[Any]) -> NDArray[Any]:

@@ -167,6 +167,24 @@ def test_a_textured_object_leaves_features_for_the_floor() -> None:
     assert len(np.unique(both.round(3), axis=0)) == len(found), "found twice"
 
 
+@pytest.mark.parametrize("kind", ["sift", "orb"])
+@pytest.mark.parametrize("blur_px", [0.0, 6.0])
+def test_features_do_not_depend_on_the_pictures_before(kind: FeatureKind, blur_px: float) -> None:
+    """After a crowded picture, or with a mask that hides nothing, SIFT detects and describes apart."""
+    picture = texture(np.random.default_rng(8), 320, 240)
+    if blur_px:
+        picture = cv2.GaussianBlur(picture, None, blur_px).astype(np.uint8)
+    extract, crowded = Extractor(FeatureConfig(kind, 150)), faded(np.where(np.arange(320) < 107, 1.0, 0.2))
+    first = extract(picture, CAMERA)
+    extract(crowded, CAMERA)
+    after, masked = extract(picture, CAMERA), extract(picture, CAMERA, np.full((240, 320), 255, np.uint8))
+    assert len(first) > 20
+    for other in (after, masked):
+        np.testing.assert_array_equal(other.pixel, first.pixel)
+        np.testing.assert_array_equal(other.descriptor, first.descriptor)
+        np.testing.assert_array_equal(other.points.spread, first.points.spread)
+
+
 @pytest.mark.parametrize("kind", ["sift", "orb", "orb-teblid"])
 def test_masked_features_do_not_use_up_the_limit(kind: FeatureKind) -> None:
     """Detectors apply their limit before the mask."""
