@@ -20,9 +20,8 @@ from slam.criticism.kalman.innovations import referred
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.pairs import ranked_pairs
-from slam.criticism.without_commands.regression import regression_of
+from slam.criticism.without_commands.likelihood import compared
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
-from slam.criticism.without_commands.verdict import is_plausible
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import at_lower_rates, healthy_case
 from slam.simulation.model import load_model
@@ -51,10 +50,10 @@ def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> t
     other."""
     model = load_model("nominal")
     flights = healthy_case(model, seed, student=seed % 3 == 0, camera=camera)
-    data = regression_of(compare_sensors(flights, model).rows({}))
-    z = {e: data.z([], e) for e in data.effects() if is_plausible(data, [], e)}
-    name = max(z, key=lambda effect: z[effect])
-    return z[name], name
+    found = compare_sensors(flights, model)
+    expansion = compared(found.rows({}), found.parameters).last
+    most = max(expansion.score_tests([], expansion.effects), key=lambda s: s.z)
+    return most.z, most.effect.name
 
 
 def thresholds(*greatest: np.ndarray) -> tuple[float, ...]:

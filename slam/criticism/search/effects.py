@@ -12,7 +12,8 @@ from math import pi
 
 import numpy as np
 
-from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.camera.photometric import VARIANCE_PATTERNS
+from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
 from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
@@ -37,6 +38,8 @@ class Effect:
     """Whether the size is never negative: a fit below 0 counts as none."""
     relaxes: tuple[str, ...] = ()
     """Nuisances that may leave their healthy range instead."""
+    tolerance: float = 0.0
+    """Size below which there is none where integrals of instruments are compared; 0 for the filter."""
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -52,6 +55,14 @@ class Effect:
         """Whether it is the same quantity, even if tried in another way, such as gusts of another correlation
         time."""
         return (self.name, self.parameters) == (other.name, other.parameters)
+
+
+def is_variance(effect: Effect) -> bool:
+    """Whether the sizes of an effect are variances: differences between segments are no errors of them."""
+    return bool(effect.perturbations) and all(
+        d.name in VARIANCE_PATTERNS or (d.kind == "camera" and d.entry in SQUARES)
+        for d in effect.perturbations
+    )
 
 
 LATE = {"attitude late": (ATTITUDE, "attitude.delay_s"), "velocity late": (VELOCITY, "velocity.delay_s")}

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -29,7 +30,6 @@ from slam.criticism.search.information import FisherInformation, fisher_informat
 from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_PERTURBATIONS
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
-from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import parameter_cost
 from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
@@ -74,6 +74,10 @@ class LikelihoodExpansion:
                 return candidate
         return next(c for c in self.effects if c.name == effect.name)
 
+    def over(self, segments: NDArray[np.bool_]) -> QuadraticLikelihood:
+        """Return the quadratic likelihood of some segments of the flights alone."""
+        return self.quadratic.over(self.fisher, segments)
+
     def score_tests(self, chosen: Sequence[Effect], among: Sequence[Effect]) -> list[ScoreTest]:
         """Return score tests of effects beside the chosen ones, greatest nats after their cost first."""
         base = self.quadratic.maximise(chosen).nats
@@ -83,7 +87,7 @@ class LikelihoodExpansion:
                 continue
             maximum = self.quadratic.maximise([*chosen, effect])
             nats = 0.0 if backwards(effect, self, maximum) else max(maximum.nats - base, 0.0)
-            found.append(ScoreTest(effect, nats, deviate(2 * nats, len(effect.columns))))
+            found.append(ScoreTest(effect, nats, self.quadratic.z(effect, maximum, nats)))
         return sorted(found, key=lambda s: parameter_cost(len(s.effect.columns)) - s.nats)
 
 

@@ -9,14 +9,15 @@ its healthy range. A stiff penalty acts beyond the range, unless the nuisance is
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.search.effects import Effect
+from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.nuisances import (
     GAIN_NUISANCES,
@@ -26,6 +27,7 @@ from slam.criticism.search.nuisances import (
     prior_precision,
     value_of,
 )
+from slam.criticism.search.screening import deviate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,6 +37,38 @@ EDGE = 0.05
 RIDGE = 1e-9
 SEEN = 1e-16
 """Information below this is rounding error: the flights do not show the column."""
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """Score and information of each segment within which errors may be correlated."""
+
+    information: Array
+    """(segments, p, p)."""
+    score: Array
+    """(segments, p)."""
+
+    @property
+    def half_interval(self) -> float:
+        """Half of a 95 % interval in standard errors, by Student's distribution over the segments."""
+        return float(student.ppf(0.975, max(len(self.score) - 1, 1)))
+
+    def scatter(self, free: Ints, step: Array, plain: Array, judged: int) -> Array:
+        """Return the covariance of the free columns from the scatter of the segments' scores at a step.
+
+        It is no less than ``plain``, that of white errors. A square distance of all parameters together by it
+        is about chi-square if all are ``judged``, as Hotelling's. With one judged it is that of the interval
+        of each parameter, however many others are fitted. Source: Bester, Conley and Hansen 2011.
+        """
+        left = self.score[:, free] - self.information[:, free] @ step
+        count = len(left)
+        between = plain @ (left.T @ left) @ plain * count / max(count - judged, 1)
+        wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))
+        return np.asarray(plain * wider[:, None] * wider)
+
+    def nats_at(self, step: Array) -> Array:
+        """Return (segments,) log likelihoods at a step of all columns."""
+        return np.asarray(self.score @ step - 0.5 * (self.information @ step) @ step)
 
 
 @dataclass(frozen=True)
@@ -51,6 +85,8 @@ class Maximum:
     """(free, free)."""
     whole: Array
     """(all columns,) the step, with the excluded terms set back to zero."""
+    white: Array
+    """(free, free) covariance of white errors, equal to ``covariance`` where there are no clusters."""
 
     def of(self, columns: Ints) -> tuple[Array, Array]:
         """Return step and covariance of some of the free columns."""
@@ -76,6 +112,9 @@ class QuadraticLikelihood:
     """(nuisances,) prior precision."""
     current: dict[str, float]
     """Column -> value at the expansion point."""
+    clusters: Clusters | None = None
+    """Segments within which errors may be correlated: covariances are then cluster-robust, and a lead counts
+    as far as segments agree on it. None for white innovations."""
 
     @cached_property
     def _place(self) -> dict[str, int]:
@@ -87,13 +126,15 @@ class QuadraticLikelihood:
 
     def _among(self, relaxed: Sequence[str]) -> NDArray[np.bool_]:
         """Return (nuisances,) whether each is in a list."""
-        return np.array([name in relaxed for name in self.names])
+        return np.array([name in relaxed for name in self.names], dtype=np.bool_)
 
-    def maximise(self, effects: Sequence[Effect], reach: dict[str, float] | None = None) -> Maximum:
+    def maximise(
+        self, effects: Sequence[Effect], reach: dict[str, float] | None = None, alone: bool = False
+    ) -> Maximum:
         """Return the maximum for a set of terms.
 
         Columns in ``reach`` have a Gaussian prior about 0 with these standard deviations; all others are
-        free.
+        free. With ``alone`` a cluster-robust covariance is that of the interval of each parameter by itself.
         """
         names = [c for e in effects for c in e.columns if c not in self.names]
         loose = self._among([c for e in effects for c in e.relaxes])
@@ -114,7 +155,69 @@ class QuadraticLikelihood:
         nats += float(self.score @ fixed - 0.5 * fixed @ self.information @ fixed)
         whole = fixed.copy()
         whole[free] = step
-        return Maximum(nats, free, step, covariance, whole)
+        robust = covariance
+        if self.clusters is not None and len(free):
+            robust = self.clusters.scatter(free, whole, covariance, 1 if alone else len(free))
+        return Maximum(nats, free, step, robust, whole, covariance)
+
+    def z(self, effect: Effect, maximum: Maximum, nats: float) -> float:
+        """Return the normal deviate of an effect that explains ``nats``; with clusters, of its sizes by their
+        robust covariance and the effect's tolerance."""
+        if self.clusters is None or nats == 0.0:
+            return deviate(2 * nats, len(effect.columns))
+        # The differences between segments are what a variance consists of: none means no variance.
+        known = replace(maximum, covariance=maximum.white) if is_variance(effect) else maximum
+        size, covariance = known.of(self.index(effect.columns))
+        spread = covariance + effect.tolerance**2 * np.eye(len(size))
+        return float(np.sqrt(max(float(size @ np.linalg.solve(spread, size)) - (len(size) - 1), 0.0)))
+
+    def nats(self, effects: Sequence[Effect], beside: Sequence[Effect]) -> float:
+        """Return the nats of a set of effects; with clusters, as far as segments agree on its lead over the
+        set ``beside`` it.
+
+        Sets are compared with their union, from which one effect after the other is taken: where segments
+        disagree on one of many steps, the others still count in full. An effect in another's place counts for
+        what it explains in that place alone: one that explains something else is no rival.
+        """
+        if self.clusters is None:
+            return self.maximise(effects).nats
+        union = [*beside, *(e for e in effects if e not in beside)]
+        more = self._agreed(union, beside) if all(e in effects for e in beside) else 0.0
+        return self.maximise(beside).nats + more - self._agreed(union, effects)
+
+    def _agreed(self, union: Sequence[Effect], effects: Sequence[Effect]) -> float:
+        """Return the nats by which a union of effects leads over some of them.
+
+        For white rows the log likelihoods differ by m with a variance of 2 m. Where clusters scatter by more,
+        errors are correlated, and the lead counts proportionally less. Otherwise minutes of one lasting error
+        would decide between two effects with the same sensitivity.
+        """
+        assert self.clusters is not None
+        total, left = 0.0, list(union)
+        before = self.clusters.nats_at(self.maximise(left).whole)
+        for effect in [e for e in reversed(union) if e not in effects]:
+            left = [e for e in left if e is not effect]
+            after = self.clusters.nats_at(self.maximise(left).whole)
+            lead, variance = float(np.sum(before - after)), len(after) * float(np.var(before - after))
+            total += lead * min(1.0, 2.0 * abs(lead) / max(variance, 1e-12))
+            before = after
+        return total
+
+    def sizes(self, effects: Sequence[Effect]) -> dict[str, float]:
+        """Return the most probable size of each column of some effects."""
+        columns = [c for e in effects for c in e.columns if c not in e.relaxes]
+        step = self.maximise(effects).whole[self.index(columns)]
+        return {c: float(x) + self.current.get(c, 0.0) for c, x in zip(columns, step, strict=True)}
+
+    def over(self, fisher: FisherInformation, segments: NDArray[np.bool_]) -> QuadraticLikelihood:
+        """Return the likelihood of some ``segments`` alone of the information that this one is made of."""
+        information, score = fisher.information[segments], fisher.score[segments]
+        return replace(
+            self,
+            information=information.sum(axis=0),
+            score=score.sum(axis=0),
+            clusters=None if self.clusters is None else Clusters(information, score),
+        )
 
     def penalty_at_current(self, relaxed: Sequence[str] = ()) -> float:
         """Return the prior's penalty in nats at the expansion point, to be subtracted from its log
@@ -182,18 +285,19 @@ def quadratic_likelihood(
     parameters: FilterParameters,
     model: FilterParameters,
     current: dict[str, float],
-    segments: NDArray[np.bool_] | None = None,
     nuisances: Sequence[Nuisance] = (*NUISANCES, *GAIN_NUISANCES),
+    clustered: bool = False,
 ) -> QuadraticLikelihood:
-    """Return the quadratic likelihood over some segments of the flights, by default all."""
-    share = np.ones(len(fisher.score)) if segments is None else np.asarray(segments, dtype=float)
+    """Return the quadratic likelihood of the flights; errors may be correlated in each segment if
+    ``clustered``."""
     return QuadraticLikelihood(
         columns=fisher.columns,
         names=tuple(n.name for n in nuisances),
-        information=np.tensordot(share, fisher.information, 1),
-        score=share @ fisher.score,
+        information=fisher.information.sum(axis=0),
+        score=fisher.score.sum(axis=0),
         at=np.array([value_of(n, parameters) for n in nuisances]),
-        limits=np.array([limits_of(n, model) for n in nuisances]),
+        limits=np.array([limits_of(n, model) for n in nuisances]).reshape(-1, 2),
         precision=np.array([prior_precision(n, model) for n in nuisances]),
         current=current,
+        clusters=Clusters(fisher.information, fisher.score) if clustered else None,
     )

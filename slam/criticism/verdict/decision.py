@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, Gain, Interval
-from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
+from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
+from slam.criticism.kalman.filter_parameters import POINTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import LATE, Effect, catalogue_value
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
@@ -41,7 +41,7 @@ no noise is exactly as modelled. From 18 singles of ``python -m tests.blind.run 
 --flights 3 --seconds 30 --cases 33``."""
 
 
-def confirmed_terms(records: Sequence[Record], found: SearchResult, model: FilterParameters) -> SearchResult:
+def confirmed_terms(records: Sequence[Record], found: SearchResult) -> SearchResult:
     """Return the search without terms that held-out flights do not confirm: weakest first, each beside the
     others.
 
@@ -55,7 +55,7 @@ def confirmed_terms(records: Sequence[Record], found: SearchResult, model: Filte
             rest = [e for e in chosen if e is not effect]
             if is_term(effect) and _standing_z(found, effect, rest) < PLAIN_Z:
                 tried = replace(found, chosen=tuple(chosen))
-                gains.append((held_out(records, tried, model, rest).total, effect))
+                gains.append((held_out(records, tried, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
         if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
             break
@@ -72,29 +72,38 @@ def _standing_z(found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> 
     return np.inf if rest else max(s.z for s in found.first.score_tests([], known))
 
 
+def errors_of(
+    found: SearchResult, all_together: HeldOut, best: RolloutFit | None = None
+) -> tuple[ChannelError, ...]:
+    """Return the errors of roll-outs and pictures without the chosen terms and with them; ``all_together`` is
+    their gain on held-out flights."""
+    after = all_together.after if best is None else best.left_out
+    fitted_by_others = (all_together.before, after)
+    channels = rollout_errors(found.records, *fitted_by_others)
+    perturbations = [d for e in found.chosen if is_term(e) for d in e.perturbations]
+    if any(d.kind == "camera" and d.entry < POINTS for d in perturbations):
+        channels = (*channels, *reprojection_errors(found.records, *fitted_by_others))
+    return channels
+
+
 def causes_of(
-    records: Sequence[Record],
-    model: FilterParameters,
     found: SearchResult,
     posterior: Posterior,
     all_together: HeldOut,
+    channels: tuple[ChannelError, ...],
     best: RolloutFit | None = None,
 ) -> tuple[Cause, ...]:
     """Return the chosen terms of the catalogue as causes, with sizes by roll-outs where ``best`` is given.
 
-    ``all_together``: their gain on held-out flights over none of them.
+    ``all_together``: their gain on held-out flights over none of them. ``channels``: errors without and with
+    them.
     """
     known = [e for e in found.chosen if is_term(e)]
-    after = all_together.after if best is None else best.left_out
-    fitted_by_others = (all_together.before, after)
-    channels = rollout_errors(records, *fitted_by_others)
-    if any(d.kind == "camera" and d.entry < POINTS for e in known for d in e.perturbations):
-        channels = (*channels, *reprojection_errors(records, *fitted_by_others))
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
         # Only the first expansion describes the flights without a saturation.
-        own = held_out(records, found, model, rest) if rest and not is_saturation(effect) else all_together
+        own = held_out(found.records, found, rest) if rest and not is_saturation(effect) else all_together
         place = list(found.chosen).index(effect)
         expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, rest)
         z = max(
@@ -173,18 +182,14 @@ def fitted_sizes(
     The intervals include chance, widened by the scatter of simulated singles, and the equation's own misfit.
     """
     columns = expansion.quadratic.index(effect.columns)
-    step, covariance = expansion.quadratic.maximise(chosen).of(columns)
+    step, covariance = expansion.quadratic.maximise(chosen, alone=True).of(columns)
+    clusters = expansion.quadratic.clusters
+    wide = WIDE * SCATTER if clusters is None else clusters.half_interval
     found = {}
     for k, name in enumerate(effect.parameters):
-        std = float(np.sqrt(covariance[k, k]))
-        found[name] = _interval(
-            effect,
-            name,
-            [
-                _value(expansion, effect, k, float(step[k]) + side * WIDE * SCATTER * std)
-                for side in (0, -1, 1)
-            ],
-        )
+        half = wide * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
+        values = [_value(expansion, effect, k, float(step[k]) + side * half) for side in (0, -1, 1)]
+        found[name] = _interval(effect, name, values)
     return found
 
 

@@ -31,7 +31,7 @@ class Explanation:
 def explain(found: SearchResult, progress: Progress) -> Explanation:
     """Compare what was found with all alternatives, and return what is more probable than these."""
     records, nominal = found.records, found.model
-    found = confirmed_terms(records, found, nominal)
+    found = confirmed_terms(records, found)
     posterior = posterior_of(found)
     reported = likeliest(records, found, posterior)
     parameters = fitted_parameters(reported, reported.chosen)

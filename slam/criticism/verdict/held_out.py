@@ -22,13 +22,13 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.inclusion import is_profiled
-from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import SIZE_PRIOR
 
 Array = NDArray[np.float64]
 
 FEWEST_FLIGHTS = 3
+PATTERN_KINDS = ("channel", "force", "picture")
 ALONE_NATS = 0.5
 """Nats of readings that only one of two parameter sets judges, beyond which the flights are run anew."""
 
@@ -67,9 +67,7 @@ class _Predicted(NamedTuple):
     """Most probable parameters by the others."""
 
 
-def held_out(
-    records: Sequence[Record], found: SearchResult, model: FilterParameters, without: Sequence[Effect] = ()
-) -> HeldOut:
+def held_out(records: Sequence[Record], found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
     """Return the gain of the chosen terms over ``without`` (by default over none of them)."""
     last = found.last
     base, begin = (found.first, ()) if not without else (last, tuple(without))
@@ -81,8 +79,8 @@ def held_out(
         own, others = part == k, part != k
         if not others.any():
             others = own
-        plain = _prediction(base, model, begin, own, others)
-        known = _prediction(last, model, found.chosen, own, others)
+        plain = _prediction(base, begin, own, others)
+        known = _prediction(last, found.chosen, own, others)
         gain = known.nats + known_nats[own].sum() - plain.nats - plain_nats[own].sum()
         if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in records):
             gain = _gain_rerun(records, last, own, plain.parameters, known.parameters)
@@ -98,17 +96,13 @@ def held_out(
 
 def _prediction(
     expansion: LikelihoodExpansion,
-    model: FilterParameters,
     effects: Sequence[Effect],
     own: NDArray[np.bool_],
     others: NDArray[np.bool_],
 ) -> _Predicted:
     """Return the prediction of some segments (``own``) by a fit on ``others``."""
-    current = expansion.quadratic.current
-    fitted = quadratic_likelihood(expansion.fisher, expansion.parameters, model, current, others).maximise(
-        effects, _prior_std(expansion, effects)
-    )
-    judged = quadratic_likelihood(expansion.fisher, expansion.parameters, model, current, own)
+    fitted = expansion.over(others).maximise(effects, _prior_std(expansion, effects))
+    judged = expansion.over(own)
     return _Predicted(judged.predicted(fitted), with_step(expansion, fitted.whole, effects))
 
 
@@ -176,6 +170,8 @@ def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Eff
     """Return the expansion's parameters after a step of all columns."""
     parameters = expansion.parameters
     skip = {e.columns[0] for e in effects if is_profiled(e)}
+    # No filter parameters hold a pattern.
+    skip |= {d.name for e in effects for d in e.perturbations if d.kind in PATTERN_KINDS}
     for column, size in zip(expansion.fisher.columns, step, strict=True):
         if size != 0.0 and column not in skip:
             parameters = fitted_parameter(column).stepped(parameters, float(size))

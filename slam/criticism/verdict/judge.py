@@ -21,7 +21,13 @@ from slam.criticism.residuals.reading_anomalies import (
 from slam.criticism.search.thresholds import with_misfit
 from slam.criticism.verdict.covariate import covariate
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import by_importance, causes_of, decide, split_by_probability
+from slam.criticism.verdict.decision import (
+    by_importance,
+    causes_of,
+    decide,
+    errors_of,
+    split_by_probability,
+)
 from slam.criticism.verdict.explanation import Explanation
 from slam.criticism.verdict.held_out import HeldOut, held_out
 from slam.criticism.verdict.posterior import is_term
@@ -43,8 +49,9 @@ def judge(prepared: PreparedFlights, explanation: Explanation, model: Model, pro
     anomalies = [*prepared.anomalies, *reading_anomalies(records, found.last.fisher.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
-        together = held_out(records, found, prepared.nominal) if any(map(is_term, found.chosen)) else None
-        fitted = causes_of(records, prepared.nominal, found, posterior, together, best) if together else ()
+        together = held_out(records, found) if any(map(is_term, found.chosen)) else None
+        errors = errors_of(found, together, best) if together else ()
+        fitted = causes_of(found, posterior, together, errors, best) if together else ()
     left = sorted(found.last.score_tests(found.chosen, found.last.patterns), key=lambda s: -s.z)
     pattern_z = with_misfit(limits.patterns, max((c.z for c in fitted), default=0.0))
     left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)

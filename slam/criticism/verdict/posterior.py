@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import LikelihoodExpansion, expand
+from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.inclusion import is_saturation, without_effect
 from slam.criticism.search.pairs import ranked_pairs
@@ -100,7 +100,7 @@ def posterior_of(found: SearchResult) -> Posterior:
     expansion, chosen = found.last, list(found.chosen)
     places = [_at_saturation(found, e) if is_saturation(e) else _at_term(found, e) for e in chosen]
     weights = [
-        (_evidence(expansion, chosen), _names(chosen)),
+        (_evidence(expansion, chosen, chosen), _names(chosen)),
         *(w for place in places for w in place.weights),
     ]
     if not chosen or (len(chosen) > 1 and not any(map(is_saturation, chosen))):
@@ -126,10 +126,11 @@ def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
     effect. Parameters with more noise hide what would be missed without it.
     """
     expansions = [found.first] if any(e.changes for e in found.chosen) else [found.last, found.first]
-    best = {"": (_evidence(expansions[0], []) + _over(found, expansions[0]), _names([]))}
+    nothing = _evidence(expansions[0], [], found.chosen) + _over(found, expansions[0])
+    best = {"": (nothing, _names([]))}
     for expansion in expansions:
-        over = _over(found, expansion)
-        for effect, evidence in _beside(expansion, [], (*expansion.effects, *expansion.patterns)):
+        over, among = _over(found, expansion), (*expansion.effects, *expansion.patterns)
+        for effect, evidence in _beside(expansion, [], among, found.chosen):
             known = best.get(effect.label)
             if known is None or evidence + over > known[0]:
                 best[effect.label] = evidence + over, _names([effect])
@@ -165,17 +166,17 @@ def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
 
 def _at_term(found: SearchResult, term: Effect) -> Place:
     expansion = _expansion_without(found, term)
-    own, over = _evidence(found.last, found.chosen), _over(found, expansion)
+    own, over = _evidence(found.last, found.chosen, found.chosen), _over(found, expansion)
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
     rest = [e for e in chosen if e is not term]
-    weights = [(_evidence(expansion, rest) + over, _names(rest))]
+    weights = [(_evidence(expansion, rest, chosen) + over, _names(rest))]
     among = [
         e for e in (*expansion.effects, *expansion.patterns)
         if not any(e.repeats(c) for c in chosen) and not _in_other_words(expansion, rest, term, e)
     ]  # fmt: skip
     tried = [
         (effect, found.leads.get((term.label, effect.label), own - evidence - over))
-        for effect, evidence in _beside(expansion, rest, among)
+        for effect, evidence in _beside(expansion, rest, among, chosen)
     ]
     best: dict[str, tuple[float, Effect]] = {}
     for effect, lead in sorted(tried, key=lambda one: one[1]):
@@ -267,18 +268,26 @@ def _second_to_saturation(found: SearchResult) -> str:
     return best.effect.name if best is not None and best.nats > 0.0 else ""
 
 
-def _evidence(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> float:
-    """Return the log of a set's maximum likelihood, less the cost of its parameters, with its prior."""
-    return expansion.quadratic.maximise(effects).nats + _prior(expansion)(effects)
+def _evidence(expansion: LikelihoodExpansion, effects: Sequence[Effect], chosen: Sequence[Effect]) -> float:
+    """Return the log of a set's maximum likelihood, less the cost of its parameters, with its prior; it is
+    compared with the ``chosen`` set."""
+    return expansion.quadratic.nats(effects, chosen) + _prior(expansion)(effects)
 
 
 def _beside(
-    expansion: LikelihoodExpansion, rest: Sequence[Effect], among: Sequence[Effect]
+    expansion: LikelihoodExpansion, rest: Sequence[Effect], among: Sequence[Effect], chosen: Sequence[Effect]
 ) -> list[tuple[Effect, float]]:
-    """Return the evidence of a set with each of some more effects. An effect that gains nothing, or has the
-    wrong sign, only costs."""
-    base, prior = expansion.quadratic.maximise(rest).nats, _prior(expansion)
-    return [(s.effect, base + s.nats + prior([*rest, s.effect])) for s in expansion.score_tests(rest, among)]
+    """Return the evidence of a set with each of some more effects, compared with the ``chosen`` set. An
+    effect that gains nothing, or has the wrong sign, only costs."""
+    quadratic, prior = expansion.quadratic, _prior(expansion)
+    base = quadratic.nats(rest, chosen)
+
+    def nats(test: ScoreTest) -> float:
+        if quadratic.clusters is None or test.nats == 0.0:
+            return base + test.nats
+        return quadratic.nats([*rest, test.effect], chosen)
+
+    return [(s.effect, nats(s) + prior([*rest, s.effect])) for s in expansion.score_tests(rest, among)]
 
 
 def _prior(expansion: LikelihoodExpansion) -> Callable[[Sequence[Effect]], float]:

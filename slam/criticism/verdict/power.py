@@ -35,7 +35,7 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
         _, covariance = expansion.quadratic.maximise([effect]).of(columns)
         # The component of a vector that shows least decides.
         k = int(np.argmax(np.diag(covariance)))
-        size = (threshold + NINE_OF_TEN) * float(np.sqrt(covariance[k, k]))
+        size = (threshold + NINE_OF_TEN) * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
         neutral = catalogue_value(effect, k, 0.0, expansion.parameters, 0.0)
         value = abs(catalogue_value(effect, k, size, expansion.parameters, 0.0) - neutral)
         parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])

@@ -7,7 +7,7 @@ sort, in standard deviations, is the sup-Wald statistic of a break at an unknown
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,18 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.without_commands.regression import TOLERANCE, Regression, in_catalogue, is_square
+from slam.criticism.search.effects import Effect, catalogue_value
+from slam.criticism.search.information import FisherInformation
+from slam.criticism.search.search import SearchResult
+from slam.criticism.verdict.posterior import is_term
+from slam.criticism.without_commands.likelihood import columns_of, fisher_of, is_square, segments_of
+from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
 FEWEST_STRETCHES = 5
+RIDGE = 1e-9
 BEYOND_CHANCE = 4.0
 """Mean square of the segments' deviations, in variances of white rows, beyond which a size varies."""
 TELLING = 0.5
@@ -37,50 +43,50 @@ CERTAIN_Z = 5.0
 """With 20 parameters the 1 % point of the statistic is 4.2 (Andrews, 1993, table I, by Bonferroni)."""
 
 
-def disagreements(data: Regression, chosen: Sequence[str]) -> list[str]:
+def disagreements(found: SearchResult) -> list[str]:
     """Describe parameters of the chosen terms that vary between segments by half of themselves."""
-    return [
-        descriptions
-        for effect in chosen
-        if effect in CATALOGUE
-        for descriptions in _disagreements(data, chosen, effect)
-    ]
+    return [words for e in found.chosen if is_term(e) for words in _disagreements(found, e)]
 
 
-def varying_sizes(data: Regression, chosen: Sequence[str], effect: str) -> dict[str, Array]:
+def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:
     """Return column -> (segments,) sizes, of the parameters of a chosen term that vary between segments by
     half of themselves, with all other terms at their common sizes."""
-    size, _ = data.fit(chosen)
-    own = data.columns_of(chosen, effect)
-    rest = np.delete(np.arange(len(size)), own)
-    alone = replace(data, off=data.off - data.table(chosen)[:, rest] @ size[rest])
-    fits = [alone.fit([effect], data.cluster == k) for k in np.unique(data.cluster)]
-    sizes = np.array([fit for fit, _ in fits])
-    errors = np.sqrt([np.diag(np.linalg.inv(information)) for _, information in fits])
+    quadratic, fisher = found.last.quadratic, found.last.fisher
+    step, own = quadratic.maximise(found.chosen).whole, quadratic.index(effect.columns)
+    others = np.where(np.isin(np.arange(len(step)), own), 0.0, step)
+    score = fisher.score[:, own] - fisher.information[:, own] @ others
+    information = fisher.information[:, own[:, None], own]
+    information = information * (1.0 + RIDGE * np.eye(len(own))) + 1e-12 * np.eye(len(own))
+    sizes = np.linalg.solve(information, score[:, :, None])[:, :, 0]
+    errors = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
     varying = {}
-    for k, name in enumerate(data.of(effect)):
+    for k, name in enumerate(effect.columns):
         if is_square(name):
             continue  # a variance naturally differs from segment to segment
-        common = abs(float(size[own[k]]))
-        sure = errors[:, k] < TELLING * max(common, TOLERANCE[effect])
+        common = abs(float(step[own[k]]))
+        sure = errors[:, k] < TELLING * max(common, effect.tolerance)
         if sure.sum() < FEWEST_STRETCHES:
             continue
-        found, chance = sizes[sure, k], float(np.mean(errors[sure, k] ** 2))
-        variance = float(np.var(found, ddof=1))
+        known, chance = sizes[sure, k], float(np.mean(errors[sure, k] ** 2))
+        variance = float(np.var(known, ddof=1))
         scatter = float(np.sqrt(max(variance - chance, 0.0)))
         if variance > BEYOND_CHANCE * chance and scatter > LARGE * common:
-            varying[name] = found
+            varying[name] = known
     return varying
 
 
-def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list[str]:
+def _disagreements(found: SearchResult, effect: Effect) -> list[str]:
     """Describe the variation of one term between segments."""
     descriptions = []
-    for name, found in varying_sizes(data, chosen, effect).items():
-        unit = CATALOGUE[effect].parameter(name.rpartition(".")[2]).unit
-        off_deg = float(np.degrees(np.arctan(np.ptp(found) / GRAVITY_M_S2)))
+    for name, sizes in varying_sizes(found, effect).items():
+        k = effect.columns.index(name)
+        unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
+        off_deg = float(np.degrees(np.arctan(np.ptp(sizes) / GRAVITY_M_S2)))
         like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
-        least, most = (in_catalogue(name, float(x)) for x in (found.min(), found.max()))
+        least, most = (
+            catalogue_value(effect, k, float(x), found.last.parameters, 0.0)
+            for x in (sizes.min(), sizes.max())
+        )
         descriptions.append(f"{name} is {least:.2g} to {most:.2g} {unit} by segments of 10 s{like}")
     return descriptions
 
@@ -103,36 +109,41 @@ class Onset:
         )
 
 
-def onset(data: Regression, chosen: Sequence[str]) -> Onset | None:
+def onset(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> Onset | None:
     """Return the most certain change of a term's parameter within a flight, or None."""
-    found = [
+    fisher = fisher_of(rows, columns_of(rows), ONSET_SEGMENT_S)
+    begin_s = np.asarray(ONSET_SEGMENT_S * segments_of(rows, ONSET_SEGMENT_S)[0][:, 1])
+    changes = [
         change
-        for effect in data.effects() if effect in CATALOGUE
-        for column in data.of(effect) if not is_square(column)
-        if (change := _greatest(data, chosen, effect, column)) is not None
+        for effect in found.last.effects if is_term(effect)
+        for column in effect.columns if not is_square(column)
+        if (change := _greatest(found, fisher, begin_s, effect, column)) is not None
     ]  # fmt: skip
-    return max(found, key=lambda change: change.z, default=None)
+    return max(changes, key=lambda change: change.z, default=None)
 
 
-def _greatest(data: Regression, chosen: Sequence[str], effect: str, column: str) -> Onset | None:
-    effects = [*(e for e in chosen if e != effect), effect]
-    table = data.table(effects)
-    names = [n for e in effects for n in data.of(e)]
-    own = names.index(column)
-    rest = np.delete(table, own, axis=1)
-    left = data.off - table @ data.fit(effects)[0]
-    trace = table[:, own]
-    if rest.shape[1]:
-        trace = trace - rest @ np.linalg.lstsq(rest, trace, rcond=1e-9)[0]
+def _greatest(
+    found: SearchResult, fisher: FisherInformation, begin_s: Array, effect: Effect, column: str
+) -> Onset | None:
+    """Return the likeliest change of a column beside the chosen effects; ``begin_s`` (segments,) are the
+    times of the segments of ``fisher``."""
+    quadratic = found.last.quadratic
+    effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
+    step = quadratic.maximise(effects).whole
+    rest = quadratic.index([c for e in effects for c in e.columns if c != column])
+    # What is left of the column once the others are projected out.
+    along = np.zeros(len(step))
+    along[quadratic.index([column])] = 1.0
+    information = quadratic.information
+    along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
+    score = (fisher.score - fisher.information @ step) @ along
+    known = (fisher.information @ along) @ along
     best: Onset | None = None
-    for flight in np.unique(data.flight):
-        inside = data.flight == flight
-        _, segment = np.unique(data.times_s[inside] // ONSET_SEGMENT_S, return_inverse=True)
-        score = np.bincount(segment, (trace * left)[inside]).astype(np.float64)
-        information = np.bincount(segment, trace[inside] ** 2).astype(np.float64)
-        k, change, z = _break(score, information, TOLERANCE[effect])
+    for flight in np.unique(fisher.flight):
+        inside = fisher.flight == flight
+        k, change, z = _break(score[inside], known[inside], effect.tolerance)
         if z > CERTAIN_Z and (best is None or z > best.z):
-            best = Onset(column, float(data.times_s[inside][segment == k].min()), change, z)
+            best = Onset(column, float(begin_s[inside][k]), change, z)
     return best
 
 

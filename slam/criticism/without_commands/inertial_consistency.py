@@ -195,7 +195,7 @@ def _attitude(flight: Flight, imu: _Imu) -> IntegralComparison | None:
 
     def others() -> dict[str, Array]:
         jumps = imu.at(stamps, _jumps(imu, turn))
-        return {"attitude late.s": -imu.at(stamps, turn), BETWEEN_SAMPLES: jumps}
+        return {"attitude.delay_s": -imu.at(stamps, turn), BETWEEN_SAMPLES: jumps}
 
     return IntegralComparison(stamps, angles, imu.at(stamps, imu.integral(turn)), 1, angles[:, 2], others)
 
@@ -221,7 +221,7 @@ def _velocity(flight: Flight, imu: _Imu) -> IntegralComparison | None:
     pull = _acceleration(imu)
 
     def others() -> dict[str, Array]:
-        return {"velocity late.s": -imu.at(stamps, imu.w_accel)[:, :2]}
+        return {"velocity.delay_s": -imu.at(stamps, imu.w_accel)[:, :2]}
 
     return IntegralComparison(stamps, speed, imu.at(stamps, imu.integral(pull))[:, :2], 1, yaw, others)
 

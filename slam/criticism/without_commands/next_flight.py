@@ -18,10 +18,13 @@ from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.kalman.filter_parameters import CAMERA, filter_parameters_of
 from slam.criticism.next_flight import advice
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.screening import project
+from slam.criticism.search.search import SearchResult
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
+from slam.criticism.without_commands.likelihood import columns_of, fisher_of
 from slam.criticism.without_commands.pictures import picture_rows
-from slam.criticism.without_commands.regression import Regression, regression_of
 from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.healthy.flights import simulate_flight, simulate_readings
@@ -37,42 +40,42 @@ SHORTEST_S = 14.0
 
 def next_motion(
     model: Model,
+    found: SearchResult,
     rows: Sequence[Sequence[WhitenedRows]],
-    chosen: Sequence[str],
     rivals: Sequence[str],
     seen: FeatureMatches | None = None,
     progress: Progress = silent,
 ) -> str:
     """Return a sentence naming the motion that separates two rivals best for the time that it takes.
 
-    ``rows`` are those of the flights at hand; the first rival is one of the ``chosen``. A camera is on board
-    as in ``seen``.
+    ``rows`` are those of the flights at hand; the first rival is one of the chosen effects of ``found``. A
+    camera is on board as in ``seen``.
     """
-    first, second = rivals
-    data = regression_of(rows)
-    if not any(column in CAMERA for rival in rivals for column in data.of(rival)):
+    effect, other = (next(e for e in found.last.effects if e.name == name) for name in rivals)
+    if not any(column in CAMERA for rival in (effect, other) for column in rival.columns):
         # Pictures would cost a path for each motion, and the other comparisons separate errors of
         # instruments.
         seen = None
-    size, error = data.covariance(chosen)
-    own = data.columns_of(chosen, first)
-    plain = np.linalg.inv(data.fit(chosen)[1])
-    wider = float(np.sqrt(np.max(np.diag(error)[own] / np.diag(plain)[own])))
-    noise, beside = _noise(rows), [*(e for e in chosen if e != first), second]
+    quadratic = found.last.quadratic
+    maximum = quadratic.maximise(found.chosen)
+    size, error = maximum.of(quadratic.index(effect.columns))
+    plain = replace(maximum, covariance=maximum.white).of(quadratic.index(effect.columns))[1]
+    wider = float(np.sqrt(np.max(np.diag(error) / np.diag(plain))))
+    noise, beside = _noise(rows), [*(e for e in found.chosen if not e.repeats(effect)), other]
 
     def separation(name: str) -> float:
-        found = [r for r in _rows(_flight(model, name), model, seen) if r.kind in noise]
-        if not found:
+        planned = [r for r in _rows(_flight(model, name), model, seen) if r.kind in noise]
+        if not planned:
             return 0.0
-        finer = _noise([found])
-        known = regression_of([found])
-        weight = np.array([finer[kind] / noise[kind] for kind in known.kind])
-        return _separation(known, weight, size[own], first, beside) / wider / float(np.sqrt(_times(name)))
+        finer = _noise([planned])
+        # A row weighs by the ratio of its precision to that of the flights at hand.
+        weighed = [_times_precision(r, finer[r.kind] / noise[r.kind]) for r in planned]
+        return _separation(weighed, size, effect, beside) / wider / float(np.sqrt(_times(name)))
 
     names = [*MANOEUVRES, *HANDHELD_MOTIONS]
-    found = in_threads(Tally(progress, "next flight", len(names)).counting(separation), names)
+    separations = in_threads(Tally(progress, "next flight", len(names)).counting(separation), names)
     motions = [f"fly {name!r}" if name in MANOEUVRES else f"{name}," for name in names]
-    return advice(first, second, motions, found, [_took_s(name) for name in names])
+    return advice(rivals[0], rivals[1], motions, separations, [_took_s(name) for name in names])
 
 
 def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[WhitenedRows]:
@@ -87,14 +90,21 @@ def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[Whi
     ]
 
 
-def _separation(data: Regression, weight: Array, size: Array, first: str, beside: Sequence[str]) -> float:
-    """Return the separation in sigmas by what is left of an effect's column; ``weight`` (n,) is the ratio of
-    precision of these rows."""
-    if not data.of(first):
+def _times_precision(rows: WhitenedRows, precision: float) -> WhitenedRows:
+    traces = {name: precision * trace for name, trace in rows.traces.items()}
+    return replace(rows, off=precision * rows.off, traces=traces)
+
+
+def _separation(rows: Sequence[WhitenedRows], size: Array, effect: Effect, beside: Sequence[Effect]) -> float:
+    """Return the separation in sigmas by what is left of an effect once the others are projected out."""
+    columns = columns_of([rows])
+    if not set(effect.columns) <= set(columns):
         return 0.0
-    column = weight * (data.table([first]) @ size)
-    others = weight[:, None] * data.table([e for e in beside if data.of(e)])
-    return float(np.linalg.norm(column - others @ np.linalg.lstsq(others, column, rcond=1e-9)[0]))
+    information = fisher_of([rows], columns).information.sum(axis=0)
+    out = np.array([columns.index(c) for e in beside for c in e.columns if c in columns], dtype=np.int64)
+    own = np.array([columns.index(c) for c in effect.columns])
+    left = project(information, out, np.zeros(len(out))).information[np.ix_(own, own)]
+    return float(np.sqrt(max(size @ left @ size, 0.0)))
 
 
 def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:

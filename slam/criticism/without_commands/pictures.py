@@ -1,4 +1,4 @@
-"""Comparison of pictures with the path on which all other instruments agree, as rows of the regression.
+"""Comparison of pictures with the path on which all other instruments agree, as further rows.
 
 The pictures of each ten seconds give a score g and an information H of every error that moves points of the
 floor in them, or changes their tones. With H = R'R the rows are R x = R'^-1 g, of unit variance. R holds the
@@ -18,16 +18,15 @@ from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score_along
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, STEPS, FilterParameters, slot
-from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, parameter_perturbation
+from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.record import Record
-from slam.criticism.without_commands.regression import (
-    LATE,
+from slam.criticism.search.information import SEGMENT_S
+from slam.criticism.without_commands.likelihood import (
     PATTERNS,
-    SEGMENT_S,
-    SIZE,
     Sizes,
+    direction,
     is_square,
-    picture_effects,
+    picture_columns,
 )
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 
@@ -61,8 +60,8 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
 
     ``parameters`` have inflated process noise and lack these errors.
     """
-    names = picture_effects()
-    perturbations = [_direction(name) for name in (*names, *HEALTHY)]
+    names = picture_columns()
+    perturbations = [_perturbation(name) for name in (*names, *HEALTHY)]
     point = _point(sizes)
     at = np.array([point.get(name, 0.0) for name in names])
     made = []
@@ -131,7 +130,7 @@ def picture_errors(
 
 def _point(sizes: Sizes) -> Sizes:
     """Return the sizes that filter parameters can hold: those of no pattern, and no variance below 0."""
-    compare_sensors = [n for n in picture_effects() if n in sizes and not n.endswith(SIZE)]
+    compare_sensors = [n for n in picture_columns() if n in sizes and n not in PATTERNS]
     return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in compare_sensors}
 
 
@@ -139,7 +138,7 @@ def with_errors(parameters: FilterParameters, sizes: Sizes) -> FilterParameters:
     """Return the filter parameters with errors of some sizes."""
     camera, sensor = parameters.camera.copy(), parameters.sensor.copy()
     for name, size in sizes.items():
-        where, entry = slot(LATE.get(name, name))
+        where, entry = slot(name)
         (camera if where == "camera" else sensor)[entry] += size
     return replace(parameters, camera=camera, sensor=sensor)
 
@@ -147,18 +146,16 @@ def with_errors(parameters: FilterParameters, sizes: Sizes) -> FilterParameters:
 def _misfit(seen: LikelihoodScore, information: Array) -> float:
     """Return the ratio of squared residuals to their noise, once all that moves points is fitted. Above 1,
     pictures and path disagree."""
-    tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_PATTERNS)]
-    points = np.array([k for k, name in enumerate((*picture_effects(), *HEALTHY)) if name not in tones])
+    tones = [*CAMERA[POINTS:], *PICTURE_PATTERNS]
+    points = np.array([k for k, name in enumerate((*picture_columns(), *HEALTHY)) if name not in tones])
     score = seen.score[points]
     explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
     return max((seen.chi_square - explained) / seen.rows, 1.0)
 
 
-def _direction(name: str) -> Perturbation:
-    if name.endswith(SIZE):
-        return Perturbation(name, "picture", PATTERNS.index(name.removesuffix(SIZE)))
+def _perturbation(name: str) -> Perturbation:
     step = STEPS[CAMERA.index(name)] if name in CAMERA else _STEP
-    return parameter_perturbation(LATE.get(name, name), step)
+    return replace(direction(name), step=step)
 
 
 def _segments(

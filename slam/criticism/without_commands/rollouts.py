@@ -13,25 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.cause import ChannelError
+from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.verdict.rollouts import HORIZONS_S
-from slam.criticism.without_commands.regression import SEGMENT_S, Regression, Sizes, part_of_segments
+from slam.criticism.without_commands.likelihood import Sizes
 from slam.criticism.without_commands.whitened_rows import NODE_S, Averages, WhitenedRows
 
 Array = NDArray[np.float64]
 
 
 def channel_errors(
-    rows: Sequence[Sequence[WhitenedRows]], data: Regression, sizes: Mapping[int, Sizes]
+    rows: Sequence[Sequence[WhitenedRows]],
+    parts: Sequence[dict[float, int]],
+    sizes: Mapping[int, Sizes],
+    by: str,
 ) -> tuple[ChannelError, ...]:
     """Return root mean square errors over each horizon, before and after each part's ``sizes`` are removed.
 
-    ``data`` belongs to these ``rows``.
+    ``parts``: for each flight, number of a segment -> its part, which is ``by`` flight or segment.
     """
     squares: dict[tuple[str, str, float], list[Array]] = {}
-    for flight, parts in zip(rows, part_of_segments(rows, data), strict=True):
+    for flight, of_segment in zip(rows, parts, strict=True):
         for averages in (r.averages for r in flight if r.averages is not None):
             for horizon in HORIZONS_S:
-                found = _errors_of(averages, horizon, parts, sizes, data.by == "flight")
+                found = _errors_of(averages, horizon, of_segment, sizes, by == "flight")
                 squares.setdefault((averages.channel, averages.unit, horizon), []).append(found**2)
     errors = []
     for (channel, unit, horizon), of in squares.items():

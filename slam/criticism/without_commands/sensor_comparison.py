@@ -22,8 +22,8 @@ from slam.criticism.kalman.transition import HOLD
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, without_dead_zone
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals, near_floor
+from slam.criticism.without_commands.likelihood import Sizes
 from slam.criticism.without_commands.pictures import picture_rows
-from slam.criticism.without_commands.regression import Sizes
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.model import Model
 

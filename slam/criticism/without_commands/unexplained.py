@@ -11,7 +11,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.criticism.cause import SURE, Cause
+from slam.criticism.search.effects import LATE
+from slam.criticism.search.search import SearchResult
+from slam.criticism.verdict.posterior import is_term
 from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.axes import wrong_axes
 from slam.criticism.without_commands.consistency import (
@@ -21,10 +23,8 @@ from slam.criticism.without_commands.consistency import (
     onset,
 )
 from slam.criticism.without_commands.pictures import contradiction
-from slam.criticism.without_commands.regression import LATE, TOLERANCE, Regression
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality.channels import noise_ratio, streams_of
-from slam.simulation.terms import CATALOGUE
 
 NOISY = 3.0
 """Least ratio of noise to the stated figure that is reported: half an order of magnitude."""
@@ -39,34 +39,37 @@ def axes_of(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:
     return wrong, sorted(set.intersection(*hidden)) if hidden else []
 
 
-def left_over(
-    data: Regression, rows: Sequence[Sequence[WhitenedRows]], chosen: Sequence[str], causes: Sequence[Cause]
-) -> list[str]:
+def left_over(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> list[str]:
     """Describe what no cause explains in the comparisons."""
-    strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
-    apart, begun = contradiction(rows), onset(data, chosen)
-    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
+    apart, begun = contradiction(rows), onset(found, rows)
     return [
-        *strange,
-        *disagreements(data, chosen),
+        *disagreements(found),
         *([apart] if apart else []),
         *([str(begun)] if begun is not None else []),
-        *(f"{name} may be something else" for name in unsure),
     ]
 
 
-def not_shown(data: Regression, axes: Sequence[str], shown: Collection[str], least_z: float) -> list[str]:
+def not_shown(
+    found: SearchResult,
+    rows: Sequence[Sequence[WhitenedRows]],
+    axes: Sequence[str],
+    shown: Collection[str],
+    least_z: float,
+) -> list[str]:
     """Return a sentence on the errors that these flights could not show, whatever their size.
 
     ``axes``: those of which no flight shows whether they are right. ``shown``: terms that have a smallest
     detectable size. Delays show from ``least_z`` standard errors on, in nine of ten cases.
     """
     lines = ["a constant offset of speed or height", *axes]
-    lines += [effect for effect in data.effects() if effect in CATALOGUE and effect not in shown]
-    for effect in (name.removesuffix(".s") for name in LATE if name in data.columns):
-        std = np.hypot(float(np.sqrt(data.covariance([effect])[1][0, 0])), TOLERANCE[effect])
-        lines.append(f"{effect} by less than {1e3 * (least_z + NINE_OF_TEN) * std:.0f} ms")
-    if float(np.ptp(data.times_s)) < FEWEST_SEGMENTS * ONSET_SEGMENT_S:
+    lines += [e.name for e in found.last.effects if is_term(e) and e.name not in shown]
+    for effect in (e for e in found.last.effects if e.name in LATE):
+        std = np.hypot(
+            float(np.sqrt(found.last.quadratic.maximise([effect]).covariance[0, 0])), effect.tolerance
+        )
+        lines.append(f"{effect.name} by less than {1e3 * (least_z + NINE_OF_TEN) * std:.0f} ms")
+    times_s = np.concatenate([r.times_s for flight in rows for r in flight])
+    if float(np.ptp(times_s)) < FEWEST_SEGMENTS * ONSET_SEGMENT_S:
         lines.append("an error that begins within a flight")
     return [f"{COULD_NOT} {', '.join(lines)}."]
 
@@ -84,10 +87,3 @@ def in_words(names: Sequence[str], found: Sequence[Sequence[str]]) -> list[str]:
     """Return the descriptions of each flight with its name, where there are several flights."""
     labels = [f"{name}: " if len(names) > 1 else "" for name in names]
     return [label + words for label, of in zip(labels, found, strict=True) for words in of]
-
-
-def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
-    """Describe an effect that is no term."""
-    if (late := f"{effect}.s") in LATE:
-        return f"{effect} by {1e3 * data.sizes(chosen)[late]:.0f} ms"
-    return f"{effect} (z = {data.z(chosen, effect):.1f})"

@@ -7,34 +7,41 @@ as it is significant by cluster-robust errors over segments of ten seconds, and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.cause import LIKELY, Cause, ChannelError, Gain, Interval
+from slam.criticism.cause import Cause
 from slam.criticism.extended import with_sizes
-from slam.criticism.search.effects import plausible_range
-from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
-from slam.criticism.verdict.criticism import Criticism, Verdict
-from slam.criticism.verdict.decision import CONFIRMED_NATS, is_unknown
+from slam.criticism.verdict.criticism import Criticism
+from slam.criticism.verdict.decision import (
+    CONFIRMED_NATS,
+    by_importance,
+    causes_of,
+    decide,
+    split_by_probability,
+)
+from slam.criticism.verdict.held_out import held_out, parts_of
+from slam.criticism.verdict.posterior import Posterior, is_term, posterior_of
+from slam.criticism.verdict.power import confusable, detectable
 from slam.criticism.verdict.sentence import with_sentences
-from slam.criticism.verdict.tables import ranked
+from slam.criticism.verdict.tables import ranking
 from slam.criticism.without_commands.consistency import varying_sizes
+from slam.criticism.without_commands.likelihood import (
+    compared,
+    part_of_segments,
+    sizes_by_others,
+    table_of,
+)
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.pictures import picture_errors
-from slam.criticism.without_commands.posterior import in_place_of, posterior_of
-from slam.criticism.without_commands.regression import (
-    TOLERANCE,
-    Regression,
-    in_catalogue,
-    is_square,
-    part_of_segments,
-    regression_of,
-)
 from slam.criticism.without_commands.rollouts import channel_errors
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.unexplained import (
@@ -47,7 +54,6 @@ from slam.criticism.without_commands.unexplained import (
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality import without_frozen
 from slam.simulation.model import Model
-from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -66,9 +72,6 @@ STANDS_OUT = (
 """``python -m slam.criticism.calibrate 150 9000 --without-commands``."""
 MOST = 5
 ROUNDS = 2
-LARGEST_LISTED = 10.0
-"""Factor on the largest value of a term: an effect that shows from there on only is not listed as
-detectable."""
 
 
 def criticise_without_commands(
@@ -78,114 +81,112 @@ def criticise_without_commands(
     clean = [without_frozen(flight) for flight in flights]
     readings = in_words([f.name for f in flights], [words for _, words in clean])
     flights = [flight for flight, _ in clean]
-    found = compare_sensors(flights, model, progress)
-    rows = found.rows({})
+    compare = compare_sensors(flights, model, progress)
+    rows = compare.rows({})
     if not any(rows):
         return None
-    data, rows, chosen = _fitted(found, rows)
-    posterior = posterior_of(data, chosen)
-    named = [e for e in chosen if e in CATALOGUE]
-    errors = _errors(found, rows, data, chosen) if named else ()
-    anomalies = [anomaly.cause() for anomaly in found.anomalies]
-    causes = (*(_cause(data, chosen, e, posterior[e], errors) for e in named), *anomalies)
-    causes = tuple(sorted(causes, key=lambda c: c.probability <= LIKELY))
+    found, rows = _fitted(compare, rows)
+    posterior = posterior_of(found)
+    fitted = _causes(compare, rows, found, posterior)
+    likely, faint = split_by_probability(fitted, found, posterior, ())
+    anomalies = [anomaly.cause() for anomaly in compare.anomalies]
+    causes = by_importance([*likely, *anomalies])
     wrong, unknown = axes_of(flights)
-    remainder = "; ".join([*wrong, *readings, *left_over(data, rows, chosen, causes)])
-    verdict, equivalents = _decide(causes, posterior, remainder)
-    seen = _detectable(data)
-    probability = posterior | {c.name: c.probability for c in anomalies}
-    shown = {e: data.z([], e) for e in data.effects() if e in CATALOGUE}
+    unclear = [f"what looks like {cause.name} is something else" for cause in faint]
+    remains = [*wrong, *readings, *left_over(found, rows), *unclear]
+    verdict, equivalents, remainder = decide(causes, found, posterior, (), remains, STANDS_OUT_Z)
+    seen = detectable(found.first, STANDS_OUT_Z)
+    probability = posterior.probability | {c.name: c.probability for c in causes}
     criticism = Criticism(
         verdict=verdict,
         causes=causes,
-        equivalence_set=equivalents or tuple(c.name for c in causes[:1]),
+        equivalence_set=equivalents,
         remainder=remainder,
-        next_flight=next_motion(model, rows, chosen, equivalents[:2], found.matches, progress)
-        if equivalents
+        next_flight=next_motion(model, found, rows, equivalents[:2], compare.matches, progress)
+        if len(equivalents) > 1
         else "",
         detectable=seen,
-        ranking=ranked(shown, probability, anomalies),
-        covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
+        ranking=ranking(found, probability, anomalies),
+        confusable=confusable(found.first),
+        covariate=_covariate(rows, found, causes[0]) if causes and causes[0] in likely else None,
         threshold=STANDS_OUT_Z,
         threshold_means=STANDS_OUT,
         model=model,
         extended=_extended(model, causes),
         flights=tuple(f.name for f, known in zip(flights, rows, strict=True) if known),
-        dropped=(*dropped, *found.dropped, REASON),
+        dropped=(*dropped, *compare.dropped, REASON),
         limits=LIMITS,
     )
-    more = (*noise_of(flights), *not_shown(data, unknown, seen, STANDS_OUT_Z))
+    more = (*noise_of(flights), *not_shown(found, rows, unknown, seen, STANDS_OUT_Z))
     return with_sentences(criticism, more)
 
 
-def _decide(
-    causes: Sequence[Cause], posterior: Mapping[str, float], remainder: str
-) -> tuple[Verdict, tuple[str, ...]]:
-    """Return the verdict and the equivalence set. ``causes``: the leading one first."""
-    if not causes:
-        return ("unknown" if remainder else "nothing_wrong"), ()
-    equivalents = causes[0].alternatives if len(causes[0].alternatives) > 1 else ()
-    together = sum(posterior.get(name, 0.0) for name in equivalents)
-    if is_unknown(causes, posterior) and together <= LIKELY:
-        return "unknown", ()
-    if equivalents:
-        return "ambiguous", equivalents
-    return ("named_with_remainder" if remainder else "named"), ()
-
-
 def _fitted(
-    found: SensorComparison, rows: list[list[WhitenedRows]]
-) -> tuple[Regression, list[list[WhitenedRows]], list[str]]:
-    """Return the regression, its rows and the significant effects. Pictures are linear only near the truth,
-    so their rows are computed anew about what was found."""
-    data = regression_of(rows)
-    chosen = _chosen(data)
-    for _ in range(ROUNDS if found.matches is not None and chosen else 0):
-        rows = found.rows(data.sizes(chosen))
-        data = regression_of(rows)
-        chosen = _chosen(data)
-    return data, rows, chosen
+    compare: SensorComparison, rows: list[list[WhitenedRows]]
+) -> tuple[SearchResult, list[list[WhitenedRows]]]:
+    """Return the significant effects and the rows. Pictures are linear only near the truth, so their rows are
+    computed anew about what was found."""
+    found = search_linear(compared(rows, compare.parameters))
+    for _ in range(ROUNDS if compare.matches is not None and found.chosen else 0):
+        rows = compare.rows(found.last.quadratic.sizes(found.chosen))
+        found = search_linear(compared(rows, compare.parameters))
+    return found, rows
 
 
-def _errors(
-    found: SensorComparison, rows: Sequence[Sequence[WhitenedRows]], data: Regression, chosen: Sequence[str]
-) -> tuple[ChannelError, ...]:
-    """Return the errors on each part, with the sizes that the other parts give to an extended model's
-    terms."""
-    every = data.sizes_by_others(chosen)
-    sizes = {
-        part: {n: x for n, x in of.items() if n.rpartition(".")[0] in CATALOGUE} for part, of in every.items()
-    }
-    pictures = picture_errors(found.records, found.parameters, part_of_segments(rows, data), sizes)
-    return (*channel_errors(rows, data, sizes), *pictures)
-
-
-def _chosen(data: Regression) -> list[str]:
-    """Return the significant effects, the greatest first."""
-    chosen: list[str] = []
-    while len(chosen) < MOST:
-        best = _next(data, chosen)
-        if not best:
-            break
+def search_linear(found: SearchResult) -> SearchResult:
+    """Choose the significant effects, the greatest first, where everything is linear."""
+    expansion, chosen = found.last, list[Effect]()
+    while len(chosen) < MOST and (best := _next(replace(found, chosen=tuple(chosen)))) is not None:
         chosen.append(best)
     for effect in list(chosen):
         # A term that led alone may lag behind another beside the rest.
-        rest = [e for e in chosen if e != effect]
-        open_ = [e for e in data.effects() if e not in rest and is_plausible(data, rest, e)]
-        best = max(open_, key=lambda e: data.nats([*rest, e]), default=effect)
-        chosen[chosen.index(effect)] = best
-    return chosen
+        rest = [e for e in chosen if e is not effect]
+        chosen[chosen.index(effect)] = expansion.score_tests(rest, expansion.effects)[0].effect
+    return replace(found, chosen=tuple(chosen))
 
 
-def _next(data: Regression, chosen: Sequence[str]) -> str:
+def _next(found: SearchResult) -> Effect | None:
     """Return the effect that explains most beside the chosen ones, among those that stand out and predict
-    held-out parts; empty where there is none."""
-    open_ = [e for e in data.effects() if e not in chosen and is_plausible(data, chosen, e)]
-    for effect in sorted(open_, key=lambda e: -data.nats([*chosen, e])):
-        stands_out = data.z(chosen, effect) >= STANDS_OUT_Z
-        if stands_out and data.held_out(chosen, effect).sum() >= CONFIRMED_NATS:
-            return effect
-    return ""
+    held-out parts; None where there is none."""
+    for test in found.last.score_tests(found.chosen, found.last.effects):
+        more = replace(found, chosen=(*found.chosen, test.effect))
+        if test.z >= STANDS_OUT_Z and held_out((), more, found.chosen).total >= CONFIRMED_NATS:
+            return test.effect
+    return None
+
+
+def _causes(
+    compare: SensorComparison,
+    rows: Sequence[Sequence[WhitenedRows]],
+    found: SearchResult,
+    posterior: Posterior,
+) -> tuple[Cause, ...]:
+    """Return the chosen terms as causes, with the errors on each part without them and with the sizes that
+    the other parts give."""
+    if not any(map(is_term, found.chosen)):
+        return ()
+    part, by = parts_of(found.last.fisher.flight)
+    parts, sizes = part_of_segments(rows, part), sizes_by_others(found)
+    errors = channel_errors(rows, parts, sizes, by)
+    errors += picture_errors(compare.records, compare.parameters, parts, sizes)
+    causes = causes_of(found, posterior, held_out((), found), errors)
+    return tuple(_with_varying_sizes(cause, found) for cause in causes)
+
+
+def _with_varying_sizes(cause: Cause, found: SearchResult) -> Cause:
+    """Widen the intervals of sizes that vary between segments.
+
+    Another error comes and goes there, so the segments are no independent measurements of one size. The
+    interval must hold the sizes of most segments, not their mean.
+    """
+    effect = next(e for e in found.chosen if e.name == cause.name)
+    varying, parameters = varying_sizes(found, effect), dict(cause.parameters)
+    for name, column in zip(effect.parameters, effect.columns, strict=True):
+        if column in varying:
+            p, factor = parameters[name], float(np.sqrt(len(varying[column])))
+            low, high = p.value - factor * (p.value - p.low), p.value + factor * (p.high - p.value)
+            parameters[name] = replace(p, low=low, high=high)
+    return replace(cause, parameters=parameters)
 
 
 def _extended(model: Model, causes: Sequence[Cause]) -> Model:
@@ -196,86 +197,26 @@ def _extended(model: Model, causes: Sequence[Cause]) -> Model:
     return extended
 
 
-def is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
-    """Whether an effect's sizes beside the chosen ones are plausible."""
-    size, covariance = data.covariance([*chosen, effect])
-    for k, column in zip(data.columns_of([*chosen, effect], effect), data.of(effect), strict=True):
-        std = float(np.sqrt(covariance[k, k]))
-        if is_square(column) and size[k] + 2 * std < 0.0:
-            return False
-        if effect not in CATALOGUE:
-            continue
-        low, high = plausible_range(effect, column.rpartition(".")[2])
-        if in_catalogue(column, size[k] + 2 * std) < low or in_catalogue(column, size[k] - 2 * std) > high:
-            return False
-    return True
-
-
-def _cause(
-    data: Regression,
-    chosen: Sequence[str],
-    effect: str,
-    probability: float,
-    errors: tuple[ChannelError, ...],
-) -> Cause:
-    size, covariance = data.covariance(chosen, one_by_one=True)
-    rest = [e for e in chosen if e != effect]
-    parameters, varying = {}, varying_sizes(data, chosen, effect)
-    for k, column in zip(data.columns_of(chosen, effect), data.of(effect), strict=True):
-        parameter = CATALOGUE[effect].parameter(column.rpartition(".")[2])
-        # The tolerance for integrals and the equation's own misfit are added to chance.
-        std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
-        if column in varying:
-            # Another error comes and goes, so the segments are no independent measurements of one size. The
-            # interval must hold the sizes of most segments, not their mean.
-            std *= float(np.sqrt(len(varying[column])))
-        half = float(np.hypot(data.wide * std, MISFIT * size[k]))
-        value, low, high = (in_catalogue(column, float(size[k]) + x) for x in (0.0, -half, half))
-        parameters[parameter.name] = Interval(value, parameter.unit, low, high)
-    gain = Gain.of(data.held_out(rest, effect), data.by, errors)
-    place = in_place_of(data, chosen, effect)
-    z = data.z(chosen, effect)
-    return Cause(
-        name=effect,
-        probability=probability,
-        parameters=parameters,
-        gain=gain,
-        z=z,
-        lead_nats=place.lead_nats,
-        alternatives=place.names,
-        rival=place.rival,
-    )
-
-
-def _covariate(data: Regression, chosen: Sequence[str], lead: Cause) -> Covariate:
+def _covariate(rows: Sequence[Sequence[WhitenedRows]], found: SearchResult, lead: Cause) -> Covariate:
     """Return the covariates of the leading cause and its rival in the differences between instruments."""
     cause, rival = lead.name, lead.rival
-    rest = [e for e in chosen if e != cause]
-    models = {"": rest, cause: [*rest, cause]} | ({rival: [*rest, rival]} if rival else {})
-    residuals = {
-        name: data.off - data.table(effects) @ data.fit(effects)[0] for name, effects in models.items()
-    }
+    known = {e.name: e for e in found.last.effects}
+    rest = [e for e in found.chosen if e.name != cause]
+    models = {"": rest, cause: [*rest, known[cause]]} | ({rival: [*rest, known[rival]]} if rival else {})
+    off = np.concatenate([r.off for flight in rows for r in flight])
+    kind = np.concatenate([np.full(len(r.off), r.kind) for flight in rows for r in flight])
+    residuals = {}
+    for name, effects in models.items():
+        sizes = found.last.quadratic.sizes(effects)
+        residuals[name] = off - table_of(rows, list(sizes)) @ np.array(list(sizes.values()))
     against = []
     for name in [n for n in models if n]:
         explained = residuals[""] - residuals[name]
-        kind = max(np.unique(data.kind), key=lambda k: float(np.sum(explained[data.kind == k] ** 2)))
-        own = data.kind == kind
+        shown = max(np.unique(kind), key=lambda k: float(np.sum(explained[kind == k] ** 2)))
+        own = kind == shown
         against.append(
             ChannelResiduals(
-                name, str(kind), "sigma", explained[own], {n: m[own] for n, m in residuals.items()}
+                name, str(shown), "sigma", explained[own], {n: m[own] for n, m in residuals.items()}
             )
         )
     return Covariate(cause, rival, tuple(against))
-
-
-def _detectable(data: Regression) -> dict[str, tuple[float, str]]:
-    found = {}
-    for effect in data.effects():
-        if effect in CATALOGUE:
-            _, covariance = data.covariance([effect])
-            std = float(np.sqrt(np.diag(covariance).max() + TOLERANCE[effect] ** 2))
-            size, parameter = (STANDS_OUT_Z + 1.28) * std, CATALOGUE[effect].parameters[0]
-            size = float(np.sqrt(size)) if is_square(data.of(effect)[0]) else size
-            if size < LARGEST_LISTED * max(abs(parameter.most), abs(parameter.least)):
-                found[effect] = size, parameter.unit
-    return found
