@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands import next_flight
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
-from slam.criticism.without_commands.regression import PATTERNS, SIZE, regression_of
+from slam.criticism.without_commands.likelihood import PATTERNS, compared
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.criticism.without_commands.whitened_rows import NODE_S
 from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
@@ -87,7 +88,17 @@ def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size, m
 @pytest.mark.parametrize("seed", [9502, 9538])
 def test_a_rate_that_jumps_between_two_samples_is_no_scale_of_the_gyro(seed):
     flight = replace(healthy_case(load_model("nominal"), seed, 1, 30.0)[0], command=None)
-    assert regression_of([inertial_residuals(flight)]).z([], "gyro_scale") < 4.0
+    assert score([inertial_residuals(flight)], "gyro_scale").z < 4.0
+
+
+def score(rows, name):
+    """The score test of one effect alone."""
+    expansion = expansion_of(rows)
+    return expansion.score_tests([], [e for e in expansion.effects if e.name == name])[0]
+
+
+def expansion_of(rows):
+    return compared(rows, filter_parameters_of(load_model("nominal"))).last
 
 
 def test_one_instrument_alone_has_nothing_to_be_held_against():
@@ -249,15 +260,15 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
 @pytest.mark.slow
 def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about_it():
     found = compare_sensors(seen({}), load_model("nominal"))
-    plain = regression_of(found.rows({}))
+    plain = expansion_of(found.rows({}))
     # No filter parameters hold a pattern, or a variance below 0: rows about them are rows about none.
-    shape = PATTERNS[0] + SIZE
-    about = regression_of(found.rows({shape: 2.0, "motion_blur.exposure": -1e-4}))
-    np.testing.assert_allclose(about.off, plain.off)
+    shape = PATTERNS[0]
+    about = expansion_of(found.rows({shape: 2.0, "motion_blur.exposure": -1e-4}))
+    np.testing.assert_allclose(about.fisher.score, plain.fisher.score)
     # About a size that the parameters do hold, what is off is the same, whatever has been taken out.
-    near = regression_of(found.rows({"focal_length.eps": 0.01}))
-    whole = [e for e in plain.effects() if e in ("focal_length", "sonar_scale", "camera_tilt")]
-    first, second = plain.sizes(whole), near.sizes(whole)
+    near = expansion_of(found.rows({"focal_length.eps": 0.01}))
+    whole = [e for e in plain.effects if e.name in ("focal_length", "sonar_scale", "camera_tilt")]
+    first, second = plain.quadratic.sizes(whole), near.quadratic.sizes(whole)
     assert abs(second["focal_length.eps"] - first["focal_length.eps"]) < 0.002
 
 

@@ -18,7 +18,8 @@ def test_predicted_is_the_average_over_the_answers_uncertainty():
     )
     half = 0.3 * rng.standard_normal((2, 2))
     free, whole = np.array([0, 2]), np.array([0.2, 0.0, -0.1])
-    other = Maximum(0.0, free, whole[free], half @ half.T, whole)
+    covariance = half @ half.T
+    other = Maximum(0.0, free, whole[free], covariance, whole, covariance)
     drawn = rng.standard_normal((200_000, 2)) @ half.T
     steps = np.tile(whole, (len(drawn), 1))
     steps[:, free] += drawn

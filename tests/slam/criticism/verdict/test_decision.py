@@ -172,7 +172,12 @@ def searched(nats, chosen, covariance=None, **more):
         score_tests=standing,
         own=lambda effect: effect,
         fisher=SimpleNamespace(log_likelihood=np.zeros(1)),
-        quadratic=SimpleNamespace(maximise=maximise, index=lambda columns: columns),
+        quadratic=SimpleNamespace(
+            maximise=maximise,
+            nats=lambda effects, _: maximise(effects).nats,
+            clusters=None,
+            index=lambda columns: columns,
+        ),
     )
     return SearchResult(None, expansion, expansion, chosen, **more)
 
@@ -256,10 +261,10 @@ def test_held_out_rollouts_raise_a_set_and_do_not_choose_in_it():
 
 
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
-    assert confirmed_terms([], SearchResult(None, "first", "last", ()), None).last == "first"
+    assert confirmed_terms([], SearchResult(None, "first", "last", ())).last == "first"
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
     plain = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=100.0)])
-    assert confirmed_terms([], SearchResult(None, plain, "last", (limit,)), None).last == "last"
+    assert confirmed_terms([], SearchResult(None, plain, "last", (limit,))).last == "last"
 
 
 def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatch):
@@ -267,7 +272,7 @@ def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatc
     faint = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=4.0)])
     for total, chosen in ((-178.0, ()), (12.0, (limit,))):
         monkeypatch.setattr(decision, "held_out", lambda *of, total=total: SimpleNamespace(total=total))
-        assert confirmed_terms([], SearchResult(None, faint, "last", (limit,)), None).chosen == chosen
+        assert confirmed_terms([], SearchResult(None, faint, "last", (limit,))).chosen == chosen
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])

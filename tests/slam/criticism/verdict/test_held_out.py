@@ -91,9 +91,9 @@ def test_one_of_two_flights_whose_parameter_sets_use_different_readings_is_filte
     look = expand(records, NOMINAL, NOMINAL)
     (term,) = (e for e in look.effects if e.name == "sonar_bias")
     found = SimpleNamespace(first=look, last=look, chosen=(term,))
-    by_parabola = held_out(records, found, NOMINAL)
+    by_parabola = held_out(records, found)
     monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
-    anew = held_out(records, found, NOMINAL)
+    anew = held_out(records, found)
     assert anew.nats[1] == by_parabola.nats[1]
     runs = [whole(records[0], parameters[0]) for parameters in (anew.before, anew.after)]
     assert anew.nats[0] == pytest.approx(runs[1].log_likelihood - runs[0].log_likelihood, abs=1e-6)
@@ -103,7 +103,7 @@ def test_one_of_two_flights_whose_parameter_sets_use_different_readings_is_filte
 def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
     records, found = short_sonar
     assert [e.name for e in found.chosen] == ["sonar_bias"]
-    gain = held_out(records, found, NOMINAL)
+    gain = held_out(records, found)
     assert gain.by == "flight"
     assert gain.total > 5.0
     assert np.abs(gain.nats[[0, 2]]).max() < 5.0
@@ -112,9 +112,9 @@ def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
 @pytest.mark.slow
 def test_flights_whose_parameter_sets_use_different_readings_are_filtered_anew(short_sonar, monkeypatch):
     records, found = short_sonar
-    by_parabola = held_out(records, found, NOMINAL)
+    by_parabola = held_out(records, found)
     monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
-    anew = held_out(records, found, NOMINAL)
+    anew = held_out(records, found)
     np.testing.assert_array_equal(anew.nats[1:], by_parabola.nats[1:])
     runs = [whole(records[0], parameters[0]) for parameters in (anew.before, anew.after)]
     assert anew.nats[0] == pytest.approx(runs[1].log_likelihood - runs[0].log_likelihood, abs=1e-6)
