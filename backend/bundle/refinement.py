@@ -86,6 +86,9 @@ class Bundle:
     """(3,) point of the body that measured positions belong to."""
     antenna_std_m: Array
     """(3,)."""
+    antenna_covariances: Array
+    """(n, 3, 3) covariance of the antenna's position at each pose, in world axes. With an estimated
+    place it is smaller than that of the body, whose errors the antenna's undo."""
     lens: LensEstimate | None
     """None if the calibration was held."""
     b_T_c: Array
@@ -229,6 +232,18 @@ def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Valu
     return _propagate(in_world, joint), _propagate(over_floor, joint)
 
 
+def _antenna_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> Array:
+    """Return covariances (n, 3, 3) of the antenna's positions, from the same ``joint`` ones."""
+    origin = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
+    antenna_m = values.atVector(WORLD)[ANTENNA]
+    w_R_b = metric_poses(problem, values)[:, :3, :3]
+    # A right perturbation (r, t) moves the antenna by R (t - a x r).
+    of_pose = np.concatenate([-w_R_b @ gtsam.Rot3.Hat(antenna_m), w_R_b], axis=2)
+    J = of_pose @ metric_jacobians(problem, values, origin)
+    J[:, :, 6:][:, :, ANTENNA] += w_R_b
+    return _propagate(J, joint)
+
+
 def _propagate(J: Array, covariances: Array) -> Array:
     return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))
 
@@ -252,6 +267,7 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
         position_offset_std_m=world_std[OFFSET],
         antenna_m=world[ANTENNA],
         antenna_std_m=world_std[ANTENNA],
+        antenna_covariances=_antenna_covariances(problem, joint, values),
         lens=_lens(problem, values, of_lens) if problem.self_calibrates else None,
         b_T_c=problem.b_T_c(values),
         mount_std_rad=float(world_std[MOUNT].max()) if problem.camera.mount_std_rad > 0 else 0.0,

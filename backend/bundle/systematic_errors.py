@@ -62,8 +62,28 @@ class SystematicErrors:
     """The same for attitudes."""
 
 
+@dataclass(frozen=True)
+class ErrorTest:
+    """Evidence in the residuals of a refinement of errors that all pictures or all positions share."""
+
+    errors: SystematicErrors | None
+    """Those beyond chance; None without any."""
+    detectable: Mapping[Kind, float]
+    """Standard deviation of the least certain coefficient of each kind; a kind that the unknowns absorb
+    whatever its size is missing."""
+
+
 def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
     """Return the errors that the residuals show beyond chance; None without any or without covariances.
+
+    Raises ``BackendError`` where the equations are singular, so that nothing can be tested.
+    """
+    tested = error_test(bundle)
+    return None if tested is None else tested.errors
+
+
+def error_test(bundle: Bundle) -> ErrorTest | None:
+    """Return the errors beyond chance, and which ones would be seen; None without covariances.
 
     Raises ``BackendError`` where the equations are singular, so that nothing can be tested.
     """
@@ -74,9 +94,22 @@ def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
         scores, moved = _eliminate(bundle)
     except SingularMatrixError:
         raise BackendError("the equations of the refinement are singular by rounding") from None
+    detectable = {kind: scores.largest_std(kind) for kind in scores.columns}
     found, alternatives = scores.search()
     if not found:
-        return None
+        return ErrorTest(None, detectable)
+    return ErrorTest(_errors(bundle, scores, moved, found, alternatives), detectable)
+
+
+def _errors(
+    bundle: Bundle,
+    scores: _Scores,
+    moved: Mapping[Kind, Array],
+    found: tuple[Kind, ...],
+    alternatives: tuple[Kind, ...],
+) -> SystematicErrors:
+    """Return the sizes of the errors ``found``, and by how much they displace the poses."""
+    known = np.isfinite(bundle.covariances).all(axis=(1, 2))
     fit = scores.test(found, ())
     by_pose = np.concatenate([moved[kind] for kind in found], axis=2)[known]
     excess, shift, tilt = (
@@ -142,6 +175,12 @@ class _Scores:
         statistic = float(total @ total) / (len(total) * design_effect)
         p_value = f_tail(statistic, len(total), max(freedom, 1.0))
         return _Test(p_value, whiten @ total, whiten @ whiten.T * design_effect)
+
+    def largest_std(self, kind: Kind) -> float:
+        """Return the standard deviation of the least certain coefficient, at the noise of the model."""
+        column = self.columns[kind]
+        least = float(np.linalg.eigvalsh(column.T @ column)[0])
+        return 1.0 / np.sqrt(least) if least > 0 else np.inf
 
     def search(self) -> tuple[tuple[Kind, ...], tuple[Kind, ...]]:
         """Return the kinds of errors, the strongest first, and other kinds that could replace one of them.

@@ -123,6 +123,12 @@ class Estimate:
     """Estimated gain and zero of the height sensor; None without such a sensor."""
     instruments: InstrumentErrors = NOTHING_KNOWN
     """Errors of attitude, accelerometer and mount, as the map determines them."""
+    antenna_m: tuple[float, float, float] | None = None
+    """Place of the GPS antenna on the body, forward, left and up, as told or as estimated; None where the map
+    has no positions."""
+    antenna_covariances: Array | None = None
+    """(n, 3, 3) covariances of the antenna's positions, east, north and up, where its place was estimated;
+    None where they are those of the body, and in an estimate that was read."""
     accuracy_basis: str = ""
     """The one instrument or the assumed values on which the stated accuracy rests, in one sentence; empty
     where two instruments check each other."""

@@ -256,7 +256,8 @@ def _with_gps(
     _count(left_out, "whose GPS fix contradicts the other fixes", comparable & matched & ~agrees[nearest])
     matched &= agrees[nearest]
     keyframe = np.flatnonzero(comparable & matched)
-    position_m = fixes_m[nearest[keyframe]]
+    antenna_m = gps.b_T_s[:3, 3] if estimate.antenna_m is None else np.array(estimate.antenna_m)
+    position_m = fixes_m[nearest[keyframe]] - estimate.w_T_b[keyframe, :3, :3] @ antenna_m
     return Association(
         reference="gps",
         keyframe=keyframe,

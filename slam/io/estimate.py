@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import RangeErrors
+from backend.triple import triple
 from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
@@ -130,6 +131,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "scale_std": None if estimate.scale_std is None else float(estimate.scale_std),
         "metric": bool(estimate.metric),
         "range_errors": None if estimate.range_errors is None else asdict(estimate.range_errors),
+        "antenna_m": None if estimate.antenna_m is None else list(estimate.antenna_m),
         "origin": None if estimate.origin is None else asdict(estimate.origin),
         "frames": int(estimate.frames),
         "rejected": estimate.rejected,
@@ -260,6 +262,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         scale_std=_scale_std(record),
         metric=bool(record.get("metric", True)),
         range_errors=_range_errors(record),
+        antenna_m=_antenna_m(record),
         origin=None if origin is None else GeoOrigin(**origin),
         relative_poses=tuple(RelativePose(i, j, T, P, kind) for (i, j), T, P, kind in edges),
         loops=tuple(LoopVerdict(i, j, verdict, reason) for (i, j), verdict, reason in loops),
@@ -284,6 +287,11 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
 def _scale_std(record: dict[str, Any]) -> float | None:
     value = record.get("scale_std")
     return None if value is None else float(value)
+
+
+def _antenna_m(record: dict[str, Any]) -> tuple[float, float, float] | None:
+    value = record.get("antenna_m")
+    return None if value is None else triple(np.array(value, dtype=float))
 
 
 def _range_errors(record: dict[str, Any]) -> RangeErrors | None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.information_shares import information_shares
-from backend.bundle.systematic_errors import SystematicErrors, systematic_errors
+from backend.bundle.systematic_errors import SystematicErrors, error_test
 from backend.errors import BackendError
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
@@ -17,7 +17,7 @@ from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
 from slam.core.instrument_errors import InstrumentErrors
-from slam.mapping.calibration.antenna import antenna_place
+from slam.mapping.calibration.antenna import antenna_m, antenna_place, antenna_untold_warning
 from slam.mapping.calibration.barometer_errors import barometer_errors
 from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import (
@@ -100,13 +100,15 @@ def build_estimate(
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
             accelerometer_errors(map_.inertial, clock),
             mount,
-            shared or context.refuted,
+            shared or context.errors_of_refuted_lens,
             clock,
             lens_numbers(map_.bundle),
             velocity,
             barometer_errors(map_.bundle),
             antenna_place(map_.bundle),
         ),
+        antenna_m=antenna_m(map_.bundle),
+        antenna_covariances=_antenna_covariances(map_),
         accuracy_basis=accuracy_basis(flight, map_),
         information_shares=_information_shares(flight, map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
@@ -136,8 +138,12 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
 
 def shared_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
     """Return the errors that all pictures or positions share, and a line where they cannot be tested for."""
+    if map_.bundle is None:
+        return None, []
     try:
-        return (None if map_.bundle is None else systematic_errors(map_.bundle)), []
+        tested = error_test(map_.bundle)
+        line = antenna_untold_warning(map_.bundle, tested) if tested else ""
+        return tested.errors if tested else None, [line] if line else []
     except BackendError as error:
         line = f"errors that all pictures or all positions share cannot be tested for: {error}"
         return None, [f"{line}; compare one distance with the ground"]
@@ -168,6 +174,16 @@ def _covariances(context: Context, map_: Map) -> Array:
     camera_stamps_s = map_.observations.camera_stamps_s[map_.observations.frame_index]
     std_s = context.clock.stds_at(camera_stamps_s)
     return with_clock_error(map_.covariances, map_.w_T_b, map_.observations.stamps_s, std_s)
+
+
+def _antenna_covariances(map_: Map) -> Array | None:
+    """Return the covariances (n, 3, 3) of the antenna's positions; NaN for pictures outside the main part."""
+    bundle = map_.bundle
+    if bundle is None or antenna_place(bundle) is None:
+        return None
+    covariances = np.full((len(map_.w_T_b), 3, 3), np.nan)
+    covariances[map_.component == 0] = bundle.antenna_covariances
+    return covariances
 
 
 def _rejected_counts(map_: Map, loops: tuple[LoopVerdict, ...]) -> dict[str, int]:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from backend.bundle.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Gps
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.calibration.clock_offset import NO_CORRECTION
+from slam.mapping.calibration.refuted import Refuted
 from slam.mapping.config import PipelineConfig
 from slam.mapping.control_points import surveyed_in_world
 from slam.mapping.front_end import FrontEnd, Observations
@@ -40,8 +41,10 @@ class Context:
     bridges: InertialBridges
     clock: PictureClock = NO_CORRECTION
     """Delays that were taken out of the pictures' stamps."""
-    refuted: SystematicErrors | None = None
-    """Errors of the map with the declared lens, where this one has an estimated lens instead."""
+    refuted: tuple[Refuted, ...] = ()
+    """Calibrations that an earlier map held and the pictures refuted: this map has them as variables."""
+    still_held: str = ""
+    """Why a refuted antenna's place is held all the same; empty where none is."""
 
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:
@@ -61,7 +64,18 @@ class Context:
     def calibrated(self, clock: PictureClock, camera: Camera, observations: Observations) -> Context:
         """Return the context for another camera, and for pictures without the delays of ``clock``."""
         job = replace(self.job, camera=camera)
-        return replace(Context.of(self.flight, job, self.front_end, observations), clock=clock)
+        context = Context.of(self.flight, job, self.front_end, observations)
+        return replace(context, clock=clock, refuted=self.refuted, still_held=self.still_held)
+
+    def with_gps(self, gps: Gps | None, observations: Observations) -> Context:
+        """Return the context for other positions, or for another antenna."""
+        flight = replace(self.flight, gps=gps)
+        return replace(self, flight=flight).calibrated(self.clock, self.job.camera, observations)
+
+    @property
+    def errors_of_refuted_lens(self) -> SystematicErrors | None:
+        """Errors of the map with the declared lens, where this one has an estimated lens instead."""
+        return next((refuted.errors for refuted in self.refuted if refuted.what == "lens"), None)
 
     def with_warning(self, line: str) -> Context:
         """Return the context with one more warning for the user."""

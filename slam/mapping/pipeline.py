@@ -17,6 +17,7 @@ from slam.core.heap import map_large_blocks, trim_heap
 from slam.core.progress import Progress, silent
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.build_estimate import build_estimate, shared_errors
+from slam.mapping.calibration.refuted import HELD, Freed
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
@@ -26,13 +27,14 @@ from slam.mapping.map import Map
 from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.stages import (
     close_loops,
+    freed_calibrations,
     match_overlaps,
     odometry,
-    other_lens,
     refine,
     self_calibrate,
     solve_again,
     track,
+    with_freed,
 )
 
 MOST_PASSES = 2
@@ -68,7 +70,7 @@ def optimize_with_observations(
     flight, job = without_horizon_frames(flight, camera), Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):
-        finished = _with_its_lens(_finished(job, flight, tracked), flight)
+        finished = _with_refuted_freed(_finished(job, flight, tracked), flight)
         context, refined = finished.context, finished.refined
         estimate = build_estimate(context, refined, finished.shared, finished.untested)
         stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
@@ -95,21 +97,39 @@ def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) 
     return _Finished(context, refined, *shared_errors(refined))
 
 
-def _with_its_lens(first: _Finished, flight: Flight) -> _Finished:
-    """Map the flight again, with the lens that the first map shows, where that is another one than was told.
+def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
+    """Map the flight again as long as the pictures refute a calibration that the map holds."""
+    for _ in HELD:
+        freed = freed_calibrations(finished.context, finished.refined, finished.shared)
+        if freed is None:
+            break
+        if freed.changes_nothing(finished.context.job.camera):
+            return replace(finished, context=replace(finished.context, still_held=freed.reason))
+        again = _again(finished, flight, freed)
+        if again is None:
+            break
+        finished = again
+    return finished
 
-    The pictures are then rectified with it: features that the told lens makes move are found again.
+
+def _again(first: _Finished, flight: Flight, freed: Freed) -> _Finished | None:
+    """Return the map with freed calibrations; None where no map comes out of it.
+
+    With another lens the pictures are rectified anew: features that the told one makes move are found again.
     """
-    lens = other_lens(first.context, first.refined, first.shared)
-    if lens is None:
-        return first
+    job = first.context.job
     try:
-        again = _finished(replace(first.context.job, camera=lens.camera), flight)
+        if freed.camera is job.camera:
+            context, refined = with_freed(first.context, first.refined, freed)
+            again = _Finished(context, refined, *shared_errors(refined))
+        else:
+            again = _finished(replace(job, camera=freed.camera), replace(flight, gps=freed.gps))
     except InputError:  # no pictures join with this lens
-        return first
+        return None
     if again.refined.main_share < LEAST_LEFT * first.refined.main_share:
-        return first
-    return replace(again, context=replace(again.context, refuted=lens.refuted))
+        return None
+    refuted = (*first.context.refuted, *freed.refuted)
+    return replace(again, context=replace(again.context, refuted=refuted, still_held=freed.reason))
 
 
 def _first_map(

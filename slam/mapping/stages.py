@@ -16,11 +16,12 @@ from slam.core.flight import Flight
 from slam.core.lens_priors import as_nominal
 from slam.core.progress import show_compilation
 from slam.mapping.build_estimate import reason_kind
+from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.calibration.camera_mount import estimated_mount
 from slam.mapping.calibration.clock_offset import clock_correction, finer_correction
-from slam.mapping.calibration.other_lens import OtherLens, is_refuted, with_lens_of
 from slam.mapping.calibration.picture_turns import tracked_clock
+from slam.mapping.calibration.refuted import Freed, freed_by, suspects, with_lens_of
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
@@ -153,23 +154,33 @@ def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Contex
     return context, refine(context, again, with_inertia=True)
 
 
-def other_lens(context: Context, refined: Map, errors: SystematicErrors | None) -> OtherLens | None:
-    """Return the camera with the lens that the pictures show, where it is another one than was told.
+def freed_calibrations(context: Context, refined: Map, errors: SystematicErrors | None) -> Freed | None:
+    """Return what is told of the instruments after the calibrations are freed that the pictures refute.
 
-    That is a held lens whose ``errors`` displace the poses by more than their covariances state, or one of
-    another model.
+    They are held ones whose ``errors`` displace the poses by more than their covariances state, and a lens of
+    another model. The result is None where nothing is refuted.
     """
-    camera = context.job.camera
+    camera, gps = context.job.camera, context.flight.gps
     if refined.camera.lens != camera.lens:
-        return OtherLens(with_lens_of(camera, refined.camera), None)
-    if not is_refuted(refined.bundle, errors):
+        return Freed(with_lens_of(camera, refined.camera), gps)
+    suspected = suspects(refined.bundle, errors)
+    if errors is None or not suspected.refuted:
         return None
     with context.timer("refine"):
-        setup = replace(context.setup, camera=as_nominal(context.setup.camera))
-        found = refine_map(refined, setup, context.job.progress)
-    if found.bundle is None or found.bundle.lens is None:
-        return None
-    return OtherLens(with_lens_of(as_nominal(camera), found.camera), errors)
+        trial = refine_map(refined, suspected.free(context.setup), context.job.progress)
+    refuted, reason = freed_by(trial.bundle, suspected, errors)
+    for each in refuted:
+        if each.what == "lens":
+            camera = with_lens_of(as_nominal(camera), trial.camera)
+        elif gps is not None:
+            gps = replace(gps, antenna_std_m=NOMINAL_ANTENNA_STD_M)
+    return Freed(camera, gps, refuted, reason)
+
+
+def with_freed(context: Context, refined: Map, freed: Freed) -> tuple[Context, Map]:
+    """Solve and refine once more with freed calibrations, where the lens is as it was."""
+    context = context.with_gps(freed.gps, refined.observations)
+    return context, refine(context, solve_again(context, refined), with_inertia=True)
 
 
 def _estimated_mount(context: Context, refined: Map) -> Camera | None:

@@ -7,6 +7,7 @@ from math import degrees, floor, log10
 
 from slam.core.instrument_errors import (
     AccelerometerErrors,
+    AntennaPlace,
     AttitudeErrors,
     BarometerErrors,
     LensNumber,
@@ -64,6 +65,15 @@ def held_lens_text(found: Mapping[str, LensNumber] | None) -> str:
 def _rounded(value: float, std: float) -> str:
     """Return the value to two digits of its standard deviation."""
     return f"{value:.{max(0, 1 - floor(log10(std)))}f}"
+
+
+def antenna_text(found: AntennaPlace | None) -> str:
+    """Estimated place of the GPS antenna on the body, in words."""
+    if found is None:
+        return ""
+    rows = zip(("forward", "left"), found.place_m, found.std_m, found.told_m, strict=False)
+    each = [f"{axis} {at:+.2f} ±{SPACE}{std:.2g} m (told {told:+.2f})" for axis, at, std, told in rows]
+    return ", ".join(each)
 
 
 def accelerometer_text(found: AccelerometerErrors | None) -> str:

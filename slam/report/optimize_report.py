@@ -16,6 +16,7 @@ from slam.report.answers import limit_sentence, pilots_answers
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_text,
+    antenna_text,
     arm_text,
     attitude_text,
     barometer_text,
@@ -154,6 +155,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Camera's mount is off by", mount_text(estimate.instruments.mount)),
         Item("Lens, estimated", lens_text(estimate.instruments.lens)),
         Item("Lens, not determined and held", held_lens_text(estimate.instruments.lens)),
+        Item("GPS antenna's place on the body, estimated", antenna_text(estimate.instruments.antenna)),
         Item("Accelerometer's offset", accelerometer_text(estimate.instruments.accelerometer)),
         Item("Accelerometer's place on the body", arm_text(estimate.instruments.accelerometer)),
         Item("Accelerometer lags the gyro by", lag_text(estimate.instruments.accelerometer)),

@@ -49,14 +49,28 @@ def measure() -> list[Metric]:
 
 
 def off_m(flight: Flight, estimate: Estimate) -> Array:
-    """Return (n, 3) differences of all keyframes' positions from the flight's, in metres."""
+    """Return (n, 3) differences of the antenna's positions at all keyframes from the flight's, in metres."""
     assert flight.gps is not None
     assert flight.frames is not None
     assert estimate.origin is not None
     gps = flight.gps
     fixes = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, gps.altitude_m, estimate.origin)
     at = np.searchsorted(gps.stamps_s, flight.frames.stamps_s[estimate.frame_index])
-    return np.asarray(estimate.w_T_b[:, :3, 3] - fixes[at])
+    return np.asarray(antenna_positions_m(estimate) - fixes[at])
+
+
+def antenna_positions_m(estimate: Estimate) -> Array:
+    """Return the positions (n, 3) of the antenna, which are those that RTK measures."""
+    assert estimate.antenna_m is not None
+    return np.asarray(estimate.w_T_b[:, :3, 3] + estimate.w_T_b[:, :3, :3] @ estimate.antenna_m)
+
+
+def antenna_covariances(estimate: Estimate) -> Array:
+    """Return the covariances (n, 3, 3) of the antenna's positions in the axes of the world."""
+    if estimate.antenna_covariances is not None:
+        return estimate.antenna_covariances
+    R = estimate.w_T_b[:, :3, :3]
+    return np.asarray(R @ estimate.covariances[:, 3:, 3:] @ np.swapaxes(R, 1, 2))
 
 
 def held_out(flight: Flight) -> list[Metric]:
@@ -67,8 +81,7 @@ def held_out(flight: Flight) -> list[Metric]:
     estimate = optimize(replace(flight, gps=some(flight.gps, used)))
     others = ~np.isin(flight.frames.stamps_s[estimate.frame_index], flight.gps.stamps_s[used])
     off = off_m(flight, estimate)[others]
-    R = estimate.w_T_b[others, :3, :3]
-    told = R @ estimate.covariances[others, 3:, 3:] @ np.swapaxes(R, 1, 2)
+    told = antenna_covariances(estimate)[others]
     own = np.diag(np.array(flight.gps.noise_std_m) ** 2)
     nees = np.einsum("na,na->n", off, np.linalg.solve(told + own, off[..., None])[..., 0]) / 3
     count = f"{len(off)} positions that the map does not use"

@@ -1,18 +1,84 @@
-"""The place of the GPS antenna that a map has estimated, beside what was told of it."""
+"""The place of the GPS antenna on the body: what was told of it, and what a map has estimated."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from backend.bundle.refinement import Bundle
+from backend.bundle.systematic_errors import ErrorTest
 from backend.triple import triple
 from slam.core.instrument_errors import AntennaPlace
+
+NOMINAL_ANTENNA_STD_M = 0.2
+"""Standard deviation along each axis of an antenna's place that nobody has measured. Vehicles that carry a
+camera are 0.3 to 1.2 m wide, and the antenna is on them: three deviations are half of the largest width."""
+_CERTAIN = 3.0
+"""Standard deviations from zero at which an offset is seen."""
+_FARTHEST = 3.0
+"""Standard deviations of the prior within which an antenna's place lies."""
+
+
+def antenna_m(bundle: Bundle | None) -> tuple[float, float, float] | None:
+    """Return the place (forward, left, up) that a map has of the antenna; None without positions."""
+    if bundle is None or not bundle.optimum.problem.measurements.positions:
+        return None
+    return triple(bundle.antenna_m)
 
 
 def antenna_place(bundle: Bundle | None) -> AntennaPlace | None:
     """Return the place; None without positions, and where it was held."""
-    if bundle is None:
+    place = antenna_m(bundle)
+    if bundle is None or place is None:
         return None
     measured = bundle.optimum.problem.measurements
-    if not measured.positions or measured.antenna_std_m == 0:
+    if measured.antenna_std_m == 0:
         return None
-    place, std, told = map(triple, (bundle.antenna_m, bundle.antenna_std_m, measured.antenna_m))
+    std, told = map(triple, (bundle.antenna_std_m, measured.antenna_m))
     return AntennaPlace(place, std, told, measured.antenna_std_m)
+
+
+def antenna_untold_warning(bundle: Bundle, tested: ErrorTest) -> str:
+    """Return a line where an antenna may lie away from the body's origin, where it is assumed, unseen.
+
+    At one heading its place moves the whole map, and nothing shows it. The line is empty for fixes that are
+    coarser than a vehicle is large, and for an antenna that is told or estimated.
+    """
+    measured = bundle.optimum.problem.measurements
+    assumed = measured.antenna_std_m == 0 and not measured.antenna_m.any()
+    seen = tested.errors is not None and "position offset" in tested.errors.coefficients
+    if not measured.positions or not assumed or seen:
+        return ""
+    fix_std_m = float(np.median([p.std_m[:2].max() for p in measured.positions]))
+    unseen_m = _CERTAIN * tested.detectable.get("position offset", np.inf)
+    if fix_std_m >= NOMINAL_ANTENNA_STD_M or unseen_m < NOMINAL_ANTENNA_STD_M:
+        return ""
+    return (
+        f"gps0: fixes are good to {fix_std_m:.2g} m, but nothing tells where the antenna is on the body: "
+        "it is held at the body's origin, because at the headings of this flight its place looks like that "
+        "of the whole map or like the lens; the map may lie beside its place on Earth by as much; state the "
+        "antenna's place in T_BS of gps0/sensor.yaml, or fly lines in several headings"
+    )
+
+
+def refusal_of_antenna(bundle: Bundle) -> str:
+    """Return why a place that was free, in ``bundle``, is not to be taken; empty where it is.
+
+    As for the numbers of a lens, the flight must tell more about it than was told: the variance is below half
+    of the prior's, forward and left. Upward it is one with the height of the ground. A place outside the
+    vehicle has another cause, such as a delay.
+    """
+    measured = bundle.optimum.problem.measurements
+    std, prior = bundle.antenna_std_m[:2], measured.antenna_std_m
+    off = (bundle.antenna_m - measured.antenna_m)[:2]
+    if not measured.positions or not (std**2 < 0.5 * prior**2).all():
+        return (
+            "the flight does not tell the antenna's place from the lens and from the place of the whole map "
+            f"(±{np.nanmax(std):.2g} m, ±{prior:.2g} m without the flight)"
+        )
+    if (np.abs(off) > _FARTHEST * prior).any():
+        return (
+            f"it would be {off[0]:+.2f} m forward and {off[1]:+.2f} m left of where it is told, which is "
+            "beside most vehicles and may have another cause, such as a delay; if it is there, state it in "
+            "T_BS of gps0/sensor.yaml"
+        )
+    return ""

@@ -14,6 +14,7 @@ from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
+from slam.mapping.calibration.antenna import antenna_place
 from slam.mapping.calibration.attitude_floor_tilt import (
     AttitudeFloorTilt,
     attitude_floor_tilt,
@@ -37,6 +38,7 @@ from slam.mapping.warnings.single_join import single_join_warnings
 from slam.mapping.warnings.systematic_warning import (
     explains,
     is_outside_covariances,
+    refuted_antenna_warning,
     refuted_lens_warning,
     systematic_warning,
 )
@@ -72,7 +74,7 @@ def messages(
     camera's mount, and lines about tests that were not possible and about the velocity.
     """
     flight, observations = context.flight, map_.observations
-    tilt, systematic = _tilt(context, map_), _systematic_warning(flight, map_, shared)
+    tilt, systematic = _tilt(context, map_), _systematic_warning(context, map_, shared)
     reasons = _reasons(context, map_, not_placed, shared, systematic, tilt)
     lines = (
         *flight.warnings,
@@ -84,6 +86,7 @@ def messages(
         attitude_floor_tilt_warning(tilt),
         mount_warning(mount, flight.camera_file),
         clock_warning(map_.clock, context.clock),
+        _refuted_antenna(context, map_),
         "" if systematic.is_in_status else systematic.line,
         *untested,
         *map_.remarks,
@@ -106,8 +109,10 @@ def _reasons(
     flight = context.flight
     metric = bool(map_.edges.heights.metric[map_.component >= 0].all())
     by_metres = metric or map_.georeferenced
+    antenna = _refuted_antenna(context, map_)
     lines = [
         _refuted_lens(context, map_),
+        antenna if _antenna_is_told(flight) else "",
         # First, because instruments contradict a map that a lens has bent.
         systematic.line if systematic.is_in_status else "",
         *map_.warnings,
@@ -210,13 +215,27 @@ def _stuck_ranges(flight: Flight, map_: Map) -> str:
 
 def _refuted_lens(context: Context, map_: Map) -> str:
     """Report a declared lens in whose place the map has an estimated one."""
-    if context.refuted is None:
+    errors = context.errors_of_refuted_lens
+    if errors is None:
         return ""
     flight, height_m = context.flight, _main_height_m(map_)
     assert flight.camera is not None
-    return refuted_lens_warning(
-        context.refuted, flight.camera, map_.camera, height_m, map_.metric, flight.camera_file
-    )
+    return refuted_lens_warning(errors, flight.camera, map_.camera, height_m, map_.metric, flight.camera_file)
+
+
+def _refuted_antenna(context: Context, map_: Map) -> str:
+    """Report an antenna in whose told or assumed place the map has an estimated one."""
+    place = antenna_place(map_.bundle)
+    errors = next((refuted.errors for refuted in context.refuted if refuted.what == "antenna"), None)
+    if errors is None or place is None:
+        return ""
+    return refuted_antenna_warning(errors, place, map_.camera, _main_height_m(map_))
+
+
+def _antenna_is_told(flight: Flight) -> bool:
+    """Return whether a place of the antenna is told, so that a map may not contradict it without a word in
+    the status; the body's origin is assumed."""
+    return flight.gps is not None and bool(flight.gps.b_T_s[:3, 3].any())
 
 
 def _main_height_m(map_: Map) -> float:
@@ -231,11 +250,14 @@ class _SystematicWarning:
     is_in_status: bool = False
 
 
-def _systematic_warning(flight: Flight, map_: Map, shared: SystematicErrors | None) -> _SystematicWarning:
+def _systematic_warning(context: Context, map_: Map, shared: SystematicErrors | None) -> _SystematicWarning:
     """Return the warning, with the accuracies that the same errors contradict."""
+    flight = context.flight
     line = systematic_warning(shared, map_.camera, _main_height_m(map_), map_.metric, flight.camera_file)
     if not line:
         return _SystematicWarning()
+    if context.still_held:
+        line += f"; the antenna's place is held, because {context.still_held}"
     contradicted = [f"; {c.differs} for this reason" for c in map_.stated_accuracy if explains(shared, c)]
     return _SystematicWarning(
         line + "".join(contradicted), bool(contradicted) or is_outside_covariances(shared)

@@ -9,6 +9,7 @@ import numpy as np
 from backend.bundle.systematic_errors import SystematicErrors
 from backend.bundle.systematic_terms import Kind, lens_displacement
 from frontend.camera import Camera
+from slam.core.instrument_errors import AntennaPlace
 from slam.core.units import length
 from slam.mapping.gps.stated_accuracy import Contradiction
 
@@ -55,6 +56,21 @@ def refuted_lens_warning(
     line = systematic_warning(found, declared, height_m, metric, camera_file)
     lens = "an equidistant fisheye" if used.lens == "equidistant" else "a lens with distortion"
     return f"{line}; so was the map with it, and this one has {lens} instead, as estimated from the pictures"
+
+
+def refuted_antenna_warning(
+    found: SystematicErrors, place: AntennaPlace, camera: Camera, height_m: float
+) -> str:
+    """Return the warning about an antenna whose told or assumed place the map has replaced by ``place``."""
+    axes = zip(("forward", "left"), place.place_m, place.std_m, strict=False)
+    here = ", ".join(f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in axes)
+    held = "where T_BS of gps0/sensor.yaml tells" if any(place.told_m) else "at the body's origin, as assumed"
+    offset = _term("position offset", found, camera, height_m)
+    return (
+        f"{_PATTERN['position offset']} ({offset}), so the antenna is not {held}; this map has it at {here}, "
+        "as estimated; measure its place, and state it in T_BS of gps0/sensor.yaml (slam import writes this "
+        "file for photographs)"
+    )
 
 
 def is_outside_covariances(found: SystematicErrors | None) -> bool:

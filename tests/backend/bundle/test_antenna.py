@@ -9,16 +9,16 @@ import pytest
 
 from backend.bundle.refinement import Bundle, refine
 from tests.backend.bundle.made_scenes import SURVEY, position_rms, turned
-from tests.backend.made_floor import Made, make, nees
+from tests.backend.made_floor import Made, Scene, make, nees
 
 ARM_M = np.array([0.3, -0.5, 0.2])
 RTK = replace(SURVEY, position_std_m=(0.02, 0.03))
 
 
-def flown(seed: int) -> Made:
+def flown(seed: int, scene: Scene = RTK) -> Made:
     """A survey by RTK whose antenna is away from the body's origin, over all headings."""
-    headings = np.random.default_rng(100 + seed).integers(0, 4, RTK.keyframes)
-    made = turned(make(RTK, seed), headings)
+    headings = np.random.default_rng(100 + seed).integers(0, 4, scene.keyframes)
+    made = turned(make(scene, seed), headings)
     positions = tuple(
         replace(p, w_p_b_m=p.w_p_b_m + made.w_T_b[p.k, :3, :3] @ ARM_M) for p in made.measurements.positions
     )
@@ -28,6 +28,10 @@ def flown(seed: int) -> Made:
 def refined(made: Made, antenna_m: np.ndarray, std_m: float) -> Bundle:
     measured = replace(made.measurements, antenna_m=antenna_m, antenna_std_m=std_m)
     return refine(measured, made.start, made.floor_z_m)
+
+
+def antennas(w_T_b: np.ndarray, antenna_m: np.ndarray) -> np.ndarray:
+    return w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ antenna_m
 
 
 def test_a_told_antenna_leaves_no_error() -> None:
@@ -50,3 +54,18 @@ def test_an_unknown_antenna_is_found_where_the_vehicle_turns() -> None:
         assert bundle.antenna_std_m[2] > 0.4
     assert 0.3 < np.mean(np.square(squares)) < 2.0
     assert 2.5 < np.mean(of_poses) < 10.5
+
+
+@pytest.mark.slow
+def test_the_antenna_s_positions_are_as_certain_as_is_told() -> None:
+    """Where its place is a variable, they are more certain than those of the body: positions measure them."""
+    squares = []
+    for seed in range(12):
+        made = flown(seed, replace(RTK, pixel_std=0.02, told_pixel_std=0.02))
+        bundle = refined(made, np.zeros(3), 0.5)
+        off_m = antennas(bundle.w_T_b, bundle.antenna_m) - antennas(made.w_T_b, ARM_M)
+        weighted = np.linalg.solve(bundle.antenna_covariances, off_m[..., None])[..., 0]
+        squares.append(np.mean(np.sum(off_m * weighted, axis=1)))
+        body = np.trace(bundle.covariances[:, 3:, 3:], axis1=1, axis2=2)
+        assert (np.trace(bundle.antenna_covariances, axis1=1, axis2=2) < body).all()
+    assert 2.0 < np.mean(squares) < 4.5

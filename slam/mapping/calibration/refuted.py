@@ -1,0 +1,114 @@
+"""Calibrations that are held as told or assumed, and that the pictures refute: the lens, and the antenna.
+
+A refuted calibration is freed: the flight is mapped again with it as a variable. It stays held where the
+flight does not tell it from the others, because then another cause explains the same residuals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from backend.bundle.refinement import Bundle
+from backend.bundle.systematic_errors import SystematicErrors
+from backend.bundle.systematic_terms import LENS_KINDS, Kind
+from frontend.camera import Camera
+from slam.core.flight import Gps
+from slam.core.lens_priors import as_nominal
+from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M, refusal_of_antenna
+from slam.mapping.setup import Setup
+
+Held = Literal["lens", "antenna"]
+HELD: tuple[Held, ...] = ("lens", "antenna")
+"""Calibrations that may be held."""
+_KINDS: dict[Held, tuple[Kind, ...]] = {"lens": LENS_KINDS, "antenna": ("position offset",)}
+"""Kinds of errors that each calibration makes where it is wrong."""
+
+
+@dataclass(frozen=True)
+class Refuted:
+    """A calibration that the map has as a variable because the pictures refute what is told of it."""
+
+    what: Held
+    errors: SystematicErrors
+    """The errors of the map that holds it."""
+
+
+@dataclass(frozen=True)
+class Freed:
+    """The instruments as told, after the refuted calibrations are freed."""
+
+    camera: Camera
+    gps: Gps | None
+    refuted: tuple[Refuted, ...] = ()
+    """The calibrations that are freed. A lens of another model that was told as uncertain is not among them.
+    """
+    reason: str = ""
+    """Why a refuted antenna is held all the same; empty where none is."""
+
+    def changes_nothing(self, camera: Camera) -> bool:
+        """Return whether nothing is freed of a map that was made with ``camera``."""
+        return not self.refuted and self.camera is camera
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """Held calibrations that may be the cause of errors."""
+
+    refuted: tuple[Held, ...]
+    """Those without which the errors are not explained."""
+    others: tuple[Held, ...]
+    """Those that could explain the errors in the place of a refuted one."""
+
+    def free(self, setup: Setup) -> Setup:
+        """Return the setup in which all of them are known no better than by nominal values."""
+        if "lens" in (*self.refuted, *self.others):
+            setup = replace(setup, camera=as_nominal(setup.camera))
+        fixes = setup.readings.fixes
+        if "antenna" in self.refuted and fixes is not None:
+            freed = replace(fixes, antenna_std_m=NOMINAL_ANTENNA_STD_M)
+            setup = replace(setup, readings=replace(setup.readings, fixes=freed))
+        return setup
+
+
+def suspects(bundle: Bundle | None, errors: SystematicErrors | None) -> Suspects:
+    """Return the held calibrations that may be the cause of errors.
+
+    A lens is refuted by errors that displace the poses by more than their covariances state. The noise of
+    positions is estimated from what they differ, an offset included, so that the covariances always include
+    it: any offset beyond chance refutes the antenna's place.
+    """
+    if bundle is None or errors is None:
+        return Suspects((), ())
+    measured = bundle.optimum.problem.measurements
+    held: list[Held] = [] if bundle.lens is not None or errors.excess <= 1.0 else ["lens"]
+    held += ["antenna"] if measured.positions and measured.antenna_std_m == 0 else []
+    refuted = tuple(what for what in held if any(kind in errors.coefficients for kind in _KINDS[what]))
+    # An antenna that may replace a lens is no lens: nothing is lost where it stays held.
+    others: tuple[Held, ...] = ()
+    if "antenna" in refuted and "lens" not in refuted and bundle.lens is None:
+        others = ("lens",) if any(kind in errors.alternatives for kind in LENS_KINDS) else ()
+    return Suspects(refuted, others)
+
+
+def freed_by(
+    trial: Bundle | None, suspected: Suspects, errors: SystematicErrors
+) -> tuple[tuple[Refuted, ...], str]:
+    """Return the suspects that a ``trial`` with all of them free determines, and why an antenna is none."""
+    if trial is None:
+        return (), ""
+    reason = refusal_of_antenna(trial) if "antenna" in suspected.refuted else ""
+    determined: dict[Held, bool] = {"lens": trial.lens is not None, "antenna": not reason}
+    return tuple(Refuted(what, errors) for what in suspected.refuted if determined[what]), reason
+
+
+def with_lens_of(camera: Camera, found: Camera) -> Camera:
+    """Return ``camera`` with the lens that was ``found``, and what was told of it."""
+    return replace(
+        camera,
+        focal_px=found.focal_px,
+        center_px=found.center_px,
+        distortion=found.distortion,
+        lens=found.lens,
+        told=camera,
+    )
