@@ -56,6 +56,8 @@ class SolvedComponent:
     doubts: tuple[str, ...]
     """Reasons why the result may be wrong, as sentences."""
     warnings: tuple[str, ...]
+    contradictions: tuple[str, ...]
+    """The warnings among these that edges scatter more than their covariances allow."""
     disputed_odometry: tuple[str, ...]
     """A sentence about rejected loops that agree with each other against odometry, or empty."""
 
@@ -106,6 +108,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         open=still_open,
         doubts=tuple(s for s in (*contradictions, *disputes, "" if complete else _cut_off(problem)) if s),
         warnings=(*_warnings(problem, fit), *contradictions),
+        contradictions=tuple(contradictions),
         disputed_odometry=disputes,
     )
 

@@ -58,6 +58,8 @@ class Solution:
     unobserved: tuple[str, ...] = ()
     """Directions that nothing measures, by keyframes, and the pose that was fixed instead."""
     warnings: tuple[str, ...] = ()
+    contradictions: tuple[str, ...] = ()
+    """The warnings among these that edges scatter more than their covariances allow."""
     disputed_odometry: tuple[str, ...] = ()
     """Sentences about rejected loops that contradict odometry, or agree with odometry that was rejected."""
     row_mistakes: tuple[RowMistake, ...] = ()

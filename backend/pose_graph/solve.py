@@ -181,6 +181,7 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
         status=_status(parts, unplaced, converged, warnings),
         unobserved=tuple(unobserved),
         warnings=tuple(warnings),
+        contradictions=tuple(line for part in parts for line in part.contradictions),
         disputed_odometry=tuple(line for part in parts for line in part.disputed_odometry),
     )
 

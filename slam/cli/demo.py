@@ -43,7 +43,7 @@ def demo(
         results = write_results(
             folder, estimate, flight, MosaicOptions(previous_output=out), progress, accuracy
         )
-    screen.print(outcome_table(results.facts, results.summary))
+    screen.print(outcome_table(results.facts, results.summary, results.mosaic))
     for table in tables:
         screen.table(table)
     pictures = (

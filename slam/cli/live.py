@@ -108,7 +108,7 @@ def live(
             folder, estimate, flight, MosaicOptions(mosaic, None, out), progress, Accuracy(tables)
         )
     screen.json_file(out / "summary.json")
-    screen.print(outcome_table(results.facts, results.summary))
+    screen.print(outcome_table(results.facts, results.summary, results.mosaic))
     for table in tables:
         screen.table(table)
     screen.files([out / name for name in ("report.html", "map.html", "mosaic.png") if (out / name).exists()])

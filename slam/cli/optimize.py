@@ -110,7 +110,7 @@ def optimize(
         with options.on_cluster(cluster, scheduler):
             results = _flights(sources, request, out, mosaics, wanted, screen)
     screen.json_file(out / "summary.json")
-    screen.print(outcome_table(results.facts, results.summary))
+    screen.print(outcome_table(results.facts, results.summary, results.mosaic))
     for table in results.tables:
         screen.table(table)
     first = [out / name for name in ("report.html", "map.html", "mosaic.png", MAP_MCAP)]

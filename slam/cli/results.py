@@ -14,6 +14,7 @@ from slam.core.estimate import Estimate, GroundFacts
 from slam.core.figure_table import FigureTable
 from slam.core.flight import Flight
 from slam.core.lost_pictures import REDUNDANT
+from slam.core.messages import Note
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
@@ -21,6 +22,7 @@ from slam.core.units import length
 from slam.io.estimate import write_estimate
 from slam.report.control_table import control_tables
 from slam.report.facts import Facts, chain_on_result, gather
+from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.optimize_report import Accuracy, Mosaics, write_report
 
 if TYPE_CHECKING:
@@ -46,6 +48,7 @@ class Results:
     facts: Facts
     summary: Summary
     tables: tuple[FigureTable, ...] = ()
+    mosaic: MosaicFacts | None = None
 
 
 def write_results(
@@ -122,7 +125,7 @@ def write_summary_and_report(
     (folder / "summary.json").write_text(json_text(summary.to_json()), encoding="utf-8")
     # Last, as it links to the others.
     write_report(folder / "report.html", estimate, summary, flight, mosaics, accuracy)
-    return Results(facts, summary, accuracy.tables)
+    return Results(facts, summary, accuracy.tables, mosaic_facts(mosaics.after, mosaics.quality))
 
 
 def _ground_notes(ground: GroundFacts, metric: bool) -> list[str]:
@@ -131,11 +134,13 @@ def _ground_notes(ground: GroundFacts, metric: bool) -> list[str]:
         return []
     before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]
     return [
-        f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat: its height was measured, from "
-        f"{length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over the floor, and "
-        f"{100 * ground.filled_share:.0f} % of it filled in from around; pictures of 95 % of the ground "
-        f"agree within {after:.2g} px, on a flat floor it would be {before:.2g} px; trust no height where "
-        "elevation.tif has no standard deviation"
+        Note(
+            f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat: its height was "
+            f"measured, from {length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over "
+            f"the floor, and {100 * ground.filled_share:.0f} % of it filled in from around; pictures of 95 "
+            f"% of the ground agree within {after:.2g} px, on a flat floor it would be {before:.2g} px; "
+            "trust no height where elevation.tif has no standard deviation"
+        )
     ]
 
 
@@ -167,10 +172,11 @@ def _write_mosaics(
             names.setdefault(reason, []).append(name)
     notes = [f"mosaic: {len(of)} keyframes left out: {why} ({listed(of)})" for why, of in names.items()]
     if made.note:
-        notes.append(f"mosaic: {made.note}")
+        notes.append(Note(f"mosaic: {made.note}"))
     notes += _ground_notes(made.ground.facts, estimate.metric)
     if made.kept:
-        notes.append(f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged")
+        kept = f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged"
+        notes.append(Note(kept))
     try:
         chain = chain_on_result(estimate)
         chain_picture = write_chain_picture(estimate, flight, folder, chain, made.png_gsd_m, progress)

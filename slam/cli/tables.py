@@ -12,8 +12,10 @@ from rich.table import Table
 from rich.text import Text
 
 from slam.core.errors import one_line
+from slam.core.messages import by_kind
 from slam.core.units import percent
 from slam.report.facts import Facts
+from slam.report.mosaic_facts import MosaicFacts
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -40,12 +42,12 @@ def rich_table(figures: FigureTable) -> Table:
     return made
 
 
-def outcome_table(facts: Facts, summary: Summary) -> Table:
+def outcome_table(facts: Facts, summary: Summary, mosaic: MosaicFacts | None = None) -> Table:
     """Return the table of an optimization's result."""
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=False)
     made.add_column(style="bold")
     made.add_column(overflow="fold")
-    for name, value in _outcome_rows(facts, summary):
+    for name, value in _outcome_rows(facts, summary, mosaic):
         made.add_row(name, Text(one_line(value)))
     return made
 
@@ -65,7 +67,7 @@ def _position_sigma(facts: Facts) -> str:
     return text + (f"; mostly the common scale ({percent(facts.scale_std)})" if facts.mostly_scale else "")
 
 
-def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
+def _outcome_rows(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> list[tuple[str, str]]:
     placed = f"{facts.placed} of {facts.keyframes} placed"
     if not facts.is_graph:
         placed += f", from {facts.frames} pictures"
@@ -87,12 +89,21 @@ def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
         rows.insert(3, ("error", f"{summary.error:.6g} after {summary.iterations} iterations"))
     if summary.error is not None and summary.certificate is not None:
         rows.insert(4, ("optimum", summary.certificate.sentence(summary.error)))
-    return [*rows, *warning_rows(summary.warnings)]
+    return [*rows, *_place_rows(facts, mosaic), *warning_rows(summary.warnings)]
+
+
+def _place_rows(facts: Facts, mosaic: MosaicFacts | None) -> list[tuple[str, str]]:
+    """Return the size of a pixel and the coordinate systems of a mosaic; none without one."""
+    if mosaic is None:
+        return []
+    size = f"{mosaic.width} x {mosaic.height} pixels of {facts.length(mosaic.pixel_m)}"
+    return [("mosaic.tif", f"{size}; {facts.plane}"), ("heights", facts.datum)]
 
 
 def warning_rows(warnings: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the first warnings, and the number of those that are left out."""
-    rows = [("warning", warning) for warning in warnings[:_MOST_WARNINGS]]
-    if len(warnings) > len(rows):
-        rows.append(("", f"and {len(warnings) - len(rows)} more warnings in summary.json"))
+    """Return the first messages with their kind, warnings first, and how many are left out."""
+    found = by_kind(warnings)
+    rows = [*(("warning", line) for line in found.warnings), *(("note", line) for line in found.notes)]
+    if (more := len(rows) - _MOST_WARNINGS) > 0:
+        rows[_MOST_WARNINGS:] = [("", f"and {more} more messages in summary.json")]
     return rows

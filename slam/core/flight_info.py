@@ -12,6 +12,7 @@ from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
 from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu
+from slam.core.messages import Note, same_kind
 from slam.core.names import listed
 from slam.core.stream_anomalies import (
     camera_anomalies,
@@ -137,7 +138,9 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
     if flight.all_keyframes:
         return ()  # photographs: the import has reported the assumptions
     if flight.parts:
-        return tuple(f"{part.name}: {line}" for part in flight.parts for line in missing_for_map(part))
+        return tuple(
+            same_kind(line, f"{part.name}: {line}") for part in flight.parts for line in missing_for_map(part)
+        )
     lines = []
     if flight.attitude is None:
         lines.append(
@@ -146,8 +149,10 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
         )
     if flight.imu is None:
         lines.append(
-            "no IMU: segments where pictures do not match cannot be bridged, and the map may fall into "
-            "parts; record imu0, or keep the floor in view"
+            Note(
+                "no IMU: segments where pictures do not match cannot be bridged, and the map may fall into "
+                "parts; record imu0, or keep the floor in view"
+            )
         )
     return tuple(lines)
 
@@ -201,12 +206,16 @@ def _missing_for_scale(flight: Flight) -> list[str]:
 
 def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     if flight.parts:
-        return [f"{part.name}: {line}" for part in flight.parts for line in describe(part).anomalies]
+        return [
+            same_kind(line, f"{part.name}: {line}")
+            for part in flight.parts
+            for line in describe(part).anomalies
+        ]
     lines = [
         f"{s.name}: {s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s; it "
         "measured nothing then: check the recorder"
         for s in streams
-        if s.gaps and not (flight.all_keyframes and s.name in ("cam0", "gps0"))
+        if s.gaps and not flight.all_keyframes  # photographs hold their readings in their tags
     ]
     lines += _not_overlapping(streams)
     if flight.camera is not None:
@@ -296,8 +305,10 @@ def _imu_anomalies(imu: Imu) -> list[str]:
     lines += imu_axis_anomalies(imu)
     if at_rest and gyro > GYRO_OFF_RAD_S:
         lines.append(
-            f"imu0: the gyro reads {gyro:.3f} rad/s at rest; the map estimates this offset, and other "
-            "programs need it subtracted"
+            Note(
+                f"imu0: the gyro reads {gyro:.3f} rad/s at rest; the map estimates this offset, and other "
+                "programs need it subtracted"
+            )
         )
     return lines
 

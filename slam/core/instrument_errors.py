@@ -43,6 +43,8 @@ class AccelerometerErrors:
     """Standard deviation of ``scale``; it includes the uncertainty of the accelerometer's own gain."""
     used: bool
     """Whether the map's scale uses the accelerometer."""
+    others_std: float | None = None
+    """Relative standard deviation of the map's lengths without it; None where nothing else tells them."""
     delay_s: float = 0.0
     """Delay of the pictures' stamps behind those of the IMU for the same moment, before any step of it."""
     delay_std_s: float = float("inf")

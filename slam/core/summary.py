@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from slam.core.messages import by_kind
+
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
     from backend.pose_graph.solution import RangeErrors, RowMistake
@@ -43,6 +45,7 @@ class Summary:
     timing_s: dict[str, float] = field(default_factory=dict)
     peak_rss_mb: float = 0.0
     warnings: tuple[str, ...] = ()
+    """Messages of both kinds, as `slam.core.messages` tells them apart."""
     error: float | None = None
     """Half the sum of squared whitened residuals over all kept edges; for pose graphs only."""
     iterations: int | None = None
@@ -81,6 +84,7 @@ class Summary:
             "timing_s": {stage: round(seconds, 4) for stage, seconds in self.timing_s.items()},
             "peak_rss_mb": round(self.peak_rss_mb, 1),
             "warnings": list(self.warnings),
+            "notes": list(by_kind(self.warnings).notes),
         }
         for name, pictures in (("not_placed", self.not_placed), ("not_drawn", self.not_drawn)):
             if pictures:

@@ -41,6 +41,7 @@ from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
 from slam.core.geodesy import GeoOrigin
+from slam.core.messages import by_kind, with_notes
 from slam.io.atomic import write_whole
 from slam.io.estimate_text import loops_text, trajectory_text
 from slam.io.files import brief
@@ -139,6 +140,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "not_drawn": estimate.not_drawn,
         "timing_s": estimate.timing_s,
         "warnings": list(estimate.warnings),
+        "notes": list(by_kind(estimate.warnings).notes),
         "graph_error": float(estimate.graph_error),
         "iterations": int(estimate.iterations),
         "ways": list(estimate.trajectory_names),
@@ -273,7 +275,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         not_placed=dict(record.get("not_placed", {})),
         not_drawn=dict(record.get("not_drawn", {})),
         timing_s=dict(record["timing_s"]),
-        warnings=tuple(record["warnings"]),
+        warnings=with_notes(record["warnings"], record.get("notes", ())),
         graph_error=float(record["graph_error"]),
         iterations=int(record["iterations"]),
         trajectory_names=_trajectory_names(record),

@@ -12,6 +12,7 @@ from typing import Any
 
 from frontend.camera import Camera
 from slam.core.flight import Flight
+from slam.core.messages import same_kind, with_notes
 from slam.core.names import listed
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import sort_by_time
@@ -27,7 +28,7 @@ from slam.io.streams import COLUMNS, KNOWN_KEYS
 __all__ = ["read_flight", "write_flight"]
 
 _NOTE_KEYS = ("vehicle", "place", "date", "source", "licence", "notes")
-_FLIGHT_KEYS = ("name", "landmark_pairs", "gaps", "all_keyframes", "assumed")
+_FLIGHT_KEYS = ("name", "landmark_pairs", "gaps", "all_keyframes", "assumed", "no_action")
 _MAX_LISTED = 8
 """Largest number of flights that the error message for a folder of flights names."""
 
@@ -198,10 +199,18 @@ def _flag(metadata: YamlFile, key: str) -> bool:
 
 def _assumptions(metadata: YamlFile) -> list[str]:
     """Return the notes about losses, repairs and assumptions from an earlier conversion of the flight."""
-    lines = metadata.fields.get("assumed", [])
-    if not isinstance(lines, list) or not all(isinstance(line, str) for line in lines):
-        raise metadata.refuse("assumed", "is not a list of lines", "write one `- line` for each")
-    return [brief(line, 600) for line in lines]
+    lines = with_notes(_lines(metadata, "assumed"), _lines(metadata, "no_action"))
+    return [same_kind(line, brief(line, 600)) for line in lines]
+
+
+def _lines(metadata: YamlFile, key: str) -> list[str]:
+    lines = metadata.fields.get(key, [])
+    if not isinstance(lines, list):
+        raise metadata.refuse(key, "is not a list of lines", "write one `- line` for each")
+    texts = [line for line in lines if isinstance(line, str)]
+    if len(texts) < len(lines):
+        raise metadata.refuse(key, "is not a list of lines", "write one `- line` for each")
+    return texts
 
 
 def _notes(recording: _Recording) -> dict[str, str]:

@@ -29,6 +29,7 @@ from slam.core.flight import (
     Truth,
     Velocity,
 )
+from slam.core.messages import by_kind
 from slam.core.progress import Progress, silent
 from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
@@ -77,7 +78,9 @@ def _metadata_text(flight: Flight) -> str:
     if flight.all_keyframes:
         metadata["all_keyframes"] = True
     if flight.warnings:
-        metadata["assumed"] = list(flight.warnings)
+        metadata["assumed"] = list(map(str, flight.warnings))
+    if notes := by_kind(flight.warnings).notes:
+        metadata["no_action"] = list(map(str, notes))
     # Without escapes, YAML would read these characters back as a blank.
     special_breaks = any(c in "".join(map(str, metadata.values())) for c in ("\x85", "\u2028", "\u2029"))
     return yaml.safe_dump(metadata, sort_keys=False, allow_unicode=not special_breaks, width=110)

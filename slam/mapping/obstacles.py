@@ -18,6 +18,7 @@ from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
 from slam.core.flight import Flight, Image, Sonar
+from slam.core.messages import Note
 from slam.mapping.config import MaskingConfig
 
 Array = NDArray[np.float64]
@@ -237,7 +238,7 @@ def find_obstacles(
         *(["they are not used as flying heights"] if config.echoes else []),
         *(["pixels that show them are masked"] if config.pixels else []),
     ]
-    warning = (
+    warning = Note(
         f"obstacles: {standing.sum()} of {measured} sonar echoes come from {gamma:.2f} to "
         f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor; {', and '.join(done)}"
     )

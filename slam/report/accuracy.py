@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,11 +21,38 @@ if TYPE_CHECKING:
     from slam.evaluation.score import Evaluation
     from slam.mapping.live.mapper import LiveState
 
-_NEES = "errors beside the stated uncertainty (mean NEES)"
+_NEES = "squared errors over those that the stated uncertainty expects, times 6 (NEES)"
 
 
-def against_truth(evaluation: Evaluation) -> str:
-    """Return in one sentence how far a map lies from its reference, and whether its uncertainty is right."""
+@dataclass(frozen=True)
+class AgainstTruth:
+    """The comparison of a map with its reference in words; empty without a reference."""
+
+    map_: str = ""
+    loops: str = ""
+    """How many of the loops are right."""
+
+
+NOT_COMPARED = AgainstTruth()
+"""The words for a map without a reference."""
+
+
+def against_truth(evaluation: Evaluation) -> AgainstTruth:
+    """Return in words how far a map lies from its reference, and whether uncertainty and loops are right."""
+    return AgainstTruth(_map_against_truth(evaluation), _loops_against_truth(evaluation))
+
+
+def _loops_against_truth(evaluation: Evaluation) -> str:
+    loops = evaluation.loops
+    if loops is None or not loops.true_kept + loops.false_kept:
+        return ""
+    return (
+        f"By the truth, {loops.false_kept} of {loops.true_kept + loops.false_kept} kept matches are false"
+        + (f"; of {loops.undecided_kept} more it cannot tell." if loops.undecided_kept else ".")
+    )
+
+
+def _map_against_truth(evaluation: Evaluation) -> str:
     if not evaluation.metric:
         return ""
     whom = "the truth" if evaluation.reference == "truth" else "the GPS"

@@ -1,206 +1,115 @@
-"""Answers to the questions that a pilot asks of a map, each in one sentence of the report's first table."""
+"""Answers to the questions that a pilot asks of a map, each in some sentences of the report's first table."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
-from slam.core.units import SPACE, length, percent, unit
+from slam.core.messages import by_kind, reasons_of
+from slam.core.units import percent, unit
+from slam.report.accuracy import NOT_COMPARED, AgainstTruth
+from slam.report.accuracy_answers import distance, heights, least_certain, loops, not_as_it_is, place, scale
+from slam.report.advice import in_words, limit, next_steps
 from slam.report.facts import Facts
 from slam.report.left_out import left_out
+from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from slam.core.summary import Summary
-    from slam.report.rasters.quality import UncertainGround
 
-_INSTRUMENTS = {
-    "range": (
-        "the height sensor",
-        "measure one distance on the ground and compare it with map.html; hold the drone at two heights "
-        "measured by tape, and state gain and zero of the height sensor in sensor.yaml",
-    ),
-    "pictures": ("the pictures themselves", "fly lower, with more overlap, or with a sharper camera"),
-    "flat_floor": ("how flat the ground is", "fly higher above the uneven ground, or map it in parts"),
-    "attitude": ("the attitude sensor", "calibrate its level, or fly the same rows in both directions"),
-    "position": ("the GPS", "use a receiver with corrections (RTK), or measure ground points"),
-    "control": ("the control points", "mark more of them, spread to the corners of the ground"),
-    "imu": ("the IMU", "calibrate the IMU at rest before the flight"),
-    "velocity": ("the vehicle's own velocity", "avoid stretches of floor without texture, or record the IMU"),
-    "barometer": ("the barometer", "climb and descend more, or add a height sensor or GPS"),
-    "assumed": (
-        "assumed values, which no instrument measured",
-        "state them in sensor.yaml with their uncertainty",
-    ),
-}
-"""Name of a share in `backend.bundle.information_shares` -> in words, and what improves it."""
-_STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
-"""Instrument that tells the scale -> name of its stream in warnings."""
-_IF_WRONG = "Lengths that it tells 1 % too long make the map 1 % too large."
 _MOST_GAPS = 3
 """Stretches without pictures that are named."""
-_EXAMPLE_M = 10.0
-"""Length of the example; a map smaller than this takes its own size."""
-
-
-def limit(shares: Mapping[str, Mapping[str, float]]) -> tuple[str, float] | None:
-    """Return the instrument with the largest share in the variance of the place of the farthest keyframe.
-
-    None where no shares are known.
-    """
-    rows = [shares[axis] for axis in ("x", "y") if axis in shares]
-    if not rows:
-        return None
-    mean = {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
-    name = max(mean, key=mean.__getitem__)
-    return name, mean[name]
-
-
-def limit_sentence(shares: Mapping[str, Mapping[str, float]]) -> str:
-    """Return what limits the accuracy of a map, in one sentence; empty where it is not known."""
-    found = limit(shares)
-    if found is None:
-        return ""
-    name, share = found
-    return f"What limits this: {_words(name)[0]}, the cause of {percent(share)} of the squared error."
 
 
 def pilots_answers(
     estimate: Estimate,
     summary: Summary,
     facts: Facts,
-    against_truth: str = "",
-    ground: UncertainGround | None = None,
+    against_truth: AgainstTruth = NOT_COMPARED,
+    mosaic: MosaicFacts | None = None,
 ) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a flight.
 
-    ``against_truth``: the comparison with the truth in one sentence, where there is a truth. ``ground``: the
-    least certain ground, where there is a mosaic.
+    ``mosaic``: figures of the mosaic, where there is one.
     """
     rows = [
         Item("Can I use this map?", _usable(estimate, summary)),
-        Item("How accurate is a place on it?", _place(facts, summary)),
-        Item("Where is it least certain?", _least_certain(estimate, facts, ground)),
-        Item("How far is it from the truth?", against_truth),
-        Item("How far can I trust a distance or an area?", _distance(estimate, facts)),
-        Item("Is the scale right, and by which instrument?", _scale(estimate, facts, summary)),
+        Item("What does the status promise, and what not?", _promise(estimate, summary, facts)),
+        Item("How accurate is a place on it?", place(facts, summary, mosaic)),
+        Item("How far can I trust a distance or an area?", distance(estimate, facts, mosaic)),
+        Item("Where is it least certain?", least_certain(estimate, facts, mosaic)),
+        Item("How far is it from the truth?", against_truth.map_),
+        Item("Is the scale right, and by which instrument?", scale(estimate, facts, summary)),
         Item("What limits the accuracy?", _limit(estimate)),
-        Item("How do I make the next map better?", _next_step(estimate, facts, summary)),
-        Item("Is any of the ground missing?", _missing(estimate, facts, summary)),
+        Item("How do I make the next map better?", _next(estimate, facts, summary)),
         Item("What failed?", _failed(estimate, facts, summary)),
+        Item("Is any of the ground missing?", _missing(estimate, facts, summary)),
+        Item("Was a place recognised again, and is that right?", loops(estimate, facts, against_truth.loops)),
         Item("What was left out, and do I have to act?", _left_out(facts, summary)),
-        Item("Was a place recognised again?", _loops(facts)),
+        Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
+        Item("Are the heights true?", "" if facts.is_graph else heights(estimate, facts, summary)),
+        Item("Where is the mosaic, and how big is a pixel?", _whereabouts(facts, mosaic)),
         Item("Which way do x and y point, and where is north?", _axes(estimate, facts)),
         Item("Where on Earth is it?", "" if facts.is_graph else _on_earth(estimate)),
     ]
     return tuple(row for row in rows if row.value)
 
 
-def _words(name: str) -> tuple[str, str]:
-    return _INSTRUMENTS.get(name, (name.replace("_", " "), ""))
-
-
 def _usable(estimate: Estimate, summary: Summary) -> str:
+    found = by_kind(summary.warnings)
+    named = reasons_of(summary.status, summary.warnings)
+    others = sum(line not in named for line in found.warnings)
+    more = _counted(
+        others, "warning", "warnings", "to act on stands under Warnings", "to act on stand under Warnings"
+    )
+    notes = _counted(len(found.notes), "note", "notes", "there needs no action", "there need no action")
+    told = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
-        notes = len(summary.warnings)
-        more = f" Read the {notes} note{'s' * (notes > 1)} under Warnings." if notes else ""
-        assumed = " But no second instrument checks this accuracy: see “Is the scale right?” below."
-        alone = assumed if estimate.accuracy_basis else ""
-        return f"Yes: the measurements that the map uses agree within the accuracy below.{alone}{more}"
-    return "Only with care: “Check this first” above names what is wrong and what to do about it."
+        alone = " But no second instrument checks this accuracy: see “Is the scale right?” below."
+        doubt = alone if estimate.accuracy_basis else ""
+        return f"Yes: the measurements that the map uses agree within the accuracy below.{doubt}{told}"
+    return f"Only with care: “Check this first” above names what is wrong and what to do about it.{told}"
 
 
-def _place(facts: Facts, summary: Summary) -> str:
-    if not np.isfinite(facts.sigma_median_m):
-        return "Not known: no uncertainty could be computed for most of it."
-    relative = f" relative to {facts.relative_to}" if facts.relative_to else " on Earth"
+def _counted(count: int, one: str, many: str, after_one: str, after_many: str) -> str:
     return (
-        f"{'A pose' if facts.is_graph else 'A keyframe (a picture that the map is made of)'} is "
-        "typically known to "
-        f"±{SPACE}{facts.length(facts.sigma_median_m)}{relative}: one standard deviation. Two times out of "
-        "three the error is smaller on each axis; an error three times as large is rare."
-        + (" It does not count what “Check this first” above names." if summary.status != "ok" else "")
+        ""
+        if count == 0
+        else f"{count} {one if count == 1 else many} {after_one if count == 1 else after_many}"
     )
 
 
-def _least_certain(estimate: Estimate, facts: Facts, ground: UncertainGround | None) -> str:
-    k = facts.least_certain
-    if k is None:
-        return ""
-    x, y, _ = estimate.w_T_b[k, :3, 3].tolist()
-    m = unit(facts.metric)
-    what = "pose" if facts.is_graph else "keyframe"
-    name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
-    path = f"Around x = {x:.3g} {m}, y = {y:.3g} {m} ({what} {k}{f', {name}' * bool(name)})"
-    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}."
-    if ground is None:
-        return f"{path} map.html colours the path by it."
-    return (
-        f"The ground around x = {ground.x_m:.3g} {m}, y = {ground.y_m:.3g} {m}, known to "
-        f"±{SPACE}{facts.length(ground.std_m)}: the darkest of the middle map below. The path: "
-        f"{path[0].lower()}{path[1:]}"
-    )
-
-
-def _distance(estimate: Estimate, facts: Facts) -> str:
-    if not facts.metric:
-        return "In metres not at all: no sensor measured a length. Ratios of distances are right."
-    if not np.isfinite(facts.sigma_median_m):
-        return "Not known."
-    apart_m = min(_EXAMPLE_M, max(facts.extent_m))
-    ends = f"±{SPACE}{facts.length(np.sqrt(2) * facts.sigma_median_m)}"
-    if not facts.scale_std or not apart_m > 0:
-        return f"A distance between two far places to about {ends}, one between near places better."
-    by_scale = f"±{SPACE}{length(facts.scale_std * apart_m)} ({percent(facts.scale_std)})"
-    return (
-        f"A distance of {facts.length(apart_m)} is right to {by_scale} by the scale, and an area to twice "
-        f"that share ({percent(2 * facts.scale_std)}), one standard deviation. The same share holds for any "
-        f"other length. {_of_ends(estimate, ends)} map.html measures any distance and area with all of it."
-    )
-
-
-def _of_ends(estimate: Estimate, ends: str) -> str:
-    """Return what the ends of a distance add: errors of a receiver move the whole map and cancel."""
-    found = limit(estimate.information_shares)
-    if found is not None and found[0] == "position":
-        return "The uncertainty of a place on Earth adds little to it: most of that moves the whole map."
-    return (
-        f"The errors of both ends come on top, together typically less than {ends}: the whole is the root of "
-        "the sum of both squares."
-    )
-
-
-def _scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
     if facts.is_graph:
-        return "As right as the edges of the graph, which give it."
-    if not facts.metric:
-        return "Not known: no instrument measured a length. Record a height sensor or GPS."
-    known = f"to ±{SPACE}{percent(facts.scale_std)}" if facts.scale_std else "with an unknown uncertainty"
-    if estimate.accuracy_basis:
+        return ""
+    alone = f" It cannot see an error of an instrument that nothing checks: {estimate.accuracy_basis}"
+    unseen = (
+        alone
+        if estimate.accuracy_basis
+        else " It cannot see an error that all instruments share; one distance measured on the ground would."
+    )
+    if summary.status == "ok":
         return (
-            f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right. {_IF_WRONG}"
-            f" {estimate.accuracy_basis}"
+            "“ok” promises that the map hangs together, that pictures and instruments agree with each "
+            f"other within the accuracy stated here, and that this accuracy holds.{unseen}"
         )
-    if summary.status != "ok":
-        return f"By {facts.scale_source}, {known}; but read “Check this first” above."
-    if " and " not in facts.scale_source:
-        return f"{known[0].upper()}{known[1:]}, if the {facts.scale_source} is right. {_IF_WRONG}"
-    doubted = [
-        stream
-        for name, stream in _STREAMS.items()
-        if name in facts.scale_source and any(line.startswith(f"{stream}: ") for line in summary.warnings)
-    ]
-    if doubted:
-        return (
-            f"{known[0].upper()}{known[1:]}, by {facts.scale_source} together. But a warning below names "
-            f"{' and '.join(doubted)}: measure one distance on the ground to be sure."
-        )
-    return f"Yes, {known}: {facts.scale_source} tell it, and they agree."
+    return (
+        "It names every cause that was found by which the map may be wrong by more than the accuracy "
+        "stated here. The accuracy stated here counts none of them. All else was compared and "
+        f"agrees.{unseen}"
+    )
+
+
+def _whereabouts(facts: Facts, mosaic: MosaicFacts | None) -> str:
+    if mosaic is None:
+        return ""
+    size = f"{mosaic.width} x {mosaic.height} pixels of {facts.length(mosaic.pixel_m)}"
+    return (
+        f"In mosaic.tif beside this page, {size} on the ground; mosaic.png is the same as a picture. "
+        f"Coordinate system of mosaic.tif and elevation.tif: {facts.plane}."
+    )
 
 
 def _limit(estimate: Estimate) -> str:
@@ -209,23 +118,14 @@ def _limit(estimate: Estimate) -> str:
         return ""
     name, share = found
     return (
-        f"Mostly {_words(name)[0]}: the cause of {percent(share)} of the squared error at the farthest place."
+        f"Mostly {in_words(name)}: the cause of {percent(share)} of the squared error at the farthest "
+        "place. The table of instruments below has the shares of the others."
     )
 
 
-def _next_step(estimate: Estimate, facts: Facts, summary: Summary) -> str:
-    steps = []
-    if not facts.loops_kept and not facts.is_graph:
-        steps.append("cross or repeat an earlier part of the path, so that errors do not add up")
-    if not facts.metric:
-        steps.append("record a height sensor or GPS, which give lengths in metres")
-    found = limit(estimate.information_shares)
-    if found is not None and _words(found[0])[1]:
-        steps.append(_words(found[0])[1])
-    if any(gap.shows_nothing for gap in facts.gaps) or _bare(facts, summary):
-        steps.append("cross the missing ground higher, with more light, or with marks on it")
-    text = "; ".join(steps)
-    return f"{text[0].upper()}{text[1:]}." if text else ""
+def _next(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    missing = any(gap.shows_nothing for gap in facts.gaps) or bool(_bare(facts, summary))
+    return next_steps(estimate, facts, summary, missing)
 
 
 def _bare(facts: Facts, summary: Summary) -> int:
@@ -280,19 +180,9 @@ def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{number} {are} not in the mosaic (summary.json says why)")
     if told:
         return f"{told[0][0].upper()}{'; '.join(told)[1:]}."
-    return "Nothing." if not summary.warnings else "Nothing; the warnings name what to check."
-
-
-def _loops(facts: Facts) -> str:
-    if facts.loops_kept:
-        return f"Yes, {facts.loops_kept} times, so errors do not add up over the flight. {_rejected(facts)}"
-    return f"No, so errors add up along the path. {_rejected(facts)}"
-
-
-def _rejected(facts: Facts) -> str:
-    if not facts.loops_rejected:
-        return "No match was rejected."
-    return f"{facts.loops_rejected} other matches were rejected, each with its reason below."
+    return (
+        "Nothing." if not by_kind(summary.warnings).warnings else "Nothing; the warnings name what to check."
+    )
 
 
 def _left_out(facts: Facts, summary: Summary) -> str:
@@ -309,7 +199,7 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     parts = ", ".join(f"{count} {words[kind]}" for kind, count in counts.items() if count)
     if not act:
         return f"{parts}. No need to act on these: the map does not rest on them. The table has the reasons."
-    first = f"“{act[0].reason}” ({act[0].count}): {act[0].act[0].lower()}{act[0].act[1:]}"
+    first = f"“{act[0].what}” ({act[0].count}): {act[0].act[0].lower()}{act[0].act[1:]}"
     return f"{parts}. The map does not rest on them. Act on {first} The table below has the others."
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from slam.core.estimate import Estimate
 from slam.core.units import SPACE, length, percent
 from slam.evaluation.trajectory import gauge
+from slam.report.coordinates import datum_text, plane_text
 from slam.report.gaps import Gap, gaps
 
 if TYPE_CHECKING:
@@ -57,6 +58,16 @@ class Facts:
     gaps: tuple[Gap, ...]
     """Stretches of the path that no usable picture shows."""
     is_graph: bool
+    gps_std_m: float = float("nan")
+    """Horizontal standard deviation of a fix, as the receiver states it or as assumed; NaN without GPS."""
+    range_exact: bool = False
+    """Whether gain and zero of the height sensor are taken as exact."""
+    controlled: bool = False
+    """Whether control points hold the map."""
+    plane: str = ""
+    """Coordinate system of the rasters, in words; empty for a graph."""
+    datum: str = ""
+    """The datum of heights, in words; empty for a graph."""
     metric: bool = True
     """Whether lengths are metres, as `slam.core.estimate.Estimate` defines it."""
 
@@ -104,8 +115,28 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         axes=_axes(estimate, flight),
         gaps=gaps(estimate, flight),
         is_graph=flight is None,
+        gps_std_m=_gps_std_m(flight),
+        range_exact=_range_exact(flight),
+        controlled=_controlled(estimate),
+        plane="" if flight is None else plane_text(estimate),
+        datum="" if flight is None else datum_text(estimate),
         metric=estimate.metric,
     )
+
+
+def _gps_std_m(flight: Flight | None) -> float:
+    if flight is None or flight.gps is None:
+        return float("nan")
+    return float(np.hypot(*flight.gps.noise_std_m[:2]) / np.sqrt(2))
+
+
+def _range_exact(flight: Flight | None) -> bool:
+    sonar = flight.sonar if flight is not None else None
+    return sonar is not None and sonar.scale_std == sonar.datum_std_m == 0
+
+
+def _controlled(estimate: Estimate) -> bool:
+    return estimate.control is not None and any(point.used for point in estimate.control.points)
 
 
 def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
@@ -244,8 +275,7 @@ def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
     if not estimate.metric:
         return "none"
     sources = ["height sensor"] if estimate.range_errors is not None else []
-    control = estimate.control is not None and any(point.used for point in estimate.control.points)
-    sources += ["control points"] if control else []
+    sources += ["control points"] if _controlled(estimate) else []
     sources += ["GPS"] if estimate.origin is not None and flight.gps is not None else []
     accelerometer = estimate.instruments.accelerometer
     sources += ["accelerometer"] if accelerometer is not None and accelerometer.used else []

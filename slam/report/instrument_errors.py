@@ -47,7 +47,8 @@ def mount_text(found: MountTilt | None) -> str:
 def lens_text(found: Mapping[str, LensNumber] | None) -> str:
     """Return the numbers of the lens that the flight determines, in words."""
     return ", ".join(
-        f"{name} {_rounded(n.value, n.std)} ±{SPACE}{n.std:.2g} (told {_rounded(n.told, n.std)})"
+        f"{name} {_rounded(n.value, n.std)} ±{SPACE}{n.std:.2g} (before the flight: "
+        f"{_rounded(n.told, n.std)})"
         for name, n in (found or {}).items()
         if n.estimated
     )
@@ -125,12 +126,3 @@ def barometer_text(found: BarometerErrors | None) -> str:
         return ""
     gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.2g} times the true changes of height"
     return f"{gain}, noise {found.noise_m:.2g}{SPACE}m"
-
-
-def shares_text(shares: Mapping[str, Mapping[str, float]]) -> str:
-    """Return the instrument with the largest share in the variance of each direction, in words."""
-    largest = {direction: max(row, key=row.__getitem__) for direction, row in shares.items()}
-    return ", ".join(
-        f"{direction}: {name.replace('_', ' ')} {100 * shares[direction][name]:.0f} %"
-        for direction, name in largest.items()
-    )

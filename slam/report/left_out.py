@@ -13,6 +13,7 @@ _FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher
 _SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
 _COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
 _OTHER_PLACE = f"{_NO}ground that looks alike is common, and a false link would bend the map."
+_UNPROVEN = f"{_NO}too little in common to tell whether they show one place; the other links hold the map."
 _WEAK = f"{_NO}the other links hold the map."
 
 _REASONS: tuple[tuple[str, str, str], ...] = (
@@ -51,24 +52,32 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
     ),
 )
 """Beginning of a reason -> what it counts, and whether to act."""
-_LINKS: tuple[tuple[str, str, str], ...] = (
-    ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE),
-    ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE),
-    ("folded or no overlap", "would be linked as no camera above a floor can see it", _OTHER_PLACE),
-    ("too few", "have too few points in common", _OTHER_PLACE),
-    ("no plane fits", "have no flat piece of ground in common", _OTHER_PLACE),
-    ("outlier share", "have points in common of which most disagree", _OTHER_PLACE),
-    ("inliers crowded", "have points in common in one small place only", _WEAK),
-    ("homography poorly determined", "fit each other only vaguely", _WEAK),
+_LINKS: tuple[tuple[str, str, str, bool], ...] = (
+    ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE, True),
+    ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE, True),
+    ("folded or no overlap", "would be linked as no camera above a floor can see it", _OTHER_PLACE, True),
+    ("too few", "have too few points in common", _UNPROVEN, False),
+    ("no plane fits", "have no flat piece of ground in common", _UNPROVEN, False),
+    ("outlier share", "have points in common of which most disagree", _UNPROVEN, False),
+    ("inliers crowded", "have points in common in one small place only", _WEAK, False),
+    ("homography poorly determined", "fit each other only vaguely", _WEAK, False),
     (
         "disagrees",
         "contradict the other links",
         "Only if many of them lie in one place: look there in map.html.",
+        True,
     ),
-    ("agrees, but", "agree, but too little is known of where they lie", _WEAK),
-    ("its part of the graph", "lie in a part that could not be solved", "See “Check this first” above."),
+    ("agrees, but", "agree, but too little is known of where they lie", _WEAK, False),
+    (
+        "its part of the graph",
+        "lie in a part that could not be solved",
+        "See “Check this first” above.",
+        False,
+    ),
 )
-"""The same of pairs of pictures; other reasons are those of files that cannot be read."""
+"""The same of pairs of pictures, and whether the rest of the map contradicts the pair; else it is unproven:
+the pair shows too little to tell whether it is right. Other reasons are those of files that cannot be read.
+"""
 _UNREADABLE = (
     "unreadable", "picture cannot be read", "missing", "not a file", "truncated", "damaged", "empty",
     "zeroed", "larger than", "is ", "no PNG", "a TIFF",
@@ -91,11 +100,30 @@ class LeftOut:
         return self.act.startswith(_NO)
 
     @property
+    def verdict(self) -> str:
+        """Verdict of a rejection on a match: "false" or "unproven"; empty for other data."""
+        return "" if self.kind != "match" else "false" if is_contradicted(self.reason) else "unproven"
+
+    @property
     def kind(self) -> str:
         """Kind of the data that is counted: "match", "view" or "link"."""
         if self.reason.startswith(_LOOP):
             return "match"
         return "view" if self.reason.startswith(_VIEW) else "link"
+
+
+def is_contradicted(reason: str) -> bool:
+    """Return whether a rejected match contradicts the rest of the map; else too little speaks for it."""
+    bare = reason.removeprefix(_LOOP)
+    return next((false for beginning, _, _, false in _LINKS if bare.startswith(beginning)), False)
+
+
+def reason_in_words(reason: str) -> str:
+    """Return why a match was rejected, in plain words, with the figures of the reason."""
+    words = next((f"they {what}" for beginning, what, _, _ in _LINKS if reason.startswith(beginning)), reason)
+    figures = reason.partition(" by ")[2] or reason.partition(": ")[2]
+    figures = figures.replace("sigma", "standard deviations").replace(" deg", "°")
+    return f"{words} ({figures})" if figures and words != reason else words
 
 
 def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
@@ -104,7 +132,8 @@ def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
     for reason, count in rejected.items():
         what, act = _found(reason)
         rows.append(LeftOut(what, reason, count, act))
-    return tuple(sorted(rows, key=lambda row: (row.no_need_to_act, -row.count)))
+    order = ("", "false", "unproven")
+    return tuple(sorted(rows, key=lambda row: (row.no_need_to_act, order.index(row.verdict), -row.count)))
 
 
 def _found(reason: str) -> tuple[str, str]:
@@ -112,7 +141,7 @@ def _found(reason: str) -> tuple[str, str]:
     for beginning, what, act in () if of_loops else _REASONS:
         if bare.startswith(beginning):
             return what, act
-    for beginning, what, act in _LINKS:
+    for beginning, what, act, _ in _LINKS:
         if bare.startswith(beginning):
             if of_loops:
                 return f"Pairs of pictures of two visits that {what}", act

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
+from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
 from slam.core.version import VERSION
-from slam.report.answers import limit_sentence, pilots_answers
+from slam.report.accuracy import NOT_COMPARED, AgainstTruth
+from slam.report.advice import limit_sentence
+from slam.report.answers import pilots_answers
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_text,
@@ -26,10 +29,11 @@ from slam.report.instrument_errors import (
     lengths_text,
     lens_text,
     mount_text,
-    shares_text,
     velocity_text,
 )
-from slam.report.left_out import left_out
+from slam.report.instrument_table import instrument_table
+from slam.report.left_out import is_contradicted, left_out, reason_in_words
+from slam.report.mosaic_facts import mosaic_facts
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, bounds_of, thumbnail, trajectory_picture
@@ -37,7 +41,6 @@ from slam.report.pictures import altitude_picture, bounds_of, thumbnail, traject
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
     from slam.core.flight import Flight
-    from slam.report.rasters.quality import UncertainGround
 
 _MOST_REJECTED = 20
 """Largest number of rejected loops listed on the page; loops.csv has all of them."""
@@ -49,6 +52,8 @@ class RejectedLoop:
 
     keyframes: str
     pictures: str
+    verdict: str
+    """"false" or "unproven"."""
     reason: str
 
 
@@ -66,8 +71,7 @@ class Accuracy:
     """Errors of a map, as references outside of it show them."""
 
     tables: tuple[FigureTable, ...] = ()
-    against_truth: str = ""
-    """The comparison with the truth in one sentence; empty without a truth."""
+    against_truth: AgainstTruth = NOT_COMPARED
 
 
 def write_report(
@@ -94,6 +98,8 @@ def render(
     """Return the page as HTML; ``folder`` is where it will lie, for links to the files there."""
     facts = gather(estimate, flight)
     drawable = facts.placed > 0
+    ground = mosaic_facts(mosaics.after, mosaics.quality)
+    reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     before = "as given" if facts.is_graph else "chain alone"
     return render_page(
         "page.html.j2",
@@ -103,8 +109,11 @@ def render(
         unit=unit(facts.metric),
         sentence=sentence(facts, summary.status),
         summary=summary,
+        reasons=tuple(map(sentences, reasons)),
+        warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
+        notes=tuple(map(sentences, kinds.notes)),
         limit=limit_sentence(estimate.information_shares),
-        answers=pilots_answers(estimate, summary, facts, accuracy.against_truth, _ground(mosaics.quality)),
+        answers=pilots_answers(estimate, summary, facts, accuracy.against_truth, ground),
         tiles=_tiles(facts),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=_embedded(mosaics.after),
@@ -119,7 +128,7 @@ def render(
         left_out=left_out(summary.rejected),
         rejected_loops=_rejected_loops(estimate),
         figures=_figures(estimate, summary, facts),
-        accuracy=accuracy.tables,
+        accuracy=(*accuracy.tables, *instrument_table(estimate, flight)),
         files={file.name: file for file in output_files(folder)},
     )
 
@@ -147,7 +156,6 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
         Item("Lengths come from", facts.scale_source),
         Item("Accuracy", estimate.accuracy_basis),
-        Item("Largest share of the squared error", shares_text(estimate.information_shares)),
         Item("Gain of the height sensor", facts.sensor_gain),
         Item("Zero of the height sensor", facts.sensor_zero),
         Item("Attitude sensor against the map", attitude_text(estimate.instruments.attitude)),
@@ -186,11 +194,17 @@ _FLIGHT_ONLY = ("Keyframes, of pictures read", "Flight time")
 
 
 def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
-    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"][:_MOST_REJECTED]
+    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
+    rejected.sort(key=lambda loop: not is_contradicted(loop.reason))  # the others are less worth a look
     names = estimate.frame_names
     return tuple(
-        RejectedLoop(f"{loop.i} – {loop.j}", f"{names[loop.i]} – {names[loop.j]}", loop.reason)
-        for loop in rejected
+        RejectedLoop(
+            f"{loop.i} – {loop.j}",
+            f"{names[loop.i]} – {names[loop.j]}",
+            "false" if is_contradicted(loop.reason) else "unproven",
+            reason_in_words(loop.reason),
+        )
+        for loop in rejected[:_MOST_REJECTED]
     )
 
 
@@ -212,16 +226,6 @@ def _covered(path: Path | None, unit_name: str) -> str:
         f" From the left edge to the right one x = {area.left:.1f} to {area.right:.1f} {unit_name}, from the"
         f" lower edge to the upper one y = {area.bottom:.1f} to {area.top:.1f} {unit_name}."
     )
-
-
-def _ground(picture: Path | None) -> UncertainGround | None:
-    """Return the least certain ground by the values beside their picture."""
-    values = None if picture is None else picture.with_suffix(".tif")
-    if values is None or not values.exists():
-        return None
-    from slam.report.rasters.quality import least_certain_ground  # rasters load OpenCV and GDAL
-
-    return least_certain_ground(values)
 
 
 def _embedded(path: Path | None) -> str | None:

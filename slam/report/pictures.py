@@ -28,6 +28,7 @@ from slam.core.plot_style import (
 from slam.core.units import length, unit
 from slam.report.facts import chain_on_result, is_placed
 from slam.report.gaps import Gap
+from slam.report.left_out import is_contradicted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -168,14 +169,17 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
     from matplotlib.collections import LineCollection
 
     kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
-    rejected = [(loop.i, loop.j) for loop in estimate.loops if loop.verdict == "rejected"]
+    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
+    false = [(loop.i, loop.j) for loop in rejected if is_contradicted(loop.reason)]
+    unproven = [(loop.i, loop.j) for loop in rejected if not is_contradicted(loop.reason)]
     for pairs, most, color, dash, alpha, what in (
-        (rejected, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.6, "rejected"),
+        (unproven, _MOST_REJECTED, GREY, (0, (1, 3)), 0.8, "unproven"),
+        (false, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.6, "false"),
         (kept, _MOST_KEPT, GREEN, "-", 0.75, "kept"),
     ):
         shown = pairs[:: max(1, -(-len(pairs) // most))]
         some = f", {len(shown)} drawn" if len(shown) < len(pairs) else ""
-        label = f"loop {what} ({len(pairs)}{some})"
+        label = f"match {what} ({len(pairs)}{some})"
         lines = [(position[i, :2], position[j, :2]) for i, j in shown]
         lines = [line for line in lines if np.isfinite(line).all()]
         if lines:

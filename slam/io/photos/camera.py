@@ -22,6 +22,7 @@ from slam.core.lens_priors import (
     NOMINAL_RADIAL_STD,
     TANGENTIAL_STD,
 )
+from slam.core.messages import Note
 from slam.io.photos.exif import PhotoTags
 from slam.io.photos.lens_tags import radial_of_fisheye
 
@@ -31,6 +32,8 @@ ASSUMED_VIEW = f"a view of {_ASSUMED_VIEW_DEG:g} degrees along the longer side"
 ASSUMED_FOCAL_STD_RATIO = 0.1
 """Relative standard deviation of a focal length that is assumed."""
 
+_UNDISTORT = "undistort the pictures"
+"""Advice where a lens is too wide for the camera model."""
 _FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 _FOCAL_STD_RATIO = {
     "dewarp": 0.005,
@@ -78,7 +81,8 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
         camera, distortion = _dewarped(camera, tags), ""
     elif best == "lens":
         camera, distortion = _with_lens(camera, tags)
-    return camera, (f"focal length {median.px:.1f} px {median.remark}{distortion}",)
+    line = f"focal length {median.px:.1f} px {median.remark}{distortion}"
+    return camera, (line if median.source == "assumed" or _UNDISTORT in distortion else Note(line),)
 
 
 def _focal(tags: PhotoTags) -> _Focal:
@@ -89,7 +93,7 @@ def _focal(tags: PhotoTags) -> _Focal:
         fx, fy = tags.dewarp[:2]
         if 0.9 < fx / max(fy, 1e-9) < 1.1:
             candidates.append(
-                _Focal(fx * scale, "dewarp", f"from the maker's calibration (DewarpData){scaled}")
+                _Focal(fx * scale, "dewarp", f"from the maker's calibration in the tags{scaled}")
             )
     if tags.lens is not None:
         px = tags.lens.focal_px[0] * scale
@@ -176,9 +180,7 @@ def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, str]:
     radius_px = float(np.linalg.norm(camera.corners_px - center_px, axis=1).max())
     found = radial_of_fisheye(lens, radius_px / scale)
     if found is None:
-        remark = (
-            "; its fisheye is too wide for a pinhole camera: no distortion assumed; undistort the pictures"
-        )
+        remark = f"; its fisheye is too wide for a pinhole camera: no distortion assumed; {_UNDISTORT}"
         return replace(camera, radial_std=NOMINAL_RADIAL_STD), remark
     ratio, distortion, error_px = found
     return (

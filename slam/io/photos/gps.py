@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Gps
+from slam.core.messages import Note
 from slam.core.names import listed
 from slam.io.photos.photo_set import Photo
 from slam.io.photos.position import UNSIGNED, PhotoPosition
@@ -67,13 +68,15 @@ def _accuracy(fixes: Sequence[PhotoPosition]) -> tuple[tuple[float, float, float
     if not stated:
         assumed = "{:g}, {:g}, {:g} m".format(*Gps.noise_std_m)
         return Gps.noise_std_m, [
-            f"accuracy of the GPS assumed: {assumed}; if it is better, run slam import and correct "
-            "noise_std in gps0/sensor.yaml"
+            Note(
+                f"accuracy of the GPS assumed: {assumed}; if it is better, run slam import and correct "
+                "noise_std in gps0/sensor.yaml"
+            )
         ]
     east, north, up = np.median(stated, axis=0).tolist()
     lacking = len(fixes) - len(stated)
     line = f"{lacking} of {len(fixes)} GPS positions state no accuracy: that of the others is assumed"
-    return (east, north, up), [line] if lacking else []
+    return (east, north, up), [Note(line)] if lacking else []
 
 
 def _faults(positions: Sequence[PhotoPosition], names: Sequence[str]) -> list[str]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
+from slam.core.messages import Note
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.core.surveyed_flight import with_surveyed
@@ -95,10 +96,11 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
             camera,
             ""
             if zones_known
-            else "times from the camera's clock, time zone unknown, UTC assumed; the map does not "
-            "depend on it",
+            else Note(
+                "times from the camera's clock, time zone unknown, UTC assumed; the map does not depend on it"
+            ),
         ),
-        (satellite, "times from the satellites' clock"),
+        (satellite, Note("times from the satellites' clock")),
     ):
         known = [time for time in times if time is not None]
         if len(known) == len(photos) and (len(set(known)) > 1 or len(photos) == 1):
@@ -107,12 +109,12 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
             stamps = np.array([known[k] for k in order], dtype=np.int64)
             increasing, equal_count = _make_increasing(stamps)
             equal = (
-                (f"{equal_count} equal time stamps spread evenly, in the order of the names",)
+                (Note(f"{equal_count} equal time stamps spread evenly, in the order of the names"),)
                 if equal_count
                 else ()
             )
             return [photos[k] for k in order], increasing, (remark,) * bool(remark) + equal
-    remark = "no time of its own in every photograph: the order of the names, 1 s apart, assumed"
+    remark = Note("no time of its own in every photograph: the order of the names, 1 s apart, assumed")
     return photos, np.arange(len(photos), dtype=np.int64) * _SECOND_NS, (remark,)
 
 

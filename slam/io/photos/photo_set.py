@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import InputError
+from slam.core.messages import Note
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG
@@ -84,7 +85,7 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
         )
     else:
         attitude = f"attitude from {source.description}, good to {max(source.std_deg):g} degrees assumed"
-        attitude += f"; {without} photographs without it" if without else ""
+        attitude = Note(attitude + (f"; {without} photographs without it" if without else ""))
     return PhotoSet(tuple(photos), source, (*found.remarks, *lines, *band_remarks, attitude))
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.core.flight import Flight, Frames
+from slam.core.messages import same_kind
 from slam.core.progress import Progress, silent
 from slam.core.stream_source import NO_STREAM, StreamSource
 from slam.io.clock import sort_by_time
@@ -41,7 +42,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
     warnings = [*content.warnings, *known.remarks(camera)]
 
     def note(folder: str, notes: list[str] | tuple[str, ...]) -> None:
-        warnings.extend(f"{folder}: {line}" for line in notes)
+        warnings.extend(same_kind(line, f"{folder}: {line}") for line in notes)
 
     tables = _tables(recording, chosen, content)
     sensors = {name: _sensor(recording, name, content) for name in tables}
@@ -67,7 +68,7 @@ def flight_of(recording: Recording, request: Request = _EVERYTHING, progress: Pr
         name=brief(recording.name, 120),
         epoch_ns=epoch_ns,
         notes=dict(content.metadata),
-        warnings=tuple(brief(line, 600) for line in warnings),
+        warnings=tuple(same_kind(line, brief(line, 600)) for line in warnings),
         sources=(*_taken(chosen, recorded), *_left(recording, chosen)),
         **fields,
     )

@@ -15,6 +15,7 @@ from backend import se3
 from backend.clocks.picture_clock import ClockPiece, PictureClock
 from backend.clocks.windows import ClockDisagreement
 from slam.core.instrument_errors import ClockErrors, ClockSpan
+from slam.core.messages import Note
 from slam.core.units import with_error
 
 Array = NDArray[np.float64]
@@ -141,7 +142,7 @@ def _corrected(taken_out: PictureClock) -> str:
     if len(taken_out.pieces) > 1:
         return f"{_steps(taken_out)}: {where}; check cam0/data.csv before you use its stamps"
     (piece,) = taken_out.pieces
-    return (
+    return Note(
         f"{_offset(piece)}: {where}; for other programs shift the stamps in cam0/data.csv by "
         f"{-1e3 * piece.delay_s:+.0f} ms"
     )

@@ -68,6 +68,7 @@ def accelerometer_errors(
         scale=lengths.ratio,
         scale_std=lengths.ratio * lengths.log_std,
         used=by_inertia.helps,
+        others_std=by_inertia.map_std,
         delay_s=delay_s,
         delay_std_s=delay_std_s,
         delay_taken_out_s=delay_s if first and first.taken_out else 0.0,

@@ -10,6 +10,7 @@ from backend.bundle.reported.factor import BIAS, CHANNELS, GAINS, LAG
 from backend.bundle.reported.graph import REPORTED
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import VelocityErrors
+from slam.core.messages import Note
 
 _SURE = 3.0
 """Standard deviations from which on an error is not chance."""
@@ -57,11 +58,10 @@ def velocity_warning(found: VelocityErrors | None) -> str:
             words.append(f"± {found.fading_m_s[axis]:.2g} m/s {name} that change over the flight")
         if found.jump_m_s[axis] > _FADING_M_S:
             words.append(f"{found.jump_m_s[axis]:.2g} m/s more or less {name} from a picture on")
-    return (
+    line = (
         f"velocity0 reads {', '.join(words)}: the map allows for it, and other programs should not trust it"
-        if words
-        else ""
     )
+    return Note(line) if words else ""
 
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:

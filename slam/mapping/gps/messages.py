@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit
 from slam.core.flight_info import MOST_LISTED_FIXES
+from slam.core.messages import Note
 from slam.core.names import listed
 from slam.core.units import length
 from slam.mapping.gps.agreeing_half import LEAST_FOR_HALF
@@ -47,7 +48,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
         if _too_many(len(bad), agreement.count):
             warnings.append(line + _DOUBT)
         else:
-            remarks.append(line)
+            remarks.append(Note(line))
     high = covered & agreement.used & np.isfinite(agreement.off_m[:, 2])
     bad_altitude = np.flatnonzero(high & ~agreement.altitude_used)
     good_altitude = np.flatnonzero(high & agreement.altitude_used)
@@ -64,7 +65,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
             if _too_many(outliers, count):
                 warnings.append(line + _DOUBT)
             else:
-                remarks.append(line)
+                remarks.append(Note(line))
     warnings += [
         *_too_few(fixes, agreement, covered),
         *_used_suspects(fixes, agreement, covered),

@@ -12,6 +12,7 @@ from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
+from slam.core.messages import Note, by_kind
 from slam.core.names import listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.antenna import antenna_place
@@ -53,7 +54,7 @@ class Messages:
 
     Fields:
         status: ``ok``, or the reasons why the map may be wrong beyond its covariances.
-        warnings: the same reasons, and whatever was dropped, assumed or corrected; each line once.
+        warnings: the same reasons, other warnings, and notes (`slam.core.messages`); each line once.
     """
 
     status: str
@@ -77,6 +78,7 @@ def messages(
     tilt, systematic = _tilt(context, map_), _systematic_warning(context, map_, shared)
     reasons = _reasons(context, map_, not_placed, shared, systematic, tilt)
     lines = (
+        *reasons,
         *flight.warnings,
         *describe(flight).anomalies,
         *missing_for_map(flight),
@@ -90,11 +92,27 @@ def messages(
         "" if systematic.is_in_status else systematic.line,
         *untested,
         *map_.remarks,
-        *reasons,
-        *map_.graph.warnings,
+        *_graph_lines(map_),
     )
     # A line of the flight or of an instrument may be a reason too.
-    return Messages("; ".join(reasons) or "ok", tuple(dict.fromkeys(line for line in lines if line)))
+    sorted_lines = by_kind(dict.fromkeys(line for line in lines if line))
+    return Messages("; ".join(reasons) or "ok", (*sorted_lines.warnings, *sorted_lines.notes))
+
+
+def _graph_lines(map_: Map) -> list[str]:
+    """Return the warnings of the pose graph that concern the refined map.
+
+    The refinement measures the scatter of its own observations, so that its covariances stand although the
+    edges of the pose graph before it contradict theirs.
+    """
+    solution = map_.graph
+    if map_.bundle is None or not solution.contradictions:
+        return list(solution.warnings)
+    scatter = Note(
+        "links between pairs of pictures scatter more than they state; the accuracy of this map does not "
+        "rest on them, because the refinement of all pictures together measures the scatter itself"
+    )
+    return [*(line for line in solution.warnings if line not in solution.contradictions), scatter]
 
 
 def _reasons(
@@ -193,9 +211,11 @@ def _moving(observations: Observations, shared: SystematicErrors | None) -> list
             "well as moving things; they are left out of the map; calibrate the camera if nothing moved"
         ]
     return [
-        f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it are left "
-        "out of the map, which is right but for that ground; if nothing moved there, compare the mosaic with "
-        "the place"
+        Note(
+            f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it "
+            "are left out of the map, which is right but for that ground, where the mosaic may show "
+            "things cut or twice"
+        )
     ]
 
 

@@ -14,6 +14,7 @@ from frontend.workers import Workers
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
 from slam.report.gaps import Gap
+from slam.report.left_out import is_contradicted, reason_in_words
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]
@@ -65,13 +66,19 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
     edges = {"odometry": list[Any](), "loop": list[Any]()}
     for edge in estimate.relative_poses:
         edges[edge.kind].append((edge.i, edge.j, ""))
-    rejected = [(loop.i, loop.j, loop.reason) for loop in estimate.loops if loop.verdict == "rejected"]
+    rejected = [(loop.i, loop.j, _why(loop.reason)) for loop in estimate.loops if loop.verdict == "rejected"]
     found = {}
     for kind, pairs in {**edges, "rejected": rejected}.items():
         shown = [pair for pair in pairs if placed[pair[0]] and placed[pair[1]]]
         some = shown[:: max(1, -(-len(shown) // MOST_LINKS))]
         found[kind] = {"count": len(pairs), "pairs": some}
     return found
+
+
+def _why(reason: str) -> str:
+    """Return what a rejection says about a match, and its reason."""
+    verdict = "false" if is_contradicted(reason) else "unproven"
+    return f"{verdict}: {reason_in_words(reason)}"
 
 
 def floor_points(estimate: Estimate) -> dict[str, Any] | None:

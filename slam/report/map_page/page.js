@@ -197,7 +197,7 @@
   const rowOf = new Map(frames.number.map((number, k) => [number, k]));
   const linkKinds = {
     loop: ["Loop closures, kept", GREEN, null, "Two visits of one place were matched, and the match was kept."],
-    rejected: ["Loop closures, rejected", VERMILLION, "6 5", "Rejected: "],
+    rejected: ["Loop closures, rejected", VERMILLION, "6 5", "Rejected as "],
     odometry: ["Links between neighbours", BLUE, null, "Two successive keyframes were matched."],
   };
 

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
+from slam.core.messages import reasons_of, sentences
 from slam.core.units import unit
 from slam.core.version import VERSION
 from slam.report.facts import Facts, sentence
@@ -52,7 +53,7 @@ def write_map_page(
         name=estimate.name,
         version=VERSION,
         sentence=sentence(facts, status),
-        status=status,
+        reasons=tuple(map(sentences, reasons_of(status, estimate.warnings))),
         is_graph=facts.is_graph,
         data=_in_script(data),
     )

@@ -41,26 +41,28 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
     write_whole(path.with_suffix(".png"), quality_picture(quality, grid, estimate.metric))
 
 
-class UncertainGround(NamedTuple):
-    """A piece of ground of a mosaic."""
+class GroundAccuracy(NamedTuple):
+    """Accuracy of the ground on a mosaic; NaN where it is not known."""
 
+    typical_std_m: float
+    """Median over the ground of the standard deviation of a position."""
+    worst_std_m: float
     x_m: float
     y_m: float
-    std_m: float
-    """Standard deviation of its position."""
+    """Ground with the largest standard deviation."""
 
 
-def least_certain_ground(path: Path) -> UncertainGround | None:
-    """Return the ground with the largest standard deviation in a file of `write_quality`; None without."""
+def ground_accuracy(path: Path) -> GroundAccuracy:
+    """Return the accuracy of the ground by a file of `write_quality`."""
     import rasterio
 
     with rasterio.open(path) as source:
         std_m, at = source.read(_POSITION_BAND), source.transform
     if not np.isfinite(std_m).any():
-        return None
+        return GroundAccuracy(*[float("nan")] * 4)
     row, col = np.unravel_index(int(np.nanargmax(std_m)), std_m.shape)
     x, y = at @ (int(col) + 0.5, int(row) + 0.5)
-    return UncertainGround(float(x), float(y), float(std_m[row, col]))
+    return GroundAccuracy(float(np.nanmedian(std_m)), float(std_m[row, col]), float(x), float(y))
 
 
 def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> bytes:

@@ -206,7 +206,7 @@ def test_long_list_of_warnings_is_truncated_with_a_count(navigation):
     many = replace(navigation.estimate, warnings=tuple(f"w{k}" for k in range(12)))
     rows = figures(replace(navigation, estimate=many)).rows
     assert [text for name, text in rows if name == "warning"] == [f"w{k}" for k in range(8)]
-    assert rows[-1] == ("", "and 4 more warnings in summary.json")
+    assert rows[-1] == ("", "and 4 more messages in summary.json")
 
 
 def test_command_reports_errors_in_one_line(flight, tmp_path):

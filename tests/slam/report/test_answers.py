@@ -14,14 +14,17 @@ from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import AttitudeSeries, GeoOrigin
 from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
+from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
-from slam.report.answers import limit, limit_sentence, pilots_answers
+from slam.report.accuracy import AgainstTruth
+from slam.report.advice import limit, limit_sentence
+from slam.report.answers import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
-from slam.report.left_out import left_out
+from slam.report.left_out import is_contradicted, left_out
+from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import Accuracy, render
-from slam.report.rasters.quality import UncertainGround
 from tests.slam.made_estimate import made_estimate, made_flight
 
 SHARES = {"x": {"range": 0.7, "pictures": 0.3}, "y": {"range": 0.5, "pictures": 0.5}, "scale": {"range": 1.0}}
@@ -32,6 +35,7 @@ def answers(estimate, flight):
     return {item.label: item.value for item in found}
 
 
+AGAIN = "Was a place recognised again, and is that right?"
 ASKED = (
     "How accurate is a place on it?",
     "Where is it least certain?",
@@ -51,11 +55,15 @@ def test_ten_questions_have_their_answers_on_the_page():
     estimate = replace(estimate, information_shares=SHARES)
     found = answers(estimate, flight)
     assert set(ASKED) <= set(found)
-    told = Accuracy(against_truth="Typically 3 mm by the truth.")
+    told = Accuracy(
+        against_truth=AgainstTruth("Typically 3 mm by the truth.", "By the truth, none is false.")
+    )
     page = html.unescape(render(estimate, summarise(estimate), flight, accuracy=told))
+    del found[AGAIN]  # the truth adds a sentence
     assert all(question in page and answer in page for question, answer in found.items())
     assert "How far is it from the truth?" in page
-    assert told.against_truth in page
+    assert told.against_truth.map_ in page
+    assert told.against_truth.loops in page
     assert limit_sentence(SHARES) in page
 
 
@@ -72,13 +80,13 @@ def test_answers_follow_the_map():
     assert answers(replace(estimate, status="two parts"), flight)["Can I use this map?"].startswith("Only")
     no_loops = replace(estimate, loops=())
     assert "repeat an earlier part" in answers(no_loops, flight)["How do I make the next map better?"]
-    assert answers(no_loops, flight)["Was a place recognised again?"].startswith("No")
+    assert answers(no_loops, flight)[AGAIN].startswith("No")
     on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
     assert "52.100000" in answers(on_earth, flight)["Where on Earth is it?"]
     no_metres = replace(estimate, metric=False, scale_std=None)
     distance, scale = ASKED[2:4]
     assert answers(no_metres, flight)[distance].startswith("In metres not at all")
-    assert "errors of both ends come on top" in answers(estimate, flight)[distance]
+    assert "map.html measures any distance" in answers(estimate, flight)[distance]
     by_gps = replace(on_earth, information_shares={"x": {"position": 0.9, "pictures": 0.1}})
     assert "moves the whole map" in answers(by_gps, flight)[distance]
     assert answers(no_metres, flight)[scale].startswith("Not known")
@@ -104,7 +112,7 @@ def test_pictures_that_show_too_little_are_missing_ground():
     assert left_out.startswith(
         f"7 matches of places, 3 single views of floor points, {rejected[TOO_FEW]} pict"
     )
-    assert f"Act on “too few features” ({rejected[TOO_FEW]}): only if that ground matters: fly" in left_out
+    assert f"nothing to recognise” ({rejected[TOO_FEW]}): only if that ground matters: fly" in left_out
     assert set(SHOW_NOTHING) == {TOO_FEW, SAME_PICTURE}
     few = answers(replace(estimate, rejected={"loop: too few matches": 7}), flight)
     assert "No need to act" in few["What was left out, and do I have to act?"]
@@ -146,6 +154,7 @@ def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
         return next(row.value for row in rows if row.label == question)
 
     assert told("gps0: far off").endswith("they agree.")
+    assert told(Note("imu0: an offset that the map estimates")).endswith("they agree.")
     assert "a warning below names imu0" in told("imu0: the accelerometer reads 9.04 m/s^2 at rest")
 
 
@@ -155,9 +164,8 @@ def test_the_least_certain_place_is_told():
     found = answers(estimate, flight)["Where is it least certain?"]
     assert f"x = {x:.3g} m, y = {y:.3g} m" in found
     assert "keyframe 29, 000029.png" in found
-    both = pilots_answers(
-        estimate, summarise(estimate), gather(estimate, flight), "", UncertainGround(3.0, -1.5, 0.02)
-    )
+    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
+    both = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic=mosaic)
     (told,) = (item.value for item in both if item.label == "Where is it least certain?")
     assert told.startswith("The ground around x = 3 m, y = -1.5 m, known to ±\N{NO-BREAK SPACE}20.0")
     assert f"The path: around x = {x:.3g} m" in told
@@ -175,6 +183,78 @@ def test_the_axes_are_told():
     assert "recorded heading (yaw) is zero" in answers(estimate, headed)[question]
     on_earth = answers(replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0)), flight)
     assert on_earth[question] == "x points east, y north and z up."
+
+
+def test_a_point_of_the_mosaic_is_told_apart_from_a_keyframe():
+    """A pilot measures on the mosaic, whose ground is known less well than the camera, or better."""
+    estimate, flight = made_estimate(), made_flight()
+    facts, summary = gather(estimate, flight), summarise(estimate)
+    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
+    told = {item.label: item.value for item in pilots_answers(estimate, summary, facts, mosaic=mosaic)}
+    point = told["How accurate is a place on it?"]
+    assert point.index(length(0.011)) < point.index(length(0.02)) < point.index(length(facts.sigma_median_m))
+    assert f"800 x 600 pixels of {length(0.004)}" in told["Where is the mosaic, and how big is a pixel?"]
+    both_ends = length(np.sqrt(2) * 0.011)
+    assert both_ends in told["How far can I trust a distance or an area?"]
+
+
+def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
+    question = "How do I make the next map better?"
+    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    by_gps = replace(estimate, information_shares={"x": {"position": 0.9, "pictures": 0.1}})
+    facts, summary = gather(by_gps, flight), summarise(by_gps)
+
+    def advice(facts, estimate=by_gps, summary=summary):
+        rows = pilots_answers(estimate, summary, facts)
+        return next(row.value for row in rows if row.label == question)
+
+    plain, corrected = replace(facts, gps_std_m=3.0), replace(facts, gps_std_m=0.01)
+    assert "use a GPS with corrections (RTK)" in advice(plain)
+    assert "already has corrections" in advice(corrected)
+    assert "measure control points" in advice(corrected)
+    assert "mark more control points" in advice(replace(corrected, controlled=True))
+    by_range = replace(estimate, information_shares=SHARES)
+    assert "gain and zero of the height sensor in sensor.yaml" in advice(facts, by_range)
+    exact = advice(replace(facts, range_exact=True), by_range)
+    assert "in sensor.yaml" not in exact, "what is taken as exact is stated there already"
+    doubted = replace(by_gps, status="gps0: off")
+    assert advice(plain, doubted, summarise(doubted)).startswith("First do what “Check this first” says")
+
+
+@pytest.mark.parametrize(
+    "reason", ["disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg", "implausible: 3 m", "out of reach"]
+)
+def test_a_match_that_the_map_contradicts_is_false(reason):
+    assert is_contradicted(reason)
+    assert left_out({f"loop: {reason}": 2})[0].verdict == "false"
+
+
+@pytest.mark.parametrize(
+    "reason",
+    ["too few inliers", "no plane fits the matches", "outlier share above gamma_1", "agrees, but too little"],
+)
+def test_a_match_that_shows_too_little_is_unproven(reason):
+    assert not is_contradicted(reason)
+    assert left_out({f"loop: {reason}": 2})[0].verdict == "unproven"
+    assert left_out({"too few features": 2})[0].verdict == ""
+
+
+def test_false_matches_are_counted_apart_from_unproven_ones():
+    estimate, flight = made_estimate(), made_flight()
+    first, second, third = estimate.loops
+    loops = (
+        replace(third, reason="disagrees by 9 sigma"),
+        replace(third, reason="too few inliers"),
+        first,
+        second,
+    )
+    found = answers(replace(estimate, loops=loops), flight)[AGAIN]
+    assert "2 others were rejected: 1 contradict the rest of the map" in found
+    assert "1 show too little" in found
+    page = html.unescape(render(replace(estimate, loops=loops), summarise(estimate), flight))
+    assert re.search(r"<td>false</td><td>they contradict the other links", page)
+    assert re.search(r"<td>unproven</td><td>they have too few points", page)
+    assert page.index("<td>false</td>") < page.index("<td>unproven</td>")
 
 
 def test_what_failed_is_told():

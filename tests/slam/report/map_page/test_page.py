@@ -88,7 +88,7 @@ def test_the_page_holds_what_the_estimate_has(tmp_path):
     np.testing.assert_allclose(
         frames["sigma"], np.sqrt(np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2)), rtol=1e-5
     )
-    assert data["links"]["rejected"] == {"count": 1, "pairs": [[5, 51, REJECTION]]}
+    assert data["links"]["rejected"] == {"count": 1, "pairs": [[5, 51, f"unproven: {REJECTION}"]]}
     assert data["links"]["loop"]["count"] == 2
     assert data["links"]["odometry"]["count"] == 59
     assert not any(frames["unseen"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slam.io.geotiff import Grid, write_bands
-from slam.report.rasters.quality import least_certain_ground
+from slam.report.rasters.quality import ground_accuracy
 
 
 def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
@@ -13,9 +13,9 @@ def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
     path, grid = tmp_path / "mosaic_quality.tif", Grid(-1.0, 4.0, 0.1, 60, 40)
     others = np.full((40, 60), 9.0, np.float32)
     write_bands(path, grid, {"pictures": others, "position": std_m, "seam": others})
-    assert least_certain_ground(path) is None
+    assert np.isnan(ground_accuracy(path)).all()
     std_m[5:20, 10:50] = 0.01
     std_m[7, 30] = 0.03
     write_bands(path, grid, {"pictures": others, "position": std_m, "seam": others})
-    found = least_certain_ground(path)
-    np.testing.assert_allclose(found, (-1.0 + 3.05, 4.0 - 0.75, 0.03), rtol=1e-6)
+    found = ground_accuracy(path)
+    np.testing.assert_allclose(found, (0.01, 0.03, -1.0 + 3.05, 4.0 - 0.75), rtol=1e-6)

@@ -1,0 +1,217 @@
+"""Answers about the accuracy of a map: places, distances, scale, heights, loops and faults of a mosaic."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam.core.estimate import Estimate
+from slam.core.messages import by_kind
+from slam.core.units import SPACE, length, percent, unit
+from slam.report.advice import limit
+from slam.report.facts import Facts
+from slam.report.left_out import is_contradicted
+from slam.report.mosaic_facts import MosaicFacts
+
+if TYPE_CHECKING:
+    from slam.core.summary import Summary
+
+_STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
+"""Instrument that tells the scale -> name of its stream in warnings."""
+_IF_WRONG = "Lengths that it tells 1 % too long make the map 1 % too large."
+_EXAMPLE_M = 10.0
+"""Length of the example; a map smaller than this takes its own size."""
+
+
+def place(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
+    """Return how accurate a point of the mosaic is, and how accurate a keyframe."""
+    if not np.isfinite(facts.sigma_median_m):
+        return "Not known: no uncertainty could be computed for most of it."
+    relative = f"relative to {facts.relative_to}" if facts.relative_to else "on Earth"
+    thing = "pose" if facts.is_graph else "camera at a keyframe (a picture that the map is made of)"
+    camera = f"a {thing} is typically known to ±{SPACE}{facts.length(facts.sigma_median_m)} {relative}"
+    text = f"{camera[0].upper()}{camera[1:]}, one standard deviation."
+    if mosaic is not None and np.isfinite(mosaic.typical_std_m):
+        pixel = f"a pixel is {facts.length(mosaic.pixel_m)} wide"
+        text = (
+            f"A point on the mosaic is typically known to ±{SPACE}{facts.length(mosaic.typical_std_m)} "
+            f"{relative}, and to ±{SPACE}{facts.length(mosaic.worst_std_m)} where it is least certain: one "
+            f"standard deviation on each axis; {pixel}. The {camera.removeprefix('a ')}, all axes together."
+        )
+    text += " Two times out of three the error is smaller; an error three times as large is rare."
+    return text + (
+        " It does not count what “Check this first” above names." if summary.status != "ok" else ""
+    )
+
+
+def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
+    """Return the least certain ground and the least certain keyframe."""
+    k = facts.least_certain
+    if k is None:
+        return ""
+    x, y, _ = estimate.w_T_b[k, :3, 3].tolist()
+    m = unit(facts.metric)
+    what = "pose" if facts.is_graph else "keyframe"
+    name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
+    path = f"Around x = {x:.3g} {m}, y = {y:.3g} {m} ({what} {k}{f', {name}' * bool(name)})"
+    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}."
+    if mosaic is None or not np.isfinite(mosaic.worst_std_m):
+        return f"{path} map.html colours the path by it."
+    return (
+        f"The ground around x = {mosaic.x_m:.3g} {m}, y = {mosaic.y_m:.3g} {m}, known to "
+        f"±{SPACE}{facts.length(mosaic.worst_std_m)}: the darkest of the middle map below. The path: "
+        f"{path[0].lower()}{path[1:]}"
+    )
+
+
+def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
+    """Return how accurate a distance between two points of the mosaic is, and an area."""
+    if not facts.metric:
+        return "In metres not at all: no sensor measured a length. Ratios of distances are right."
+    if not np.isfinite(facts.sigma_median_m):
+        return "Not known."
+    apart_m = min(_EXAMPLE_M, max(facts.extent_m))
+    known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
+    end_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
+    ends = f"±{SPACE}{facts.length(np.sqrt(2) * end_m)}"
+    if not facts.scale_std or not apart_m > 0:
+        return f"A distance between two far places to about {ends}, one between near places better."
+    scale_m = facts.scale_std * apart_m
+    by_scale = f"±{SPACE}{length(scale_m)} ({percent(facts.scale_std)})"
+    area = f"An area is right to twice the share of the scale ({percent(2 * facts.scale_std)})."
+    if not estimate.origin and not facts.mostly_scale:
+        # Neither end is on Earth: their errors are those between both.
+        whole = f"±{SPACE}{facts.length(float(np.hypot(scale_m, np.sqrt(2) * end_m)))}"
+        return (
+            f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. Of "
+            f"this the scale causes {by_scale}, and the places of both ends {ends}. For another length the "
+            f"share of the scale stays. {area} map.html measures any distance and area with its "
+            "uncertainty."
+        )
+    return (
+        f"Two places {facts.length(apart_m)} apart: to {by_scale} by the scale, one standard deviation; "
+        f"the same share holds for any other length. {_of_ends(estimate, ends)} {area} map.html measures "
+        "any distance and area with all of it."
+    )
+
+
+def _of_ends(estimate: Estimate, ends: str) -> str:
+    """Return what the ends of a distance add: errors of a receiver move the whole map and cancel."""
+    found = limit(estimate.information_shares)
+    if found is not None and found[0] == "position":
+        return "The uncertainty of a place on Earth adds little to it: most of that moves the whole map."
+    return (
+        f"The errors of both ends come on top, together typically less than {ends}, as the error of the "
+        "scale is a part of them: the whole is at most the root of the sum of both squares."
+    )
+
+
+def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    """Return by which instruments the lengths of a map are known, and whether they agree."""
+    if facts.is_graph:
+        return "As right as the edges of the graph, which give it."
+    if not facts.metric:
+        return "Not known: no instrument measured a length. Record a height sensor or GPS."
+    known = f"to ±{SPACE}{percent(facts.scale_std)}" if facts.scale_std else "with an unknown uncertainty"
+    upper = f"{known[0].upper()}{known[1:]}"
+    if estimate.accuracy_basis:
+        return f"{upper}, if the {facts.scale_source} is right. {_IF_WRONG} {estimate.accuracy_basis}"
+    if summary.status != "ok":
+        return f"By {facts.scale_source}, {known}; but read “Check this first” above."
+    if " and " not in facts.scale_source:
+        return f"{upper}, if the {facts.scale_source} is right. {_IF_WRONG}"
+    doubted = [
+        stream
+        for name, stream in _STREAMS.items()
+        if name in facts.scale_source
+        and any(line.startswith(f"{stream}: ") for line in by_kind(summary.warnings).warnings)
+    ]
+    if doubted:
+        return (
+            f"{upper}, by {facts.scale_source} together. But a warning below names "
+            f"{' and '.join(doubted)}: measure one distance on the ground to be sure."
+        )
+    return f"Yes, {known}: {facts.scale_source} tell it, and they agree.{_beside(estimate)}"
+
+
+def _beside(estimate: Estimate) -> str:
+    """Return how the lengths by the accelerometer compare with those by the other instruments."""
+    found = estimate.instruments.accelerometer
+    if found is None or not found.used or found.others_std is None:
+        return ""
+    off, std = found.scale - 1, found.scale_std
+    return (
+        f" Before they were joined, lengths by the accelerometer were {percent(abs(off))} "
+        f"{'longer' if off > 0 else 'shorter'} (±{SPACE}{percent(std)}) than those by the others, which "
+        f"were known to ±{SPACE}{percent(found.others_std)}: no more than these uncertainties explain. The "
+        "map weighs both by them."
+    )
+
+
+def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    """Return from where heights count, how accurate they are, and what measured the ground."""
+    text = f"{facts.datum[0].upper()}{facts.datum[1:]}."
+    up = np.einsum(
+        "ni,nij,nj->n", estimate.w_T_b[:, 2, :3], estimate.covariances[:, 3:, 3:], estimate.w_T_b[:, 2, :3]
+    )
+    known = up[np.isfinite(up) & (up >= 0)]
+    if len(known):
+        std = facts.length(float(np.sqrt(np.median(known))))
+        text += f" A keyframe's height over it is typically known to ±{SPACE}{std}."
+    ground = estimate.ground
+    if ground is not None and ground.relief_share > 0:
+        std = f" (typically ±{SPACE}{facts.length(ground.height_std_m)})" if ground.height_std_m else ""
+        text += (
+            f" The ground is not flat: its height was measured from the pictures{std}, "
+            f"{percent(ground.filled_share)} of it filled in from around. elevation.tif says where."
+        )
+    elif ground is not None:
+        text += " The ground is taken as flat: the pictures show no hills."
+    if any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings):
+        text += " A warning below names attitude0: a slope of the whole map may be wrong."
+    return text
+
+
+def loops(estimate: Estimate, facts: Facts, against_truth: str) -> str:
+    """Return how often places were recognised, and what speaks for and against the matches."""
+    rejected = [loop.reason for loop in estimate.loops if loop.verdict == "rejected"]
+    false = sum(map(is_contradicted, rejected))
+    if facts.loops_kept:
+        text = (
+            f"Yes, {facts.loops_kept} times, so errors do not add up over the flight. Each match that was "
+            "kept agrees with all the others in one map."
+        )
+    else:
+        text = "No, so errors add up along the path."
+    if against_truth:
+        text += f" {against_truth}"
+    if not rejected:
+        return f"{text} No match was rejected."
+    unproven = len(rejected) - false
+    parts = [
+        f"{false} contradict the rest of the map and are taken as false" if false else "",
+        f"{unproven} show too little to tell whether they are right" if unproven else "",
+    ]
+    return (
+        f"{text} {len(rejected)} others were rejected: {', and '.join(part for part in parts if part)}. "
+        "The map rests on none of them."
+    )
+
+
+def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
+    """Return what a mosaic may show cut, twice or displaced."""
+    if mosaic is None:
+        return ""
+    text = (
+        "The mosaic is cut together from many pictures. What moved, or stands above the ground, may be "
+        "cut, doubled or lean; the right one of the three maps below is dark where two pictures differ."
+    )
+    ground = estimate.ground
+    if ground is not None and np.isfinite(ground.misregistration_px[-1]):
+        shift_m = ground.misregistration_px[-1] * mosaic.pixel_m
+        text += (
+            f" At the seams the pictures fit to {ground.misregistration_px[-1]:.2g} pixels "
+            f"({length(shift_m, estimate.metric)}) on 95 % of the ground."
+        )
+    return text

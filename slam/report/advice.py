@@ -1,0 +1,117 @@
+"""The limit of a map's accuracy, and what a pilot can do about it with the instruments at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from slam.core.estimate import Estimate
+from slam.core.units import percent
+from slam.report.facts import Facts
+
+if TYPE_CHECKING:
+    from slam.core.summary import Summary
+
+WORDS: Mapping[str, str] = {
+    "range": "the height sensor",
+    "pictures": "the pictures themselves",
+    "flat_floor": "how flat the ground is",
+    "attitude": "the attitude sensor",
+    "position": "the GPS",
+    "control": "the control points",
+    "imu": "the IMU (its accelerometer)",
+    "velocity": "the vehicle's own velocity",
+    "barometer": "the barometer",
+    "assumed": "assumed values, which no instrument measured",
+}
+"""Name of a share in `backend.bundle.information_shares` -> in words."""
+_CARRIER_PHASE_M = 0.1
+"""Receivers that state less have corrections of the carrier phase (RTK, PPK), and errors of centimetres.
+Without it, corrections leave half a metre at least (Groves, Principles of GNSS, 2013, chapter 10)."""
+_STEPS: Mapping[str, str] = {
+    "pictures": "fly lower, with more overlap, or with a sharper camera",
+    "flat_floor": "fly higher above the uneven ground, or map it in parts",
+    "attitude": "calibrate its level, or fly the same rows in both directions",
+    "control": "mark more control points, spread to the corners of the ground",
+    "imu": "calibrate the gain of the accelerometer (at rest on each of its six sides), or measure one "
+    "distance on the ground and compare it with map.html",
+    "velocity": "avoid stretches of floor without texture, or record the IMU",
+    "barometer": "climb and descend more, or add a height sensor or GPS",
+    "assumed": "record the instrument that measures them, or state them with their accuracy in sensor.yaml",
+}
+
+
+def limit(shares: Mapping[str, Mapping[str, float]]) -> tuple[str, float] | None:
+    """Return the instrument with the largest share in the variance of the place of the farthest keyframe.
+
+    None where no shares are known.
+    """
+    rows = [shares[axis] for axis in ("x", "y") if axis in shares]
+    if not rows:
+        return None
+    mean = {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
+    name = max(mean, key=mean.__getitem__)
+    return name, mean[name]
+
+
+def limit_sentence(shares: Mapping[str, Mapping[str, float]]) -> str:
+    """Return what limits the accuracy of a map, in one sentence; empty where it is not known."""
+    found = limit(shares)
+    if found is None:
+        return ""
+    name, share = found
+    return f"What limits this: {in_words(name)}, the cause of {percent(share)} of the squared error."
+
+
+def in_words(name: str) -> str:
+    """Return an instrument's name for a reader."""
+    return WORDS.get(name, name.replace("_", " "))
+
+
+def next_steps(estimate: Estimate, facts: Facts, summary: Summary, ground_missing: bool) -> str:
+    """Return what makes the next map better, the most important first.
+
+    What the status names comes before what limits a map whose status is ok.
+    """
+    steps = []
+    if summary.status != "ok":
+        steps.append("first do what “Check this first” says: it is worth more than all that follows")
+    if not facts.loops_kept and not facts.is_graph:
+        steps.append("cross or repeat an earlier part of the path, so that errors do not add up")
+    if not facts.metric:
+        steps.append("record a height sensor or GPS, which give lengths in metres")
+    found = limit(estimate.information_shares)
+    if found is not None and (step := _step(found[0], facts)):
+        steps.append(f"to be more accurate than now, {step}")
+    if ground_missing:
+        steps.append("cross the missing ground higher, with more light, or with marks on it")
+    return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
+
+
+def _step(name: str, facts: Facts) -> str:
+    """Return what improves the instrument that limits a map, by what is at hand."""
+    if name == "position":
+        return _better_positions(facts)
+    if name == "range":
+        return _better_ranges(facts)
+    return _STEPS.get(name, "")
+
+
+def _better_positions(facts: Facts) -> str:
+    more = "mark more control points" if facts.controlled else "measure control points on the ground"
+    if facts.gps_std_m < _CARRIER_PHASE_M:
+        return f"{more}: the GPS already has corrections (RTK), and no receiver is much better"
+    return f"use a GPS with corrections (RTK), or {more} and mark them in the pictures"
+
+
+def _better_ranges(facts: Facts) -> str:
+    measured = "measure one distance on the ground and compare it with map.html"
+    if facts.range_exact:
+        return (
+            "fly longer over the same ground, so that the scatter of its readings averages out; and "
+            f"{measured}, because its gain and zero are taken as exact"
+        )
+    return (
+        f"{measured}; or hold the drone at two heights measured by tape, and state gain and zero of the "
+        "height sensor in sensor.yaml"
+    )

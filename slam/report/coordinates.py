@@ -1,0 +1,48 @@
+"""In which coordinates and over which level the rasters of a map lie, in words."""
+
+from __future__ import annotations
+
+from slam.core.estimate import Estimate
+
+_ZONE_DEG = 6.0
+_GEOID_M = 107
+"""Largest distance of sea level from the ellipsoid (EGM2008; National Geospatial-Intelligence Agency)."""
+
+
+def utm_epsg(latitude_deg: float, longitude_deg: float) -> int:
+    """Return the EPSG code of the UTM zone on WGS 84 of a place, without the exceptions around Norway."""
+    zone = int((longitude_deg + 180.0) % 360.0 // _ZONE_DEG) + 1
+    return (32600 if latitude_deg >= 0 else 32700) + zone
+
+
+def plane_text(estimate: Estimate) -> str:
+    """Return the coordinate system of mosaic.tif and elevation.tif."""
+    if not estimate.metric:
+        return "no coordinate system: lengths are multiples of the camera's mean height"
+    origin = estimate.origin
+    if origin is None:
+        return "local metres without a place on Earth, so no EPSG code"
+    return (
+        f"metres east and north of {origin.latitude_deg:.6f}°, {origin.longitude_deg:.6f}° (azimuthal "
+        "equidistant on WGS 84, datum EPSG:4326; the plane itself has no EPSG code, the files hold its "
+        f"definition); for UTM, EPSG:{utm_epsg(origin.latitude_deg, origin.longitude_deg)}, run slam "
+        "export --to geotiff"
+    )
+
+
+def datum_text(estimate: Estimate) -> str:
+    """Return where heights begin: the datum of elevation.tif and of z."""
+    origin = estimate.origin
+    if origin is None:
+        return (
+            "heights count from the ground below the first keyframe (where the map begins), not from sea "
+            "level and not from the ellipsoid"
+        )
+    floor = f"{origin.altitude_m + estimate.floor_z_m:.1f} m"
+    if estimate.control is not None and any(point.used for point in estimate.control.points):
+        return f"heights count from the floor at {floor} in the height system of the control points"
+    return (
+        f"heights count from the floor at {floor} of the GPS altitudes as recorded; whether those are "
+        "above the WGS 84 ellipsoid or above sea level, the recording does not say (the two differ by up "
+        f"to {_GEOID_M} m)"
+    )

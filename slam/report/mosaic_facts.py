@@ -1,0 +1,40 @@
+"""Figures of a mosaic that was written: its pixels, and how accurately the ground lies on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class MosaicFacts:
+    """Size and accuracy of the ground on a mosaic; standard deviations are NaN where they are not known."""
+
+    pixel_m: float
+    """Side of a pixel of mosaic.tif on the ground."""
+    width: int
+    height: int
+    typical_std_m: float
+    """Median standard deviation of the position of a piece of ground."""
+    worst_std_m: float
+    x_m: float
+    y_m: float
+    """Ground with the largest standard deviation."""
+
+
+def mosaic_facts(picture: Path | None, quality: Path | None) -> MosaicFacts | None:
+    """Return the figures from mosaic.tif beside ``picture`` and from mosaic_quality.tif beside ``quality``.
+
+    None where one of the files is missing.
+    """
+    files = [path.with_suffix(".tif") for path in (picture, quality) if path is not None]
+    if len(files) < 2 or not all(path.exists() for path in files):
+        return None
+    import rasterio
+
+    from slam.report.rasters.quality import ground_accuracy  # rasters load OpenCV and GDAL
+
+    with rasterio.open(files[0]) as source:
+        size, pixel_m = (source.width, source.height), float(source.transform.a)
+    found = ground_accuracy(files[1])
+    return MosaicFacts(pixel_m, *size, found.typical_std_m, found.worst_std_m, found.x_m, found.y_m)
