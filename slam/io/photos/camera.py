@@ -24,7 +24,7 @@ from slam.core.lens_priors import (
 )
 from slam.core.messages import Note
 from slam.io.photos.exif import PhotoTags
-from slam.io.photos.lens_tags import radial_of_fisheye
+from slam.io.photos.lens_tags import fitted_lens
 
 _ASSUMED_VIEW_DEG = 65.0
 """Assumed field of view along the longer side without tags: that of a 28 mm lens on 35 mm film."""
@@ -178,12 +178,13 @@ def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, str]:
     if not lens.polynomial:
         return replace(camera, distortion=lens.distortion), ""
     radius_px = float(np.linalg.norm(camera.corners_px - center_px, axis=1).max())
-    found = radial_of_fisheye(lens, radius_px / scale)
+    found = fitted_lens(lens, radius_px / scale)
     if found is None:
-        remark = f"; its fisheye is too wide for a pinhole camera: no distortion assumed; {_UNDISTORT}"
+        remark = f"; the view of its fisheye is too wide: no distortion assumed; {_UNDISTORT}"
         return replace(camera, radial_std=NOMINAL_RADIAL_STD), remark
-    ratio, distortion, error_px = found
+    error_px = found.error * float(np.mean(lens.focal_px)) * scale
+    focal_px = fx * scale * found.ratio, fy * scale * found.ratio
     return (
-        replace(camera, focal_px=(fx * scale * ratio, fy * scale * ratio), distortion=distortion),
-        f"; its fisheye is described by radial distortion, with errors of up to {error_px * scale:.2f} px",
+        replace(camera, focal_px=focal_px, distortion=found.distortion, lens="equidistant"),
+        f"; its fisheye is described by OpenCV's fisheye, with errors of up to {error_px:.2g} px",
     )

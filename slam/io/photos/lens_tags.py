@@ -11,9 +11,9 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from slam.io.lens_fit import LensFit, fisheye_angles, fitted_fisheye
 from slam.io.photos.tag_values import numbers
 from slam.io.photos.xmp import Xmp
-from slam.io.radial_fit import fitted_radial, viewing_angles
 
 Array = NDArray[np.float64]
 
@@ -71,16 +71,14 @@ def _fisheye(xmp: Xmp, center_px: tuple[float, float] | None) -> LensTags | None
     return LensTags(focal_px, center_px, polynomial=tuple(by_angle.tolist()))
 
 
-def radial_of_fisheye(lens: LensTags, radius_px: float) -> tuple[float, tuple[float, ...], float] | None:
-    """Return a pinhole camera's description of a fisheye lens, up to ``radius_px`` from the principal point.
+def fitted_lens(lens: LensTags, radius_px: float) -> LensFit | None:
+    """Return OpenCV's fisheye for the polynomial of a lens, up to ``radius_px`` from the principal point.
 
-    It consists of the factor on the focal length, OpenCV's distortion (k1, k2, p1, p2, k3) and the largest
-    error in pixels. Lengths refer to the original size. The result is None if the view is too wide.
+    OpenCV has odd powers of the angle alone, Pix4D all, so the fit has an error. Lengths refer to
+    the original size. The result is None if the view is too wide.
     """
-    focal_px = float(np.mean(lens.focal_px))
-    angle = viewing_angles()
-    found = fitted_radial(angle, np.asarray(polyval(angle, lens.polynomial)), radius_px / focal_px)
-    return None if found is None else (found.ratio, found.distortion, found.error * focal_px)
+    angle, focal_px = fisheye_angles(), float(np.mean(lens.focal_px))
+    return fitted_fisheye(angle, np.asarray(polyval(angle, lens.polynomial)), radius_px / focal_px)
 
 
 def _numbers(text: str, count: int) -> tuple[float, ...] | None:

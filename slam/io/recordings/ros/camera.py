@@ -53,6 +53,7 @@ def camera_of(info: Message | None, first: Message, b_T_c: Array | None) -> tupl
         size_px=size_px,
         distortion=lens.distortion,
         b_T_c=NADIR_B_T_C.copy() if b_T_c is None else b_T_c,
+        lens=lens.model,
     )
     return camera, notes
 

@@ -1,4 +1,4 @@
-"""The lens of a ``CameraInfo`` as a pinhole camera with OpenCV's radial and tangential distortion.
+"""The lens of a ``CameraInfo`` in OpenCV's radial and tangential distortion, or in its fisheye.
 
 Models and their names are those of ROS: ``plumb_bob``, ``rational_polynomial``, and ``equidistant`` (also
 ``fisheye``; OpenCV's fisheye model, Kannala and Brandt, PAMI 2006).
@@ -13,8 +13,9 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from backend.measurements import LensModel
 from slam.io.camera_folder import EQUIDISTANT
-from slam.io.radial_fit import fitted_radial, viewing_angles
+from slam.io.lens_fit import fisheye_angles, fitted_radial, viewing_angles, within_view
 
 Array = NDArray[np.float64]
 Message = Any
@@ -31,7 +32,8 @@ class Lens:
     focal_px: tuple[float, float]
     center_px: tuple[float, float]
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
-    """OpenCV's k1, k2, p1, p2[, k3]."""
+    """OpenCV's k1, k2, p1, p2[, k3], or k1, k2, k3, k4 of its fisheye."""
+    model: LensModel = "brown"
 
 
 class UnknownLensError(Exception):
@@ -54,32 +56,37 @@ def lens_of(info: Message, size_px: tuple[int, int]) -> tuple[Lens, list[str]]:
         return Lens((fx, fy), (cx, cy), tuple(float(v) for v in kept)), notes
     corners = np.array([[u, v] for u in (0, size_px[0] - 1) for v in (0, size_px[1] - 1)], float)
     radius = float(np.linalg.norm((corners - (cx, cy)) / (fx, fy), axis=1).max())
-    tangential = np.zeros(2)
-    angle = viewing_angles()
     if model in EQUIDISTANT and len(coefficients) >= 4:
-        recorded = angle * polyval(angle**2, [1.0, *coefficients[:4]])
-    elif model in _RADTAN and len(coefficients) >= 8 and not np.any(coefficients[8:]):
-        k1, k2, p1, p2, k3, k4, k5, k6 = coefficients[:8]
-        squared, tangential = np.tan(angle) ** 2, np.array([p1, p2])
-        quotient = polyval(squared, [1.0, k1, k2, k3]) / polyval(squared, [1.0, k4, k5, k6])
-        recorded = np.tan(angle) * quotient
-    else:
+        angle = fisheye_angles()
+        if not within_view(angle * polyval(angle**2, [1.0, *coefficients[:4]]), radius):
+            raise UnknownLensError(_too_wide(model))
+        k1, k2, k3, k4 = (float(v) for v in coefficients[:4])
+        return Lens((fx, fy), (cx, cy), (k1, k2, k3, k4), "equidistant"), notes
+    if model not in _RADTAN or len(coefficients) < 8 or np.any(coefficients[8:]):
         raise UnknownLensError(
             f"the lens model {model[:40]!r} with {len(coefficients)} coefficients is not known; undistort "
             "the pictures first (image_proc)"
         )
-    found = fitted_radial(angle, recorded, radius)
+    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients[:8]
+    angle = viewing_angles()
+    squared = np.tan(angle) ** 2
+    quotient = polyval(squared, [1.0, k1, k2, k3]) / polyval(squared, [1.0, k4, k5, k6])
+    found = fitted_radial(angle, np.tan(angle) * quotient, radius)
     if found is None:
-        raise UnknownLensError(
-            f"the view of its {model} lens is too wide for a pinhole camera; undistort the pictures first "
-            "(image_proc)"
-        )
+        raise UnknownLensError(_too_wide(model))
     k1, k2, _, _, k3 = found.distortion
-    p1, p2 = (float(p) / found.ratio for p in tangential)
+    p1, p2 = float(p1) / found.ratio, float(p2) / found.ratio
     notes.append(
         f"its {model} lens is described by radial distortion, with errors of up to {found.error * fx:.2f} px"
     )
     return Lens((fx * found.ratio, fy * found.ratio), (cx, cy), (k1, k2, p1, p2, k3)), notes
+
+
+def _too_wide(model: str) -> str:
+    """Return why a view is refused, and the next step."""
+    return (
+        f"the view of its {model} lens is too wide or folds back; undistort the pictures first (image_proc)"
+    )
 
 
 def _in_picture(

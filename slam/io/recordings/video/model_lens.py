@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam.io.radial_fit import fitted_radial, viewing_angles
+from slam.io.lens_fit import fitted_radial, viewing_angles
 from slam.io.recordings.video.gpmf import blocks
 from slam.io.recordings.video.mp4 import boxes
 

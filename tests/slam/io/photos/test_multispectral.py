@@ -128,17 +128,21 @@ def test_the_fisheye_lens_of_the_tags(tmp_path):
     inside = np.all((expected > 0) & (expected < [1279, 959]), axis=1)
     assert inside.sum() > 300
     error_px = np.linalg.norm(camera.project(directions) - expected, axis=1)[inside].max()
-    told_px = float(remark.split("described by radial distortion, with errors of up to ")[1].split()[0])
-    assert error_px < told_px < 0.6
+    told_px = float(remark.split("described by OpenCV's fisheye, with errors of up to ")[1].split()[0])
+    assert error_px < 1.1 * told_px < 0.1
+    zero = np.zeros(3)
+    lens = camera.matrix, np.array(camera.distortion)
+    by_opencv = cv2.fisheye.projectPoints(directions[:, None], zero, zero, *lens)[0][:, 0]
+    assert np.linalg.norm(by_opencv - expected, axis=1)[inside].max() == pytest.approx(error_px)
     pinhole = cv2.projectPoints(directions, np.zeros(3), np.zeros(3), camera.matrix, None)[0].reshape(-1, 2)
     assert np.linalg.norm(pinhole - expected, axis=1)[inside].max() > 50
 
 
-def test_a_fisheye_wider_than_a_pinhole_camera_is_reported(tmp_path):
+def test_a_fisheye_of_too_wide_a_view_is_reported(tmp_path):
     wide = FISHEYE | {"FisheyeAffineMatrix": "700,0,0,700"}
     camera, (remark,) = photo_camera([tags_of(tmp_path, wide, (1280, 960))])
     assert not camera.is_distorted
-    assert "too wide for a pinhole camera" in remark
+    assert "the view of its fisheye is too wide" in remark
 
 
 @pytest.mark.parametrize(

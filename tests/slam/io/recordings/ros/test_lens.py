@@ -1,4 +1,4 @@
-"""Lenses of ``CameraInfo``: the pinhole camera agrees with OpenCV's own models within the error it states."""
+"""Lenses of ``CameraInfo``: the camera agrees with OpenCV's own models within the error it states."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from frontend.camera import Camera
 from slam.io.recordings.ros.lens import UnknownLensError, lens_of
 
 SIZE_PX = (640, 480)
@@ -31,9 +32,7 @@ def rays() -> np.ndarray:
 
 
 def projected(lens) -> np.ndarray:
-    matrix = np.diag([*lens.focal_px, 1.0])
-    matrix[:2, 2] = lens.center_px
-    return cv2.projectPoints(rays(), np.zeros(3), np.zeros(3), matrix, np.array(lens.distortion))[0][:, 0]
+    return Camera(lens.focal_px, lens.center_px, SIZE_PX, lens.distortion, lens=lens.model).project(rays())
 
 
 def by_opencv(model: str, coefficients: tuple[float, ...]) -> np.ndarray:
@@ -64,10 +63,11 @@ def test_the_lens_agrees_with_opencv_within_the_error_it_states(model, coefficie
     [
         ("thin_prism", (0.1,) * 4, "lens model 'thin_prism' with 4 coefficients is not known"),
         ("equidistant", (0.1,) * 3, "lens model 'equidistant' with 3 coefficients"),
-        ("equidistant", (-0.3, 0.0, 0.0, 0.0), "too wide for a pinhole camera"),
+        ("equidistant", (-0.3, 0.0, 0.0, 0.0), "too wide or folds back"),
+        ("rational_polynomial", (-0.9, 0, 0, 0, 0, 0, 0.1, 0), "too wide or folds back"),
     ],
 )
-def test_a_lens_that_a_pinhole_camera_cannot_describe_is_refused(model, coefficients, why):
+def test_a_lens_that_no_camera_describes_is_refused(model, coefficients, why):
     with pytest.raises(UnknownLensError, match=why):
         lens_of(info(model, coefficients), SIZE_PX)
 
@@ -75,3 +75,23 @@ def test_a_lens_that_a_pinhole_camera_cannot_describe_is_refused(model, coeffici
 def test_a_size_of_another_aspect_is_refused():
     with pytest.raises(UnknownLensError, match="have 300 x 300 px, but CameraInfo is for 640 x 480"):
         lens_of(info("plumb_bob", PLUMB_BOB), (300, 300))
+
+
+@pytest.mark.parametrize("name", ["equidistant", "fisheye"])
+def test_a_fisheye_is_taken_as_it_is(name):
+    """Up to 75 degrees from the axis, where a pinhole with radial distortion has large errors."""
+    focal_px = 300.0
+    matrix = np.array([[focal_px, 0, 319.5], [0, focal_px, 239.5], [0, 0, 1]])
+    wide = SimpleNamespace(
+        k=matrix.ravel(), d=np.array(FISHEYE), distortion_model=name, width=SIZE_PX[0], height=SIZE_PX[1]
+    )
+    lens, notes = lens_of(wide, SIZE_PX)
+    assert notes == []
+    assert lens.distortion == FISHEYE
+    camera = Camera(lens.focal_px, lens.center_px, SIZE_PX, lens.distortion, lens=lens.model)
+    u, v = np.meshgrid(np.linspace(0, 639, 33), np.linspace(0, 479, 25))
+    pixel = np.column_stack([u.ravel(), v.ravel()])
+    by_opencv = cv2.fisheye.undistortPoints(pixel[:, None], matrix, np.array(FISHEYE))[:, 0]
+    rays = camera.rays(camera.undistort(pixel))
+    np.testing.assert_allclose(rays[:, :2], by_opencv, atol=1e-5)
+    assert np.degrees(np.arctan(np.linalg.norm(by_opencv, axis=1).max())) > 74
