@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import NO_CAMERA
 from slam.core.fix_check import MAX_SPEED_M_S
-from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu
+from slam.core.flight import STREAMS, AttitudeSeries, Flight
+from slam.core.imu_at_rest import imu_anomalies
 from slam.core.messages import Note, same_kind
 from slam.core.names import listed
 from slam.core.stream_anomalies import (
     camera_anomalies,
-    imu_axis_anomalies,
     sonar_anomalies,
     velocity_anomalies,
 )
@@ -27,10 +26,6 @@ Array = NDArray[np.float64]
 
 GAP_FACTOR, GAP_MIN_S = 3.0, 0.1
 """An interval is a gap if it exceeds this many median intervals and this many seconds."""
-REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
-"""The vehicle rests if the deviations of gyro (rad/s) and accelerometer (m/s^2) in a window are smaller."""
-ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
-"""Largest deviation of a sensor at rest from gravity and from zero that is no anomaly."""
 MOST_LISTED_FIXES = 40
 """Fixes that one line names."""
 
@@ -225,7 +220,7 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     if flight.attitude is not None:
         lines += _attitude_anomalies(flight.attitude)
     if flight.imu is not None:
-        lines += _imu_anomalies(flight.imu)
+        lines += imu_anomalies(flight.imu)
     if flight.velocity is not None:
         lines += velocity_anomalies(flight.velocity)
     lines += _gps_anomalies(flight)
@@ -277,39 +272,6 @@ def _attitude_anomalies(attitude: AttitudeSeries) -> list[str]:
                 f"attitude0: {name} reaches {math.degrees(far):.0f} deg, where pictures do not show the "
                 "ground below; check its unit and axes"
             )
-    return lines
-
-
-def _imu_anomalies(imu: Imu) -> list[str]:
-    """Check the readings at rest; of the whole flight where it never rests."""
-    window = np.floor(imu.stamps_s / REST_WINDOW_S).astype(np.int64)
-    starts = np.flatnonzero(np.diff(window, prepend=window[:1] - 1))
-    at_rest = []
-    for rows in np.split(np.arange(len(window)), starts[1:]):
-        if (
-            len(rows) >= 10
-            and imu.gyro_rad_s[rows].std(axis=0).max() < REST_GYRO_STD
-            and imu.accel_m_s2[rows].std(axis=0).max() < REST_ACCEL_STD
-        ):
-            at_rest.append(rows)
-    where = "at rest" if at_rest else "on average"
-    rows = np.concatenate(at_rest) if at_rest else np.arange(len(window))
-    accel = float(np.median(np.linalg.norm(imu.accel_m_s2[rows], axis=1)))
-    gyro = float(np.linalg.norm(np.median(imu.gyro_rad_s[rows], axis=0)))
-    lines = []
-    if abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
-        lines.append(
-            f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81; "
-            "lengths that rest on it are off as much: calibrate its scale"
-        )
-    lines += imu_axis_anomalies(imu)
-    if at_rest and gyro > GYRO_OFF_RAD_S:
-        lines.append(
-            Note(
-                f"imu0: the gyro reads {gyro:.3f} rad/s at rest; the map estimates this offset, and other "
-                "programs need it subtracted"
-            )
-        )
     return lines
 
 

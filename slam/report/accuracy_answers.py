@@ -100,7 +100,10 @@ def _of_ends(estimate: Estimate, ends: str) -> str:
     """Return what the ends of a distance add: errors of a receiver move the whole map and cancel."""
     found = limit(estimate.information_shares)
     if found is not None and found[0] == "position":
-        return "The uncertainty of a place on Earth adds little to it: most of that moves the whole map."
+        return (
+            "The uncertainty of a place on Earth adds little to it: most of that moves the whole map. The "
+            "upper limit in map.html counts it in full."
+        )
     return (
         f"The errors of both ends come on top, together typically less than {ends}, as the error of the "
         "scale is a part of them: the whole is at most the root of the sum of both squares."
@@ -176,7 +179,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
 def loops(estimate: Estimate, facts: Facts, against_truth: str) -> str:
     """Return how often places were recognised, and what speaks for and against the matches."""
     rejected = [loop.reason for loop in estimate.loops if loop.verdict == "rejected"]
-    false = sum(map(is_contradicted, rejected))
+    contradicted = sum(map(is_contradicted, rejected))
     if facts.loops_kept:
         text = (
             f"Yes, {facts.loops_kept} times, so errors do not add up over the flight. Each match that was "
@@ -188,9 +191,11 @@ def loops(estimate: Estimate, facts: Facts, against_truth: str) -> str:
         text += f" {against_truth}"
     if not rejected:
         return f"{text} No match was rejected."
-    unproven = len(rejected) - false
+    unproven = len(rejected) - contradicted
     parts = [
-        f"{false} contradict the rest of the map and are taken as false" if false else "",
+        f"the rest of the map contradicts {contradicted} (another place that looks alike, or inaccurate)"
+        if contradicted
+        else "",
         f"{unproven} show too little to tell whether they are right" if unproven else "",
     ]
     return (

@@ -97,7 +97,7 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
         )
     return (
         "It names every cause that was found by which the map may be wrong by more than the accuracy "
-        "stated here. The accuracy stated here counts none of them. All else was compared and "
+        "stated here. That accuracy may be too good for this reason. All else was compared and "
         f"agrees.{unseen}"
     )
 

@@ -30,6 +30,8 @@ _STREAMS: Mapping[str, tuple[str, ...]] = {
 """Name of a share -> fields of the flight that hold the readings."""
 _DIRECTIONS = (("x", "y"), ("z",), ("yaw",), ("scale",))
 NOT_USED = "not used"
+_NOTABLE = 0.005
+"""Share that is rounded to 1 %: without readings, a smaller one is not listed."""
 
 
 def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureTable, ...]:
@@ -41,7 +43,7 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
     rows = []
     for name in dict.fromkeys(names):
         count = _readings(flight, name)
-        if not count and not any(name in row for row in shares.values()):
+        if not count and max((row.get(name, 0.0) for row in shares.values()), default=0.0) < _NOTABLE:
             continue
         rows.append((WORDS.get(name, name.replace("_", " ")), count or "", *_cells(shares, name)))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+CONTRADICTED, UNPROVEN = "contradicted", "unproven"
+"""Verdicts on rejected matches: the rest of the map contradicts it, or it shows too little to tell."""
 _LOOP = "loop: "
 _NO = "No: "
 """Beginning of an advice to do nothing."""
@@ -101,8 +103,8 @@ class LeftOut:
 
     @property
     def verdict(self) -> str:
-        """Verdict of a rejection on a match: "false" or "unproven"; empty for other data."""
-        return "" if self.kind != "match" else "false" if is_contradicted(self.reason) else "unproven"
+        """Verdict of a rejection on a match; empty for other data."""
+        return verdict_of(self.reason) if self.kind == "match" else ""
 
     @property
     def kind(self) -> str:
@@ -110,6 +112,11 @@ class LeftOut:
         if self.reason.startswith(_LOOP):
             return "match"
         return "view" if self.reason.startswith(_VIEW) else "link"
+
+
+def verdict_of(reason: str) -> str:
+    """Return the verdict of a rejection on a match."""
+    return CONTRADICTED if is_contradicted(reason) else UNPROVEN
 
 
 def is_contradicted(reason: str) -> bool:
@@ -132,7 +139,7 @@ def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
     for reason, count in rejected.items():
         what, act = _found(reason)
         rows.append(LeftOut(what, reason, count, act))
-    order = ("", "false", "unproven")
+    order = ("", CONTRADICTED, UNPROVEN)
     return tuple(sorted(rows, key=lambda row: (row.no_need_to_act, order.index(row.verdict), -row.count)))
 
 

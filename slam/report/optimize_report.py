@@ -32,7 +32,7 @@ from slam.report.instrument_errors import (
     velocity_text,
 )
 from slam.report.instrument_table import instrument_table
-from slam.report.left_out import is_contradicted, left_out, reason_in_words
+from slam.report.left_out import is_contradicted, left_out, reason_in_words, verdict_of
 from slam.report.mosaic_facts import mosaic_facts
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
@@ -53,7 +53,7 @@ class RejectedLoop:
     keyframes: str
     pictures: str
     verdict: str
-    """"false" or "unproven"."""
+    """Verdict on the match by `slam.report.left_out`."""
     reason: str
 
 
@@ -98,6 +98,7 @@ def render(
     """Return the page as HTML; ``folder`` is where it will lie, for links to the files there."""
     facts = gather(estimate, flight)
     drawable = facts.placed > 0
+    marks = unit(facts.metric), estimate.origin is not None
     ground = mosaic_facts(mosaics.after, mosaics.quality)
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     before = "as given" if facts.is_graph else "chain alone"
@@ -116,8 +117,8 @@ def render(
         answers=pilots_answers(estimate, summary, facts, accuracy.against_truth, ground),
         tiles=_tiles(facts),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
-        mosaic=_embedded(mosaics.after),
-        chain_mosaic=_embedded(mosaics.before),
+        mosaic=_embedded(mosaics.after, marks),
+        chain_mosaic=_embedded(mosaics.before, marks),
         widths=_widths(mosaics),
         covered=[_covered(path, unit(facts.metric)) for path in (mosaics.before, mosaics.after)],
         quality=_embedded(mosaics.quality),
@@ -201,7 +202,7 @@ def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
         RejectedLoop(
             f"{loop.i} – {loop.j}",
             f"{names[loop.i]} – {names[loop.j]}",
-            "false" if is_contradicted(loop.reason) else "unproven",
+            verdict_of(loop.reason),
             reason_in_words(loop.reason),
         )
         for loop in rejected[:_MOST_REJECTED]
@@ -228,7 +229,8 @@ def _covered(path: Path | None, unit_name: str) -> str:
     )
 
 
-def _embedded(path: Path | None) -> str | None:
+def _embedded(path: Path | None, marks: tuple[str, bool] | None = None) -> str | None:
     if path is None or not path.exists():
         return None
-    return embedded(thumbnail(path), "jpeg")
+    placed = path.with_suffix(".pgw").exists()
+    return embedded(thumbnail(path, marks=marks if placed else None), "jpeg")

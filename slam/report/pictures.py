@@ -28,7 +28,8 @@ from slam.core.plot_style import (
 from slam.core.units import length, unit
 from slam.report.facts import chain_on_result, is_placed
 from slam.report.gaps import Gap
-from slam.report.left_out import is_contradicted
+from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted
+from slam.report.mosaic_marks import with_marks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,8 +113,12 @@ def bounds_of(path: Path) -> BoundingBox:
             return source.bounds
 
 
-def thumbnail(path: Path, most_px: int = 2000) -> bytes:
-    """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become white."""
+def thumbnail(path: Path, most_px: int = 2000, marks: tuple[str, bool] | None = None) -> bytes:
+    """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become white.
+
+    ``marks``: the unit of lengths, and whether the picture is on Earth, for a scale bar and arrows below it;
+    the picture then needs a world file.
+    """
     from PIL import Image
     from rasterio.env import Env
     from rasterio.errors import NotGeoreferencedWarning
@@ -121,6 +126,9 @@ def thumbnail(path: Path, most_px: int = 2000) -> bytes:
     with warnings.catch_warnings(), Env(GDAL_CACHEMAX=64, GDAL_PAM_ENABLED="NO"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a plain picture needs no place on Earth
         pixels = np.concatenate(list(_shrunk(path, most_px)))
+    if marks is not None:
+        area = bounds_of(path)
+        pixels = with_marks(pixels, (area.right - area.left) / pixels.shape[1], *marks)
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "JPEG", quality=88)
     return stream.getvalue()
@@ -170,11 +178,11 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
 
     kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
     rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
-    false = [(loop.i, loop.j) for loop in rejected if is_contradicted(loop.reason)]
+    contradicted = [(loop.i, loop.j) for loop in rejected if is_contradicted(loop.reason)]
     unproven = [(loop.i, loop.j) for loop in rejected if not is_contradicted(loop.reason)]
     for pairs, most, color, dash, alpha, what in (
-        (unproven, _MOST_REJECTED, GREY, (0, (1, 3)), 0.8, "unproven"),
-        (false, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.6, "false"),
+        (unproven, _MOST_REJECTED, GREY, (0, (1, 3)), 0.8, UNPROVEN),
+        (contradicted, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.6, CONTRADICTED),
         (kept, _MOST_KEPT, GREEN, "-", 0.75, "kept"),
     ):
         shown = pairs[:: max(1, -(-len(pairs) // most))]

@@ -32,6 +32,7 @@ from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.warnings.contradictions import contradictions
+from slam.mapping.warnings.gravity_reading import gravity_line
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
@@ -76,11 +77,15 @@ def messages(
     """
     flight, observations = context.flight, map_.observations
     tilt, systematic = _tilt(context, map_), _systematic_warning(context, map_, shared)
-    reasons = _reasons(context, map_, not_placed, shared, systematic, tilt)
+    reasons, gravity = (
+        _reasons(context, map_, not_placed, shared, systematic, tilt),
+        gravity_line(context, map_),
+    )
+    reasons += [gravity.judged] if gravity.is_in_status else []
     lines = (
         *reasons,
         *flight.warnings,
-        *describe(flight).anomalies,
+        *(gravity.judged if line == gravity.raw else line for line in describe(flight).anomalies),
         *missing_for_map(flight),
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),

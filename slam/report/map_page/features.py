@@ -14,7 +14,7 @@ from frontend.workers import Workers
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
 from slam.report.gaps import Gap
-from slam.report.left_out import is_contradicted, reason_in_words
+from slam.report.left_out import reason_in_words, verdict_of
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]
@@ -77,8 +77,7 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
 
 def _why(reason: str) -> str:
     """Return what a rejection says about a match, and its reason."""
-    verdict = "false" if is_contradicted(reason) else "unproven"
-    return f"{verdict}: {reason_in_words(reason)}"
+    return f"{verdict_of(reason)}: {reason_in_words(reason)}"
 
 
 def floor_points(estimate: Estimate) -> dict[str, Any] | None:

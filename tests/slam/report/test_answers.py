@@ -22,7 +22,7 @@ from slam.report.advice import limit, limit_sentence
 from slam.report.answers import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
-from slam.report.left_out import is_contradicted, left_out
+from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted, left_out
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import Accuracy, render
 from tests.slam.made_estimate import made_estimate, made_flight
@@ -224,9 +224,9 @@ def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
 @pytest.mark.parametrize(
     "reason", ["disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg", "implausible: 3 m", "out of reach"]
 )
-def test_a_match_that_the_map_contradicts_is_false(reason):
+def test_a_match_that_the_map_contradicts_is_no_unproven_one(reason):
     assert is_contradicted(reason)
-    assert left_out({f"loop: {reason}": 2})[0].verdict == "false"
+    assert left_out({f"loop: {reason}": 2})[0].verdict == CONTRADICTED
 
 
 @pytest.mark.parametrize(
@@ -235,11 +235,11 @@ def test_a_match_that_the_map_contradicts_is_false(reason):
 )
 def test_a_match_that_shows_too_little_is_unproven(reason):
     assert not is_contradicted(reason)
-    assert left_out({f"loop: {reason}": 2})[0].verdict == "unproven"
+    assert left_out({f"loop: {reason}": 2})[0].verdict == UNPROVEN
     assert left_out({"too few features": 2})[0].verdict == ""
 
 
-def test_false_matches_are_counted_apart_from_unproven_ones():
+def test_contradicted_matches_are_counted_apart_from_unproven_ones():
     estimate, flight = made_estimate(), made_flight()
     first, second, third = estimate.loops
     loops = (
@@ -249,12 +249,12 @@ def test_false_matches_are_counted_apart_from_unproven_ones():
         second,
     )
     found = answers(replace(estimate, loops=loops), flight)[AGAIN]
-    assert "2 others were rejected: 1 contradict the rest of the map" in found
+    assert "2 others were rejected: the rest of the map contradicts 1" in found
     assert "1 show too little" in found
     page = html.unescape(render(replace(estimate, loops=loops), summarise(estimate), flight))
-    assert re.search(r"<td>false</td><td>they contradict the other links", page)
+    assert re.search(r"<td>contradicted</td><td>they contradict the other links", page)
     assert re.search(r"<td>unproven</td><td>they have too few points", page)
-    assert page.index("<td>false</td>") < page.index("<td>unproven</td>")
+    assert page.index("<td>contradicted</td>") < page.index("<td>unproven</td>")
 
 
 def test_what_failed_is_told():

@@ -1,0 +1,67 @@
+"""Scale bar and directions below the picture of a mosaic."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]
+
+_STRIP_SHARE, _LEAST_STRIP_PX = 0.05, 28
+"""Height of the strip over the width of the picture, and in pixels at least."""
+_BAR_SHARE = 0.3
+"""Longest bar over the width of the picture."""
+_BLACK, _WHITE = (31, 35, 40), 255
+
+
+def with_marks(pixels: Image, pixel_m: float, unit: str, on_earth: bool) -> Image:
+    """Return a north-up picture (h, w) or (h, w, 3) with a strip below it that holds a scale bar and arrows.
+
+    ``pixel_m`` is the side of a pixel in ``unit``. The arrows are x and y, or east and north.
+    """
+    picture = pixels if pixels.ndim == 3 else cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB)
+    width = picture.shape[1]
+    height = max(_LEAST_STRIP_PX, round(_STRIP_SHARE * width))
+    strip = np.full((height, width, 3), _WHITE, np.uint8)
+    _scale_bar(strip, pixel_m, unit)
+    _arrows(strip, ("E", "N") if on_earth else ("x", "y"))
+    return np.concatenate([picture, strip])
+
+
+def bar_length(longest: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is no longer."""
+    power = 10.0 ** np.floor(np.log10(longest))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= longest * (1 + 1e-9)))
+
+
+def _scale_bar(strip: Image, pixel_m: float, unit: str) -> None:
+    height, width = strip.shape[:2]
+    length = bar_length(_BAR_SHARE * width * pixel_m)
+    left, right = height // 4, height // 4 + round(length / pixel_m)
+    low, thick = round(0.75 * height), max(1, height // 16)
+    cv2.line(strip, (left, low), (right, low), _BLACK, thick)
+    for end in (left, right):
+        cv2.line(strip, (end, low - height // 6), (end, low + height // 6), _BLACK, thick)
+    _text(strip, f"{length:g} {unit}", (left + thick + height // 10, round(0.55 * height)))
+
+
+def _arrows(strip: Image, names: tuple[str, str]) -> None:
+    """Draw both directions from one corner at the right end."""
+    height, width = strip.shape[:2]
+    reach, thick = round(0.55 * height), max(1, height // 20)
+    corner = width - 4 * height // 2, round(0.8 * height)
+    if corner[0] < width // 2:
+        return
+    for end, name, at in (
+        ((corner[0] + reach, corner[1]), names[0], (reach + height // 8, height // 8)),
+        ((corner[0], corner[1] - reach), names[1], (-height // 2, -reach + height // 4)),
+    ):
+        cv2.arrowedLine(strip, corner, end, _BLACK, thick, cv2.LINE_AA, tipLength=0.3)
+        _text(strip, name, (corner[0] + at[0], corner[1] + at[1]))
+
+
+def _text(strip: Image, text: str, at: tuple[int, int]) -> None:
+    size = strip.shape[0] / 60
+    thick = max(1, round(1.6 * size))
+    cv2.putText(strip, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _BLACK, thick, cv2.LINE_AA)

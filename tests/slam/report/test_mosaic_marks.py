@@ -1,0 +1,33 @@
+"""Scale bar and directions below the picture of a mosaic."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slam.report.mosaic_marks import bar_length, with_marks
+
+
+@pytest.mark.parametrize(("longest", "bar"), [(3.0, 2.0), (0.99, 0.5), (5.0, 5.0), (73.0, 50.0), (1.0, 1.0)])
+def test_a_bar_has_a_round_length_that_fits(longest, bar):
+    assert bar_length(longest) == pytest.approx(bar)
+
+
+@pytest.mark.parametrize("width", [300, 900, 2000])
+@pytest.mark.parametrize("shape", [(), (3,)])
+def test_the_bar_is_as_long_as_it_says(width, shape):
+    """The longest dark run of the strip, without its thickness, is the bar."""
+    picture, pixel_m = np.zeros((200, width, *shape), np.uint8), 0.0137
+    marked = with_marks(picture, pixel_m, "m", on_earth=False)
+    assert (marked[:200] == 0).all()
+    dark = (marked[200:, : width // 2] < 128).all(axis=2)
+    runs = [len(run) for row in dark for run in "".join(".#"[int(x)] for x in row).split(".")]
+    bar = bar_length(0.3 * width * pixel_m) / pixel_m
+    assert max(runs) == pytest.approx(bar, abs=2 + width / 100)
+
+
+def test_the_arrows_are_east_and_north_on_earth():
+    picture = np.zeros((100, 800, 3), np.uint8)
+    local, earth = (with_marks(picture, 0.1, "m", on_earth=on_earth) for on_earth in (False, True))
+    assert (local[100:, :400] == earth[100:, :400]).all()
+    assert (local[100:, 400:] != earth[100:, 400:]).any()
