@@ -205,12 +205,15 @@ def _add_calibration(graph: gtsam.NonlinearFactorGraph, camera: PinholeModel) ->
 def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:
     """Add factors of attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
+    kernel = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
+    model: gtsam.noiseModel.Base
     if measurements.attitudes:
-        model: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(2, noise.roll_pitch_rad)
+        model = gtsam.noiseModel.Robust.Create(
+            kernel, gtsam.noiseModel.Isotropic.Sigma(2, noise.roll_pitch_rad)
+        )
         for a in measurements.attitudes:
             c_up = c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad)
             graph.push_back(level_factor(POSE(a.k), WORLD, c_up, model))
-    kernel = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
     if measurements.ranges:
         model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(1, noise.range_m))
         for r in measurements.ranges:

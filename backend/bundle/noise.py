@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 
 _NOMINAL_COUNT = 20
 """Weight of a nominal noise level, as a number of residuals."""
-_POSITION_HUBER_SIGMAS = 2.0
-"""Residuals of positions count up to here, as those of pixels do."""
+_HUBER_SIGMAS = 2.0
+"""Residuals of instruments count up to here, as those of pixels do: one wrong reading spoils no other."""
 _MAX_LAG = 5
 """Largest lag of the autocorrelation along a track, in keyframes."""
 _MIN_PIXEL_SCALE = 0.01
@@ -167,7 +167,7 @@ def _sensor_noise(
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
         )
         nominal = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
-        level = replace(level, roll_pitch_rad=_pooled(nominal, autocorrelated_std(tilt), len(tilt)))
+        level = replace(level, roll_pitch_rad=_pooled(nominal, robust_autocorrelated_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
         position_m = _position_noise(measurements, w_T_b, world, level.position_m, absorbed)
         level = replace(level, position_m=position_m)
@@ -187,11 +187,11 @@ def _sensor_noise(
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])
         nominal = float(np.median([r.std_m for r in measurements.ranges]))
-        level = replace(level, range_m=_pooled(nominal, autocorrelated_std(off[:, None]), len(off)))
+        level = replace(level, range_m=_pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
     if len(measurements.heights) > 3:
         off = height_residuals(measurements.heights, w_T_b, values.atVector(HEIGHTS))
         nominal = float(np.median([h.std_m for h in measurements.heights]))
-        level = replace(level, height_m=_pooled(nominal, autocorrelated_std(off[:, None]), len(off)))
+        level = replace(level, height_m=_pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
     return level
 
 
@@ -227,7 +227,7 @@ def _mark_scale(off: Array, points: int) -> float:
     left = off.size - 3 * points
     if left <= 3:
         return 1.0
-    found = huber_std(off, _POSITION_HUBER_SIGMAS) * _redundancy_factor(off.size, np.array([3.0 * points]))
+    found = huber_std(off, _HUBER_SIGMAS) * _redundancy_factor(off.size, np.array([3.0 * points]))
     return _pooled(1.0, found, left)
 
 
@@ -313,12 +313,12 @@ def huber_std(x: Array, k: float) -> float:
 
 
 def robust_autocorrelated_std(x: Array) -> float:
-    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut at `_POSITION_HUBER_SIGMAS`."""
-    std = huber_std(x, _POSITION_HUBER_SIGMAS)
+    """Return `autocorrelated_std` of residuals (n, d) whose outliers are cut at `_HUBER_SIGMAS`."""
+    std = huber_std(x, _HUBER_SIGMAS)
     if std <= 0:
         return autocorrelated_std(x)
     distance = np.linalg.norm(x, axis=1, keepdims=True) / std
-    cut = x / np.maximum(distance / _POSITION_HUBER_SIGMAS, 1.0)
+    cut = x / np.maximum(distance / _HUBER_SIGMAS, 1.0)
     plain = float(np.sqrt(np.mean(cut**2)))
     return std * autocorrelated_std(cut) / plain if plain > 0 else std
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
 
 from backend.measurements import Attitude, BarometerHeight, InertialReadings, Position, SlantRange
 from slam.core.flight import AttitudeSeries, Flight, Imu, Scalar, Sonar
@@ -18,19 +19,30 @@ Array = NDArray[np.float64]
 
 MAX_GAP_S = 0.3
 """A keyframe farther than this from any sample of a stream has no value of that stream."""
+_LEAST_JUDGED = 4
+"""Samples around a time, from which on those that disagree with most of them are left out."""
+_OUTLIER_SIGMA = 5.0
+"""Deviation from the others that one healthy sample in two million exceeds."""
 
 
-def local_value(stamps_s: Array, values: Array, at_s: Array, half_window_s: float) -> tuple[Array, Array]:
+def local_value(
+    stamps_s: Array, values: Array, at_s: Array, half_window_s: float, noise_std: ArrayLike = np.inf
+) -> tuple[Array, Array]:
     """Straight line fitted to the samples around each time; between two samples, interpolation.
 
     A time before the first sample or after the last is reached from samples over twice its distance: from two
-    neighbours a line would carry their noise far off.
+    neighbours a line would carry their noise far off. The line goes through the samples that most others
+    around that time agree with, within ``noise_std`` (d,) or the noise that neighbours show: one false echo
+    must not spoil the mean.
 
     ``values`` (n, d), ``at_s`` (k,). Returns (k, d) values, NaN where there is a gap, and (k,) the factor
-    that the fit puts on the standard deviation of one sample (white noise averages out).
+    that the fit puts on the standard deviation of one sample: white noise averages out, and where no majority
+    agrees, the factor is the spread of the samples.
     """
     order = np.argsort(stamps_s, kind="stable")
     stamps_s, values = stamps_s[order], values[order]
+    noise_std = np.broadcast_to(noise_std, values.shape[1:])
+    tolerance = _OUTLIER_SIGMA * np.maximum(noise_std, _noise_between_neighbours(values))
     out = np.full((len(at_s), values.shape[1]), np.nan)
     factor = np.ones(len(at_s))
     for k, t in enumerate(at_s):
@@ -40,17 +52,47 @@ def local_value(stamps_s: Array, values: Array, at_s: Array, half_window_s: floa
         # One sample on each side at least, or there is nothing to interpolate.
         lo = max(0, min(lo, np.searchsorted(stamps_s, t, side="right") - 1))
         hi = min(len(stamps_s), max(hi, lo + 2, np.searchsorted(stamps_s, t) + 1))
-        dt = stamps_s[lo:hi] - t
+        dt, near = stamps_s[lo:hi] - t, values[lo:hi]
         if len(dt) == 0 or np.abs(dt).min() > MAX_GAP_S or np.ptp(stamps_s[lo:hi]) > 4 * MAX_GAP_S:
             continue
+        agrees, least_factor = _on_one_line(dt, near, tolerance), 0.0
+        if 2 * agrees.sum() > len(dt):
+            dt, near = dt[agrees], near[agrees]
+        else:
+            least_factor = float((np.ptp(near, axis=0) / noise_std).max())
         centre = dt.mean()
         spread = np.sum((dt - centre) ** 2)
         weight = np.full(len(dt), 1.0 / len(dt))
         if spread > 0:
             weight = weight - centre * (dt - centre) / spread
-        out[k] = weight @ values[lo:hi]
-        factor[k] = np.sqrt(np.sum(weight**2))
+        out[k] = weight @ near
+        factor[k] = max(float(np.sqrt(np.sum(weight**2))), least_factor)
     return out, factor
+
+
+def _noise_between_neighbours(values: Array) -> Array:
+    """Return (d,) the standard deviation of white noise from the smallest quarter of the steps between
+    neighbours, which outliers hardly reach; motion makes it larger."""
+    if len(values) < 2:
+        return np.zeros(values.shape[1])
+    quarter = float(norm.ppf(0.625)) * np.sqrt(2)
+    return np.asarray(np.quantile(np.abs(np.diff(values, axis=0)), 0.25, axis=0) / quarter)
+
+
+def _on_one_line(t: Array, values: Array, tolerance: Array) -> NDArray[np.bool_]:
+    """Return (n,) which samples (n, d) lie within ``tolerance`` (d,) of the line through two of them that
+    most samples agree with, and best. Up to three samples are not judged: each pair has a line of its own.
+
+    Source: Torr and Zisserman 2000 (CVIU 78), the loss of MSAC, over all pairs instead of random ones.
+    """
+    if len(np.unique(t)) < _LEAST_JUDGED or not np.all((tolerance > 0) & np.isfinite(tolerance)):
+        return np.ones(len(t), dtype=bool)
+    a, b = np.triu_indices(len(t), 1)
+    a, b = a[t[a] < t[b]], b[t[a] < t[b]]
+    slope = (values[b] - values[a]) / (t[b] - t[a])[:, None]
+    line = values[a][:, None] + (t - t[a][:, None])[..., None] * slope[:, None]
+    off = (np.abs(values - line) / tolerance).max(axis=2)
+    return np.asarray(off[np.argmin(np.minimum(off, 1.0).sum(axis=1))] <= 1.0)
 
 
 def attitudes_at(series: AttitudeSeries | None, at_s: Array, floor_std_rad: float) -> tuple[Attitude, ...]:
@@ -62,8 +104,11 @@ def attitudes_at(series: AttitudeSeries | None, at_s: Array, floor_std_rad: floa
         angles = series.roll_pitch_yaw_rad[:, axes]
         good = np.isfinite(angles).all(axis=1)
         unwrapped = np.unwrap(angles[good], axis=0)
-        value[:, axes], factor = local_value(series.stamps_s[good], unwrapped, at_s, 0.05)
-        std[:, axes] = np.hypot(np.array(series.noise_std_rad)[axes] * factor[:, None], floor_std_rad)
+        noise = np.array(series.noise_std_rad)[axes]
+        value[:, axes], factor = local_value(
+            series.stamps_s[good], unwrapped, at_s, 0.05, np.hypot(noise, floor_std_rad)
+        )
+        std[:, axes] = np.hypot(noise * factor[:, None], floor_std_rad)
     std[np.isnan(value)] = np.inf
     known = np.isfinite(value[:, :2]).all(axis=1)
     return tuple(Attitude(int(k), np.nan_to_num(value[k]), std[k]) for k in np.flatnonzero(known))
@@ -76,7 +121,9 @@ def ranges_at(sonar: Sonar | None, at_s: Array, floor_std_m: float) -> tuple[Sla
     good = (sonar.range_m >= sonar.min_range_m) & (sonar.range_m <= sonar.max_range_m)
     if not good.any():
         return ()
-    value, factor = local_value(sonar.stamps_s[good], sonar.range_m[good, None], at_s, 0.1)
+    value, factor = local_value(
+        sonar.stamps_s[good], sonar.range_m[good, None], at_s, 0.1, np.hypot(sonar.noise_std_m, floor_std_m)
+    )
     std = np.hypot(sonar.noise_std_m * factor, floor_std_m)
     return tuple(
         SlantRange(int(k), float(value[k, 0]), float(std[k]), sonar.b_T_s)
@@ -89,7 +136,13 @@ def heights_at(barometer: Scalar | None, at_s: Array, floor_std_m: float) -> tup
     if barometer is None:
         return ()
     good = np.isfinite(barometer.value)
-    value, factor = local_value(barometer.stamps_s[good], barometer.value[good, None], at_s, 0.1)
+    value, factor = local_value(
+        barometer.stamps_s[good],
+        barometer.value[good, None],
+        at_s,
+        0.1,
+        np.hypot(barometer.noise_std, floor_std_m),
+    )
     std_m = np.hypot(barometer.noise_std * factor, floor_std_m)
     return tuple(
         BarometerHeight(int(k), float(value[k, 0]), float(std_m[k]))

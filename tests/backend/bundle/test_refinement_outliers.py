@@ -9,8 +9,9 @@ import pytest
 
 from backend.bundle.refinement import refine
 from backend.errors import BackendError
+from backend.measurements import Measurements
 from tests.backend.bundle.made_scenes import SEEDS, SONAR, errors_squared, position_rms
-from tests.backend.made_floor import make
+from tests.backend.made_floor import Scene, make
 
 
 def test_outlier_observations_are_dropped_and_counted():
@@ -62,3 +63,38 @@ def test_missing_tracks_or_camera_raise(missing: str):
     made = make(SONAR, 0)
     with pytest.raises(BackendError, match="no tracks of floor points, or no camera"):
         refine(replace(made.measurements, **{missing: None}), made.start)
+
+
+BAROMETER = replace(SONAR, range_std_m=None, barometer_std_m=0.05, height_swing=0.4)
+
+
+def _wild(measurements: Measurements, kind: str, at: int) -> Measurements:
+    """Return the measurements with one reading of an instrument far off."""
+    readings = list(getattr(measurements, kind))
+    one = readings[at]
+    readings[at] = {
+        "ranges": lambda: replace(one, range_m=4 * one.range_m),
+        "heights": lambda: replace(one, height_m=one.height_m + 40.0),
+        "attitudes": lambda: replace(one, roll_pitch_yaw_rad=one.roll_pitch_yaw_rad + [1.2, -0.8, 0.0]),
+    }[kind]()
+    return replace(measurements, **{kind: tuple(readings)})
+
+
+@pytest.mark.parametrize(
+    ("scene", "kind"),
+    [(SONAR, "ranges"), (SONAR, "attitudes"), (BAROMETER, "heights")],
+    ids=lambda x: str(x)[:9],
+)
+@pytest.mark.parametrize("at", [0, 9])
+def test_one_wild_reading_of_an_instrument_moves_no_map(scene: Scene, kind: str, at: int):
+    """Neither the map nor its accuracy may rest on one reading that the others contradict."""
+    made = make(scene, 1)
+    clean = refine(made.measurements, made.start)
+    bundle = refine(_wild(made.measurements, kind, at), made.start)
+    scale, tilt = (
+        np.log(bundle.w_T_b[:, 2, 3].mean() / clean.w_T_b[:, 2, 3].mean()),
+        np.linalg.norm(bundle.w_T_b[:, 2, :2] - clean.w_T_b[:, 2, :2], axis=1).max(),
+    )
+    assert abs(scale) < clean.scale_std
+    assert tilt < scene.attitude_std_rad
+    assert bundle.scale_std < 1.5 * clean.scale_std

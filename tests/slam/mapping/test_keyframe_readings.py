@@ -192,3 +192,35 @@ def test_no_gps_no_positions():
     assert positions_at(Flight("f"), np.array([1.0])) == ()
     nothing = Gps(*(np.full(3, np.nan) for _ in range(4)))
     assert positions_at(Flight("f", gps=nothing), np.array([1.0])) == ()
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_false_echoes_around_a_keyframe_do_not_enter_its_range(share: float):
+    """Where most readings around a keyframe are right, the range is theirs; healthy ones are all used."""
+    rng = np.random.default_rng(1)
+    stamps_s = np.arange(0, 40, 0.04)
+    right_m = 1.5 + 0.3 * np.sin(stamps_s)
+    range_m, false = right_m + rng.normal(0, 0.01, 1000), rng.random(1000) < share
+    healthy = ranges_at(Sonar(stamps_s, range_m), stamps_s, 0.005)
+    range_m[false] = rng.uniform(0.3, 5.9, false.sum())
+    found = ranges_at(Sonar(stamps_s, range_m), stamps_s, 0.005)
+    around = np.abs(stamps_s - stamps_s[:, None]) < 0.1 + 1e-9
+    wrong, count = (false & around).sum(axis=1), around.sum(axis=1)
+    clean = wrong == 0
+    assert np.array([f.range_m for f in found])[clean] == pytest.approx(
+        np.array([h.range_m for h in healthy])[clean], abs=1e-12
+    )
+    off = np.abs([f.range_m for f in found] - right_m)
+    outvoted = (2 * wrong < count) & (count >= 5)
+    assert np.mean(off[outvoted] > 0.1) < 0.01
+    # Where no majority agrees, the range says that it is not known.
+    split = (2 * wrong == count + 1) & (off > 0.3)
+    assert np.mean([f.std_m > 0.1 for f, is_split in zip(found, split, strict=True) if is_split]) > 0.5
+
+
+def test_a_wild_attitude_does_not_enter_that_of_a_keyframe():
+    stamps_s = np.arange(0, 2, 0.02)
+    angles = np.tile([0.02, -0.03, 0.5], (100, 1))
+    angles[::7] += [0.8, 0.3, -0.4]
+    for a in attitudes_at(AttitudeSeries(stamps_s, angles), np.arange(0.2, 1.8, 0.05), 0.005):
+        assert a.roll_pitch_yaw_rad == pytest.approx([0.02, -0.03, 0.5])
