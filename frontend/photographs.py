@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import blake2b
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +15,20 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.features import Extractor, Features
 from frontend.masking import unless_hidden
-from frontend.picture_check import unusable_reason
+from frontend.picture_check import REDUCTIONS, unusable_reason
 from frontend.views import SAME_PICTURE, Load, Masks
 from frontend.workers import workers
 
 Image = NDArray[np.uint8]
+
+
+@runtime_checkable
+class LoadsReduced(Protocol):
+    """A loader of pictures that takes less time for smaller ones."""
+
+    def load_reduced(self, k: int, side_px: int | None) -> Image | None:
+        """Return picture k, or one smaller by one of ``REDUCTIONS`` whose longer side has at least
+        ``side_px``."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +44,8 @@ class _Search:
     """Inputs that the jobs of all photographs share."""
 
     load: Load
+    reductions: Sequence[int]
+    """Ratios of the camera's pictures to those that ``load`` may give."""
     extractor: Extractor
     camera: Camera
 
@@ -77,7 +90,10 @@ def photographs(
             yield _Wanted(frame, mask, earlier[-1] is not None)
 
     at_once, before = extractor.config.searched_at_once(camera.size_px), b""
-    search = _Search(load, extractor, camera)
+    search = _Search(load, (1,), extractor, camera)
+    if isinstance(load, LoadsReduced):
+        load = partial(load.load_reduced, side_px=extractor.config.max_side_px)
+        search = replace(search, load=load, reductions=REDUCTIONS)
     for frame, found in enumerate(workers().map(_looked_at, search, wanted(), at_once)):
         features = earlier.popleft()
         if found is None:
@@ -99,7 +115,7 @@ def _looked_at(search: _Search, wanted: _Wanted) -> _Found | None:
         return None
     digest = blake2b(f"{image.shape}{image.dtype}".encode(), digest_size=16)
     digest.update(np.ascontiguousarray(image).data)
-    unusable = unusable_reason(image, search.camera.size_px)
+    unusable = unusable_reason(image, search.camera.size_px, search.reductions)
     if unusable or wanted.known:
         return _Found(digest.digest(), unusable)
     return _Found(digest.digest(), features=search.extractor(image, search.camera, wanted.mask))

@@ -208,3 +208,27 @@ def test_a_damaged_sixteen_bit_file_is_refused(put):
     bad = bytearray(data.tobytes())
     bad[-100] ^= 0xFF
     assert reason(put(bytes(bad))) == "damaged"
+
+
+@pytest.mark.parametrize("mode", ["RGB", "L"])
+def test_jpeg_may_be_read_grey_and_reduced(put, mode):
+    """Each pixel is the mean of those it stands for."""
+    image = Image.fromarray(picture(5, (96, 64))[..., ::-1].copy()).convert(mode)
+    path = put(encoded("JPEG", image.resize((384, 256), Image.Resampling.BICUBIC), quality=95), "a.jpg")
+    whole, reduced = read_image(path), read_image(path, (384, 256), side_px=90)
+    grey = cv2.cvtColor(whole, cv2.COLOR_BGR2GRAY) if whole.ndim == 3 else whole
+    assert reduced.shape == (64, 96)
+    mean = cv2.resize(grey, (96, 64), interpolation=cv2.INTER_AREA).astype(float)
+    assert np.abs(reduced - mean).mean() < 2.0
+    assert read_image(path, side_px=400).shape == (256, 384)
+
+
+def test_other_formats_are_read_whole(put):
+    path = put(encoded("PNG"))
+    np.testing.assert_array_equal(read_image(path, side_px=10), read_image(path))
+
+
+def test_truncated_jpeg_is_refused_when_reduced_too(put):
+    data = encoded("JPEG", Image.fromarray(picture(5, (96, 64))))
+    with pytest.raises(UnreadableImageError, match="truncated"):
+        read_image(put(data[: len(data) // 2], "a.jpg"), side_px=24)
