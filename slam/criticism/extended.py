@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,11 +44,16 @@ def extended_with_causes(
 
     What may as well be something else does not enter the model.
     """
-    seen = {anomaly.name: anomaly for anomaly in anomalies}
+    seen = {anomaly.name for anomaly in anomalies}
     extended = extended_model(model, parameters, [c.name for c in causes if c.name not in seen], records)
-    for name, anomaly in seen.items():
-        extended = with_sizes(extended, name, {n: p.value for n, p in anomaly.parameters.items()})
-    return extended
+    return with_terms(extended, anomalies)
+
+
+def with_terms(model: Model, found: Iterable[Cause | ReadingAnomaly]) -> Model:
+    """Return the model with the terms that were found, at their sizes."""
+    for one in found:
+        model = with_sizes(model, one.name, {n: p.value for n, p in one.parameters.items()})
+    return model
 
 
 def extended_model(

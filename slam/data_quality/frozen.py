@@ -13,8 +13,7 @@ Array = NDArray[np.float64]
 
 LOG_CHANCE = -20.0
 """Logarithm of the greatest probability of a run of equal readings that counts, of about 10^5."""
-USUAL = 8.0
-"""Least length of a frozen run, in usual runs: slow sensors are logged several times a reading."""
+SHORTER = 2.0 / 3.0
 FEWEST_RUNS = 3
 """Least number of frozen runs: a vehicle may stand on the floor before and after a flight."""
 RUN = 8
@@ -46,8 +45,8 @@ class Frozen:
 def frozen(stream: InstrumentReadings) -> Frozen | None:
     """Return the frozen runs of a stream, or None.
 
-    A run is improbable if its length is, given how often successive readings are equal otherwise. Runs at one
-    value alone are no freeze: an instrument may stop at its limit.
+    A run is improbable if its length is, given how often successive readings of shorter runs are equal. Runs
+    at one value alone are no freeze: an instrument may stop at its limit.
     """
     finite = np.asarray(np.isfinite(stream.values).all(axis=1))
     times_s, values = stream.stamps_s[finite], stream.values[finite]
@@ -56,11 +55,7 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     equal = np.all(values[1:] == values[:-1], axis=1)
     begin, length = _runs(equal)
     # A slow sensor is logged several times a reading: its readings count, not the log's rows.
-    count = length / float(np.median(length))
-    short = count <= USUAL
-    share = float(np.sum(np.maximum(count[short] - 1.0, 0.0)) + 1.0) / float(np.sum(count[short]) + 1.0)
-    log_chance = np.log(len(values)) + (count - 1.0) * np.log(min(share, 0.9))
-    stuck = np.asarray(~short & (log_chance < LOG_CHANCE), dtype=np.bool_)
+    stuck = length >= _shortest_improbable(length / float(np.median(length)), len(values)) * np.median(length)
     held = {tuple(reading) for reading in values[begin[stuck]].tolist()}
     if int(stuck.sum()) < FEWEST_RUNS or len(held) < FEWEST_RUNS:
         return None
@@ -71,6 +66,24 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
     last = begin[stuck] + length[stuck] - 1
     lasts_s = times_s[last] - times_s[begin[stuck]]
     return Frozen(stream.name, times_s[begin[stuck]], lasts_s, float(repeated.mean()), repeated)
+
+
+def _shortest_improbable(count: Array, readings: int) -> float:
+    """Return the least length from which runs of equal readings, with lengths ``count``, are improbable;
+    infinite if none is.
+
+    How often a reading equals the one before shows in runs of less than ``SHORTER`` of a length: frozen runs
+    of similar lengths are no evidence that they are usual.
+    """
+    of_length, inverse = np.unique(count, return_inverse=True)
+    runs = np.bincount(inverse)
+    equal = np.append(0.0, np.cumsum(runs * np.maximum(of_length - 1.0, 0.0)))
+    of_all = np.append(0.0, np.cumsum(runs * of_length))
+    shorter = np.searchsorted(of_length, SHORTER * of_length)
+    share = (equal[shorter] + 1.0) / (of_all[shorter] + 1.0)
+    log_chance = np.log(readings) + (of_length - 1.0) * np.log(np.minimum(share, 0.9))
+    improbable = of_length[log_chance < LOG_CHANCE]
+    return float(improbable[0]) if len(improbable) else np.inf
 
 
 def at_least_value(readings: Array) -> NDArray[np.bool_]:

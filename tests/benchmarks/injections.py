@@ -285,8 +285,8 @@ def answer(kind: Kind, size: float, before: Criticism, after: Criticism) -> str:
 
 def _delay_ms(kind: Kind, found: Criticism) -> float:
     """Return the delay that is told of the instrument, in ms; 0 without one."""
-    told = [re.search(rf"{word} late by (-?[0-9]+) ms", found.remainder) for word in kind.words]
-    return next((float(match[1]) for match in told if match), 0.0)
+    told = [re.search(rf"{word} (late|early) by ([0-9.]+) ms", found.remainder) for word in kind.words]
+    return next((float(m[2]) * (1.0 if m[1] == "late" else -1.0) for m in told if m), 0.0)
 
 
 def _noisier(kind: Kind, before: Criticism, after: Criticism) -> bool:

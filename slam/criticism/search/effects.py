@@ -57,12 +57,11 @@ class Effect:
         return (self.name, self.parameters) == (other.name, other.parameters)
 
 
-def is_variance(effect: Effect) -> bool:
-    """Whether the sizes of an effect are variances: differences between segments are no errors of them."""
-    return bool(effect.perturbations) and all(
-        d.name in VARIANCE_PATTERNS or (d.kind == "camera" and d.entry in SQUARES)
-        for d in effect.perturbations
-    )
+def is_variance(perturbation: Perturbation) -> bool:
+    """Whether a size is a square or a variance: it cannot be negative, and differences between segments are
+    no errors of it."""
+    in_camera = perturbation.kind == "camera" and perturbation.entry in SQUARES
+    return in_camera or perturbation.name in VARIANCE_PATTERNS
 
 
 LATE = {"attitude late": (ATTITUDE, "attitude.delay_s"), "velocity late": (VELOCITY, "velocity.delay_s")}

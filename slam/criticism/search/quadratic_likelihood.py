@@ -166,7 +166,8 @@ class QuadraticLikelihood:
         if self.clusters is None or nats == 0.0:
             return deviate(2 * nats, len(effect.columns))
         # The differences between segments are what a variance consists of: none means no variance.
-        known = replace(maximum, covariance=maximum.white) if is_variance(effect) else maximum
+        white = all(map(is_variance, effect.perturbations))
+        known = replace(maximum, covariance=maximum.white) if white else maximum
         size, covariance = known.of(self.index(effect.columns))
         spread = covariance + effect.tolerance**2 * np.eye(len(size))
         return float(np.sqrt(max(float(size @ np.linalg.solve(spread, size)) - (len(size) - 1), 0.0)))
@@ -211,12 +212,14 @@ class QuadraticLikelihood:
 
     def over(self, fisher: FisherInformation, segments: NDArray[np.bool_]) -> QuadraticLikelihood:
         """Return the likelihood of some ``segments`` alone of the information that this one is made of."""
-        information, score = fisher.information[segments], fisher.score[segments]
+        share, clusters = segments.astype(np.float64), None
+        if self.clusters is not None:
+            clusters = Clusters(fisher.information[segments], fisher.score[segments])
         return replace(
             self,
-            information=information.sum(axis=0),
-            score=score.sum(axis=0),
-            clusters=None if self.clusters is None else Clusters(information, score),
+            information=np.tensordot(share, fisher.information, 1),
+            score=share @ fisher.score,
+            clusters=clusters,
         )
 
     def penalty_at_current(self, relaxed: Sequence[str] = ()) -> float:
@@ -290,11 +293,12 @@ def quadratic_likelihood(
 ) -> QuadraticLikelihood:
     """Return the quadratic likelihood of the flights; errors may be correlated in each segment if
     ``clustered``."""
+    share = np.ones(len(fisher.score))
     return QuadraticLikelihood(
         columns=fisher.columns,
         names=tuple(n.name for n in nuisances),
-        information=fisher.information.sum(axis=0),
-        score=fisher.score.sum(axis=0),
+        information=np.tensordot(share, fisher.information, 1),
+        score=share @ fisher.score,
         at=np.array([value_of(n, parameters) for n in nuisances]),
         limits=np.array([limits_of(n, model) for n in nuisances]).reshape(-1, 2),
         precision=np.array([prior_precision(n, model) for n in nuisances]),

@@ -7,7 +7,7 @@ without it rises one for one with the covariate, and the error with it does not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,13 +90,27 @@ def covariate(
         for name, with_cause in models.items()
     }
     pooled = {
-        name: {c: np.concatenate([flight[c] for flight in flights]) for c in BEYOND_IMU}
+        name: {
+            (CHANNELS[c], CHANNEL_UNITS[c]): np.concatenate([flight[c] for flight in flights])
+            for c in BEYOND_IMU
+        }
         for name, flights in residuals.items()
     }
-    against = tuple(m for name in models if name and (m := _against(pooled, name)) is not None)
+    return covariate_of(pooled, cause, rival if other is not None else "")
+
+
+def covariate_of(
+    pooled: Mapping[str, dict[tuple[str, str], Array]], cause: str, rival: str
+) -> Covariate | None:
+    """Return the covariates of a cause and its rival; None where no error shows the cause.
+
+    ``pooled``: cause that is in the model, or "" for none -> channel and unit -> (n,) measured less
+    predicted.
+    """
+    against = tuple(m for name in pooled if name and (m := _against(pooled, name)) is not None)
     if not against or against[0].cause != cause:
         return None
-    return Covariate(cause, rival if other is not None else "", against)
+    return Covariate(cause, rival, against)
 
 
 def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
@@ -111,7 +125,7 @@ def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[E
     return best.effect if best is not None else None
 
 
-def _against(pooled: dict[str, dict[int, Array]], cause: str) -> ChannelResiduals | None:
+def _against(pooled: Mapping[str, dict[tuple[str, str], Array]], cause: str) -> ChannelResiduals | None:
     """Return the errors of the channel in which the cause removes the greatest share; None where it changes
     none."""
     shares = {}
@@ -122,7 +136,5 @@ def _against(pooled: dict[str, dict[int, Array]], cause: str) -> ChannelResidual
     if not shares:
         return None
     best = max(shares, key=lambda c: shares[c])
-    return ChannelResiduals(
-        cause, CHANNELS[best], CHANNEL_UNITS[best], pooled[""][best] - pooled[cause][best],
-        {name: of[best] for name, of in pooled.items()},
-    )  # fmt: skip
+    residuals = {name: of[best] for name, of in pooled.items()}
+    return ChannelResiduals(cause, *best, pooled[""][best] - pooled[cause][best], residuals)

@@ -15,11 +15,11 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.search.effects import Effect, catalogue_value
+from slam.criticism.search.effects import Effect, catalogue_value, is_variance
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import is_term
-from slam.criticism.without_commands.likelihood import columns_of, fisher_of, is_square, segments_of
+from slam.criticism.without_commands.likelihood import columns_of, fisher_of, segments_of
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.terms import CATALOGUE
 
@@ -60,8 +60,8 @@ def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:
     sizes = np.linalg.solve(information, score[:, :, None])[:, :, 0]
     errors = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
     varying = {}
-    for k, name in enumerate(effect.columns):
-        if is_square(name):
+    for k, (name, perturbation) in enumerate(zip(effect.columns, effect.perturbations, strict=True)):
+        if is_variance(perturbation):
             continue  # a variance naturally differs from segment to segment
         common = abs(float(step[own[k]]))
         sure = errors[:, k] < TELLING * max(common, effect.tolerance)
@@ -116,17 +116,17 @@ def onset(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> Onset 
     changes = [
         change
         for effect in found.last.effects if is_term(effect)
-        for column in effect.columns if not is_square(column)
-        if (change := _greatest(found, fisher, begin_s, effect, column)) is not None
+        for perturbation in effect.perturbations if not is_variance(perturbation)
+        for change in _changes(found, fisher, begin_s, effect, perturbation.name) if change.z > CERTAIN_Z
     ]  # fmt: skip
     return max(changes, key=lambda change: change.z, default=None)
 
 
-def _greatest(
+def _changes(
     found: SearchResult, fisher: FisherInformation, begin_s: Array, effect: Effect, column: str
-) -> Onset | None:
-    """Return the likeliest change of a column beside the chosen effects; ``begin_s`` (segments,) are the
-    times of the segments of ``fisher``."""
+) -> list[Onset]:
+    """Return the likeliest change of a column in each flight, beside the chosen effects; ``begin_s``
+    (segments,) are the times of the segments of ``fisher``."""
     quadratic = found.last.quadratic
     effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
     step = quadratic.maximise(effects).whole
@@ -138,13 +138,11 @@ def _greatest(
     along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
     score = (fisher.score - fisher.information @ step) @ along
     known = (fisher.information @ along) @ along
-    best: Onset | None = None
-    for flight in np.unique(fisher.flight):
-        inside = fisher.flight == flight
+    onsets = []
+    for inside in (fisher.flight == flight for flight in np.unique(fisher.flight)):
         k, change, z = _break(score[inside], known[inside], effect.tolerance)
-        if z > CERTAIN_Z and (best is None or z > best.z):
-            best = Onset(column, float(begin_s[inside][k]), change, z)
-    return best
+        onsets.append(Onset(column, float(begin_s[inside][k]), change, z))
+    return onsets
 
 
 def _break(score: Array, information: Array, tolerance: float) -> tuple[int, float, float]:

@@ -20,6 +20,7 @@ from backend.measurements import GRAVITY_M_S2
 from frontend.robust import robust_std
 from slam.core.flight import Flight
 from slam.core.rotations import rotation_of
+from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
 from slam.criticism.without_commands.whitened_rows import (
     BETWEEN_SAMPLES,
     FEWEST,
@@ -39,6 +40,10 @@ JUMP = 6.0
 SMALL = 0.2
 """Size at which a term is undone for its derivative, as a share of its usual range: a delay of only some
 milliseconds would show the noise of the attitude between two samples."""
+DELAY = ".delay_s"
+DELAYS_S = (-0.16, -0.08, 0.0, 0.08, 0.16, 0.24, 0.32)
+"""Delays about which rows may be linear: a speed is averaged over 0.2 s, so rows are linear for half as
+long either way."""
 FAINT = 1e-9
 """Greatest entry of a column that is rounding."""
 
@@ -110,8 +115,39 @@ def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
         return found
     for kind, seen in comparisons(finite):
         traces = _traces(finite, imu, kind, seen.off) | seen.others()
-        found += whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
+        late_s = _delay(finite, imu, kind, traces, low_s)
+        if late_s != 0.0:
+            imu_late, column = replace(imu, stamps_s=imu.stamps_s + late_s), READ_AS[kind] + DELAY
+            seen = _compared(finite, imu_late, kind)
+            traces = _traces(finite, imu_late, kind, seen.off) | seen.others()
+            rows = whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
+            found += [r.shifted(column, late_s) for r in rows]
+        else:
+            found += whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
     return found
+
+
+def _delay(flight: Flight, imu: _Imu, kind: str, traces: dict[str, Array], low_s: Array) -> float:
+    """Return the delay of a stream, of those on the grid, about which its rows are linear.
+
+    Far from the truth the noise of the rows has the delay in it. Their profile likelihood is therefore
+    compared, with the noise and all other errors fitted anew at each delay. Between two similar ones it is 0.
+    """
+    if READ_AS[kind] + DELAY not in traces:
+        return 0.0
+    nats = {}
+    for late_s in DELAYS_S:
+        seen = _compared(flight, replace(imu, stamps_s=imu.stamps_s + late_s), kind)
+        rows = whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
+        nats[late_s] = -sum(len(r.off) * float(np.log(r.noise)) for r in rows)
+    best = max(nats, key=lambda late_s: nats[late_s])
+    return best if nats[best] - nats[0.0] > VERY_SIMILAR_NATS else 0.0
+
+
+def _compared(flight: Flight, imu: _Imu, kind: str) -> IntegralComparison:
+    seen = _COMPARISONS[kind](flight, imu)
+    assert seen is not None
+    return seen
 
 
 def _traces(flight: Flight, imu: _Imu, kind: str, off: Array) -> dict[str, Array]:
@@ -144,9 +180,7 @@ def _traces(flight: Flight, imu: _Imu, kind: str, off: Array) -> dict[str, Array
 def _off(undone: Flight, imu: _Imu, term: Term, kind: str) -> Array:
     """Return the differences (n, components) of a flight without a term; ``imu`` is that with the term."""
     changed = replace(imu, **_in_body_axes(undone)) if term.stream == "imu" else imu
-    seen = _COMPARISONS[kind](undone, changed)
-    assert seen is not None
-    return seen.off
+    return _compared(undone, changed, kind).off
 
 
 def _with_finite_imu(flight: Flight) -> Flight:
@@ -195,7 +229,7 @@ def _attitude(flight: Flight, imu: _Imu) -> IntegralComparison | None:
 
     def others() -> dict[str, Array]:
         jumps = imu.at(stamps, _jumps(imu, turn))
-        return {"attitude.delay_s": -imu.at(stamps, turn), BETWEEN_SAMPLES: jumps}
+        return {"attitude" + DELAY: -imu.at(stamps, turn), BETWEEN_SAMPLES: jumps}
 
     return IntegralComparison(stamps, angles, imu.at(stamps, imu.integral(turn)), 1, angles[:, 2], others)
 
@@ -221,7 +255,7 @@ def _velocity(flight: Flight, imu: _Imu) -> IntegralComparison | None:
     pull = _acceleration(imu)
 
     def others() -> dict[str, Array]:
-        return {"velocity.delay_s": -imu.at(stamps, imu.w_accel)[:, :2]}
+        return {"velocity" + DELAY: -imu.at(stamps, imu.w_accel)[:, :2]}
 
     return IntegralComparison(stamps, speed, imu.at(stamps, imu.integral(pull))[:, :2], 1, yaw, others)
 

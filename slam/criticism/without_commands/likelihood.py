@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.lens import WARP_TOLERANCE, WARPS
-from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
-from slam.criticism.kalman.filter_parameters import CAMERA, SQUARES, FilterParameters, slot
+from slam.criticism.camera.photometric import PICTURE_PATTERNS
+from slam.criticism.kalman.filter_parameters import CAMERA, STEPS, FilterParameters, slot
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.readings import SENSOR
-from slam.criticism.search.effects import LATE, Effect
+from slam.criticism.search.effects import LATE, Effect, is_variance
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
@@ -59,12 +59,7 @@ def direction(column: str) -> Perturbation:
     """Return the perturbation of a column."""
     if column in PATTERNS:
         return Perturbation(column, "picture", PATTERNS.index(column))
-    return Perturbation(column, *slot(column))
-
-
-def is_square(column: str) -> bool:
-    """Whether a column is a square, or a variance: its size cannot be negative."""
-    return column in VARIANCE_PATTERNS or (column in CAMERA and CAMERA.index(column) in SQUARES)
+    return Perturbation(column, *slot(column), STEPS[CAMERA.index(column)] if column in CAMERA else 1e-3)
 
 
 def columns_of(rows: Sequence[Sequence[WhitenedRows]]) -> list[str]:
@@ -144,7 +139,7 @@ def _effects(columns: Sequence[str]) -> tuple[Effect, ...]:
             name,
             tuple(map(direction, own)),
             parameters=tuple(c.rpartition(".")[2] for c in own) if name in CATALOGUE else (),
-            positive=all(map(is_square, own)),
+            positive=all(is_variance(direction(c)) for c in own),
             tolerance=TOLERANCE.get(name, 0.0),
         )
         for name, own in of.items()
@@ -157,23 +152,12 @@ def _growing(effect: Effect) -> Effect:
     return Effect(effect.name + IN_TIME, tuple(growing))
 
 
-def sizes_by_others(found: SearchResult) -> dict[int, Sizes]:
-    """Return for each held-out part the sizes of the chosen terms, fitted on all others."""
+def sizes_by_others(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> list[dict[float, Sizes]]:
+    """Return for each flight: number of a segment -> sizes of the chosen terms by all other parts."""
     part, _ = parts_of(found.last.fisher.flight)
-    return {
-        k: {
-            column: size
-            for column, size in found.last.over(part != k).sizes(found.chosen).items()
-            if column.rpartition(".")[0] in CATALOGUE
-        }
-        for k in np.unique(part).tolist()
-    }
-
-
-def part_of_segments(rows: Sequence[Sequence[WhitenedRows]], by: Ints) -> list[dict[float, int]]:
-    """Return for each flight: number of a segment -> its part; ``by`` (segments,) are the parts."""
-    labels, _ = segments_of(rows, SEGMENT_S)
-    parts: list[dict[float, int]] = [{} for _ in rows]
-    for (flight, number), part in zip(labels.tolist(), by.tolist(), strict=True):
-        parts[flight][float(number)] = part
-    return parts
+    terms = [e.name for e in found.chosen if e.name in CATALOGUE]
+    of_part = {k: found.last.over(part != k).sizes(found.chosen) for k in np.unique(part).tolist()}
+    sizes: list[dict[float, Sizes]] = [{} for _ in rows]
+    for (flight, number), k in zip(segments_of(rows, SEGMENT_S)[0].tolist(), part.tolist(), strict=True):
+        sizes[flight][number] = {c: x for c, x in of_part[k].items() if c.rpartition(".")[0] in terms}
+    return sizes

@@ -7,8 +7,8 @@ eigenvectors of H with significant eigenvalues.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score_along
-from slam.criticism.cause import NOT_AHEAD_S, ChannelError
-from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, STEPS, FilterParameters, slot
+from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, FilterParameters
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.record import Record
+from slam.criticism.search.effects import is_variance
+from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.without_commands.likelihood import (
     PATTERNS,
     Sizes,
     direction,
-    is_square,
     picture_columns,
 )
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
@@ -36,7 +36,6 @@ KIND = "pictures"
 HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 """Standard deviations of quantities that differ between healthy flights."""
 _PRECISION = [std**-2.0 for std in HEALTHY.values()]
-_STEP = 1e-3
 _FAINT = 1e-9
 """Information added on errors that nothing in a segment shows."""
 TELLING = 1e-9
@@ -61,11 +60,11 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
     ``parameters`` have inflated process noise and lack these errors.
     """
     names = picture_columns()
-    perturbations = [_perturbation(name) for name in (*names, *HEALTHY)]
+    perturbations = [direction(name) for name in (*names, *HEALTHY)]
     point = _point(sizes)
     at = np.array([point.get(name, 0.0) for name in names])
     made = []
-    for segment in _segments(record, with_errors(parameters, point), perturbations):
+    for segment in _segments(record, _with_errors(parameters, point), perturbations):
         information = segment.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
         over = np.sqrt(_misfit(segment.seen, information))
         root, white = _roots(*_without_healthy(information, segment.seen.score, len(names)))
@@ -103,44 +102,16 @@ def contradiction(rows: Sequence[Sequence[WhitenedRows]]) -> str:
     )
 
 
-def picture_errors(
-    records: Sequence[Record | None], parameters: FilterParameters, parts: Sequence[Mapping[float, int]],
-    sizes: Mapping[int, Sizes],
-) -> tuple[ChannelError, ...]:  # fmt: skip
-    """Return root mean square reprojection errors in pixels, without the errors and with such ``sizes`` as
-    the other parts of the flights have; empty where there are no pictures."""
-    squares, rows = [], []
-    for record, of in zip(records, parts, strict=True):
-        if record is None or record.matches is None:
-            continue
-        noise = float(np.mean(record.matches.std_px**2))
-        before = {s.middle_s: s.seen for s in _segments(record, parameters, ())}
-        for part in sorted(set(of.values())):
-            for segment in _segments(record, with_errors(parameters, _point(sizes[part])), ()):
-                middle_s, after = segment.middle_s, segment.seen
-                if of.get(middle_s // SEGMENT_S) == part and middle_s in before:
-                    both = before[middle_s], after
-                    squares.append([noise * s.chi_square / s.rows for s in both])
-                    rows.append(after.rows)
-    if not rows:
-        return ()
-    rms = np.sqrt(np.average(squares, axis=0, weights=rows))
-    return (ChannelError("reprojection", "px", NOT_AHEAD_S, float(rms[0]), float(rms[1])),)
-
-
 def _point(sizes: Sizes) -> Sizes:
     """Return the sizes that filter parameters can hold: those of no pattern, and no variance below 0."""
-    compare_sensors = [n for n in picture_columns() if n in sizes and n not in PATTERNS]
-    return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in compare_sensors}
+    known = [n for n in picture_columns() if n in sizes and n not in PATTERNS]
+    return {n: max(sizes[n], 0.0) if is_variance(direction(n)) else sizes[n] for n in known}
 
 
-def with_errors(parameters: FilterParameters, sizes: Sizes) -> FilterParameters:
-    """Return the filter parameters with errors of some sizes."""
-    camera, sensor = parameters.camera.copy(), parameters.sensor.copy()
+def _with_errors(parameters: FilterParameters, sizes: Sizes) -> FilterParameters:
     for name, size in sizes.items():
-        where, entry = slot(name)
-        (camera if where == "camera" else sensor)[entry] += size
-    return replace(parameters, camera=camera, sensor=sensor)
+        parameters = fitted_parameter(name).stepped(parameters, size)
+    return parameters
 
 
 def _misfit(seen: LikelihoodScore, information: Array) -> float:
@@ -151,11 +122,6 @@ def _misfit(seen: LikelihoodScore, information: Array) -> float:
     score = seen.score[points]
     explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
     return max((seen.chi_square - explained) / seen.rows, 1.0)
-
-
-def _perturbation(name: str) -> Perturbation:
-    step = STEPS[CAMERA.index(name)] if name in CAMERA else _STEP
-    return replace(direction(name), step=step)
 
 
 def _segments(

@@ -22,20 +22,18 @@ Array = NDArray[np.float64]
 
 
 def channel_errors(
-    rows: Sequence[Sequence[WhitenedRows]],
-    parts: Sequence[dict[float, int]],
-    sizes: Mapping[int, Sizes],
-    by: str,
+    rows: Sequence[Sequence[WhitenedRows]], sizes: Sequence[Mapping[float, Sizes]], by: str
 ) -> tuple[ChannelError, ...]:
-    """Return root mean square errors over each horizon, before and after each part's ``sizes`` are removed.
+    """Return root mean square errors over each horizon, before and after the ``sizes`` are removed.
 
-    ``parts``: for each flight, number of a segment -> its part, which is ``by`` flight or segment.
+    ``sizes``: for each flight, number of a segment -> sizes there, by all other parts, which are ``by``
+    flight or segment.
     """
     squares: dict[tuple[str, str, float], list[Array]] = {}
-    for flight, of_segment in zip(rows, parts, strict=True):
+    for flight, of_segment in zip(rows, sizes, strict=True):
         for averages in (r.averages for r in flight if r.averages is not None):
             for horizon in HORIZONS_S:
-                found = _errors_of(averages, horizon, of_segment, sizes, by == "flight")
+                found = _errors_of(averages, horizon, of_segment, by == "flight")
                 squares.setdefault((averages.channel, averages.unit, horizon), []).append(found**2)
     errors = []
     for (channel, unit, horizon), of in squares.items():
@@ -47,11 +45,7 @@ def channel_errors(
 
 
 def _errors_of(
-    averages: Averages,
-    horizon_s: float,
-    parts: dict[float, int],
-    sizes: Mapping[int, Sizes],
-    whole_flight: bool,
+    averages: Averages, horizon_s: float, sizes: Mapping[float, Sizes], whole_flight: bool
 ) -> Array:
     """Return errors (n, 2) before and after, from every moment whose horizon lies within one part."""
     ahead = round(horizon_s / NODE_S)
@@ -59,17 +53,16 @@ def _errors_of(
     if last < 1 or ahead % averages.order:
         return np.zeros((0, 2))
     segment = averages.times_s // SEGMENT_S
-    part = np.array([parts.get(s, -1) for s in segment[:last].tolist()])
     lost = np.concatenate([[0], np.cumsum(~averages.whole)])
     kept = (lost[ahead + 1 :] == lost[:last]) & (averages.pause[ahead:] == averages.pause[:last])
     kept &= whole_flight | (segment[ahead:] == segment[:last])
-    kept &= part >= 0
+    kept &= np.isin(segment[:last], list(sizes))
     apart = averages.table[ahead:] - averages.table[:last]
     if averages.order == 2:
         apart -= 2.0 * (averages.table[ahead // 2 : last + ahead // 2] - averages.table[:last])
     explained = np.zeros(last)
-    for one, of in sizes.items():
-        own = part == one
+    for number, of in sizes.items():
+        own = segment[:last] == number
         for name, size in of.items():
             explained[own] += size * apart[own, averages.column(name)] if averages.knows(name) else 0.0
     return np.asarray(np.column_stack([apart[:, 0], apart[:, 0] - explained])[kept])

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.cause import Cause
-from slam.criticism.extended import with_sizes
+from slam.criticism.cause import LIKELY, Cause
+from slam.criticism.extended import with_terms
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import SearchResult
-from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
+from slam.criticism.verdict.covariate import Covariate, covariate_of
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import (
     CONFIRMED_NATS,
@@ -28,20 +28,19 @@ from slam.criticism.verdict.decision import (
     decide,
     split_by_probability,
 )
-from slam.criticism.verdict.held_out import held_out, parts_of
+from slam.criticism.verdict.held_out import held_out
 from slam.criticism.verdict.posterior import Posterior, is_term, posterior_of
 from slam.criticism.verdict.power import confusable, detectable
+from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.sentence import with_sentences
 from slam.criticism.verdict.tables import ranking
 from slam.criticism.without_commands.consistency import varying_sizes
 from slam.criticism.without_commands.likelihood import (
     compared,
-    part_of_segments,
     sizes_by_others,
     table_of,
 )
 from slam.criticism.without_commands.next_flight import next_motion
-from slam.criticism.without_commands.pictures import picture_errors
 from slam.criticism.without_commands.rollouts import channel_errors
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.unexplained import (
@@ -90,7 +89,8 @@ def criticise_without_commands(
     fitted = _causes(compare, rows, found, posterior)
     likely, faint = split_by_probability(fitted, found, posterior, ())
     anomalies = [anomaly.cause() for anomaly in compare.anomalies]
-    causes = by_importance([*likely, *anomalies])
+    # What a whole stream shows leads; an anomaly of single readings has no gain ahead.
+    causes = tuple(sorted((*by_importance(likely), *anomalies), key=lambda c: c.probability <= LIKELY))
     wrong, unknown = axes_of(flights)
     unclear = [f"what looks like {cause.name} is something else" for cause in faint]
     remains = [*wrong, *readings, *left_over(found, rows), *unclear]
@@ -112,7 +112,7 @@ def criticise_without_commands(
         threshold=STANDS_OUT_Z,
         threshold_means=STANDS_OUT,
         model=model,
-        extended=_extended(model, causes),
+        extended=with_terms(model, causes),
         flights=tuple(f.name for f, known in zip(flights, rows, strict=True) if known),
         dropped=(*dropped, *compare.dropped, REASON),
         limits=LIMITS,
@@ -161,15 +161,16 @@ def _causes(
     found: SearchResult,
     posterior: Posterior,
 ) -> tuple[Cause, ...]:
-    """Return the chosen terms as causes, with the errors on each part without them and with the sizes that
-    the other parts give."""
+    """Return the chosen terms as causes, with the errors without them and with the sizes that the other parts
+    give."""
     if not any(map(is_term, found.chosen)):
         return ()
-    part, by = parts_of(found.last.fisher.flight)
-    parts, sizes = part_of_segments(rows, part), sizes_by_others(found)
-    errors = channel_errors(rows, parts, sizes, by)
-    errors += picture_errors(compare.records, compare.parameters, parts, sizes)
-    causes = causes_of(found, posterior, held_out((), found), errors)
+    together = held_out((), found)
+    errors = channel_errors(rows, sizes_by_others(found, rows), together.by)
+    each = zip(np.unique(found.last.fisher.flight), together.before, together.after, strict=True)
+    seen = [(known, *of) for k, *of in each if (known := compare.records[k]) is not None]
+    errors += reprojection_errors(*zip(*seen, strict=True)) if seen else ()
+    causes = causes_of(found, posterior, together, errors)
     return tuple(_with_varying_sizes(cause, found) for cause in causes)
 
 
@@ -189,15 +190,7 @@ def _with_varying_sizes(cause: Cause, found: SearchResult) -> Cause:
     return replace(cause, parameters=parameters)
 
 
-def _extended(model: Model, causes: Sequence[Cause]) -> Model:
-    """Return the model with the causes, each within its equation's limits."""
-    extended = model
-    for cause in causes:
-        extended = with_sizes(extended, cause.name, {n: p.value for n, p in cause.parameters.items()})
-    return extended
-
-
-def _covariate(rows: Sequence[Sequence[WhitenedRows]], found: SearchResult, lead: Cause) -> Covariate:
+def _covariate(rows: Sequence[Sequence[WhitenedRows]], found: SearchResult, lead: Cause) -> Covariate | None:
     """Return the covariates of the leading cause and its rival in the differences between instruments."""
     cause, rival = lead.name, lead.rival
     known = {e.name: e for e in found.last.effects}
@@ -209,14 +202,8 @@ def _covariate(rows: Sequence[Sequence[WhitenedRows]], found: SearchResult, lead
     for name, effects in models.items():
         sizes = found.last.quadratic.sizes(effects)
         residuals[name] = off - table_of(rows, list(sizes)) @ np.array(list(sizes.values()))
-    against = []
-    for name in [n for n in models if n]:
-        explained = residuals[""] - residuals[name]
-        shown = max(np.unique(kind), key=lambda k: float(np.sum(explained[kind == k] ** 2)))
-        own = kind == shown
-        against.append(
-            ChannelResiduals(
-                name, str(shown), "sigma", explained[own], {n: m[own] for n, m in residuals.items()}
-            )
-        )
-    return Covariate(cause, rival, tuple(against))
+    pooled = {
+        name: {(k, "sigma"): left[kind == k] for k in np.unique(kind).tolist()}
+        for name, left in residuals.items()
+    }
+    return covariate_of(pooled, cause, rival)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +78,15 @@ class WhitenedRows:
     their own noise."""
     averages: Averages | None
     """Averages that they are differences of; None for pictures."""
+
+    def shifted(self, column: str, size: float) -> WhitenedRows:
+        """Return the rows of readings with an error, from rows about a size of it."""
+        averages = self.averages
+        if averages is not None:
+            table = averages.table.copy()
+            table[:, 0] += size * table[:, averages.column(column)]
+            averages = replace(averages, table=table)
+        return replace(self, off=self.off + size * self.traces[column], averages=averages)
 
 
 class ComparisonMoments(NamedTuple):

@@ -135,6 +135,22 @@ def delayed(flight, by_s):
     return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + by_s))
 
 
+@pytest.mark.parametrize("late_s", [0.06, 0.16, 0.3])
+def test_a_late_speed_is_told_with_its_delay_however_long_it_is(late_s):
+    """Far from the truth the noise of the rows has the delay in it: rows are linear about the likeliest."""
+
+    def late(flight):
+        velocity = flight.velocity
+        return replace(flight, velocity=replace(velocity, stamps_s=velocity.stamps_s + late_s))
+
+    expansion = expansion_of([inertial_residuals(late(flight)) for flight in flights()])
+    found = next(s for s in expansion.score_tests([], expansion.effects) if s.effect.name == "velocity late")
+    size = expansion.quadratic.sizes([found.effect])["velocity.delay_s"]
+    print(f"late by {late_s} s: found {size:.3f} s, z {found.z:.1f}")
+    assert abs(size - late_s) < 0.03
+    assert found.z > 5.0
+
+
 @pytest.mark.slow
 def test_the_proposed_manoeuvre_distinguishes_a_bias_from_a_scale():
     model = load_model("nominal")

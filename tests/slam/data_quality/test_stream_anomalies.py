@@ -50,6 +50,25 @@ def test_frozen_runs_are_counted_with_their_length(lasts_s: float, repeats: int)
     assert "velocity repeats its reading" in str(found)
 
 
+def test_few_equal_readings_of_a_slow_stream_are_a_freeze_where_none_equals_the_last_otherwise():
+    healthy = stream()
+    slow = replace(healthy, stamps_s=healthy.stamps_s[::5], values=healthy.values[::5])
+    found = frozen(freeze(slow, 0.6))
+    assert found is not None
+    assert len(found.begin_s) == pytest.approx(12, abs=1)
+    assert np.median(found.lasts_s) == pytest.approx(0.5, abs=0.11)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_readings_that_often_equal_the_last_are_not_frozen(seed: int):
+    """A vehicle moves by turns: readings in coarse steps repeat for long where it stands still."""
+    healthy = stream(seed)
+    slow = np.sin(0.5 * healthy.stamps_s[:, None]) ** 3
+    for step in (0.02, 0.1):
+        noise = np.random.default_rng(seed).normal(0.0, 0.3 * step, healthy.values.shape)
+        assert frozen(replace(healthy, values=step * np.round((slow + noise) / step))) is None
+
+
 def test_an_instrument_at_its_limit_is_not_frozen():
     healthy = stream()
     assert frozen(replace(healthy, values=np.maximum(healthy.values, 0.0))) is None

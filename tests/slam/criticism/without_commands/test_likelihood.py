@@ -48,6 +48,7 @@ def test_the_error_that_grows_with_time_is_a_pattern_of_its_own():
     assert found.last.quadratic.sizes([growing]) == pytest.approx({NAMES[0] + IN_TIME: 3.0})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beside", [0, 4])
 def test_an_interval_covers_its_size_however_many_others_are_fitted(beside):
     """An error of the size that differs between segments: 95 % of the intervals hold the common size."""
