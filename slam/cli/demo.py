@@ -28,7 +28,7 @@ def demo(
     from slam.cli.tables import outcome_table
     from slam.evaluation import evaluate
     from slam.mapping.pipeline import optimize
-    from slam.report.accuracy import accuracy_tables, against_truth
+    from slam.report.accuracy import evaluated
     from slam.report.optimize_report import Accuracy
     from slam.simulation import simulate
 
@@ -37,14 +37,13 @@ def demo(
         flight = simulate(recipe, seed)
         estimate = optimize(flight, progress=progress)
         evaluation = evaluate(estimate, flight)
-        tables = accuracy_tables(evaluation)
         write_evaluation(folder, evaluation)
-        accuracy = Accuracy(tables, against_truth(evaluation))
+        accuracy = Accuracy(evaluated=evaluated(evaluation))
         results = write_results(
             folder, estimate, flight, MosaicOptions(previous_output=out), progress, accuracy
         )
     screen.print(outcome_table(results.facts, results.summary, results.mosaic))
-    for table in tables:
+    for table in accuracy.evaluated.tables:
         screen.table(table)
     pictures = (
         "mosaic.png",

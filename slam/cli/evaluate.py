@@ -12,6 +12,7 @@ from slam.cli.options import JSON, PICTURE_RATE, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from slam.evaluation import Evaluation
+    from slam.report.accuracy import Evaluated
 
 _TRUTH = typer.Option(
     "--truth",
@@ -28,25 +29,40 @@ def evaluate(
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Measure the errors of a map against the truth; adds evaluation.json and pictures to DIR."""
+    """Measure the errors of a map against the truth; adds files to DIR, and the result to its report."""
     from slam.cli.console import Screen
     from slam.cli.mapped import mapped_flight
     from slam.cli.output_folder import EVALUATE_NAMES
     from slam.evaluation import evaluate as compare
     from slam.io.atomic import locked
     from slam.io.estimate import read_estimate
-    from slam.report.accuracy import accuracy_tables
+    from slam.report.accuracy import evaluated
 
     screen, request = Screen(quiet, as_json), request_of(topic, picture_rate)
     folder = Path(os.path.realpath(folder))
     estimate = read_estimate(folder)
     evaluation = compare(estimate, mapped_flight(folder, truth, request))
+    told = evaluated(evaluation)
     with locked(folder):
         write_evaluation(folder, evaluation)
+        in_report = _add_to_report(folder, told)
     screen.json_file(folder / "evaluation.json")
-    for table in accuracy_tables(evaluation):
+    for table in told.tables:
         screen.table(table)
-    screen.files([folder / name for name in EVALUATE_NAMES])
+    screen.files([folder / name for name in (*EVALUATE_NAMES, *(["report.html"] * in_report))])
+
+
+def _add_to_report(folder: Path, told: Evaluated) -> bool:
+    """Write the result into the report of the map; return False where no report has a place for it."""
+    from slam.io.atomic import write_whole
+    from slam.report.evaluation_in_report import with_evaluation
+
+    path = folder / "report.html"
+    page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    changed = with_evaluation(page, told, folder)
+    if changed is not None:
+        write_whole(path, changed.encode())
+    return changed is not None
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> None:

@@ -25,21 +25,23 @@ _NEES = "squared errors over those that the stated uncertainty expects, times 6 
 
 
 @dataclass(frozen=True)
-class AgainstTruth:
-    """The comparison of a map with its reference in words; empty without a reference."""
+class Evaluated:
+    """The comparison of a map with its reference."""
 
-    map_: str = ""
-    loops: str = ""
-    """How many of the loops are right."""
-
-
-NOT_COMPARED = AgainstTruth()
-"""The words for a map without a reference."""
+    words: str = (
+        "Not measured here. slam evaluate compares it with a truth or GPS, and writes the result here."
+    )
+    tables: tuple[FigureTable, ...] = ()
 
 
-def against_truth(evaluation: Evaluation) -> AgainstTruth:
-    """Return in words how far a map lies from its reference, and whether uncertainty and loops are right."""
-    return AgainstTruth(_map_against_truth(evaluation), _loops_against_truth(evaluation))
+NOT_EVALUATED = Evaluated()
+"""The words for a map that was not compared."""
+
+
+def evaluated(evaluation: Evaluation) -> Evaluated:
+    """Return the comparison: the errors of a map, and whether its uncertainty and its loops are right."""
+    told = (_map_against_truth(evaluation), _loops_against_truth(evaluation))
+    return Evaluated(" ".join(filter(None, told)), accuracy_tables(evaluation))
 
 
 def _loops_against_truth(evaluation: Evaluation) -> str:
@@ -54,7 +56,7 @@ def _loops_against_truth(evaluation: Evaluation) -> str:
 
 def _map_against_truth(evaluation: Evaluation) -> str:
     if not evaluation.metric:
-        return ""
+        return "Its lengths are no metres: the table below compares them with their scale aligned."
     whom = "the truth" if evaluation.reference == "truth" else "the GPS"
     error = evaluation.ate_m
     text = (

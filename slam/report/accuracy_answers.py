@@ -9,7 +9,6 @@ import numpy as np
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
-from slam.report.advice import limit
 from slam.report.facts import Facts
 from slam.report.left_out import is_contradicted
 from slam.report.mosaic_facts import MosaicFacts
@@ -79,34 +78,22 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
         return f"A distance between two far places to about {ends}, one between near places better."
     scale_m = facts.scale_std * apart_m
     by_scale = f"±{SPACE}{length(scale_m)} ({percent(facts.scale_std)})"
-    area = f"An area is right to twice the share of the scale ({percent(2 * facts.scale_std)})."
-    if not estimate.origin and not facts.mostly_scale:
-        # Neither end is on Earth: their errors are those between both.
-        whole = f"±{SPACE}{facts.length(float(np.hypot(scale_m, np.sqrt(2) * end_m)))}"
-        return (
-            f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. Of "
-            f"this the scale causes {by_scale}, and the places of both ends {ends}. For another length the "
-            f"share of the scale stays. {area} map.html measures any distance and area with its "
-            "uncertainty."
-        )
-    return (
-        f"Two places {facts.length(apart_m)} apart: to {by_scale} by the scale, one standard deviation; "
-        f"the same share holds for any other length. {_of_ends(estimate, ends)} {area} map.html measures "
-        "any distance and area with all of it."
+    area = (
+        f"An area is known to twice the share of the scale (±{SPACE}{percent(2 * facts.scale_std)}). "
+        "map.html measures any distance and area with its uncertainty."
     )
-
-
-def _of_ends(estimate: Estimate, ends: str) -> str:
-    """Return what the ends of a distance add: errors of a receiver move the whole map and cancel."""
-    found = limit(estimate.information_shares)
-    if found is not None and found[0] == "position":
+    if facts.relative_to:
+        whole = f"±{SPACE}{length(float(np.hypot(scale_m, np.sqrt(2) * end_m)))}"
         return (
-            "The uncertainty of a place on Earth adds little to it: most of that moves the whole map. The "
-            "upper limit in map.html counts it in full."
+            f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. The "
+            f"scale causes {by_scale} of it, and the same share of any other length; the places of both "
+            f"ends cause {ends}, between near places less. {area}"
         )
+    # Errors of a receiver move the whole map, and cancel between its points.
     return (
-        f"The errors of both ends come on top, together typically less than {ends}, as the error of the "
-        "scale is a part of them: the whole is at most the root of the sum of both squares."
+        f"Two places {facts.length(apart_m)} apart: to {by_scale} by the scale, one standard deviation, "
+        "and the same share of any other length. The uncertainty of a place on Earth adds little to it: "
+        f"most of that moves the whole map. {area} Its upper limit there counts the place on Earth in full."
     )
 
 
@@ -171,12 +158,16 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         )
     elif ground is not None:
         text += " The ground is taken as flat: the pictures show no hills."
+        if estimate.elevation is not None:
+            text += " What the height sensor found standing on it is in elevation.tif."
+    if summary.status != "ok":
+        text += " Read “Check this first” above before you use them."
     if any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings):
         text += " A warning below names attitude0: a slope of the whole map may be wrong."
     return text
 
 
-def loops(estimate: Estimate, facts: Facts, against_truth: str) -> str:
+def loops(estimate: Estimate, facts: Facts) -> str:
     """Return how often places were recognised, and what speaks for and against the matches."""
     rejected = [loop.reason for loop in estimate.loops if loop.verdict == "rejected"]
     contradicted = sum(map(is_contradicted, rejected))
@@ -187,8 +178,6 @@ def loops(estimate: Estimate, facts: Facts, against_truth: str) -> str:
         )
     else:
         text = "No, so errors add up along the path."
-    if against_truth:
-        text += f" {against_truth}"
     if not rejected:
         return f"{text} No match was rejected."
     unproven = len(rejected) - contradicted

@@ -8,7 +8,6 @@ from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind, reasons_of
 from slam.core.units import percent, unit
-from slam.report.accuracy import NOT_COMPARED, AgainstTruth
 from slam.report.accuracy_answers import distance, heights, least_certain, loops, not_as_it_is, place, scale
 from slam.report.advice import in_words, limit, next_steps
 from slam.report.facts import Facts
@@ -27,7 +26,6 @@ def pilots_answers(
     estimate: Estimate,
     summary: Summary,
     facts: Facts,
-    against_truth: AgainstTruth = NOT_COMPARED,
     mosaic: MosaicFacts | None = None,
 ) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a flight.
@@ -40,13 +38,12 @@ def pilots_answers(
         Item("How accurate is a place on it?", place(facts, summary, mosaic)),
         Item("How far can I trust a distance or an area?", distance(estimate, facts, mosaic)),
         Item("Where is it least certain?", least_certain(estimate, facts, mosaic)),
-        Item("How far is it from the truth?", against_truth.map_),
         Item("Is the scale right, and by which instrument?", scale(estimate, facts, summary)),
         Item("What limits the accuracy?", _limit(estimate)),
         Item("How do I make the next map better?", _next(estimate, facts, summary)),
         Item("What failed?", _failed(estimate, facts, summary)),
         Item("Is any of the ground missing?", _missing(estimate, facts, summary)),
-        Item("Was a place recognised again, and is that right?", loops(estimate, facts, against_truth.loops)),
+        Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
         Item("What was left out, and do I have to act?", _left_out(facts, summary)),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
         Item("Are the heights true?", "" if facts.is_graph else heights(estimate, facts, summary)),
@@ -90,10 +87,12 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
         if estimate.accuracy_basis
         else " It cannot see an error that all instruments share; one distance measured on the ground would."
     )
+    warned = by_kind(summary.warnings).warnings
+    doubted = " It does not cover what a warning on this page says may be wrong or missing." if warned else ""
     if summary.status == "ok":
         return (
             "“ok” promises that the map hangs together, that pictures and instruments agree with each "
-            f"other within the accuracy stated here, and that this accuracy holds.{unseen}"
+            f"other within the accuracy stated here, and that this accuracy holds.{doubted}{unseen}"
         )
     return (
         "It names every cause that was found by which the map may be wrong by more than the accuracy "
@@ -174,7 +173,10 @@ def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{unplaced} {'poses' if facts.is_graph else 'keyframes'} could not be placed")
     if lost := summary.rejected.get(TRACKING_LOST, 0):
         times = "once" if lost == 1 else f"{lost} times"
-        told.append(f"{times} a picture had nothing in common with the one before, and tracking began anew")
+        whole = "; the map is in one piece all the same" if facts.maps == 1 else ""
+        told.append(
+            f"{times} a picture had nothing in common with the one before, and tracking began anew{whole}"
+        )
     if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
         are = "keyframe is" if number == 1 else "keyframes are"
         told.append(f"{number} {are} not in the mosaic (summary.json says why)")

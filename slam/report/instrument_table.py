@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 _TITLE = (
     "Instruments, and the share of each in the squared error that is left at the place farthest from the "
     "start. An estimate follows its instruments the more, the more accurate they are: the one with the "
-    "largest share carries that direction, and limits it"
+    "largest share carries that direction, and limits it. Not used: the others tell more, or a warning "
+    "says why"
 )
 _COLUMNS = ("instrument", "readings", "place (x, y)", "height (z)", "heading", "scale of lengths")
 _STREAMS: Mapping[str, tuple[str, ...]] = {

@@ -92,7 +92,7 @@ class LeftOut:
 
     what: str
     reason: str
-    """As summary.json and loops.csv have it."""
+    """One of its reasons as summary.json and loops.csv have it."""
     count: int
     act: str
 
@@ -134,11 +134,16 @@ def reason_in_words(reason: str) -> str:
 
 
 def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
-    """Return the rows for counts by reason, those that may call for an action first."""
-    rows = []
+    """Return the rows for counts by reason, those that may call for an action first.
+
+    Reasons that are the same in plain words are one row.
+    """
+    found = dict[tuple[str, str], LeftOut]()
     for reason, count in rejected.items():
-        what, act = _found(reason)
-        rows.append(LeftOut(what, reason, count, act))
+        words = _found(reason)
+        earlier = found[words].count if words in found else 0
+        found[words] = LeftOut(words[0], reason, earlier + count, words[1])
+    rows = found.values()
     order = ("", CONTRADICTED, UNPROVEN)
     return tuple(sorted(rows, key=lambda row: (row.no_need_to_act, order.index(row.verdict), -row.count)))
 

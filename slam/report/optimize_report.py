@@ -13,7 +13,7 @@ from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
 from slam.core.version import VERSION
-from slam.report.accuracy import NOT_COMPARED, AgainstTruth
+from slam.report.accuracy import NOT_EVALUATED, Evaluated
 from slam.report.advice import limit_sentence
 from slam.report.answers import pilots_answers
 from slam.report.facts import Facts, gather, sentence
@@ -71,7 +71,7 @@ class Accuracy:
     """Errors of a map, as references outside of it show them."""
 
     tables: tuple[FigureTable, ...] = ()
-    against_truth: AgainstTruth = NOT_COMPARED
+    evaluated: Evaluated = NOT_EVALUATED
 
 
 def write_report(
@@ -114,7 +114,7 @@ def render(
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
         notes=tuple(map(sentences, kinds.notes)),
         limit=limit_sentence(estimate.information_shares),
-        answers=pilots_answers(estimate, summary, facts, accuracy.against_truth, ground),
+        answers=pilots_answers(estimate, summary, facts, ground),
         tiles=_tiles(facts),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=_embedded(mosaics.after, marks),
@@ -130,6 +130,8 @@ def render(
         rejected_loops=_rejected_loops(estimate),
         figures=_figures(estimate, summary, facts),
         accuracy=(*accuracy.tables, *instrument_table(estimate, flight)),
+        evaluated=accuracy.evaluated,
+        streams=_streams(summary),
         files={file.name: file for file in output_files(folder)},
     )
 
@@ -192,6 +194,24 @@ def _optimum(estimate: Estimate) -> str:
 
 
 _FLIGHT_ONLY = ("Keyframes, of pictures read", "Flight time")
+
+
+_STREAM_WORDS = {
+    "cam0": "the camera",
+    "imu0": "gyro and accelerometer",
+    "attitude0": "the attitude sensor (roll, pitch and heading)",
+    "sonar0": "the height sensor",
+    "gps0": "the GPS",
+    "velocity0": "the vehicle's own velocity",
+    "barometer0": "the barometer",
+}
+"""Name of a stream in messages -> in words."""
+
+
+def _streams(summary: Summary) -> tuple[Item, ...]:
+    """Return the streams that a message names, with their words."""
+    named = " ".join((summary.status, *summary.warnings))
+    return tuple(Item(name, words) for name, words in _STREAM_WORDS.items() if name in named)
 
 
 def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:

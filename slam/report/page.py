@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from slam.core.errors import one_line
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 
 @dataclass(frozen=True)
@@ -18,17 +22,28 @@ class Item:
 
 def render_page(template: str, **content: object) -> str:
     """Return the page as HTML; every external name is escaped and stripped of control characters."""
+    return _environment().get_template(template).render(**content)
+
+
+def render_part(name: str, content: object) -> str:
+    """Return the output of a macro of parts.html.j2 as HTML, escaped as a page is."""
+    return str(getattr(_environment().get_template("parts.html.j2").module, name)(content))
+
+
+def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    environment = Environment(
-        loader=PackageLoader("slam.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=lambda value: (
-            one_line(value) if isinstance(value, str) and not value.isprintable() else value
-        ),
+    return Environment(
+        loader=PackageLoader("slam.report", "."), autoescape=True, undefined=StrictUndefined, finalize=_shown
     )
-    return environment.get_template(template).render(**content)
+
+
+def _shown(value: object) -> object:
+    """Return a value for a page; text of others, which the output of a macro is not, in one line."""
+    from markupsafe import Markup
+
+    foreign = isinstance(value, str) and not isinstance(value, Markup) and not value.isprintable()
+    return one_line(str(value)) if foreign else value
 
 
 def embedded(picture: bytes, kind: str = "png") -> str:

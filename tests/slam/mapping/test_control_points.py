@@ -18,7 +18,7 @@ from slam.mapping.control_points import ControlComparison, Surveyed
 from slam.mapping.pipeline import optimize
 from slam.mapping.warnings.control_points import control_warnings
 from slam.report.control_table import control_tables
-from slam.report.optimize_report import render
+from slam.report.optimize_report import Accuracy, render
 from tests.backend.bundle.made_control import DATUM_M as DATUM
 from tests.backend.bundle.made_control import refined
 from tests.slam.photo_survey import ORIGIN, Survey, moved, survey
@@ -116,7 +116,7 @@ def test_a_wrong_point_is_harmless_in_a_small_map():
     assert record["control_points"][0]["residual_m"] == pytest.approx((-10.0, 0.0, 0.0), abs=0.3)
     assert record["gps_against_control"]["offset_m"] == pytest.approx(DATUM_M, abs=6.0)
     (table,) = control_tables(estimate.control)
-    page = render(estimate, summarise(estimate), wrong, accuracy=(table,))
+    page = render(estimate, summarise(estimate), wrong, accuracy=Accuracy((table,)))
     assert "RMS of 4 control points" in page
 
 

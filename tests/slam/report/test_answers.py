@@ -17,7 +17,7 @@ from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
-from slam.report.accuracy import AgainstTruth
+from slam.report.accuracy import Evaluated
 from slam.report.advice import limit, limit_sentence
 from slam.report.answers import pilots_answers
 from slam.report.facts import gather
@@ -55,15 +55,11 @@ def test_ten_questions_have_their_answers_on_the_page():
     estimate = replace(estimate, information_shares=SHARES)
     found = answers(estimate, flight)
     assert set(ASKED) <= set(found)
-    told = Accuracy(
-        against_truth=AgainstTruth("Typically 3 mm by the truth.", "By the truth, none is false.")
-    )
+    told = Accuracy(evaluated=Evaluated("Typically 3 mm by the truth."))
     page = html.unescape(render(estimate, summarise(estimate), flight, accuracy=told))
-    del found[AGAIN]  # the truth adds a sentence
     assert all(question in page and answer in page for question, answer in found.items())
     assert "How far is it from the truth?" in page
-    assert told.against_truth.map_ in page
-    assert told.against_truth.loops in page
+    assert told.evaluated.words in page
     assert limit_sentence(SHARES) in page
 
 
@@ -326,3 +322,16 @@ def test_a_graph_has_no_pictures():
     text = " ".join(f"{name} {value}" for name, value in answers(estimate, None).items())
     assert not re.search(r"picture|keyframe|GPS", text)
     assert "Position of a pose" in page
+
+
+def test_reasons_that_are_the_same_in_plain_words_are_one_row():
+    rows = left_out({"loop: too few inliers": 2, "loop: too few matches": 3, "too few matches": 4})
+    assert sorted((row.kind, row.count) for row in rows) == [("link", 4), ("match", 5)]
+
+
+def test_streams_that_a_message_names_are_explained():
+    flight = made_flight()
+    estimate = replace(made_estimate(), warnings=("attitude0 is tilted by 4.8 degrees",))
+    page = html.unescape(render(estimate, summarise(estimate), flight))
+    assert "attitude0 is the attitude sensor" in page
+    assert "imu0 is" not in page

@@ -20,7 +20,7 @@ from slam.core.plot_style import ground_labels
 from slam.core.summary import json_text, summarise
 from slam.core.units import length
 from slam.io.estimate_text import trajectory_text
-from slam.report.accuracy import FigureTable
+from slam.report.accuracy import Evaluated, FigureTable
 from slam.report.facts import chain_on_result, gather, sentence
 from slam.report.left_out import left_out
 from slam.report.optimize_report import Accuracy, Mosaics, render, write_report
@@ -241,12 +241,15 @@ def test_links_lead_to_the_files_that_exist(tmp_path, no_figures):
 
 def test_words_that_only_engineers_know_are_not_on_the_page(no_figures):
     evaluation = FigureTable("Against the reference", (), (("mean NEES", "6"),))
-    text = page(made_estimate(), made_flight(), accuracy=Accuracy((evaluation,))).text
+    text = page(
+        made_estimate(), made_flight(), accuracy=Accuracy(evaluated=Evaluated("", (evaluation,)))
+    ).text
     assert not re.search(r"\b(median|variances?|RMSE|EKF|covariances?|Final error)\b", text)
     words, glossary = text.split("Words\n", 1)
-    for term in ("Keyframe", "Loop closure", "σ", "NEES"):
+    for term in ("Keyframe", "Loop closure", "σ"):
         assert term.lower() in words.lower()
         assert term in glossary
+    assert "NEES (normalised" in words
 
 
 def test_words_of_the_reasons_are_explained_where_they_can_occur(no_figures):
@@ -261,7 +264,7 @@ def test_words_of_the_reasons_are_explained_where_they_can_occur(no_figures):
     accuracy = (FigureTable("Against the reference", (), (("mean NEES", "6"),)),)
     assert (
         "stated standard deviation, squared"
-        in page(estimate, made_flight(), accuracy=Accuracy(accuracy)).text
+        in page(estimate, made_flight(), accuracy=Accuracy(evaluated=Evaluated("", accuracy))).text
     )
     assert "mean height over the floor" in page(replace(estimate, metric=False), made_flight()).text
     assert "inlier" not in page(estimate).text

@@ -1,0 +1,32 @@
+"""An evaluation is put into a report that was written before."""
+
+from __future__ import annotations
+
+from slam.core.figure_table import FigureTable
+from slam.core.summary import summarise
+from slam.report.accuracy import Evaluated
+from slam.report.evaluation_in_report import with_evaluation
+from slam.report.optimize_report import Accuracy, render
+from tests.slam.made_estimate import made_estimate, made_flight
+
+TABLE = FigureTable("Against the reference", (), (("error <of> a map", "3 mm"),))
+TOLD = Evaluated("Typically 3 mm & more.", (TABLE,))
+
+
+def test_the_page_is_that_of_a_map_that_was_evaluated_at_once(tmp_path):
+    estimate, flight = made_estimate(), made_flight()
+    (tmp_path / "loops.csv").touch()
+    before = render(estimate, summarise(estimate), flight, folder=tmp_path)
+    (tmp_path / "evaluation.json").touch()
+    summary = summarise(estimate)
+    at_once = render(estimate, summary, flight, accuracy=Accuracy(evaluated=TOLD), folder=tmp_path)
+    later = with_evaluation(before, TOLD, tmp_path)
+    memory = f"{summary.peak_rss_mb:.0f} MB"
+    assert later is not None
+    assert later.replace(f"{summarise(estimate).peak_rss_mb:.0f} MB", memory) == at_once
+    assert with_evaluation(later, TOLD, tmp_path) == later
+    assert "error &lt;of&gt; a map" in later
+
+
+def test_a_page_of_an_earlier_version_has_no_place_for_it(tmp_path):
+    assert with_evaluation("<html></html>", TOLD, tmp_path) is None
