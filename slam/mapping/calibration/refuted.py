@@ -103,12 +103,12 @@ def freed_by(
 
 
 def with_lens_of(camera: Camera, found: Camera) -> Camera:
-    """Return ``camera`` with the lens that was ``found``, and what was told of it."""
+    """Return ``camera`` with the lens that was ``found``, and what was told of it before any flight."""
     return replace(
         camera,
         focal_px=found.focal_px,
         center_px=found.center_px,
         distortion=found.distortion,
         lens=found.lens,
-        told=camera,
+        told=camera.told or camera,
     )
