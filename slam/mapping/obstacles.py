@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
 from frontend.camera import Camera
@@ -36,6 +37,8 @@ NEAR_MARGIN, LOW_RANGES = 1.2, 3.0
 FEWEST = 10
 MOST_STANDING = 0.5
 """Share of the echoes: the floor is what most of them hear, else sonar or heights of the map are at fault."""
+VISIT_S = 3.0
+"""Readings of one place so far apart in time are two visits: a beam passes a place within a second or two."""
 LONG_S, CLIMBED = 0.5, 0.5 * RELATIVE_GAMMA
 """Between keyframes so far apart in time, and in height by so much of it, the height is anyone's guess."""
 
@@ -48,6 +51,8 @@ pixels."""
 class Echoes:
     """Every reading of the sonar where the map has it."""
 
+    stamps_s: Array
+    """(m,)."""
     w_p_m: Array
     """(m, 2) where the axis of the beam meets the floor; NaN where the vehicle's pose is not known."""
     height_m: Array
@@ -73,6 +78,23 @@ class Echoes:
         out[measured] = _without_spikes(self.height_m[measured]) > self.gamma_m(config)
         return out
 
+    def changed_between_visits(self, config: MaskingConfig) -> bool:
+        """Return whether most obstacles that were passed twice were there in one visit alone.
+
+        What stands on the floor is heard at every visit.
+        """
+        standing = self.standing(config)
+        known = np.flatnonzero(np.isfinite(self.height_m) & ~self.too_near)
+        tree = cKDTree(self.w_p_m[known])
+        visits = 0
+        changed = 0
+        for k in np.flatnonzero(standing & ~self.too_near).tolist():
+            near = known[tree.query_ball_point(self.w_p_m[k], self.radius_m[k] / 2)]
+            other = near[np.abs(self.stamps_s[near] - self.stamps_s[k]) > VISIT_S]
+            visits += len(other) > 0
+            changed += int(2 * np.count_nonzero(standing[other]) < len(other))
+        return visits >= FEWEST and 2 * changed > visits
+
     @property
     def map(self) -> Elevation | None:
         """Return the elevation map; None without any echo."""
@@ -95,7 +117,8 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
         ratio = np.where((height > 0) & (fall > 0), fall / height, np.nan)
         if np.isfinite(ratio).sum() < FEWEST:
             return None
-        scale = _floor_ratio(ratio[np.isfinite(ratio)])
+        # Single echoes over a second way are farther than the floor.
+        scale = _floor_ratio(_without_spikes(ratio[np.isfinite(ratio)]))
         measured = height - fall / scale
         to_floor = height / -axis[:, 2]
         floor_in_range = (to_floor * scale > NEAR_MARGIN * sonar.min_range_m) & (
@@ -108,6 +131,7 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
     on_floor = np.abs(ratio / scale - 1) < 3 * BANDWIDTH
     floor_std = robust_std(measured[on_floor]) if on_floor.any() else 0.0
     return Echoes(
+        sonar.stamps_s,
         origin[:, :2] + to_floor[:, None] * axis[:, :2],
         measured,
         to_floor * np.tan(sonar.beam_width_rad / 2),
@@ -202,6 +226,26 @@ class Obstacles:
         return replace(flight, sonar=self.sonar).with_warning(self.warning)
 
 
+def unlike_ranges(echoes: Echoes, config: MaskingConfig) -> str:
+    """Say in one line that the ranges do not fit the map and its obstacles; empty where they do."""
+    standing = echoes.standing(config)
+    measured = int((np.isfinite(echoes.height_m) & ~echoes.too_near).sum())
+    if standing.sum() > MOST_STANDING * measured:
+        return (
+            f"sonar0: {standing.sum()} of {measured} ranges do not fit the map's heights over the floor, and "
+            "lengths that rest on them may be as wrong; check the sensor, and the camera's shutter and "
+            "calibration"
+        )
+    if standing.sum() >= max(FEWEST, config.least_share * measured) and echoes.changed_between_visits(config):
+        share = float(np.nanmedian(echoes.height_m[standing])) / echoes.flying_m
+        return (
+            f"sonar0: over the same ground the ranges of some visits are {100 * share:.0f} % shorter than "
+            "those of others, and lengths that rest on them may be as wrong; if nothing moved there, check "
+            "the sensor, and whether the zoom of the camera changed"
+        )
+    return ""
+
+
 def find_obstacles(
     flight: Flight,
     camera: Camera,
@@ -210,8 +254,8 @@ def find_obstacles(
     floor_z_m: float,
     config: MaskingConfig,
 ) -> Obstacles | None:
-    """Find objects on the floor under a map's keyframes; return None without any, or without a sonar. If a
-    sonar hardly ever measures the floor, no echo counts as an obstacle, and a warning says so."""
+    """Find objects on the floor under a map's keyframes; return None without any, or without a sonar. Where
+    the ranges do not fit the map (`unlike_ranges`), no echo counts as an obstacle."""
     sonar, frames = flight.sonar, flight.frames
     echoes = (
         echoes_in_map(sonar, stamps_s, over_floor_T_b, floor_z_m) if config.pixels or config.echoes else None
@@ -223,13 +267,9 @@ def find_obstacles(
     elevation = echoes.map
     if elevation is None or standing.sum() < max(FEWEST, config.least_share * measured):
         return None
+    if unlike_ranges(echoes, config):
+        return None
     radius_m = float(np.nanmedian(echoes.radius_m))
-    if standing.sum() > MOST_STANDING * measured:
-        warning = (
-            f"sonar0: {standing.sum()} of {measured} ranges do not fit the map's heights over the floor; "
-            "check the sensor, and the camera's shutter and calibration"
-        )
-        return Obstacles(sonar, no_masks, warning, echoes.w_p_m, radius_m)
     gamma = echoes.gamma_m(config)
     mask = ObstacleMask(elevation, camera, floor_z_m, gamma)
     placed = np.flatnonzero(np.isfinite(over_floor_T_b).all(axis=(1, 2)))

@@ -31,6 +31,7 @@ from slam.mapping.calibration.picture_turns import disagreements_left
 from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
+from slam.mapping.obstacles import echoes_in_map, unlike_ranges
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import gravity_line
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
@@ -148,7 +149,7 @@ def _reasons(
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
-        _stuck_ranges(flight, map_),
+        _stuck_ranges(flight, map_) or _unlike_ranges(context, map_),
         *contradictions(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), by_metres),
         clock_contradiction(map_.clock, context.clock)
         or disagreement_warning(disagreements_left(flight, map_.observations, context.setup)),
@@ -229,6 +230,15 @@ def _tilt(context: Context, map_: Map) -> AttitudeFloorTilt | None:
     if map_.georeferenced or context.flight.parts:
         return None
     return attitude_floor_tilt(context.flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
+
+
+def _unlike_ranges(context: Context, map_: Map) -> str:
+    """Report ranges that contradict the map whose scale rests on them."""
+    if map_.bundle is None or map_.bundle.range_errors is None:
+        return ""
+    stamps_s, poses = map_.observations.stamps_s, map_.of_main(map_.over_floor_T_b)
+    echoes = echoes_in_map(context.flight.sonar, stamps_s, poses, map_.floor_z_m)
+    return "" if echoes is None else unlike_ranges(echoes, context.job.config.masking)
 
 
 def _stuck_ranges(flight: Flight, map_: Map) -> str:

@@ -13,7 +13,7 @@ from slam.core.flight import Flight, Sonar
 from slam.evaluation import evaluate
 from slam.evaluation.association import poses_at
 from slam.mapping.config import MaskingConfig, PipelineConfig
-from slam.mapping.obstacles import echoes_in_map, find_obstacles, poses_between
+from slam.mapping.obstacles import echoes_in_map, find_obstacles, poses_between, unlike_ranges
 from slam.simulation.place.terrain import elevation
 from slam.simulation.recipe import Recipe
 from tests.slam.small_flight import flown, recipe
@@ -102,14 +102,38 @@ def test_a_flat_floor_single_spikes_and_no_sonar_are_no_obstacles(over):
 
 
 def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
-    """Masks of it would blind the camera."""
+    """Masks of it would blind the camera; the status says that the ranges do not fit."""
     over = flight(boxes=False)
     range_m = np.random.default_rng(0).uniform(0.3, 5.3, len(over.sonar.range_m))
     broken = replace(over, sonar=replace(over.sonar, range_m=range_m))
-    found = find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig())
-    assert "do not fit the map's heights over the floor" in found.warning
-    assert all(found.masks(k) is None for k in range(len(over.frames)))
-    assert found.sonar is broken.sonar
+    assert find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig()) is None
+    echoes = echoes_in_map(broken.sonar, *some_poses(over), 0.0)
+    assert "do not fit the map's heights over the floor" in unlike_ranges(echoes, MaskingConfig())
+
+
+@pytest.mark.parametrize("gain", [0.75, 1.2])
+def test_ranges_that_change_in_mid_flight_are_no_obstacles(gain: float):
+    """Half of the flight seems to be over an obstacle, which the other visit to the same ground denies."""
+    over = flight(boxes=False)
+    later = over.sonar.stamps_s > 0.55 * over.sonar.stamps_s[-1]
+    range_m = np.where(later, gain, 1.0) * over.sonar.range_m
+    changed = replace(over, sonar=replace(over.sonar, range_m=range_m))
+    assert find_obstacles(changed, over.camera, *some_poses(over), 0.0, MaskingConfig()) is None
+    line = unlike_ranges(echoes_in_map(changed.sonar, *some_poses(over), 0.0), MaskingConfig())
+    assert "over the same ground" in line or "do not fit" in line
+
+
+def test_boxes_are_heard_at_every_visit():
+    over = flight()
+    assert unlike_ranges(echoes_in_map(over.sonar, *some_poses(over), 0.0), MaskingConfig()) == ""
+
+
+@pytest.mark.parametrize("share", [0.2, 0.4])
+def test_echoes_over_a_second_way_are_not_the_floor(share: float):
+    over = flight(boxes=False)
+    twice = np.random.default_rng(3).random(len(over.sonar.stamps_s)) < share
+    heard = replace(over.sonar, range_m=np.where(twice, 2.0, 1.0) * over.sonar.range_m)
+    assert unlike_ranges(echoes_in_map(heard, *some_poses(over), 0.0), MaskingConfig()) == ""
 
 
 def test_a_climb_that_no_keyframe_saw_is_no_obstacle():
