@@ -142,8 +142,7 @@ class Estimate:
     elevation: Elevation | None = None
     """Elevation of the ground over a level floor, as the sonar measured it; None without a sonar."""
     floor_points: FloorPoints | None = None
-    """Points of the ground that the refinement has placed; None without one, and in an estimate that was
-    read."""
+    """Points of the ground that the refinement has placed; None without one."""
     ground: GroundFacts | None = None
     """The ground of the mosaic; None without a mosaic."""
     control: ControlReport | None = None

@@ -21,6 +21,9 @@ class FloorPoints:
     """(t, 3) place of the point in the body axes of that keyframe."""
     views: NDArray[np.int64]
     """(t,) number of keyframes whose view of the point was used."""
+    std_m: Array
+    """(t, 3) standard deviation of the place along the axes of the world, as `backend.bundle.refined_points`
+    defines it; NaN where it is not known."""
 
     def on_map(self, w_T_b: Array) -> Array:
         """Return (t, 3) the places of the points for poses (n, 4, 4); NaN for a keyframe without a pose."""
@@ -34,4 +37,5 @@ class FloorPoints:
             np.concatenate([np.zeros(0, np.int64), *(part.keyframe for part in parts)]),
             np.concatenate([np.zeros((0, 3)), *(part.b_p_m for part in parts)]),
             np.concatenate([np.zeros(0, np.int64), *(part.views for part in parts)]),
+            np.concatenate([np.zeros((0, 3)), *(part.std_m for part in parts)]),
         )

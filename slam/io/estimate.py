@@ -1,7 +1,7 @@
 """Files of an estimate: trajectory.tum, estimate.npz and loops.csv.
 
 ``estimate.npz`` contains the complete estimate; the other two files are for other tools and readers. Its
-arrays for n keyframes, m edges and l loops are:
+arrays for n keyframes, m edges, l loops and t points of the ground are:
 
 | name | shape, type | what |
 |---|---|---|
@@ -12,6 +12,8 @@ arrays for n keyframes, m edges and l loops are:
 | frame_names | (n,) text | |
 | edge_ij, edge_i_T_j, edge_covariance, edge_kind | (m, 2) int64, (m, 4, 4), (m, 6, 6), (m,) text | |
 | loop_ij, loop_verdict, loop_reason | (l, 2) int64, (l,) text, (l,) text | |
+| point_keyframe, point_views | (t,) int64 | points of the ground; none in files of earlier versions |
+| point_b_p_m, point_std_m | (t, 3) | in the body axes of that keyframe; along the axes of the world |
 | record | () text | JSON: name, status, epoch_ns, camera, floor, origin, counts, warnings |
 
 Objects are never pickled, and pickled content is refused.
@@ -40,6 +42,7 @@ from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, GroundFacts, LoopVerdict
+from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
 from slam.core.messages import by_kind, with_notes
 from slam.io.atomic import write_whole
@@ -72,8 +75,19 @@ _SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "loop_ij": ("l", (2,), "i"),
     "loop_verdict": ("l", (), "U"),
     "loop_reason": ("l", (), "U"),
+    "point_keyframe": ("t", (), "i"),
+    "point_b_p_m": ("t", (3,), "f"),
+    "point_views": ("t", (), "i"),
+    "point_std_m": ("t", (3,), "f"),
 }
 """Map of a name to the size of its first axis, the shape of a row, and the kind of number."""
+_NO_POINTS = FloorPoints.joined(())
+_POINTS = {
+    "point_keyframe": _NO_POINTS.keyframe,
+    "point_b_p_m": _NO_POINTS.b_p_m,
+    "point_views": _NO_POINTS.views,
+    "point_std_m": _NO_POINTS.std_m,
+}
 
 
 def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) -> tuple[Path, ...]:
@@ -94,7 +108,7 @@ def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) 
 
 
 def _pack(estimate: Estimate) -> bytes:
-    edges, loops = estimate.relative_poses, estimate.loops
+    edges, loops, points = estimate.relative_poses, estimate.loops, estimate.floor_points or _NO_POINTS
     content = io.BytesIO()
     np.savez(
         content,
@@ -115,6 +129,10 @@ def _pack(estimate: Estimate) -> bytes:
         loop_ij=np.array([(v.i, v.j) for v in loops], dtype=np.int64).reshape(-1, 2),
         loop_verdict=np.array([v.verdict for v in loops], dtype=np.str_),
         loop_reason=np.array([v.reason for v in loops], dtype=np.str_),
+        point_keyframe=points.keyframe,
+        point_b_p_m=points.b_p_m,
+        point_views=points.views,
+        point_std_m=points.std_m,
         record=np.array(json.dumps(_record(estimate))),
     )
     return content.getvalue()
@@ -181,15 +199,17 @@ def _unpack(path: Path) -> dict[str, NDArray[Any]]:
         entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
         if len(entries) > 2 * len(_SHAPES):
             raise ValueError(f"{len(entries)} entries")
-        missing = [name for name in (*_SHAPES, "record") if name not in entries]
+        missing = [name for name in (*_SHAPES, "record") if name not in entries and name not in _POINTS]
         if missing:
             raise ValueError(f"{missing[0]} is missing")
-        wanted = {name: entries[name] for name in (*_SHAPES, "record")}
+        wanted = {name: entries[name] for name in (*_SHAPES, "record") if name in entries}
         total = sum(entry.file_size for entry in wanted.values())
         if total > max(_MIN_LIMIT_BYTES, _LARGEST_EXPANSION * size):
             raise ValueError(f"unpacks to {total} bytes from {size}")
         # Reading an entry completely makes zipfile compare the checksum.
         arrays = {name: _array(archive.read(entry)) for name, entry in wanted.items()}
+    if not _POINTS.keys() <= arrays.keys():  # an earlier version wrote none
+        arrays |= _POINTS
     _check(arrays)
     return arrays
 
@@ -210,7 +230,12 @@ def _array(content: bytes) -> NDArray[Any]:
 
 
 def _check(arrays: dict[str, NDArray[Any]]) -> None:
-    rows = {"n": len(arrays["stamps"]), "m": len(arrays["edge_ij"]), "l": len(arrays["loop_ij"])}
+    rows = {
+        "n": len(arrays["stamps"]),
+        "m": len(arrays["edge_ij"]),
+        "l": len(arrays["loop_ij"]),
+        "t": len(arrays["point_keyframe"]),
+    }
     for name, (per, row, kind) in _SHAPES.items():
         found = arrays[name]
         if found.shape != (rows[per], *row) or found.dtype.kind != kind:
@@ -218,7 +243,7 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
     for name in ("w_T_b", "chain_w_T_b", "odometry_w_T_b", "edge_i_T_j"):
         if not _is_rigid(arrays[name]):
             raise ValueError(f"{name} contains an invalid pose")
-    for name in ("edge_ij", "loop_ij"):
+    for name in ("edge_ij", "loop_ij", "point_keyframe"):
         if len(arrays[name]) and not (arrays[name].min() >= 0 and arrays[name].max() < rows["n"]):
             raise ValueError(f"{name} refers to a missing keyframe")
 
@@ -283,7 +308,14 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         information_shares=_shares(record),
         ground=_ground(record),
         control=_control(record),
+        floor_points=_points(arrays),
     )
+
+
+def _points(arrays: dict[str, NDArray[Any]]) -> FloorPoints | None:
+    found = [arrays[name] for name in _POINTS]
+    keyframe, b_p_m, views, std_m = found
+    return FloorPoints(keyframe, b_p_m, views, std_m) if len(keyframe) else None
 
 
 def _scale_std(record: dict[str, Any]) -> float | None:

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.bundle.refined_points import metric_points
+from backend.bundle.refined_points import metric_point_stds, metric_points
 from backend.bundle.refinement import Bundle
+from backend.sparse_cholesky import SingularMatrixError
 from slam.core.floor_points import FloorPoints
 
 _LEAST_VIEWS = 2
@@ -24,4 +25,8 @@ def refined_floor_points(bundle: Bundle, members: NDArray[np.int64]) -> FloorPoi
     kept = views >= _LEAST_VIEWS
     b_T_w = se3.inverse(bundle.w_T_b)[first[kept]]
     b_p_m = np.einsum("tab,tb->ta", b_T_w[:, :3, :3], place[kept]) + b_T_w[:, :3, 3]
-    return FloorPoints(members[first[kept]], b_p_m, views[kept])
+    try:
+        std_m = metric_point_stds(bundle.optimum)[kept]
+    except SingularMatrixError:
+        std_m = np.full((int(kept.sum()), 3), np.nan)
+    return FloorPoints(members[first[kept]], b_p_m, views[kept], std_m)

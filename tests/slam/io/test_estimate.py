@@ -20,6 +20,7 @@ from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
+from slam.core.floor_points import FloorPoints
 from slam.io.estimate import read_estimate, write_estimate
 from slam.io.estimate_text import loops_text, trajectory_text
 from tests.slam.evaluation.scene import estimate_of, smooth_poses
@@ -75,6 +76,7 @@ def full_estimate(seed=0, count=20) -> Estimate:
             misregistration_px=(0.2, 0.5), over_floor_px=(0.3, 4.0), relief_share=0.1, highest_m=2.5
         ),
         frame_names=tuple(f"bild ü {k}.jpg" for k in range(count)),
+        floor_points=FloorPoints(np.array([0, 2]), np.eye(3)[:2], np.array([2, 5]), np.full((2, 3), 0.01)),
     )
 
 
@@ -103,6 +105,14 @@ def test_written_estimate_is_read_back_unchanged(made, tmp_path):
             assert same(getattr(made, field.name), getattr(back, field.name)), field.name
     np.testing.assert_allclose(back.stamps_s, made.stamps_s, atol=1e-9)
     np.testing.assert_array_equal(back.stamps_ns, made.stamps_ns)
+
+
+def test_an_estimate_of_an_earlier_version_has_no_ground_points(tmp_path):
+    write_estimate(full_estimate(), tmp_path)
+    with np.load(tmp_path / "estimate.npz") as arrays:
+        earlier = {name: arrays[name] for name in arrays.files if not name.startswith("point_")}
+    np.savez(tmp_path / "estimate.npz", **earlier)
+    assert read_estimate(tmp_path).floor_points is None
 
 
 def test_documented_arrays_are_read_without_pickle(tmp_path):

@@ -98,6 +98,8 @@ def test_floor_points_of_all_parts_lie_where_the_keyframes_see_them():
     points, camera = found.floor_points, found.camera
     assert set(points.keyframe) == {0, 1, 3, 4, 5, 6, 8, 9, 10}, "the last of each part sees none first"
     assert (points.views >= 2).all()
+    assert points.std_m.shape == points.b_p_m.shape
+    assert (points.std_m > 0).all()
     assert points.on_map(found.w_T_b)[:, 2] == pytest.approx(found.floor_z_m, abs=0.01)
     c_T_b = np.linalg.inv(camera.b_T_c)
     ray = points.b_p_m @ c_T_b[:3, :3].T + c_T_b[:3, 3]

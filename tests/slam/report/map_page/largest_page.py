@@ -54,7 +54,10 @@ def _estimate(rng: np.random.Generator) -> Estimate:
     rejected = tuple(LoopVerdict(e.i, e.j, "rejected", REJECTION) for e in reversed(loops))
     b_p_m = np.column_stack([rng.uniform(-0.5, 0.5, (2 * MOST_POINTS, 2)), np.full(2 * MOST_POINTS, -0.8)])
     points = FloorPoints(
-        rng.integers(0, MOST_LINKS, 2 * MOST_POINTS), b_p_m, rng.integers(2, 20, 2 * MOST_POINTS)
+        rng.integers(0, MOST_LINKS, 2 * MOST_POINTS),
+        b_p_m,
+        rng.integers(2, 20, 2 * MOST_POINTS),
+        np.full((2 * MOST_POINTS, 3), 0.01),
     )
     return replace(
         estimate, relative_poses=(*estimate.relative_poses, *loops), loops=rejected, floor_points=points

@@ -58,7 +58,10 @@ def with_points(count: int = 200):
     estimate = made_estimate()
     keyframe = np.arange(count) % len(estimate.w_T_b)
     b_p_m = np.column_stack([np.linspace(-0.2, 0.2, count), np.zeros(count), np.full(count, -0.8)])
-    return replace(estimate, floor_points=FloorPoints(keyframe, b_p_m, 2 + np.arange(count) % 7))
+    return replace(
+        estimate,
+        floor_points=FloorPoints(keyframe, b_p_m, 2 + np.arange(count) % 7, np.full((count, 3), 0.01)),
+    )
 
 
 def test_names_from_outside_stay_text(tmp_path):
