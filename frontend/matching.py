@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.features import Features
 
+Near = Callable[[NDArray[np.intp], NDArray[np.intp]], NDArray[np.bool_]]
+"""Function of k features of one picture and k of the other: (k,) whether the two may be the same point."""
 RATIO = 0.85
 """Largest distance of a match over that of the next best one."""
 
@@ -36,22 +40,29 @@ def match(a: Features, b: Features, ratio: float = RATIO) -> NDArray[np.int64]:
     return _spots(a, b, np.flatnonzero(mutual & (first < ratio * second)), nearest)
 
 
-def match_near(a: Features, b: Features, near: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the same as `match` of only those pairs of features that ``near`` (n_a, n_b) marks.
+def match_near(a: Features, b: Features, near: Near) -> NDArray[np.int64]:
+    """Return the same as `match` of only those pairs of features that are ``near`` each other.
 
     On a repetitive floor a feature has several matches that are equally good: the ratio test keeps none of
-    them or a wrong one. Here a marked pair is lost only if better matches elsewhere in both pictures win the
+    them or a wrong one. Here a near pair is lost only if better matches elsewhere in both pictures win the
     ratio test against it.
     """
-    distance = _distances(a, b)
-    best = np.maximum(distance.min(axis=1)[:, None], distance.min(axis=0))
-    distance[~near | (RATIO * distance > best)] = np.inf
-    nearest = distance.argmin(axis=1)
-    row = np.arange(len(a))
-    first = distance[row, nearest]
-    mutual = first == distance.min(axis=0)[nearest]
-    distance[row, nearest] = np.inf
-    return _spots(a, b, np.flatnonzero(mutual & (first < RATIO * distance.min(axis=1))), nearest)
+    apart, ratio = _apart(a, b)
+    won = (apart <= apart.min(axis=1)[:, None] / ratio) | (apart <= apart.min(axis=0) / ratio)
+    of_a, of_b = np.divmod(np.flatnonzero(won), len(b))  # few of all pairs, in the order of a
+    chosen = near(of_a, of_b)
+    of_a, of_b = of_a[chosen], of_b[chosen]
+    found = apart[of_a, of_b]
+    order = np.lexsort((found, of_a))
+    of_a, of_b, found = of_a[order], of_b[order], found[order]
+    nearest_of_b = np.full(len(b), np.inf, found.dtype)
+    np.minimum.at(nearest_of_b, of_b, found)
+    is_first = np.diff(of_a, prepend=-1) != 0
+    second = np.where(np.append(is_first[1:], True), np.inf, np.append(found[1:], np.inf))
+    kept = is_first & (found == nearest_of_b[of_b]) & (found < ratio * second)
+    nearest = np.zeros(len(a), dtype=np.intp)
+    nearest[of_a[kept]] = of_b[kept]
+    return _spots(a, b, of_a[kept], nearest)
 
 
 def _spots(a: Features, b: Features, kept: NDArray[np.intp], nearest: NDArray[np.intp]) -> NDArray[np.int64]:
@@ -62,12 +73,18 @@ def _spots(a: Features, b: Features, kept: NDArray[np.intp], nearest: NDArray[np
     return np.column_stack(np.divmod(once, len(b)))
 
 
-def _distances(a: Features, b: Features) -> NDArray[np.float32]:
-    """Return the distances (n_a, n_b) of all pairs of descriptors."""
+def _apart(a: Features, b: Features) -> tuple[NDArray[np.float32], float]:
+    """Return how far apart (n_a, n_b) the descriptors of all pairs are, and the ratio test's limit for it.
+
+    It is the squared distance of float descriptors, which takes no roots.
+    """
     if a.descriptor.dtype == np.uint8:
         bits_a, bits_b = (np.unpackbits(f.descriptor, axis=1).astype(np.float32) for f in (a, b))
-        return np.asarray(bits_a.sum(axis=1)[:, None] + bits_b.sum(axis=1) - 2.0 * bits_a @ bits_b.T)
-    return _distance(a.descriptor @ b.descriptor.T)
+        return np.asarray(bits_a.sum(axis=1)[:, None] + bits_b.sum(axis=1) - 2.0 * bits_a @ bits_b.T), RATIO
+    apart = a.descriptor @ b.descriptor.T
+    apart *= -2.0
+    apart += 2.0
+    return np.maximum(apart, 0.0, out=apart), RATIO**2
 
 
 def _euclidean(

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from frontend.camera import Camera
 from frontend.features import Features
@@ -77,7 +76,12 @@ def register(
     off_px = expected.off_px(found.fit.i_H_j, corners) if expected and found else 0.0
     if expected and off_px > DISTINCT_MOTION_WIDTHS * camera.size_px[0]:
         # On a repetitive floor the features may match where they are expected too.
-        near = cdist(a.pixel, expected.predicted(b.pixel, corners)) < 0.5 * off_px
+        predicted = expected.predicted(b.pixel, corners)
+
+        def near(of_a: NDArray[np.intp], of_b: NDArray[np.intp]) -> NDArray[np.bool_]:
+            off = a.pixel[of_a] - predicted[of_b]
+            return np.asarray(np.hypot(off[:, 0], off[:, 1]) < 0.5 * off_px)
+
         pairs = np.unique(np.concatenate([pairs, match_near(a, b, near)]), axis=0)
         found = floor(pairs)
     if found is None:

@@ -117,13 +117,34 @@ def test_the_place_decides_between_equal_matches_only(binary: bool) -> None:
     """Every feature of the second picture exists twice, and a part of the pairs may match."""
     for seed in range(4):
         a, b = two_views(np.random.default_rng(seed), binary)
-        everywhere = np.ones((len(a), len(b)), dtype=bool)
         alone = match(a, b)
-        np.testing.assert_array_equal(match_near(a, b, everywhere), alone)
-        assert len(match_near(a, b, ~everywhere)) == 0
+        np.testing.assert_array_equal(match_near(a, b, lambda i, j: i >= 0), alone)
+        assert len(match_near(a, b, lambda i, j: i < 0)) == 0
 
         points = Points.alike(np.tile(b.pixel, (2, 1)) + np.repeat([0.0, 400.0], len(b))[:, None])
         twice = Features(points, np.tile(b.descriptor, (2, 1)))
         assert len(match(a, twice)) == 0
-        second = np.repeat([[False, True]], len(b), axis=1).repeat(len(a), axis=0)
-        np.testing.assert_array_equal(match_near(a, twice, second), alone + [0, len(b)])
+        second = match_near(a, twice, lambda i, j, n=len(b): j >= n)
+        np.testing.assert_array_equal(second, alone + [0, len(b)])
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_near_matches_agree_with_their_definition(binary: bool) -> None:
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        a, b = two_views(rng, binary)
+        near = rng.random((len(a), len(b))) < 0.6
+        if binary:
+            bits_a, bits_b = (np.unpackbits(f.descriptor, axis=1) for f in (a, b))
+            distance = (bits_a[:, None] != bits_b[None]).sum(axis=2).astype(float)
+        else:
+            distance = np.linalg.norm(a.descriptor[:, None].astype(float) - b.descriptor, axis=2)
+        best = np.maximum(distance.min(axis=1)[:, None], distance.min(axis=0))
+        left = np.where(near & (0.85 * distance <= best), distance, np.inf)
+        defined = set()
+        for i, row in enumerate(left):
+            j = int(row.argmin())
+            if row[j] < 0.85 * np.delete(row, j).min() and left[:, j].argmin() == i:
+                defined.add((i, j))
+        assert len(defined) > 10
+        assert {*map(tuple, match_near(a, b, lambda i, j, near=near: near[i, j]).tolist())} == defined
