@@ -180,8 +180,16 @@ def _common_share(at: NDArray[np.float32]) -> float:
     Errors of two windows correlate by the share of their pixels that is common. A homography hardly changes
     within a window, so the variance of a fit grows by the mean sum of the correlations.
     """
-    apart = np.maximum(0.0, 1.0 - np.abs(at[:, None] - at) / WINDOW_PX)
-    return float((apart[..., 0] * apart[..., 1]).sum(axis=1).mean())
+    across, down = (_overlaps(coordinate / WINDOW_PX) for coordinate in at.T)
+    return float(np.vdot(across, down)) / len(at)
+
+
+def _overlaps(begin: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (n, n) the overlaps of intervals of length 1 that begin at (n,)."""
+    apart = begin[:, None] - begin
+    np.abs(apart, out=apart)
+    np.subtract(1.0, apart, out=apart)
+    return np.asarray(np.maximum(apart, 0.0, out=apart))
 
 
 def _off_px(i_H_j: Array, predicted: Array, corners_px: Array) -> float:
