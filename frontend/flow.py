@@ -23,6 +23,7 @@ from frontend.homography import HomographyConfig, HomographyFit, fit_homography,
 from frontend.motions import DISTINCT_MOTION_WIDTHS, ELSEWHERE, Expectation
 from frontend.points import Points
 from frontend.registration import Registration, overlap
+from frontend.robust import median
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -166,8 +167,10 @@ def _follow(here: Image, there: Image, at: NDArray[np.float32]) -> tuple[Array, 
     there_px, forth, strength = cv2.calcOpticalFlowPyrLK(
         here, there, at, at.copy(), None, None, window, LEVELS, stop, start | cv2.OPTFLOW_LK_GET_MIN_EIGENVALS
     )
+    # The way back begins with the displacement that all have in common, and needs no coarser levels.
+    guess = there_px - np.array([median(moved) for moved in (there_px - at).T], np.float32)
     back_px, back, _ = cv2.calcOpticalFlowPyrLK(
-        there, here, there_px, there_px.copy(), None, None, window, LEVELS, stop, start
+        there, here, there_px, guess, None, None, window, 0, stop, start
     )
     trip = np.linalg.norm(back_px.reshape(-1, 2) - at, axis=1)
     found = (forth.ravel() > 0) & (back.ravel() > 0) & (trip < ROUND_TRIP_PX) & (strength.ravel() > 0)
