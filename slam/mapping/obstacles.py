@@ -130,6 +130,7 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
     measured = np.where(too_near, height - sonar.min_range_m / scale, measured)
     on_floor = np.abs(ratio / scale - 1) < 3 * BANDWIDTH
     floor_std = robust_std(measured[on_floor]) if on_floor.any() else 0.0
+    floor_std = float(np.hypot(floor_std, _step_m(sonar.range_m[in_limits]) / np.sqrt(12)))
     return Echoes(
         sonar.stamps_s,
         origin[:, :2] + to_floor[:, None] * axis[:, :2],
@@ -139,6 +140,12 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
         floor_std,
         float(np.nanmedian(height)),
     )
+
+
+def _step_m(range_m: Array) -> float:
+    """Return the step to which ranges are rounded; exact ranges have next to none."""
+    values = np.unique(range_m)
+    return float(np.median(np.diff(values))) if len(values) > 1 else 0.0
 
 
 def _without_spikes(values: Array) -> Array:

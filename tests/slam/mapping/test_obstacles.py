@@ -85,11 +85,16 @@ def spiked(over: Flight, share: float) -> Flight:
     return replace(over, sonar=replace(over.sonar, range_m=np.where(hit, 0.5, 1.0) * over.sonar.range_m))
 
 
+def rounded(over: Flight, step_m: float) -> Flight:
+    return replace(over, sonar=replace(over.sonar, range_m=step_m * np.round(over.sonar.range_m / step_m)))
+
+
 @pytest.mark.parametrize(
     "over",
     [
         lambda: flight(boxes=False),
         lambda: spiked(flight(boxes=False), 0.05),
+        lambda: rounded(flight(boxes=False), 0.1),
         lambda: replace(flight(), sonar=None),
         lambda: replace(
             flight(), sonar=replace(flight().sonar, range_m=np.full_like(flight().sonar.range_m, np.nan))
@@ -99,6 +104,8 @@ def spiked(over: Flight, share: float) -> Flight:
 def test_a_flat_floor_single_spikes_and_no_sonar_are_no_obstacles(over):
     chosen = over()
     assert find_obstacles(chosen, chosen.camera, *some_poses(chosen), 0.0, MaskingConfig()) is None
+    echoes = echoes_in_map(chosen.sonar, *some_poses(chosen), 0.0)
+    assert echoes is None or unlike_ranges(echoes, MaskingConfig()) == ""
 
 
 def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
