@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from backend.measurements import Attitude, BarometerHeight, InertialReadings, Position, SlantRange
 from slam.core.flight import AttitudeSeries, Flight, Imu, Scalar, Sonar
@@ -75,7 +75,7 @@ def _noise_between_neighbours(values: Array) -> Array:
     neighbours, which outliers hardly reach; motion makes it larger."""
     if len(values) < 2:
         return np.zeros(values.shape[1])
-    quarter = float(norm.ppf(0.625)) * np.sqrt(2)
+    quarter = float(ndtri(0.625)) * np.sqrt(2)
     return np.asarray(np.quantile(np.abs(np.diff(values, axis=0)), 0.25, axis=0) / quarter)
 
 
