@@ -9,7 +9,7 @@ import numpy as np
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
-from slam.report.facts import Facts
+from slam.report.facts import Facts, heights_over_floor
 from slam.report.left_out import is_contradicted
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -141,14 +141,11 @@ def _beside(estimate: Estimate) -> str:
 
 def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     """Return from where heights count, how accurate they are, and what measured the ground."""
-    text = f"{facts.datum[0].upper()}{facts.datum[1:]}."
-    up = np.einsum(
-        "ni,nij,nj->n", estimate.w_T_b[:, 2, :3], estimate.covariances[:, 3:, 3:], estimate.w_T_b[:, 2, :3]
-    )
-    known = up[np.isfinite(up) & (up >= 0)]
-    if len(known):
-        std = facts.length(float(np.sqrt(np.median(known))))
-        text += f" A keyframe's height over it is typically known to ±{SPACE}{std}."
+    text = f"Heights {facts.datum}."
+    std_m = heights_over_floor(estimate)[1]
+    if np.isfinite(std_m).any():
+        typical = facts.length(float(np.nanmedian(std_m)))
+        text += f" How high a keyframe is over the floor is typically known to ±{SPACE}{typical}."
     ground = estimate.ground
     if ground is not None and ground.relief_share > 0:
         std = f" (typically ±{SPACE}{facts.length(ground.height_std_m)})" if ground.height_std_m else ""

@@ -35,14 +35,14 @@ def datum_text(estimate: Estimate) -> str:
     origin = estimate.origin
     if origin is None:
         return (
-            "heights count from the ground below the first keyframe (where the map begins), not from sea "
+            "count from the ground below the first keyframe (where the map begins), not from sea "
             "level and not from the ellipsoid"
         )
     floor = f"{origin.altitude_m + estimate.floor_z_m:.1f} m"
     if estimate.control is not None and any(point.used for point in estimate.control.points):
-        return f"heights count from the floor at {floor} in the height system of the control points"
+        return f"count from the floor at {floor} in the height system of the control points"
     return (
-        f"heights count from the floor at {floor} of the GPS altitudes as recorded; whether those are "
+        f"count from the floor at {floor} of the GPS altitudes as recorded; whether those are "
         "above the WGS 84 ellipsoid or above sea level, the recording does not say (the two differ by up "
         f"to {_GEOID_M} m)"
     )

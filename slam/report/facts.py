@@ -150,6 +150,16 @@ def position_sigma_m(covariances: Array) -> Array:
     return found[np.isfinite(found)]
 
 
+def heights_over_floor(estimate: Estimate) -> tuple[Array, Array]:
+    """Return heights (n,) over the floor, and their standard deviations, NaN where they are not known.
+
+    The errors that keyframes and floor share, as those of altitudes on Earth, are no part of them.
+    """
+    pose, covariances = estimate.over_floor_T_b, estimate.over_floor_covariances
+    variance = np.einsum("ni,nij,nj->n", pose[:, 2, :3], covariances[:, 3:, 3:], pose[:, 2, :3])
+    return pose[:, 2, 3] - estimate.floor_z_m, np.sqrt(np.where(variance >= 0, variance, np.nan))
+
+
 def _each_sigma_m(covariances: Array) -> Array:
     """Standard deviation (n,) of a position over its three axes together; infinite where it is not known."""
     variance = np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2)

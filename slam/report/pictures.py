@@ -26,7 +26,7 @@ from slam.core.plot_style import (
     round_factor,
 )
 from slam.core.units import length, unit
-from slam.report.facts import chain_on_result, is_placed
+from slam.report.facts import chain_on_result, heights_over_floor, is_placed
 from slam.report.gaps import Gap
 from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted
 from slam.report.mosaic_marks import with_marks
@@ -80,11 +80,7 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     """
     figure, axes = new_figure(6.4, 3.0)
     time = estimate.stamps_s - estimate.stamps_s[0]
-    height = estimate.w_T_b[:, 2, 3] - estimate.floor_z_m
-    up = np.einsum(
-        "ni,nij,nj->n", estimate.w_T_b[:, 2, :3], estimate.covariances[:, 3:, 3:], estimate.w_T_b[:, 2, :3]
-    )
-    sigma = np.sqrt(np.where(up >= 0, up, np.nan))
+    height, sigma = heights_over_floor(estimate)
     before = estimate.odometry_w_T_b[:, 2, 3] - estimate.floor_z_m
     if np.isfinite(before).any():
         axes.plot(time, before, color=GREY, linewidth=1.0, label="without loops")

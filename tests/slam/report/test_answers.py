@@ -335,3 +335,14 @@ def test_streams_that_a_message_names_are_explained():
     page = html.unescape(render(estimate, summarise(estimate), flight))
     assert "attitude0 is the attitude sensor" in page
     assert "imu0 is" not in page
+
+
+def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
+    """The error of an altitude moves keyframes and floor together."""
+    estimate, flight = replace(made_estimate(), origin=GeoOrigin(52.1, 4.3, 10.0)), made_flight()
+    on_earth = replace(estimate, covariances=estimate.covariances + 400.0 * np.eye(6))
+    question = "Are the heights true?"
+    found = answers(on_earth, flight)[question]
+    assert found == answers(estimate, flight)[question]
+    up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))
+    assert f"typically known to ±\N{NO-BREAK SPACE}{length(up_m)}" in found
