@@ -19,6 +19,7 @@ from slam.core.control_points import SurveyedPoint
 from slam.core.duplicate_flights import without_duplicates
 from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, with_unique_names
+from slam.core.messages import same_kind
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,10 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
         landmark_pairs=tuple(dict.fromkeys(pair for flight in parts for pair in flight.landmark_pairs)),
         surveyed=_surveyed(parts),
         gaps=tuple(dict.fromkeys(gap for flight in parts for gap in flight.gaps)),
-        warnings=(*(f"{flight.name}: {line}" for flight in parts for line in flight.warnings), *warnings),
+        warnings=(
+            *(same_kind(line, f"{flight.name}: {line}") for flight in parts for line in flight.warnings),
+            *warnings,
+        ),
         all_keyframes=parts[0].all_keyframes,
         parts=parts,
     )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.messages import Note
 from slam.io.csv_stream import CsvTable
 
 JUMP_NS = 600 * 10**9
@@ -61,7 +62,7 @@ def _without_twins(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
             seen.add(key)
             keep.append(k)
     if dropped := len(table.stamps_ns) - len(keep):
-        remarks.append(f"{name}: {dropped} repeated rows dropped, one of each is kept")
+        remarks.append(Note(f"{name}: {dropped} repeated rows dropped, one of each is kept"))
     rows = np.array(keep)
     return table.rows(rows, table.stamps_ns[rows])
 

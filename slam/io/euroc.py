@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import Flight, Truth
+from slam.core.messages import Note, same_kind
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_numbers
 from slam.io.down_looking import MAX_TILT_DEG, axis_tilt_deg, tilt_remark
@@ -71,7 +72,7 @@ def import_euroc(folder: str | Path) -> Flight:
     if flight.truth is None and "vicon0" in present:
         truth, notes = _vicon(mav0 / "vicon0", root, flight.epoch_ns)
         flight = replace(flight, truth=truth)
-        remarks += [f"vicon0: {note}" for note in ("used as the ground truth", *notes)]
+        remarks += [same_kind(note, f"vicon0: {note}") for note in (Note("used as the ground truth"), *notes)]
     if flight.truth is None and "leica0" in present:
         remarks.append(
             "leica0: holds positions without attitude, which are no truth; ignored: record vicon0 too"

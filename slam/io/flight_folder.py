@@ -46,7 +46,7 @@ class _Recording:
     warnings: list[str] = field(default_factory=list)
 
     def note(self, folder: str, notes: list[str] | tuple[str, ...]) -> None:
-        self.warnings += [f"{folder}: {note}" for note in notes]
+        self.warnings += [same_kind(note, f"{folder}: {note}") for note in notes]
 
 
 def read_flight(path: Path | str, camera: str = "cam0") -> Flight:

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.core.geodesy import MAX_ALTITUDE_M
+from slam.core.messages import Note
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
 from slam.io.plausibility import GYRO_LIMIT_RAD_S
@@ -96,7 +97,8 @@ class Source:
         rows = np.atleast_1d(rows)
         if rows.all():
             return self
-        self.notes.append(f"{int((~rows).sum())} of {len(self.table.stamps_ns)} rows dropped: {why}")
+        dropped = f"{int((~rows).sum())} of {len(self.table.stamps_ns)} rows dropped: {why}"
+        self.notes.append(Note(dropped))
         keep = np.flatnonzero(rows)
         return Source(
             self.table.rows(keep, self.table.stamps_ns[keep]), self.sensor, self.epoch_ns, self.notes
@@ -105,7 +107,7 @@ class Source:
     def set_missing(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
         """Set values of one column to missing, and note their number and the reason."""
         if bad.any():
-            self.notes.append(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}")
+            self.notes.append(Note(f"{int(bad.sum())} of {len(bad)} values treated as missing: {why}"))
             self.table.values[bad, column] = np.nan
 
     def row_error(self, row: int, what: str, do: str) -> Exception:

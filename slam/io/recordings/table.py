@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.geodesy import position_fault
+from slam.core.messages import Note
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import brief, read_bytes, refusal, refuse_other_content, without_zero_tail
@@ -113,7 +114,7 @@ def _unless_held(values: Array) -> Converted:
     """Return the rows that differ from the row before, and the others as missing."""
     keep = changed_rows(values)
     held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
-    notes = (f"{held} rows repeat the value before and are left out",)
+    notes = (Note(f"{held} rows repeat the value before and are left out"),)
     return np.where(keep[:, None], values, np.nan), notes * bool(held)
 
 

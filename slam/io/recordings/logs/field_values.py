@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.messages import Note
 from slam.io.body_axes import body_from_frd
 
 Array = NDArray[np.float64]
@@ -62,7 +63,7 @@ def known_fixes(values: Array, fix: Array) -> Array:
 def only_down(range_m: Array, is_down: NDArray[np.bool_], is_valid: NDArray[np.bool_]) -> Converted:
     """Return ranges (n, 1) of sensors that look down; NaN for others and for invalid readings."""
     aside = int((~is_down).sum())
-    notes = (f"{aside} readings of sensors that do not look down left out",)
+    notes = (Note(f"{aside} readings of sensors that do not look down left out"),)
     return np.where(is_down & is_valid, range_m, np.nan)[:, None], notes * bool(aside)
 
 
@@ -76,4 +77,4 @@ def flow_velocity(flow_rad_s: Array, range_m: Array, is_valid: NDArray[np.bool_]
     rate = flow_rad_s * range_m[:, None]
     values = np.column_stack([rate[:, 1], rate[:, 0]])
     values[~is_valid | ~np.isfinite(values).all(axis=1)] = np.nan
-    return values, ("from flow times distance; body axes taken as level",)
+    return values, (Note("from flow times distance; body axes taken as level"),)

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
+from slam.core.messages import Note
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
 from slam.io.recordings.logs import field_values
@@ -134,14 +135,16 @@ def open_recording(path: Path) -> Recording:
         {number: each for (sender, number), each in messages.items() if sender == system}
     )
     rules = (*RULES, *(_ardupilot_rules(series) if autopilot == "ArduPilot" else ()))
-    warnings = ["stamps are those of the autopilot, placed in the calendar by the earliest reception"]
+    warnings: list[str] = [
+        Note("stamps are those of the autopilot, placed in the calendar by the earliest reception")
+    ]
     if lost:
         warnings.append(
             f"{lost} bytes of the log hold no packet (damaged or cut short) and were passed over; "
             f"{COPY_AGAIN}"
         )
     if doubles:
-        warnings.append(f"{doubles} messages were received twice and are taken once")
+        warnings.append(Note(f"{doubles} messages were received twice and are taken once"))
     metadata = {"vehicle": autopilot} if autopilot else {}
     unread = [(f"message {number}", "MAVLink", count) for number, count in sorted(others.items())]
     return field_recording(path, DESCRIPTION, series, rules, tuple(warnings), metadata, unread)

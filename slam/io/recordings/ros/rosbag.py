@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.messages import same_kind
 from slam.core.progress import Progress
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
 from slam.io.files import brief, refusal
@@ -306,7 +307,7 @@ def _readings(bag: OpenBag, offer: Offer, series: _Series) -> StreamReadings:
 def _pictures(bag: OpenBag, topic: str, series: _Series) -> tuple[PictureChannel | None, list[str]]:
     camera, notes = ros_camera.camera_of(bag.camera_info(topic), series.first, bag.mount_of(topic))
     if camera is None:
-        return None, [f"cam0: {topic}: {line}" for line in notes]
+        return None, [same_kind(line, f"cam0: {topic}: {line}") for line in notes]
     suffix = ros_camera.suffix_of_message(series.first)
     connections = [c for c in bag.connections if c.topic == topic]
     fetch = BagPictures(bag, connections, np.array(series.recorded_ns, dtype=np.int64))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.flight import Gps
+from slam.core.messages import Note
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.down_looking import MAX_TILT_DEG, tilt_remark
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, tilt_deg
@@ -50,7 +51,7 @@ def _readings(subtitles: Subtitles, values: Array, nominal: Mapping[str, Value])
     """Return the rows that differ from the row before; the others only hold it."""
     keep = changed_rows(values)
     held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
-    notes = (f"{held} of {held + int(keep.sum())} subtitles repeat the value before and were dropped",)
+    notes = (Note(f"{held} of {held + int(keep.sum())} subtitles repeat the value before and were dropped"),)
     stamps_ns = np.round(subtitles.stamps_s[keep] * 1e9).astype(np.int64)
     return StreamReadings(stamps_ns, values[keep], nominal, notes * bool(held))
 
@@ -113,12 +114,12 @@ def video_camera(
     focal_mm = np.empty(0) if subtitles is None else subtitles.column("focal_mm")
     zoom = np.ones(len(focal_mm)) if subtitles is None else np.nan_to_num(subtitles.column("zoom"), nan=1.0)
     focal_mm = (focal_mm * zoom)[np.isfinite(focal_mm) & (focal_mm > 0)]
-    notes, distortion = [], Camera.distortion
+    notes, distortion = list[str](), Camera.distortion
     if len(focal_mm):
         film_mm = float(np.median(focal_mm))
         focal_px = film_mm / FILM_WIDTH_MM * width
         notes.append(
-            f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film; no distortion assumed"
+            Note(f"focal length {focal_px:.0f} px from {film_mm:g} mm on 35 mm film; no distortion assumed")
         )
         if focal_mm.max() > _ZOOM_RATIO * focal_mm.min():
             zooms = f"from {focal_mm.min():g} to {focal_mm.max():g} mm"
@@ -127,7 +128,7 @@ def video_camera(
             )
     elif by_model is not None:
         focal_px, distortion = by_model.focal_px, by_model.distortion
-        notes.append(f"focal length {focal_px:.0f} px {by_model.remark}")
+        notes.append(Note(f"focal length {focal_px:.0f} px {by_model.remark}"))
     else:
         focal_px = assumed_focal_px(size_px)
         notes.append(f"focal length {focal_px:.0f} px assumed: {ASSUMED_VIEW}; calibrate the camera")
