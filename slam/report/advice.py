@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from slam.core.estimate import Estimate
@@ -11,6 +11,7 @@ from slam.report.facts import Facts
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
+    from slam.report.mosaic_facts import MosaicFacts
 
 WORDS: Mapping[str, str] = {
     "range": "the height sensor",
@@ -28,6 +29,7 @@ WORDS: Mapping[str, str] = {
 _CARRIER_PHASE_M = 0.1
 """Receivers that state less have corrections of the carrier phase (RTK, PPK), and errors of centimetres.
 Without it, corrections leave half a metre at least (Groves, Principles of GNSS, 2013, chapter 10)."""
+_LENGTHS = ("scale",)
 _STEPS: Mapping[str, str] = {
     "pictures": "fly lower, with more overlap, or with a sharper camera",
     "flat_floor": "fly higher above the uneven ground, or map it in parts",
@@ -41,12 +43,15 @@ _STEPS: Mapping[str, str] = {
 }
 
 
-def limit(shares: Mapping[str, Mapping[str, float]]) -> tuple[str, float] | None:
-    """Return the instrument with the largest share in the variance of the place of the farthest keyframe.
+def limit(
+    shares: Mapping[str, Mapping[str, float]], axes: Sequence[str] = ("x", "y")
+) -> tuple[str, float] | None:
+    """Return the instrument with the largest share in the variance, and that share.
 
-    None where no shares are known.
+    It is that of the place of the farthest keyframe, or for the axes ``("scale",)`` that of the lengths. None
+    where no shares are known.
     """
-    rows = [shares[axis] for axis in ("x", "y") if axis in shares]
+    rows = [shares[axis] for axis in axes if axis in shares]
     if not rows:
         return None
     mean = {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
@@ -54,13 +59,21 @@ def limit(shares: Mapping[str, Mapping[str, float]]) -> tuple[str, float] | None
     return name, mean[name]
 
 
-def limit_sentence(shares: Mapping[str, Mapping[str, float]]) -> str:
-    """Return what limits the accuracy of a map, in one sentence; empty where it is not known."""
-    found = limit(shares)
+def limit_sentence(shares: Mapping[str, Mapping[str, float]], metric: bool = True) -> str:
+    """Return what limits the accuracy of places and lengths of a map, in one sentence; empty where it is not
+    known.
+
+    Without metres nothing is said of lengths.
+    """
+    found, of_lengths = limit(shares), limit(shares, _LENGTHS) if metric else None
     if found is None:
         return ""
     name, share = found
-    return f"What limits this: {in_words(name)}, the cause of {percent(share)} of the squared error."
+    place = f"{in_words(name)}, the cause of {percent(share)} of the squared error"
+    if of_lengths is None or of_lengths[0] == name:
+        return f"What limits this: {place}."
+    lengths = f"{in_words(of_lengths[0])}, the cause of {percent(of_lengths[1])}"
+    return f"What limits this: of the place of a camera {place}; of lengths {lengths}."
 
 
 def in_words(name: str) -> str:
@@ -68,10 +81,17 @@ def in_words(name: str) -> str:
     return WORDS.get(name, name.replace("_", " "))
 
 
-def next_steps(estimate: Estimate, facts: Facts, summary: Summary, ground_missing: bool) -> str:
+def next_steps(
+    estimate: Estimate,
+    facts: Facts,
+    summary: Summary,
+    ground_missing: bool,
+    mosaic: MosaicFacts | None = None,
+) -> str:
     """Return what makes the next map better, the most important first.
 
-    What the status names comes before what limits a map whose status is ok.
+    What the status names comes before what limits a map whose status is ok. On a mosaic whose ground is less
+    accurate than the cameras above it, lengths are the limit, and not the places of the cameras.
     """
     steps = []
     if summary.status != "ok":
@@ -80,16 +100,25 @@ def next_steps(estimate: Estimate, facts: Facts, summary: Summary, ground_missin
         steps.append("cross or repeat an earlier part of the path, so that errors do not add up")
     if not facts.metric:
         steps.append("record a height sensor or GPS, which give lengths in metres")
-    found = limit(estimate.information_shares)
-    if found is not None and (step := _step(found[0], facts)):
+    of_lengths = _limited_by_lengths(facts, mosaic)
+    found = limit(estimate.information_shares, _LENGTHS if of_lengths else ("x", "y"))
+    if found is not None and (step := _step(found[0], facts, estimate, of_lengths)):
         steps.append(f"to be more accurate than now, {step}")
     if ground_missing:
         steps.append("cross the missing ground higher, with more light, or with marks on it")
     return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
 
 
-def _step(name: str, facts: Facts) -> str:
+def _limited_by_lengths(facts: Facts, mosaic: MosaicFacts | None) -> bool:
+    return facts.metric and mosaic is not None and mosaic.typical_std_m > facts.sigma_median_m
+
+
+def _step(name: str, facts: Facts, estimate: Estimate, of_lengths: bool) -> str:
     """Return what improves the instrument that limits a map, by what is at hand."""
+    if name == "pictures" and of_lengths and estimate.instruments.lens:
+        return (
+            "calibrate the camera, or fly part of the ground at another height: its focal length is uncertain"
+        )
     if name == "position":
         return _better_positions(facts)
     if name == "range":

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind, reasons_of
-from slam.core.units import percent, unit
+from slam.core.units import unit
 from slam.report.accuracy_answers import distance, heights, least_certain, loops, not_as_it_is, place, scale
-from slam.report.advice import in_words, limit, next_steps
+from slam.report.advice import limit_sentence, next_steps
 from slam.report.facts import Facts
 from slam.report.left_out import left_out
 from slam.report.mosaic_facts import MosaicFacts
@@ -39,8 +39,8 @@ def pilots_answers(
         Item("How far can I trust a distance or an area?", distance(estimate, facts, mosaic)),
         Item("Where is it least certain?", least_certain(estimate, facts, mosaic)),
         Item("Is the scale right, and by which instrument?", scale(estimate, facts, summary)),
-        Item("What limits the accuracy?", _limit(estimate)),
-        Item("How do I make the next map better?", _next(estimate, facts, summary)),
+        Item("What limits the accuracy?", _limit(estimate, facts)),
+        Item("How do I make the next map better?", _next(estimate, facts, summary, mosaic)),
         Item("What failed?", _failed(estimate, facts, summary)),
         Item("Is any of the ground missing?", _missing(estimate, facts, summary)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
@@ -111,20 +111,16 @@ def _whereabouts(facts: Facts, mosaic: MosaicFacts | None) -> str:
     )
 
 
-def _limit(estimate: Estimate) -> str:
-    found = limit(estimate.information_shares)
-    if found is None:
+def _limit(estimate: Estimate, facts: Facts) -> str:
+    told = limit_sentence(estimate.information_shares, facts.metric).removeprefix("What limits this: ")
+    if not told:
         return ""
-    name, share = found
-    return (
-        f"Mostly {in_words(name)}: the cause of {percent(share)} of the squared error at the farthest "
-        "place. The table of instruments below has the shares of the others."
-    )
+    return f"{told[0].upper()}{told[1:]} The table of instruments below has all shares."
 
 
-def _next(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+def _next(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     missing = any(gap.shows_nothing for gap in facts.gaps) or bool(_bare(facts, summary))
-    return next_steps(estimate, facts, summary, missing)
+    return next_steps(estimate, facts, summary, missing, mosaic)
 
 
 def _bare(facts: Facts, summary: Summary) -> int:

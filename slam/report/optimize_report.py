@@ -113,7 +113,7 @@ def render(
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
         notes=tuple(map(sentences, kinds.notes)),
-        limit=limit_sentence(estimate.information_shares),
+        limit=limit_sentence(estimate.information_shares, facts.metric),
         answers=pilots_answers(estimate, summary, facts, ground),
         tiles=_tiles(facts),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",

@@ -346,3 +346,20 @@ def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
     assert found == answers(estimate, flight)[question]
     up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))
     assert f"typically known to ±\N{NO-BREAK SPACE}{length(up_m)}" in found
+
+
+def test_places_and_lengths_have_limits_of_their_own():
+    shares = {"x": {"position": 0.9, "pictures": 0.1}, "scale": {"position": 0.2, "pictures": 0.8}}
+    told = limit_sentence(shares)
+    assert told.index("the GPS") < told.index("the pictures")
+    assert "pictures" not in limit_sentence(shares, metric=False)
+    estimate, flight = replace(made_estimate(), status="ok", information_shares=shares), made_flight()
+    facts, summary = gather(estimate, flight), summarise(estimate)
+
+    def advice(typical_std_m):
+        mosaic = MosaicFacts(0.004, 800, 600, typical_std_m, 2 * typical_std_m, 3.0, -1.5)
+        rows = pilots_answers(estimate, summary, facts, mosaic)
+        return next(row.value for row in rows if row.label == "How do I make the next map better?")
+
+    assert "control points" in advice(0.5 * facts.sigma_median_m)
+    assert "fly lower" in advice(5 * facts.sigma_median_m), "the ground is less accurate than the cameras"
