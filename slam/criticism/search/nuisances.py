@@ -42,40 +42,28 @@ class Nuisance:
 FIFTH = 0.225
 """Reach of a factor of 20 % either way: a logarithm reaches further down than up."""
 MAX_AR1 = 0.95
+
+
+def _mean(name: str, unit: str, reach: float, relative: bool, step: float) -> Nuisance:
+    return Nuisance(name, unit, "mean", (), reach, relative, step)
+
+
+def _hold(name: str, unit: str, reach: float) -> Nuisance:
+    return Nuisance(name, unit, "hold", (HOLD.index(name),), reach)
+
+
 NUISANCES = (
-    Nuisance(name="vehicle.gain", unit="1", kind="mean", entry=(), reach=0.05, relative=True, step=1e-3),
-    Nuisance(
-        name="vehicle.drag_1_s", unit="1/s", kind="mean", entry=(), reach=0.10, relative=True, step=1e-3
-    ),
-    Nuisance(
-        name="vehicle.attitude_time_s", unit="s", kind="mean", entry=(), reach=0.10, relative=True, step=1e-4
-    ),
-    Nuisance(name="sonar.datum_m", unit="m", kind="mean", entry=(), reach=0.01, relative=False, step=1e-3),
-    Nuisance(name="tilt_std_rad", unit="rad", kind="hold", entry=(HOLD.index("tilt_std_rad"),), reach=FIFTH),
-    Nuisance(name="tilt_time_s", unit="s", kind="hold", entry=(HOLD.index("tilt_time_s"),), reach=0.5),
-    Nuisance(
-        name="yaw_rate_std_rad_s",
-        unit="rad/s",
-        kind="hold",
-        entry=(HOLD.index("yaw_rate_std_rad_s"),),
-        reach=FIFTH,
-    ),
-    Nuisance(
-        name="yaw_rate_time_s", unit="s", kind="hold", entry=(HOLD.index("yaw_rate_time_s"),), reach=0.56
-    ),
-    Nuisance(
-        name="velocity_std_m_s", unit="m/s", kind="hold", entry=(HOLD.index("velocity_std_m_s"),), reach=FIFTH
-    ),
-    Nuisance(
-        name="velocity_time_s", unit="s", kind="hold", entry=(HOLD.index("velocity_time_s"),), reach=0.85
-    ),
-    Nuisance(
-        name="velocity_up_std_m_s",
-        unit="m/s",
-        kind="hold",
-        entry=(HOLD.index("velocity_up_std_m_s"),),
-        reach=FIFTH,
-    ),
+    _mean("vehicle.gain", "1", reach=0.05, relative=True, step=1e-3),
+    _mean("vehicle.drag_1_s", "1/s", reach=0.10, relative=True, step=1e-3),
+    _mean("vehicle.attitude_time_s", "s", reach=0.10, relative=True, step=1e-4),
+    _mean("sonar.datum_m", "m", reach=0.01, relative=False, step=1e-3),
+    _hold("tilt_std_rad", "rad", FIFTH),
+    _hold("tilt_time_s", "s", 0.5),
+    _hold("yaw_rate_std_rad_s", "rad/s", FIFTH),
+    _hold("yaw_rate_time_s", "s", 0.56),
+    _hold("velocity_std_m_s", "m/s", FIFTH),
+    _hold("velocity_time_s", "s", 0.85),
+    _hold("velocity_up_std_m_s", "m/s", FIFTH),
     *(
         Nuisance(name=f"{name}_noise", unit="1", kind="noise", entry=tuple(channels), reach=0.2)
         for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True)

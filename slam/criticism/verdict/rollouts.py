@@ -31,11 +31,11 @@ from slam.criticism.kalman.sensitivity import STICKS
 from slam.criticism.kalman.transition import FULL, NOISES, POLE
 from slam.criticism.threads import in_threads
 from slam.simulation.dynamics import derivative, integrate
+from slam.simulation.replay.compare import HORIZONS_S
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-HORIZONS_S = (0.5, 2.0, 10.0)
 STEP_S = 0.01
 START_EVERY_S = 2.0
 SETTLE_S = 1.0

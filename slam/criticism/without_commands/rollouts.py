@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from slam.criticism.cause import ChannelError
 from slam.criticism.search.information import SEGMENT_S
-from slam.criticism.verdict.rollouts import HORIZONS_S
 from slam.criticism.without_commands.likelihood import Sizes
 from slam.criticism.without_commands.whitened_rows import NODE_S, Averages, WhitenedRows
+from slam.simulation.replay.compare import HORIZONS_S
 
 Array = NDArray[np.float64]
 
