@@ -44,6 +44,8 @@ DELAY = ".delay_s"
 DELAYS_S = (-0.16, -0.08, 0.0, 0.08, 0.16, 0.24, 0.32)
 """Delays about which rows may be linear: a speed is averaged over 0.2 s, so rows are linear for half as
 long either way."""
+CERTAIN_NATS = 12.5
+"""Least lead of a delay: half the square of five standard deviations, as for every effect."""
 FAINT = 1e-9
 """Greatest entry of a column that is rounding."""
 
@@ -117,31 +119,35 @@ def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
         traces = _traces(finite, imu, kind, seen.off) | seen.others()
         late_s = _delay(finite, imu, kind, traces, low_s)
         if late_s != 0.0:
-            imu_late, column = replace(imu, stamps_s=imu.stamps_s + late_s), READ_AS[kind] + DELAY
-            seen = _compared(finite, imu_late, kind)
-            traces = _traces(finite, imu_late, kind, seen.off) | seen.others()
-            rows = whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
-            found += [r.shifted(column, late_s) for r in rows]
-        else:
-            found += whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
+            late = replace(imu, stamps_s=imu.stamps_s + late_s)
+            seen = _compared(finite, late, kind)
+            traces = _traces(finite, late, kind, seen.off) | seen.others()
+        rows = whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
+        found += [r.shifted(READ_AS[kind] + DELAY, late_s) for r in rows]
     return found
 
 
 def _delay(flight: Flight, imu: _Imu, kind: str, traces: dict[str, Array], low_s: Array) -> float:
     """Return the delay of a stream, of those on the grid, about which its rows are linear.
 
-    Far from the truth the noise of the rows has the delay in it. Their profile likelihood is therefore
-    compared, with the noise and all other errors fitted anew at each delay. Between two similar ones it is 0.
+    Far from the truth the noise of the rows has the delay in it. Where their slope points to a delay, the
+    profile likelihood is therefore compared, with the noise and all other errors fitted anew at each. Without
+    motion slope and profile are chance: both must agree.
     """
-    if READ_AS[kind] + DELAY not in traces:
-        return 0.0
-    nats = {}
-    for late_s in DELAYS_S:
+    column = READ_AS[kind] + DELAY
+
+    def rows(late_s: float) -> list[WhitenedRows]:
         seen = _compared(flight, replace(imu, stamps_s=imu.stamps_s + late_s), kind)
-        rows = whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
-        nats[late_s] = -sum(len(r.off) * float(np.log(r.noise)) for r in rows)
+        return whitened_rows(kind, seen.stamps_s, seen.off, traces, low_s, seen.order)
+
+    now = rows(0.0) if column in traces else []
+    slope = sum(float(r.traces[column] @ r.off) for r in now)
+    known = sum(float(r.traces[column] @ r.traces[column]) for r in now)
+    if 0.5 * slope**2 <= VERY_SIMILAR_NATS * known:
+        return 0.0
+    nats = {late_s: sum(r.log_likelihood for r in rows(late_s)) for late_s in DELAYS_S if late_s * slope >= 0}
     best = max(nats, key=lambda late_s: nats[late_s])
-    return best if nats[best] - nats[0.0] > VERY_SIMILAR_NATS else 0.0
+    return best if nats[best] - nats[0.0] > CERTAIN_NATS else 0.0
 
 
 def _compared(flight: Flight, imu: _Imu, kind: str) -> IntegralComparison:

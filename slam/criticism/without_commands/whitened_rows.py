@@ -78,9 +78,13 @@ class WhitenedRows:
     their own noise."""
     averages: Averages | None
     """Averages that they are differences of; None for pictures."""
+    log_likelihood: float = 0.0
+    """Log likelihood of the differences, with noise and errors fitted; 0 for pictures."""
 
     def shifted(self, column: str, size: float) -> WhitenedRows:
         """Return the rows of readings with an error, from rows about a size of it."""
+        if size == 0.0:
+            return self
         averages = self.averages
         if averages is not None:
             table = averages.table.copy()
@@ -170,7 +174,8 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     if BETWEEN_SAMPLES in names:
         between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
         banded += np.outer(between, between) / 12.0
-    white = solve_triangular(np.linalg.cholesky(banded), table, lower=True)
+    root = np.linalg.cholesky(banded)
+    white = solve_triangular(root, table, lower=True)
     # Effects are no scatter, and no reason to leave rows out.
     mixed = [n for n in names if n + INTEGRATED in names or n.endswith(INTEGRATED)]
     own = [1 + k for k, n in enumerate(names) if n not in (*mixed, BETWEEN_SAMPLES)]
@@ -183,4 +188,6 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     white[far] = 0.0
     effects = [n for n in names if not n.endswith(INTEGRATED) and n != BETWEEN_SAMPLES]
     traces = {n: white[:, 1 + names.index(n)] for n in effects}
-    return WhitenedRows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)), averages)
+    log_likelihood = -float(np.sum(np.log(scatter * np.diag(root))))
+    noise = scatter * float(np.sqrt(variance))
+    return WhitenedRows(kind, times_s, white[:, 0], traces, noise, averages, log_likelihood)
