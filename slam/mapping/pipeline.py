@@ -36,6 +36,7 @@ from slam.mapping.stages import (
     track,
     with_freed,
 )
+from slam.mapping.turn_units import in_radians
 
 MOST_PASSES = 2
 """Obstacles bend the first map and are then misplaced in it; the second pass places them again."""
@@ -67,7 +68,10 @@ def optimize_with_observations(
     """
     map_large_blocks()
     camera = _camera(flight)
-    flight, job = without_horizon_frames(flight, camera), Job(camera, config, progress, Stopwatch())
+    flight, job = (
+        without_horizon_frames(in_radians(flight), camera),
+        Job(camera, config, progress, Stopwatch()),
+    )
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):
         finished = _with_refuted_freed(_finished(job, flight, tracked), flight)
