@@ -15,6 +15,7 @@ from slam.core.errors import one_line
 from slam.core.messages import by_kind
 from slam.core.units import percent
 from slam.report.facts import Facts
+from slam.report.left_out import counted, left_out
 from slam.report.mosaic_facts import MosaicFacts
 
 if TYPE_CHECKING:
@@ -73,7 +74,9 @@ def _outcome_rows(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) ->
         placed += f", from {facts.frames} pictures"
     if facts.maps > 1:
         placed += f", in {facts.maps} separate maps"
-    rejected = ", ".join(f"{count} x {reason}" for reason, count in summary.rejected.items())
+    rejected = f"{counted(left_out(summary.rejected))}; the report says why" if summary.rejected else ""
+    if facts.is_graph:  # a person who has a graph knows its rows
+        rejected = ", ".join(f"{count} x {reason}" for reason, count in summary.rejected.items())
     rows = [
         ("status", summary.status),
         ("poses" if facts.is_graph else "keyframes", placed),

@@ -11,7 +11,7 @@ from slam.core.units import unit
 from slam.report.accuracy_answers import distance, heights, least_certain, loops, not_as_it_is, place, scale
 from slam.report.advice import limit_sentence, next_steps
 from slam.report.facts import Facts
-from slam.report.left_out import left_out
+from slam.report.left_out import counted, left_out
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
 
@@ -188,13 +188,7 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]
-    words = {
-        "match": "matches of places",
-        "view": "single views of floor points",
-        "link": "edges" if facts.is_graph else "pictures or links",
-    }
-    counts = {kind: sum(row.count for row in rows if row.kind == kind) for kind in words}
-    parts = ", ".join(f"{count} {words[kind]}" for kind, count in counts.items() if count)
+    parts = counted(rows, facts.is_graph)
     if not act:
         return f"{parts}. No need to act on these: the map does not rest on them. The table has the reasons."
     first = f"“{act[0].what}” ({act[0].count}): {act[0].act[0].lower()}{act[0].act[1:]}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 CONTRADICTED, UNPROVEN = "contradicted", "unproven"
@@ -146,6 +146,27 @@ def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
     rows = found.values()
     order = ("", CONTRADICTED, UNPROVEN)
     return tuple(sorted(rows, key=lambda row: (row.no_need_to_act, order.index(row.verdict), -row.count)))
+
+
+def counted(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
+    """Return the numbers of rows by their kind; empty without rows."""
+    words = {
+        "match": "matches of places",
+        "view": "single views of floor points",
+        "link": "edges" if is_graph else "pictures or links",
+    }
+    told = []
+    for kind, name in words.items():
+        of_kind = [row for row in rows if row.kind == kind]
+        verdicts = [
+            f"{sum(row.count for row in of_kind if row.verdict == verdict)} {verdict}"
+            for verdict in (CONTRADICTED, UNPROVEN)
+            if any(row.verdict == verdict for row in of_kind)
+        ]
+        if of_kind:
+            bracket = f" ({', '.join(verdicts)})" if verdicts else ""
+            told.append(f"{sum(row.count for row in of_kind)} {name}{bracket}")
+    return ", ".join(told)
 
 
 def _found(reason: str) -> tuple[str, str]:

@@ -258,7 +258,6 @@ def test_words_of_the_reasons_are_explained_where_they_can_occur(no_figures):
     flown = page(estimate, made_flight()).text
     assert "taken too far apart to show the same ground" in flown
     assert "elsewhere in all other pictures" in flown
-    assert "moves between them as most points do" in flown
     assert "NEES" not in flown
     assert "mean height over the floor" not in flown
     accuracy = (FigureTable("Against the reference", (), (("mean NEES", "6"),)),)
@@ -267,7 +266,7 @@ def test_words_of_the_reasons_are_explained_where_they_can_occur(no_figures):
         in page(estimate, made_flight(), accuracy=Accuracy(evaluated=Evaluated("", accuracy))).text
     )
     assert "mean height over the floor" in page(replace(estimate, metric=False), made_flight()).text
-    assert "inlier" not in page(estimate).text
+    assert "inlier" not in flown.lower()
     assert "docs/method" in flown
 
 
