@@ -49,6 +49,8 @@ def evaluate(
     screen.json_file(folder / "evaluation.json")
     for table in told.tables:
         screen.table(table)
+    if not in_report and (folder / "report.html").is_file():
+        screen.line("report.html is of an earlier version and stays as it is; run slam optimize again")
     screen.files([folder / name for name in (*EVALUATE_NAMES, *(["report.html"] * in_report))])
 
 

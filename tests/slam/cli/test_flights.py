@@ -165,6 +165,9 @@ def test_evaluate_adds_its_files_and_a_second_run_replaces_all(flight, done, tmp
     assert "Not measured here" in (done / "report.html").read_text()
     assert run("evaluate", out, "--truth", flight, "--quiet").exit_code == 0
     assert (out / "report.html").read_text() == page
+    (out / "report.html").write_text("<html></html>")
+    assert "of an earlier version" in run("evaluate", out, "--truth", flight).stdout
+    assert (out / "report.html").read_text() == "<html></html>"
     record = json.loads((out / "evaluation.json").read_text())
     assert {"ate_m", "ate_aligned_m", "ate_sim3_m", "rpe", "nees", "landmarks", "loops"} <= set(record)
     assert record["ate_m"]["rmse"] < 0.1
