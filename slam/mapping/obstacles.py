@@ -243,8 +243,12 @@ def unlike_ranges(echoes: Echoes, config: MaskingConfig) -> str:
             "lengths that rest on them may be as wrong; check the sensor, and the camera's shutter and "
             "calibration"
         )
-    if standing.sum() >= max(FEWEST, config.least_share * measured) and echoes.changed_between_visits(config):
-        share = float(np.nanmedian(echoes.height_m[standing])) / echoes.flying_m
+    if not standing.any():
+        return ""
+    share = float(np.nanmedian(echoes.height_m[standing])) / echoes.flying_m
+    # Fewer do not shift the mean of all ranges by as much as the floor's own peak is wide.
+    matters = share * standing.sum() > BANDWIDTH * measured
+    if matters and echoes.changed_between_visits(config):
         return (
             f"sonar0: over the same ground the ranges of some visits are {100 * share:.0f} % shorter than "
             "those of others, and lengths that rest on them may be as wrong; if nothing moved there, check "

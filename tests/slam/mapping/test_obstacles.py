@@ -130,6 +130,15 @@ def test_ranges_that_change_in_mid_flight_are_no_obstacles(gain: float):
     assert "over the same ground" in line or "do not fit" in line
 
 
+def test_a_few_odd_ranges_at_one_visit_put_no_lengths_in_doubt():
+    over = flight(boxes=False)
+    odd = np.abs(over.sonar.stamps_s - 0.6 * over.sonar.stamps_s[-1]) < 0.6
+    heard = replace(over.sonar, range_m=np.where(odd, 0.9, 1.0) * over.sonar.range_m)
+    echoes = echoes_in_map(heard, *some_poses(over), 0.0)
+    assert echoes.standing(MaskingConfig()).sum() > 10
+    assert unlike_ranges(echoes, MaskingConfig()) == ""
+
+
 def test_boxes_are_heard_at_every_visit():
     over = flight()
     assert unlike_ranges(echoes_in_map(over.sonar, *some_poses(over), 0.0), MaskingConfig()) == ""
