@@ -53,14 +53,21 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
     m = unit(facts.metric)
     what = "pose" if facts.is_graph else "keyframe"
     name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
-    path = f"Around x = {x:.3g} {m}, y = {y:.3g} {m} ({what} {k}{f', {name}' * bool(name)})"
+    path = f"Around {_at(x, y, m)} ({what} {k}{f', {name}' * bool(name)})"
     path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}."
     if mosaic is None or not np.isfinite(mosaic.worst_std_m):
         return f"{path} map.html colours the path by it."
     return (
-        f"The ground around x = {mosaic.x_m:.3g} {m}, y = {mosaic.y_m:.3g} {m}, known to "
+        f"The ground around {_at(mosaic.x_m, mosaic.y_m, m)}, known to "
         f"±{SPACE}{facts.length(mosaic.worst_std_m)}: the darkest of the middle map below. The path: "
         f"{path[0].lower()}{path[1:]}"
+    )
+
+
+def _at(x: float, y: float, unit_name: str) -> str:
+    """Return a place in words; no zero has a sign."""
+    return ", ".join(
+        f"{axis} = {round(value, 2) + 0.0:.2f} {unit_name}" for axis, value in (("x", x), ("y", y))
     )
 
 
@@ -151,7 +158,8 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         std = f" (typically ±{SPACE}{facts.length(ground.height_std_m)})" if ground.height_std_m else ""
         text += (
             f" The ground is not flat: its height was measured from the pictures{std}, "
-            f"{percent(ground.filled_share)} of it filled in from around. elevation.tif says where."
+            f"{percent(ground.filled_share)} of it filled in from around. Trust no height where "
+            "elevation.tif has no standard deviation."
         )
     elif ground is not None:
         text += " The ground is taken as flat: the pictures show no hills."

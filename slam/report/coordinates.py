@@ -24,7 +24,7 @@ def plane_text(estimate: Estimate) -> str:
         return "local metres without a place on Earth, so no EPSG code"
     return (
         f"metres east and north of {origin.latitude_deg:.6f}°, {origin.longitude_deg:.6f}° (azimuthal "
-        "equidistant on WGS 84, datum EPSG:4326; the plane itself has no EPSG code, the files hold its "
+        "equidistant about that point, on WGS 84; no EPSG code names this plane, the files hold its "
         f"definition); for UTM, EPSG:{utm_epsg(origin.latitude_deg, origin.longitude_deg)}, run slam "
         "export --to geotiff"
     )

@@ -105,8 +105,10 @@ def lengths_text(found: AccelerometerErrors | None) -> str:
     if found is None:
         return ""
     off, std = 100 * (found.scale - 1), 100 * found.scale_std
-    use = "used for the map" if found.used else "not needed"
-    return f"{off:+.1f} ±{SPACE}{std:.1f}{SPACE}% off the map's, {use}"
+    beside = (
+        "those of the other instruments, before both were joined" if found.used else "the map's, not needed"
+    )
+    return f"{off:+.1f} ±{SPACE}{std:.1f}{SPACE}% off {beside}"
 
 
 def velocity_text(found: VelocityErrors | None) -> str:

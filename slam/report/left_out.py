@@ -128,7 +128,7 @@ def is_contradicted(reason: str) -> bool:
 def reason_in_words(reason: str) -> str:
     """Return why a match was rejected, in plain words, with the figures of the reason."""
     words = next((f"they {what}" for beginning, what, _, _ in _LINKS if reason.startswith(beginning)), reason)
-    figures = reason.partition(" by ")[2] or reason.partition(": ")[2]
+    figures = reason.partition(" by " if reason.startswith("disagrees by ") else ": ")[2]
     figures = figures.replace("sigma", "standard deviations").replace(" deg", "°")
     return f"{words} ({figures})" if figures and words != reason else words
 

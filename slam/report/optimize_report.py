@@ -33,7 +33,7 @@ from slam.report.instrument_errors import (
 )
 from slam.report.instrument_table import instrument_table
 from slam.report.left_out import is_contradicted, left_out, reason_in_words, verdict_of
-from slam.report.mosaic_facts import mosaic_facts
+from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, bounds_of, thumbnail, trajectory_picture
@@ -115,7 +115,7 @@ def render(
         notes=tuple(map(sentences, kinds.notes)),
         limit=limit_sentence(estimate.information_shares, facts.metric),
         answers=pilots_answers(estimate, summary, facts, ground),
-        tiles=_tiles(facts),
+        tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=_embedded(mosaics.after, marks),
         chain_mosaic=_embedded(mosaics.before, marks),
@@ -136,11 +136,15 @@ def render(
     )
 
 
-def _tiles(facts: Facts) -> tuple[Item, ...]:
+def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
+    if mosaic is not None and np.isfinite(mosaic.typical_std_m):
+        of, std_m = "point on the mosaic", mosaic.typical_std_m
+    else:
+        of, std_m = "pose" if facts.is_graph else "place of the camera", facts.sigma_median_m
     tiles = [
         Item("poses placed" if facts.is_graph else "keyframes placed", f"{facts.placed} / {facts.keyframes}"),
         Item("loop closures kept", str(facts.loops_kept)),
-        Item("typical uncertainty of a place (1σ)", facts.length(facts.sigma_median_m)),
+        Item(f"typical uncertainty of a {of} (1σ)", facts.length(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
     if np.isfinite(facts.chain_moved_m) and not facts.is_graph:

@@ -158,12 +158,12 @@ def test_the_least_certain_place_is_told():
     estimate, flight = made_estimate(), made_flight()
     x, y = estimate.w_T_b[29, :2, 3]
     found = answers(estimate, flight)["Where is it least certain?"]
-    assert f"x = {x:.3g} m, y = {y:.3g} m" in found
+    assert f"x = {x:.2f} m, y = {y:.2f} m" in found
     assert "keyframe 29, 000029.png" in found
     mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
     both = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic=mosaic)
     (told,) = (item.value for item in both if item.label == "Where is it least certain?")
-    assert told.startswith("The ground around x = 3 m, y = -1.5 m, known to ±\N{NO-BREAK SPACE}20.0")
+    assert told.startswith("The ground around x = 3.00 m, y = -1.50 m, known to ±\N{NO-BREAK SPACE}20.0")
     assert f"The path: around x = {x:.3g} m" in told
     unknown = estimate.covariances.copy()
     unknown[7] = np.nan
