@@ -60,17 +60,13 @@ class Problem:
         """Return the name of a key in messages."""
         return self.names[key]
 
-    def within(self, members: Index) -> NDArray[np.bool_]:
-        """Return (m,) which edges have both ends among some poses."""
-        return np.isin(self.i, members) & np.isin(self.j, members)
-
     def restricted(self, members: Index) -> Problem:
         """Return the subproblem on some poses (sorted), renumbered from 0."""
         if len(members) == self.count:
             return self
         number = np.full(self.count, -1, dtype=np.int64)
         number[members] = np.arange(len(members))
-        edge = self.within(members)
+        edge = (number[self.i] >= 0) & (number[self.j] >= 0)
         return replace(
             self,
             names=tuple(self.names[k] for k in members),

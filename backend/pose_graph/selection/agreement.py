@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend import se3
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.null_loops import NullLoops
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
@@ -65,37 +64,27 @@ class GrownSet:
     is_complete: bool
     """False if the rounds or the time ended while further loops could have been accepted."""
 
-    def restricted(self, members: Index, edges: Mask, w_T: Array) -> GrownSet:
-        """Return the set on some poses and edges (m,), its first pose moved to ``w_T`` (4, 4)."""
-        at = self.w_T[members]
-        return GrownSet(self.kept[edges], w_T @ se3.inverse(at[0]) @ at, self.is_complete)
-
 
 def grow_consistent_set(
     problem: Problem,
     base: Mask,
-    begin: Mask,
     w_T: Array,
     solve: Solve,
     draw: Sampler,
     on_round: Callable[[int, int], None],
 ) -> GrownSet:
-    """Return the consistent edges and their poses.
-
-    The set grows from the edges ``begin`` (m,) with the poses ``w_T``; those of ``base`` (m,) stay in it.
-    """
+    """Return the consistent edges and their poses, growing from ``base`` (m,) with the poses ``w_T``."""
     growth = _Growth(problem, base, place_pairs(problem.i, problem.j, ROW_LENGTH), solve, draw)
     loops = np.flatnonzero(~base)
     null_loops = NullLoops.of(problem, loops, growth.place[loops])
-    kept, rejections = begin.copy(), np.zeros(len(base), dtype=np.int64)
+    kept, rejections = base.copy(), np.zeros(len(base), dtype=np.int64)
     for number in range(_ROUNDS):
         samples = draw(kept, w_T)
         if samples is None:
             break
         left = np.flatnonzero(~kept & (rejections < _MAX_REJECTIONS))
         scale = noise_scale(problem, kept, w_T)
-        is_first = number == 0 and np.array_equal(begin, base)
-        if is_first:
+        if number == 0:
             scale = first_scale(innovations(problem, w_T, samples, left), growth.place[left])
         pending = innovations(problem, w_T, samples, left, scale)
         chance = null_loops.chance(w_T, samples, scale).of(pending.log_pass_probability())
@@ -103,7 +92,7 @@ def grow_consistent_set(
         if len(candidates) == 0:
             return GrownSet(kept, w_T, True)
         new = growth.cross_validated(kept, candidates, w_T, scale)
-        new, w_T = growth.fitting(kept, new, w_T, np.inf if is_first else scale)
+        new, w_T = growth.fitting(kept, new, w_T, scale if number else np.inf)
         rejections[np.setdiff1d(candidates, new)] += 1
         kept[new] = True
         off = (problem.residuals(w_T) ** 2).sum(axis=1)

@@ -27,11 +27,10 @@ _FEW, _COARSE = 8, 1e-3
 """Steps and tolerance of the intermediate solves."""
 
 
-def grow_from_odometry(gauge_fixed: GaugeFixedProblem, known: GrownSet | None = None) -> GrownSet:
+def grow_from_odometry(gauge_fixed: GaugeFixedProblem) -> GrownSet:
     """Return the edges that are consistent with the trusted ones, and all poses.
 
-    The loops within each chain of odometry come first; then the chains are joined. The growth begins with the
-    edges of a ``known`` set that lie within a chain.
+    The loops within each chain of odometry come first; then the chains are joined.
     """
     problem, options = gauge_fixed.problem, gauge_fixed.options
     solve = coarse_solver(gauge_fixed)
@@ -47,17 +46,13 @@ def grow_from_odometry(gauge_fixed: GaugeFixedProblem, known: GrownSet | None = 
             options.on_step(number, float(accepted))
 
     members = chain_members(problem)
-    joints, start = np.zeros_like(problem.trusted), _chain_poses(problem) if known is None else known.w_T
+    joints, start = np.zeros_like(problem.trusted), _chain_poses(problem)
     if len(members) > 1:
-        chains = [_grown_chain(gauge_fixed, chain, number, known) for number, chain in enumerate(members)]
+        chains = [_grown_chain(gauge_fixed, chain, number) for number, chain in enumerate(members)]
         joints, start = join_chains(problem, chains, lambda: time.monotonic() > options.deadline)
     start = start if np.isfinite(problem.initial).any() else aligned(start, problem.unary_factors)
     base = problem.trusted | joints
-    begin = base
-    if known is not None:
-        within = np.any([problem.within(chain) for chain in members], axis=0)
-        begin = base | (known.kept & within)
-    return grow_consistent_set(problem, base, begin, solve(begin, start), solve, draw, on_round)
+    return grow_consistent_set(problem, base, solve(base, start), solve, draw, on_round)
 
 
 def _chain_poses(problem: Problem) -> Array:
@@ -66,18 +61,14 @@ def _chain_poses(problem: Problem) -> Array:
     return spanning_tree(problem.count, chain.i, chain.j, chain.ij_T, cost, 0, root)
 
 
-def _grown_chain(
-    gauge_fixed: GaugeFixedProblem, members: Index, number: int, known: GrownSet | None
-) -> Chain:
+def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) -> Chain:
     """Grow the consistent loops within one chain of odometry, with its first pose held."""
     whole = gauge_fixed.problem
     problem = whole.restricted(members)
     start = initial_poses(problem)
-    if known is not None:
-        known = known.restricted(members, whole.within(members), start[0])
     problem = replace(problem, unary_factors=(fixed(0, start[0], problem.dimension),))
     own = GaugeFixedProblem(problem, problem.unary_factor_graph(), gauge_fixed.options)
-    grown = _solved_odometry(own) if problem.trusted.all() else grow_from_odometry(own, known)
+    grown = _solved_odometry(own) if problem.trusted.all() else grow_from_odometry(own)
     noise = white_noise(own.rows, problem.dof, number)
     samples = sample_posterior(own.graph(grown.kept), problem.values(grown.w_T), problem.dof, noise)
     if samples is None:

@@ -17,7 +17,7 @@ from backend.pose_graph.gauge_fixed_problem import (
     least_squares_fit,
 )
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import GrownSet, recheck_rejected
+from backend.pose_graph.selection.agreement import recheck_rejected
 from backend.pose_graph.selection.chains import chain_members, connected
 from backend.pose_graph.selection.doubts import agreement_is_lost, doubtful_odometry, odometry_dispute
 from backend.pose_graph.selection.draw import draw_loops
@@ -78,25 +78,24 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Sel
     return found
 
 
-def _select(gauge_fixed: GaugeFixedProblem, known: Selection | None = None) -> Selection:
-    """Select the loops that agree with the trusted edges, beginning with those of a ``known`` selection.
+def _select(gauge_fixed: GaugeFixedProblem) -> Selection:
+    """Select the loops that agree with the trusted edges.
 
     Of very many, some are drawn first, and the others are judged against the solution from these.
     """
     problem = gauge_fixed.problem
     drawn = draw_loops(problem, gauge_fixed.options.seed)
-    begin = None if known is None else GrownSet(known.kept[drawn], known.fit.w_T, known.is_complete)
-    some = _select_from_all(replace(gauge_fixed, problem=problem.with_edges(drawn)), begin)
     if drawn.all():
-        return some
+        return _select_from_all(gauge_fixed)
+    some = _select_from_all(replace(gauge_fixed, problem=problem.with_edges(drawn)))
     kept = np.zeros_like(drawn)
     kept[drawn] = some.kept
     return replace(_refit(gauge_fixed, kept, some.fit.w_T, ~problem.trusted), is_complete=some.is_complete)
 
 
-def _select_from_all(gauge_fixed: GaugeFixedProblem, begin: GrownSet | None) -> Selection:
+def _select_from_all(gauge_fixed: GaugeFixedProblem) -> Selection:
     """Grow the selection from odometry, exchange loops, and take back those that agree."""
-    grown, trusted = grow_from_odometry(gauge_fixed, begin), gauge_fixed.problem.trusted
+    grown, trusted = grow_from_odometry(gauge_fixed), gauge_fixed.problem.trusted
     # The exchange comes before loops are taken back: those that a bent map takes back would hold it bent.
     swapped = _swap(gauge_fixed, _fitted(gauge_fixed, grown.kept, grown.w_T))
     found = _refit(gauge_fixed, swapped.kept, swapped.fit.w_T, ~trusted)
@@ -135,7 +134,7 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
         if not has_loops_on_odometry(doubting.problem):
             break
         try:
-            other = _select(doubting, found)
+            other = _select(doubting)
         except BackendError:
             # Without that step too little is known: it stays.
             break
