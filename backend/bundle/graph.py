@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import gtsam
 import numpy as np
@@ -205,27 +206,24 @@ def _add_calibration(graph: gtsam.NonlinearFactorGraph, camera: PinholeModel) ->
 def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:
     """Add factors of attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
-    kernel = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
-    model: gtsam.noiseModel.Base
+    robust = partial(gtsam.noiseModel.Robust.Create, gtsam.noiseModel.mEstimator.Huber.Create(1.345))
     if measurements.attitudes:
-        model = gtsam.noiseModel.Robust.Create(
-            kernel, gtsam.noiseModel.Isotropic.Sigma(2, noise.roll_pitch_rad)
-        )
+        model = robust(gtsam.noiseModel.Isotropic.Sigma(2, noise.roll_pitch_rad))
         for a in measurements.attitudes:
             c_up = c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad)
             graph.push_back(level_factor(POSE(a.k), WORLD, c_up, model))
     if measurements.ranges:
-        model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(1, noise.range_m))
+        model = robust(gtsam.noiseModel.Isotropic.Sigma(1, noise.range_m))
         for r in measurements.ranges:
             graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s))
     if measurements.positions:
         for p in measurements.positions:
             # An axis with an infinite deviation was not measured: it has no weight.
             precision = np.where(np.isfinite(p.std_m), noise.position_m**-2.0, 0.0)
-            model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Precisions(precision))
+            model = robust(gtsam.noiseModel.Diagonal.Precisions(precision))
             graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
     if measurements.heights:
-        model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(1, noise.height_m))
+        model = robust(gtsam.noiseModel.Isotropic.Sigma(1, noise.height_m))
         for h in measurements.heights:
             graph.push_back(height_factor(POSE(h.k), WORLD, h.height_m, model, problem.camera.b_T_c))
 

@@ -20,7 +20,7 @@ from slam.criticism.kalman.innovations import referred
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.pairs import ranked_pairs
-from slam.criticism.without_commands.likelihood import compared
+from slam.criticism.without_commands.likelihood import likelihood_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import at_lower_rates, healthy_case
@@ -51,7 +51,7 @@ def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> t
     model = load_model("nominal")
     flights = healthy_case(model, seed, student=seed % 3 == 0, camera=camera)
     found = compare_sensors(flights, model)
-    expansion = compared(found.rows({}), found.parameters).last
+    expansion = likelihood_of(found.rows({}), found.parameters).last
     most = max(expansion.score_tests([], expansion.effects), key=lambda s: s.z)
     return most.z, most.effect.name
 

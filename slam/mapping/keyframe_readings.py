@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,6 +149,14 @@ def heights_at(barometer: Scalar | None, at_s: Array, floor_std_m: float) -> tup
         BarometerHeight(int(k), float(value[k, 0]), float(std_m[k]))
         for k in np.flatnonzero(np.isfinite(value[:, 0]))
     )
+
+
+def attitude_readings(series: AttitudeSeries, axes: Sequence[int] = (0, 1, 2)) -> tuple[Array, Array]:
+    """Stamps (n,) and angles (n, axes) of an attitude, in order of time; what is not finite is left out."""
+    angles = series.roll_pitch_yaw_rad[:, axes]
+    good = np.isfinite(angles).all(axis=1)
+    stamps_s, first = np.unique(series.stamps_s[good], return_index=True)
+    return stamps_s, angles[good][first]
 
 
 def inertial_readings(imu: Imu | None) -> InertialReadings | None:

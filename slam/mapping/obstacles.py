@@ -71,9 +71,14 @@ class Echoes:
         """Smallest height of an object above the floor."""
         return max(config.gamma_3_m, 5 * self.floor_std_m, RELATIVE_GAMMA * self.flying_m)
 
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """(m,) which readings have an echo at a known place."""
+        return np.isfinite(self.height_m) & ~self.too_near
+
     def standing(self, config: MaskingConfig) -> NDArray[np.bool_]:
         """(m,) which readings hear an obstacle; single spikes are none."""
-        measured = np.flatnonzero(np.isfinite(self.height_m) & ~self.too_near)
+        measured = np.flatnonzero(self.measured)
         out = np.zeros(len(self.height_m), dtype=bool)
         out[measured] = _without_spikes(self.height_m[measured]) > self.gamma_m(config)
         return out
@@ -83,17 +88,15 @@ class Echoes:
 
         What stands on the floor is heard at every visit.
         """
-        standing = self.standing(config)
-        known = np.flatnonzero(np.isfinite(self.height_m) & ~self.too_near)
-        tree = cKDTree(self.w_p_m[known])
-        visits = 0
-        changed = 0
-        for k in np.flatnonzero(standing & ~self.too_near).tolist():
-            near = known[tree.query_ball_point(self.w_p_m[k], self.radius_m[k] / 2)]
+        standing, measured = self.standing(config), np.flatnonzero(self.measured)
+        tree = cKDTree(self.w_p_m[measured])
+        changed = []
+        for k in np.flatnonzero(standing).tolist():
+            near = measured[tree.query_ball_point(self.w_p_m[k], self.radius_m[k] / 2)]
             other = near[np.abs(self.stamps_s[near] - self.stamps_s[k]) > VISIT_S]
-            visits += len(other) > 0
-            changed += int(2 * np.count_nonzero(standing[other]) < len(other))
-        return visits >= FEWEST and 2 * changed > visits
+            if len(other):
+                changed.append(2 * np.count_nonzero(standing[other]) < len(other))
+        return len(changed) >= FEWEST and float(np.mean(changed)) > 0.5
 
     @property
     def map(self) -> Elevation | None:
@@ -117,7 +120,7 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
         ratio = np.where((height > 0) & (fall > 0), fall / height, np.nan)
         if np.isfinite(ratio).sum() < FEWEST:
             return None
-        # Single echoes over a second way are farther than the floor.
+        # A multipath echo reads farther than the floor.
         scale = _floor_ratio(_without_spikes(ratio[np.isfinite(ratio)]))
         measured = height - fall / scale
         to_floor = height / -axis[:, 2]
@@ -233,10 +236,9 @@ class Obstacles:
         return replace(flight, sonar=self.sonar).with_warning(self.warning)
 
 
-def unlike_ranges(echoes: Echoes, config: MaskingConfig) -> str:
-    """Say in one line that the ranges do not fit the map and its obstacles; empty where they do."""
-    standing = echoes.standing(config)
-    measured = int((np.isfinite(echoes.height_m) & ~echoes.too_near).sum())
+def range_contradiction(echoes: Echoes, config: MaskingConfig) -> str:
+    """Return a line where the ranges contradict the map's heights or each other; empty where they do not."""
+    standing, measured = echoes.standing(config), int(echoes.measured.sum())
     if standing.sum() > MOST_STANDING * measured:
         return (
             f"sonar0: {standing.sum()} of {measured} ranges do not fit the map's heights over the floor, and "
@@ -246,7 +248,7 @@ def unlike_ranges(echoes: Echoes, config: MaskingConfig) -> str:
     if not standing.any():
         return ""
     share = float(np.nanmedian(echoes.height_m[standing])) / echoes.flying_m
-    # Fewer do not shift the mean of all ranges by as much as the floor's own peak is wide.
+    # Otherwise they shift the mean of all ranges by less than the width of the floor's own peak.
     matters = share * standing.sum() > BANDWIDTH * measured
     if matters and echoes.changed_between_visits(config):
         return (
@@ -266,7 +268,7 @@ def find_obstacles(
     config: MaskingConfig,
 ) -> Obstacles | None:
     """Find objects on the floor under a map's keyframes; return None without any, or without a sonar. Where
-    the ranges do not fit the map (`unlike_ranges`), no echo counts as an obstacle."""
+    the ranges contradict the map (`range_contradiction`), no echo counts as an obstacle."""
     sonar, frames = flight.sonar, flight.frames
     echoes = (
         echoes_in_map(sonar, stamps_s, over_floor_T_b, floor_z_m) if config.pixels or config.echoes else None
@@ -274,11 +276,11 @@ def find_obstacles(
     if echoes is None or sonar is None or frames is None:
         return None
     standing = echoes.standing(config)
-    measured = int((np.isfinite(echoes.height_m) & ~echoes.too_near).sum())
+    measured = int(echoes.measured.sum())
     elevation = echoes.map
     if elevation is None or standing.sum() < max(FEWEST, config.least_share * measured):
         return None
-    if unlike_ranges(echoes, config):
+    if range_contradiction(echoes, config):
         return None
     radius_m = float(np.nanmedian(echoes.radius_m))
     gamma = echoes.gamma_m(config)

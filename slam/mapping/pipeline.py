@@ -68,10 +68,8 @@ def optimize_with_observations(
     """
     map_large_blocks()
     camera = _camera(flight)
-    flight, job = (
-        without_horizon_frames(in_radians(flight), camera),
-        Job(camera, config, progress, Stopwatch()),
-    )
+    flight = without_horizon_frames(in_radians(flight), camera)
+    job = Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):
         finished = _with_refuted_freed(_finished(job, flight, tracked), flight)

@@ -20,7 +20,7 @@ from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.calibration.camera_mount import estimated_mount
 from slam.mapping.calibration.clock_offset import clock_correction, finer_correction
-from slam.mapping.calibration.odd_clock import on_one_clock
+from slam.mapping.calibration.instrument_clocks import on_one_clock
 from slam.mapping.calibration.picture_turns import tracked_clock
 from slam.mapping.calibration.refuted import Freed, freed_by, suspects, with_lens_of
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
@@ -55,11 +55,11 @@ def track(
     front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier)
     with job.timer("track"):
         observations = front_end.observations(tracked) if tracked else front_end.track(masks)
-        found = _tracked_clock(flight, job, observations)
-        given, flight = flight, on_one_clock(flight, found)
-        clock = clock_correction(
-            found if flight.imu is given.imu else _tracked_clock(flight, job, observations)
-        )
+        recorded, found = flight, _tracked_clock(flight, job, observations)
+        flight = on_one_clock(recorded, found)
+        if flight.imu is not recorded.imu:
+            found = _tracked_clock(flight, job, observations)
+        clock = clock_correction(found)
         observations = observations.stamped_by(clock.delays_at)
         if job.camera.readout_s > 0:
             observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)

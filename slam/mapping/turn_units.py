@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.clocks.delay_residuals import gyro_attitudes
 from slam.core.flight import Flight
-from slam.mapping.keyframe_readings import MAX_GAP_S, inertial_readings
+from slam.mapping.keyframe_readings import MAX_GAP_S, attitude_readings, inertial_readings
 
 Array = NDArray[np.float64]
 
@@ -51,10 +51,7 @@ def turn_ratio(flight: Flight) -> float | None:
     readings = inertial_readings(flight.imu)
     if readings is None or flight.attitude is None:
         return None
-    known = np.flatnonzero(np.isfinite(flight.attitude.roll_pitch_yaw_rad[:, :2]).all(axis=1))
-    at_s, first = np.unique(flight.attitude.stamps_s[known], return_index=True)
-    angles = flight.attitude.roll_pitch_yaw_rad[known[first], :2]
-    at_s, angles = _within(at_s, angles, readings.stamps_s)
+    at_s, angles = _within(*attitude_readings(flight.attitude, axes=(0, 1)), readings.stamps_s)
     if len(at_s) < LEAST_STEPS:
         return None
     w_R_b = Rotation.from_matrix(gyro_attitudes(readings, at_s))

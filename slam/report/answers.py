@@ -88,12 +88,11 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
         else " It cannot see an error that all instruments share; one distance measured on the ground would."
     )
     warned = by_kind(summary.warnings).warnings
-    doubted = ", but for what a warning on this page names" if warned else ""
-    holds = "holds, if that one instrument is right" if estimate.accuracy_basis else "holds"
+    doubted = " What a warning on this page names is excepted." if warned else ""
     if summary.status == "ok":
         return (
             "“ok” promises that the map hangs together, that pictures and instruments agree with each "
-            f"other within the accuracy stated here, and that this accuracy {holds}{doubted}.{unseen}"
+            f"other within the accuracy stated here, and that this accuracy holds.{doubted}{unseen}"
         )
     return (
         "It names every cause that was found by which the map may be wrong by more than the accuracy "

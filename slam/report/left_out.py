@@ -57,7 +57,7 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
 _LINKS: tuple[tuple[str, str, str, bool], ...] = (
     ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE, True),
     ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE, True),
-    ("folded or no overlap", "would be linked as no camera above a floor can see it", _OTHER_PLACE, True),
+    ("folded or no overlap", "match in a way that no camera above a floor can see", _OTHER_PLACE, True),
     ("too few", "have too few points in common", _UNPROVEN, False),
     ("no plane fits", "have no flat piece of ground in common", _UNPROVEN, False),
     ("outlier share", "have points in common of which most disagree", _UNPROVEN, False),

@@ -114,7 +114,7 @@ def _minutes(rows: Sequence[Sequence[WhitenedRows]]) -> Array:
     return np.concatenate([(r.times_s - at) / 60.0 for found, at in each for r in found])
 
 
-def compared(rows: Sequence[Sequence[WhitenedRows]], parameters: FilterParameters) -> SearchResult:
+def likelihood_of(rows: Sequence[Sequence[WhitenedRows]], parameters: FilterParameters) -> SearchResult:
     """Return the likelihood of the rows with every effect, before any is chosen."""
     columns = columns_of(rows)
     fisher = fisher_of(rows, columns)

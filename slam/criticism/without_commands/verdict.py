@@ -36,7 +36,7 @@ from slam.criticism.verdict.sentence import with_sentences
 from slam.criticism.verdict.tables import ranking
 from slam.criticism.without_commands.consistency import varying_sizes
 from slam.criticism.without_commands.likelihood import (
-    compared,
+    likelihood_of,
     sizes_by_others,
     table_of,
 )
@@ -126,10 +126,10 @@ def _fitted(
 ) -> tuple[SearchResult, list[list[WhitenedRows]]]:
     """Return the significant effects and the rows. Pictures are linear only near the truth, so their rows are
     computed anew about what was found."""
-    found = search_linear(compared(rows, compare.parameters))
+    found = search_linear(likelihood_of(rows, compare.parameters))
     for _ in range(ROUNDS if compare.matches is not None and found.chosen else 0):
         rows = compare.rows(found.last.quadratic.sizes(found.chosen))
-        found = search_linear(compared(rows, compare.parameters))
+        found = search_linear(likelihood_of(rows, compare.parameters))
     return found, rows
 
 

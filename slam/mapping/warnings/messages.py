@@ -31,7 +31,7 @@ from slam.mapping.calibration.picture_turns import disagreements_left
 from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
-from slam.mapping.obstacles import echoes_in_map, unlike_ranges
+from slam.mapping.obstacles import echoes_in_map, range_contradiction
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import gravity_line
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
@@ -78,10 +78,8 @@ def messages(
     """
     flight, observations = context.flight, map_.observations
     tilt, systematic = _tilt(context, map_), _systematic_warning(context, map_, shared)
-    reasons, gravity = (
-        _reasons(context, map_, not_placed, shared, systematic, tilt),
-        gravity_line(context, map_),
-    )
+    gravity = gravity_line(context, map_)
+    reasons = _reasons(context, map_, not_placed, shared, systematic, tilt)
     reasons += [gravity.judged] if gravity.is_in_status else []
     lines = (
         *reasons,
@@ -149,7 +147,7 @@ def _reasons(
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
-        _stuck_ranges(flight, map_) or _unlike_ranges(context, map_),
+        _stuck_ranges(flight, map_) or _range_contradiction(context, map_),
         *contradictions(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), by_metres),
         clock_contradiction(map_.clock, context.clock)
         or disagreement_warning(disagreements_left(flight, map_.observations, context.setup)),
@@ -232,13 +230,13 @@ def _tilt(context: Context, map_: Map) -> AttitudeFloorTilt | None:
     return attitude_floor_tilt(context.flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
 
 
-def _unlike_ranges(context: Context, map_: Map) -> str:
+def _range_contradiction(context: Context, map_: Map) -> str:
     """Report ranges that contradict the map whose scale rests on them."""
     if map_.bundle is None or map_.bundle.range_errors is None:
         return ""
     stamps_s, poses = map_.observations.stamps_s, map_.of_main(map_.over_floor_T_b)
     echoes = echoes_in_map(context.flight.sonar, stamps_s, poses, map_.floor_z_m)
-    return "" if echoes is None else unlike_ranges(echoes, context.job.config.masking)
+    return "" if echoes is None else range_contradiction(echoes, context.job.config.masking)
 
 
 def _stuck_ranges(flight: Flight, map_: Map) -> str:

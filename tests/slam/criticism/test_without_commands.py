@@ -14,7 +14,7 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands import next_flight
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
-from slam.criticism.without_commands.likelihood import PATTERNS, compared
+from slam.criticism.without_commands.likelihood import PATTERNS, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.criticism.without_commands.whitened_rows import NODE_S
 from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
@@ -98,7 +98,7 @@ def score(rows, name):
 
 
 def expansion_of(rows):
-    return compared(rows, filter_parameters_of(load_model("nominal"))).last
+    return likelihood_of(rows, filter_parameters_of(load_model("nominal"))).last
 
 
 def test_one_instrument_alone_has_nothing_to_be_held_against():

@@ -13,7 +13,7 @@ from slam.core.flight import Flight, Sonar
 from slam.evaluation import evaluate
 from slam.evaluation.association import poses_at
 from slam.mapping.config import MaskingConfig, PipelineConfig
-from slam.mapping.obstacles import echoes_in_map, find_obstacles, poses_between, unlike_ranges
+from slam.mapping.obstacles import echoes_in_map, find_obstacles, poses_between, range_contradiction
 from slam.simulation.place.terrain import elevation
 from slam.simulation.recipe import Recipe
 from tests.slam.small_flight import flown, recipe
@@ -105,7 +105,7 @@ def test_a_flat_floor_single_spikes_and_no_sonar_are_no_obstacles(over):
     chosen = over()
     assert find_obstacles(chosen, chosen.camera, *some_poses(chosen), 0.0, MaskingConfig()) is None
     echoes = echoes_in_map(chosen.sonar, *some_poses(chosen), 0.0)
-    assert echoes is None or unlike_ranges(echoes, MaskingConfig()) == ""
+    assert echoes is None or range_contradiction(echoes, MaskingConfig()) == ""
 
 
 def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
@@ -115,7 +115,7 @@ def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
     broken = replace(over, sonar=replace(over.sonar, range_m=range_m))
     assert find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig()) is None
     echoes = echoes_in_map(broken.sonar, *some_poses(over), 0.0)
-    assert "do not fit the map's heights over the floor" in unlike_ranges(echoes, MaskingConfig())
+    assert "do not fit the map's heights over the floor" in range_contradiction(echoes, MaskingConfig())
 
 
 @pytest.mark.parametrize("gain", [0.75, 1.2])
@@ -126,7 +126,7 @@ def test_ranges_that_change_in_mid_flight_are_no_obstacles(gain: float):
     range_m = np.where(later, gain, 1.0) * over.sonar.range_m
     changed = replace(over, sonar=replace(over.sonar, range_m=range_m))
     assert find_obstacles(changed, over.camera, *some_poses(over), 0.0, MaskingConfig()) is None
-    line = unlike_ranges(echoes_in_map(changed.sonar, *some_poses(over), 0.0), MaskingConfig())
+    line = range_contradiction(echoes_in_map(changed.sonar, *some_poses(over), 0.0), MaskingConfig())
     assert "over the same ground" in line or "do not fit" in line
 
 
@@ -136,20 +136,20 @@ def test_a_few_odd_ranges_at_one_visit_put_no_lengths_in_doubt():
     heard = replace(over.sonar, range_m=np.where(odd, 0.9, 1.0) * over.sonar.range_m)
     echoes = echoes_in_map(heard, *some_poses(over), 0.0)
     assert echoes.standing(MaskingConfig()).sum() > 10
-    assert unlike_ranges(echoes, MaskingConfig()) == ""
+    assert range_contradiction(echoes, MaskingConfig()) == ""
 
 
 def test_boxes_are_heard_at_every_visit():
     over = flight()
-    assert unlike_ranges(echoes_in_map(over.sonar, *some_poses(over), 0.0), MaskingConfig()) == ""
+    assert range_contradiction(echoes_in_map(over.sonar, *some_poses(over), 0.0), MaskingConfig()) == ""
 
 
 @pytest.mark.parametrize("share", [0.2, 0.4])
-def test_echoes_over_a_second_way_are_not_the_floor(share: float):
+def test_multipath_echoes_are_not_the_floor(share: float):
     over = flight(boxes=False)
     twice = np.random.default_rng(3).random(len(over.sonar.stamps_s)) < share
     heard = replace(over.sonar, range_m=np.where(twice, 2.0, 1.0) * over.sonar.range_m)
-    assert unlike_ranges(echoes_in_map(heard, *some_poses(over), 0.0), MaskingConfig()) == ""
+    assert range_contradiction(echoes_in_map(heard, *some_poses(over), 0.0), MaskingConfig()) == ""
 
 
 def test_a_climb_that_no_keyframe_saw_is_no_obstacle():

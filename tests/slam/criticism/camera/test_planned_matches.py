@@ -17,7 +17,7 @@ from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
-from slam.criticism.without_commands.likelihood import compared
+from slam.criticism.without_commands.likelihood import likelihood_of
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.camera.optics import CameraModel
@@ -88,7 +88,7 @@ def test_without_commands_the_camera_is_on_board_too(monkeypatch):
         [replace(camera_flight({"rolling_shutter": {"readout": 0.03}}, 3), command=None)], model
     )
     rows = found.rows({})
-    searched = compared(rows, found.parameters)
+    searched = likelihood_of(rows, found.parameters)
     chosen = tuple(e for e in searched.last.effects if e.name == pair[0])
     searched = replace(searched, chosen=chosen)
     said = next_motion(model, searched, rows, pair, found.matches)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.without_commands.likelihood import IN_TIME, compared
+from slam.criticism.without_commands.likelihood import IN_TIME, likelihood_of
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.simulation.model import load_model
 
@@ -18,7 +18,7 @@ def comparison(columns, off, scale=1.0):
     """Return the search over as many segments of one flight as a minute has."""
     times_s = np.repeat(10.0 * np.arange(SEGMENTS), ROWS)
     rows = WhitenedRows("attitude", times_s, scale * off, columns, 1.0, None)
-    return compared([[rows]], filter_parameters_of(load_model("nominal")))
+    return likelihood_of([[rows]], filter_parameters_of(load_model("nominal")))
 
 
 def drawn(rng, names=NAMES):

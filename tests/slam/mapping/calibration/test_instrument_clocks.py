@@ -11,7 +11,7 @@ from backend.clocks.picture_clock import ClockPiece, PictureClock
 from slam.core.flight import Flight
 from slam.core.messages import is_note
 from slam.evaluation import evaluate
-from slam.mapping.calibration.odd_clock import attitude_delay, on_one_clock
+from slam.mapping.calibration.instrument_clocks import attitude_delay, on_one_clock
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown
 

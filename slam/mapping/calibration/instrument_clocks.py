@@ -1,4 +1,4 @@
-"""Which of pictures, gyro and attitude has a clock of its own: the one that both others contradict.
+"""The clocks of gyro and attitude: of these and the pictures, the one that both others contradict is wrong.
 
 Each of the three shows how the vehicle turned. A delay between two of them does not tell which is late; the
 third one does.
@@ -7,13 +7,13 @@ third one does.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from backend.clocks.picture_clock import ClockPiece, PictureClock, picture_clock
 from slam.core.flight import Flight
 from slam.core.messages import Note
+from slam.core.rotations import rotation_of
 from slam.core.units import with_error
-from slam.mapping.keyframe_readings import MAX_GAP_S, inertial_readings
+from slam.mapping.keyframe_readings import MAX_GAP_S, attitude_readings, inertial_readings
 
 
 def on_one_clock(flight: Flight, pictures: PictureClock | None) -> Flight:
@@ -49,19 +49,16 @@ def attitude_delay(flight: Flight) -> ClockPiece | None:
     """Return by how much the attitude is stamped after the gyro's reading of that moment.
 
     None where one of the two is missing, where the gyro does not explain the attitude's turns, and where the
-    delay changes or stays vague.
+    delay changes or is not known well enough.
     """
     readings = inertial_readings(flight.imu)
     if readings is None or flight.attitude is None:
         return None
-    angles = flight.attitude.roll_pitch_yaw_rad
-    known = np.flatnonzero(np.isfinite(angles).all(axis=1))
-    stamps_s, first = np.unique(flight.attitude.stamps_s[known], return_index=True)
+    stamps_s, angles = attitude_readings(flight.attitude)
     if len(stamps_s) < 2:
         return None
-    w_R_b = Rotation.from_euler("ZYX", angles[known][first][:, ::-1]).as_matrix()
     chain = np.append(0, np.cumsum(np.diff(stamps_s) > MAX_GAP_S))
-    found = picture_clock(stamps_s, w_R_b, chain, readings)
+    found = picture_clock(stamps_s, rotation_of(angles), chain, readings)
     if found is None or len(found.pieces) > 1 or not found.pieces[0].known:
         return None
     return found.pieces[0]
