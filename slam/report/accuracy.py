@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from slam.evaluation.score import Evaluation
     from slam.mapping.live.mapper import LiveState
 
-_NEES = "squared errors over those that the stated uncertainty expects, times 6 (NEES)"
+_NEES = "is the stated uncertainty right? (NEES of the poses)"
 
 
 @dataclass(frozen=True)
@@ -194,7 +194,14 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
         pose = evaluation.nees.pose
         band = f"{pose.lower95:.2f} to {pose.upper95:.2f}"
         without = f"; {coarse}, left out" if evaluation.too_coarse else ""
-        rows.append((_NEES, f"{pose.mean:.2f}, right if {band}{without}"))
+        verdict = (
+            "no, it is too small"
+            if pose.mean > pose.upper95
+            else "it is larger than needed"
+            if pose.mean < pose.lower95
+            else "yes"
+        )
+        rows.append((_NEES, f"{verdict}: {pose.mean:.2f}, right if {band}{without}"))
     elif evaluation.too_coarse:
         rows.append((_NEES, f"cannot be judged: {coarse}"))
     if evaluation.loops is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
-from slam.report.facts import Facts, heights_over_floor
+from slam.report.facts import Facts, heights_over_floor, largest_height_std
 from slam.report.left_out import is_contradicted
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -36,8 +36,15 @@ def place(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
         text = (
             f"A point on the mosaic is typically known to ±{SPACE}{facts.length(mosaic.typical_std_m)} "
             f"{relative}, and to ±{SPACE}{facts.length(mosaic.worst_std_m)} where it is least certain: one "
-            f"standard deviation on each axis; {pixel}. The {camera.removeprefix('a ')}, all axes together."
+            f"standard deviation, x and y together; {pixel}. The {camera.removeprefix('a ')}, all axes "
+            "together."
         )
+        if mosaic.typical_std_m > facts.sigma_median_m:
+            text += (
+                " The ground is less certain than the camera, because its place on the map also depends on "
+                "the camera's tilt, its height over the ground and its lens, the more the farther the ground "
+                "lies from the middle of a picture."
+            )
     text += " Two times out of three the error is smaller; an error three times as large is rare."
     return text + (
         " It does not count what “Check this first” above names." if summary.status != "ok" else ""
@@ -165,10 +172,22 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         text += " The ground is taken as flat: the pictures show no hills."
         if estimate.elevation is not None:
             text += " What the height sensor found standing on it is in elevation.tif."
+    if np.isfinite(worst_m := largest_height_std(estimate)):
+        against = f"Relative to {facts.relative_to}" if facts.relative_to else "On Earth"
+        counted = "the tilt" if facts.relative_to else "altitude and tilt"
+        text += (
+            f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is "
+            f"least certain: this counts {counted} of the whole map."
+        )
     if summary.status != "ok":
         text += " Read “Check this first” above before you use them."
     if any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings):
-        text += " A warning below names attitude0: a slope of the whole map may be wrong."
+        across_m = max(facts.extent_m)
+        text += (
+            " A warning below names attitude0: the tilt of the whole map may be wrong by more. Each degree "
+            f"raises one end of the path by {facts.length(np.tan(np.radians(1.0)) * across_m)} against the "
+            f"other, {facts.length(across_m)} away."
+        )
     return text
 
 
@@ -205,6 +224,15 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     text = (
         "The mosaic is cut together from many pictures. What moved, or stands above the ground, may be "
         "cut, doubled or lean; the right one of the three maps below is dark where two pictures differ."
+    )
+    if np.isfinite(mosaic.seam_share):
+        text += (
+            f" They differ most around {_at(mosaic.seam_x_m, mosaic.seam_y_m, unit(estimate.metric))}, by "
+            f"{percent(mosaic.seam_share)} of the brightness: look there first."
+        )
+    text += (
+        " White is ground that no picture shows. Any other area of one colour is no fault: the camera saw "
+        "the ground so."
     )
     ground = estimate.ground
     if ground is not None and np.isfinite(ground.misregistration_px[-1]):

@@ -69,11 +69,14 @@ def limit_sentence(shares: Mapping[str, Mapping[str, float]], metric: bool = Tru
     if found is None:
         return ""
     name, share = found
-    place = f"{in_words(name)}, the cause of {percent(share)} of the squared error"
+    left = f"{percent(share)} of the uncertainty that is left"
     if of_lengths is None or of_lengths[0] == name:
-        return f"What limits this: {place}."
-    lengths = f"{in_words(of_lengths[0])}, the cause of {percent(of_lengths[1])}"
-    return f"What limits this: of the place of a camera {place}; of lengths {lengths}."
+        return f"What limits this: {in_words(name)}, which causes {left}."
+    lengths = f"{in_words(of_lengths[0])}, which causes {percent(of_lengths[1])} of theirs"
+    return (
+        f"What limits this: for the place of a camera {in_words(name)}, which causes {left}; for lengths "
+        f"{lengths}."
+    )
 
 
 def in_words(name: str) -> str:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind, reasons_of
-from slam.core.units import unit
+from slam.core.units import SPACE, unit
 from slam.report.accuracy_answers import distance, heights, least_certain, loops, not_as_it_is, place, scale
 from slam.report.advice import limit_sentence, next_steps
 from slam.report.facts import Facts
@@ -50,6 +52,7 @@ def pilots_answers(
         Item("Where is the mosaic, and how big is a pixel?", _whereabouts(facts, mosaic)),
         Item("Which way do x and y point, and where is north?", _axes(estimate, facts)),
         Item("Where on Earth is it?", "" if facts.is_graph else _on_earth(estimate)),
+        Item("Can I hand its coordinates to others?", "" if facts.is_graph else _hand_on(facts, mosaic)),
     ]
     return tuple(row for row in rows if row.value)
 
@@ -178,9 +181,9 @@ def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{number} {are} not in the mosaic (summary.json says why)")
     if told:
         return f"{told[0][0].upper()}{'; '.join(told)[1:]}."
-    return (
-        "Nothing." if not by_kind(summary.warnings).warnings else "Nothing; the warnings name what to check."
-    )
+    on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
+    warned = by_kind(summary.warnings).warnings
+    return f"Nothing{'; the warnings name what to check' if warned else ''}.{on_purpose}"
 
 
 def _left_out(facts: Facts, summary: Summary) -> str:
@@ -191,13 +194,42 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     parts = counted(rows, facts.is_graph)
     if not act:
         return f"{parts}. No need to act on these: the map does not rest on them. The table has the reasons."
-    first = f"“{act[0].what}” ({act[0].count}): {act[0].act[0].lower()}{act[0].act[1:]}"
-    return f"{parts}. The map does not rest on them. Act on {first} The table below has the others."
+    first = act[0]
+    told = f"“{first.what}” ({first.count}): {first.act[0].lower()}{first.act[1:]}"
+    if not first.only_if:
+        return f"{parts}. The map does not rest on them. Act on {told} The table below has the others."
+    return (
+        f"{parts}. The map does not rest on them. You need not act, but for a case that you know and the "
+        f"program does not. {told} The table below has the others."
+    )
 
 
 def _axes(estimate: Estimate, facts: Facts) -> str:
     unknown = "" if estimate.origin is not None or facts.is_graph else " Where north is, is not known."
     return f"{facts.axes}{unknown}"
+
+
+def _hand_on(facts: Facts, mosaic: MosaicFacts | None) -> str:
+    """Return who can use coordinates of this map, and what has to be told with them."""
+    if not facts.metric:
+        return "No: they are not in metres. Hand on the mosaic as a picture."
+    if facts.relative_to:
+        return (
+            "Only together with this map: its origin and axes mean nothing elsewhere. Distances and areas "
+            "can be handed on, with their uncertainty. With GPS or control points the map would lie on Earth."
+        )
+    known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
+    std_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
+    told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.length(std_m)} on Earth)"]
+    if not facts.controlled:
+        told.append("and that the place on Earth is that of the GPS")
+    stated = (
+        f" Its fixes are stated or assumed to be good to ±{SPACE}{facts.length(facts.gps_std_m)} on each "
+        "axis; an error that all of them share moves the whole map."
+        if np.isfinite(facts.gps_std_m) and not facts.controlled
+        else ""
+    )
+    return f"Yes, if you tell with them {', '.join(told)}.{stated}"
 
 
 def _on_earth(estimate: Estimate) -> str:

@@ -156,8 +156,23 @@ def heights_over_floor(estimate: Estimate) -> tuple[Array, Array]:
     The errors that keyframes and floor share, as those of altitudes on Earth, are no part of them.
     """
     pose, covariances = estimate.over_floor_T_b, estimate.over_floor_covariances
+    return pose[:, 2, 3] - estimate.floor_z_m, _up_stds(pose, covariances)
+
+
+def largest_height_std(estimate: Estimate) -> float:
+    """Return the standard deviation of the least certain height of a keyframe in the world; NaN if none is
+    known.
+
+    The tilt and the altitude of the whole map are part of it.
+    """
+    std_m = _up_stds(estimate.w_T_b, estimate.covariances)
+    return float(np.nanmax(std_m)) if np.isfinite(std_m).any() else float("nan")
+
+
+def _up_stds(pose: Array, covariances: Array) -> Array:
+    """Standard deviation (n,) of the height of poses (n, 4, 4); NaN where it is not known."""
     variance = np.einsum("ni,nij,nj->n", pose[:, 2, :3], covariances[:, 3:, 3:], pose[:, 2, :3])
-    return pose[:, 2, 3] - estimate.floor_z_m, np.sqrt(np.where(variance >= 0, variance, np.nan))
+    return np.asarray(np.sqrt(np.where(variance >= 0, variance, np.nan)))
 
 
 def _each_sigma_m(covariances: Array) -> Array:

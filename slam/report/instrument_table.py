@@ -1,38 +1,90 @@
-"""Table of the instruments of a flight: which were recorded, and the share of each in the error."""
+"""Table of a flight's instruments: what they state, which were used, and the share of each in the error."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from math import degrees
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from slam.core.estimate import Estimate
 from slam.core.figure_table import FigureTable
+from slam.core.messages import by_kind
+from slam.core.units import SPACE, length, percent
 from slam.report.advice import WORDS
 
 if TYPE_CHECKING:
-    from slam.core.flight import Flight
+    from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Sonar, Velocity
 
 _TITLE = (
-    "Instruments, and the share of each in the squared error that is left at the place farthest from the "
-    "start. An estimate follows its instruments the more, the more accurate they are: the one with the "
-    "largest share carries that direction, and limits it. Not used: the others tell more, or a warning "
-    "says why"
+    "Instruments. The last four columns say how much of the uncertainty that is left each of them causes (in "
+    "the variance, at the keyframe farthest from the start; each column adds up to 100 %). The one with the "
+    "largest share is the one to improve. A small share means that more accurate instruments outweigh it, or "
+    "that it is more accurate than the map needs"
 )
-_COLUMNS = ("instrument", "readings", "place (x, y)", "height (z)", "heading", "scale of lengths")
-_STREAMS: Mapping[str, tuple[str, ...]] = {
-    "pictures": ("frames",),
-    "range": ("sonar",),
-    "position": ("gps",),
-    "imu": ("imu",),
-    "attitude": ("attitude",),
-    "velocity": ("velocity",),
-    "barometer": ("barometer",),
-}
-"""Name of a share -> fields of the flight that hold the readings."""
+_COLUMNS = (
+    "instrument", "readings", "one reading is good to", "used?", "place (x, y)", "height (z)", "heading",
+    "lengths",
+)  # fmt: skip
 _DIRECTIONS = (("x", "y"), ("z",), ("yaw",), ("scale",))
-NOT_USED = "not used"
+NOT_USED = "no: others are more accurate"
 _NOTABLE = 0.005
 """Share that is rounded to 1 %: without readings, a smaller one is not listed."""
+
+
+class _Stream(NamedTuple):
+    """The stream behind a share."""
+
+    field: str
+    """Field of the flight that holds the readings."""
+    name: str
+    """Name in messages."""
+    stated: Callable[[Any], str]
+    """Accuracy of one reading, in words, by the series."""
+
+
+def _of_range(sonar: Sonar) -> str:
+    shared = [f"gain {percent(sonar.scale_std)}"] if sonar.scale_std else []
+    shared += [f"zero {length(sonar.datum_std_m)}"] if sonar.datum_std_m else []
+    common = f"; {', '.join(shared)} for all together" if shared else ""
+    return f"{length(sonar.noise_std_m)}{common}"
+
+
+def _of_position(gps: Gps) -> str:
+    east, north, up = gps.noise_std_m
+    return f"{length(float(np.hypot(east, north) / np.sqrt(2)))}, height {length(up)}"
+
+
+def _of_attitude(attitude: AttitudeSeries) -> str:
+    roll, pitch, yaw = map(degrees, attitude.noise_std_rad)
+    return f"{max(roll, pitch):.2g}°, heading {yaw:.2g}°"
+
+
+def _of_velocity(velocity: Velocity) -> str:
+    gain = f"; gain {percent(velocity.scale_std)} for all together" if velocity.scale_std else ""
+    return f"{max(velocity.noise_std_m_s):.2g}{SPACE}m/s{gain}"
+
+
+def _of_imu(imu: Imu) -> str:
+    return (
+        f"{degrees(imu.gyro_noise_density):.2g}°/s and {imu.accel_noise_density:.2g}{SPACE}m/s² at 1{SPACE}Hz"
+    )
+
+
+def _of_barometer(barometer: Scalar) -> str:
+    return length(barometer.noise_std) if barometer.noise_std else ""
+
+
+_STREAMS: Mapping[str, _Stream] = {
+    "pictures": _Stream("frames", "cam0", lambda _: ""),
+    "range": _Stream("sonar", "sonar0", _of_range),
+    "position": _Stream("gps", "gps0", _of_position),
+    "imu": _Stream("imu", "imu0", _of_imu),
+    "attitude": _Stream("attitude", "attitude0", _of_attitude),
+    "velocity": _Stream("velocity", "velocity0", _of_velocity),
+    "barometer": _Stream("barometer", "barometer0", _of_barometer),
+}
 
 
 def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureTable, ...]:
@@ -43,21 +95,37 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
     names = [*_STREAMS, *(name for row in shares.values() for name in row if name not in _STREAMS)]
     rows = []
     for name in dict.fromkeys(names):
-        count = _readings(flight, name)
+        count, stated = _readings(flight, name)
         if not count and max((row.get(name, 0.0) for row in shares.values()), default=0.0) < _NOTABLE:
             continue
-        rows.append((WORDS.get(name, name.replace("_", " ")), count or "", *_cells(shares, name)))
+        words = WORDS.get(name, name.replace("_", " "))
+        used = any(name in row for row in shares.values())
+        cells = _cells(shares, name) if used else ("",) * len(_DIRECTIONS)
+        rows.append((words, count, stated, _use(estimate, name, used), *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
 
 
-def _readings(flight: Flight, name: str) -> str:
-    series = [getattr(flight, field) for field in _STREAMS.get(name, ())]
-    return ", ".join(str(len(one.stamps_s)) for one in series if one is not None)
+def _readings(flight: Flight, name: str) -> tuple[str, str]:
+    """Return the number of readings, and how accurate one of them is, as stated or assumed."""
+    stream = _STREAMS.get(name)
+    series = getattr(flight, stream.field) if stream else None
+    return (
+        ("", "") if stream is None or series is None else (str(len(series.stamps_s)), stream.stated(series))
+    )
+
+
+def _use(estimate: Estimate, name: str, used: bool) -> str:
+    """Return whether an instrument was used, and whether a warning doubts it."""
+    stream = _STREAMS.get(name)
+    if stream is None:
+        return ""
+    doubted = any(stream.name in line for line in by_kind(estimate.warnings).warnings)
+    if not doubted:
+        return "yes" if used else NOT_USED
+    return f"{'yes' if used else 'no'}; a warning names it ({stream.name})"
 
 
 def _cells(shares: Mapping[str, Mapping[str, float]], name: str) -> tuple[str, ...]:
-    if not any(name in row for row in shares.values()):
-        return (NOT_USED, "", "", "")
     cells = []
     for axes in _DIRECTIONS:
         known = [shares[axis].get(name, 0.0) for axis in axes if axis in shares]

@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+_OF_HEIGHT = " of the camera's height"
+"""Words for a length before metres are known, in mean heights of the camera over the floor."""
 CONTRADICTED, UNPROVEN = "contradicted", "unproven"
 """Verdicts on rejected matches: the rest of the map contradicts it, or it shows too little to tell."""
 _LOOP = "loop: "
 _NO = "No: "
 """Beginning of an advice to do nothing."""
+_ONLY_IF = "Only if "
+"""Beginning of an advice to do something in a case that the pilot knows."""
 _VIEW = "view of a floor point far off"
 _FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
 _SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
@@ -102,6 +106,11 @@ class LeftOut:
         return self.act.startswith(_NO)
 
     @property
+    def only_if(self) -> bool:
+        """Whether something is to be done only in a case that the pilot knows."""
+        return self.act.startswith(_ONLY_IF)
+
+    @property
     def verdict(self) -> str:
         """Verdict of a rejection on a match; empty for other data."""
         return verdict_of(self.reason) if self.kind == "match" else ""
@@ -129,7 +138,8 @@ def reason_in_words(reason: str) -> str:
     """Return why a match was rejected, in plain words, with the figures of the reason."""
     words = next((f"they {what}" for beginning, what, _, _ in _LINKS if reason.startswith(beginning)), reason)
     figures = reason.partition(" by " if reason.startswith("disagrees by ") else ": ")[2]
-    figures = figures.replace("sigma", "standard deviations").replace(" deg", "°")
+    for short, words_ in (("sigma", "standard deviations"), (" deg", "°"), (" heights", _OF_HEIGHT)):
+        figures = figures.replace(short, words_)
     return f"{words} ({figures})" if figures and words != reason else words
 
 
@@ -145,7 +155,11 @@ def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
         found[words] = LeftOut(words[0], reason, earlier + count, words[1])
     rows = found.values()
     order = ("", CONTRADICTED, UNPROVEN)
-    return tuple(sorted(rows, key=lambda row: (row.no_need_to_act, order.index(row.verdict), -row.count)))
+
+    def key(row: LeftOut) -> tuple[bool, bool, int, int]:
+        return row.no_need_to_act, row.only_if, order.index(row.verdict), -row.count
+
+    return tuple(sorted(rows, key=key))
 
 
 def counted(rows: Sequence[LeftOut], is_graph: bool = False) -> str:

@@ -113,8 +113,8 @@ def _graph_lines(map_: Map) -> list[str]:
     if map_.bundle is None or not solution.contradictions:
         return list(solution.warnings)
     scatter = Note(
-        "links between pairs of pictures scatter more than they state; the accuracy of this map does not "
-        "rest on them, because the refinement of all pictures together measures the scatter itself"
+        "pairs of pictures fit each other less exactly than was first assumed; the accuracy of this map "
+        "counts that: the refinement of all pictures together has measured how exactly they fit"
     )
     return [*(line for line in solution.warnings if line not in solution.contradictions), scatter]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,13 @@ from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 
-_POSITION_BAND = 2
-"""Band of the position's standard deviation, counted from 1."""
+if TYPE_CHECKING:
+    from affine import Affine
+    from matplotlib.colors import Normalize
+    from matplotlib.figure import Figure
+
+_POSITION_BAND, _SEAM_BAND = 2, 3
+"""Bands of the position's standard deviation and of the difference in brightness, counted from 1."""
 
 
 def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path: Path) -> None:
@@ -50,6 +55,11 @@ class GroundAccuracy(NamedTuple):
     x_m: float
     y_m: float
     """Ground with the largest standard deviation."""
+    seam_share: float
+    """Largest difference in brightness between two pictures of one place, as a share."""
+    seam_x_m: float
+    seam_y_m: float
+    """Ground with the largest difference."""
 
 
 def ground_accuracy(path: Path) -> GroundAccuracy:
@@ -57,38 +67,63 @@ def ground_accuracy(path: Path) -> GroundAccuracy:
     import rasterio
 
     with rasterio.open(path) as source:
-        std_m, at = source.read(_POSITION_BAND), source.transform
-    if not np.isfinite(std_m).any():
-        return GroundAccuracy(*[float("nan")] * 4)
-    row, col = np.unravel_index(int(np.nanargmax(std_m)), std_m.shape)
+        std_m, seam, at = source.read(_POSITION_BAND), source.read(_SEAM_BAND), source.transform
+    typical_m = float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else float("nan")
+    return GroundAccuracy(typical_m, *_largest(std_m, at), *_largest(seam, at))
+
+
+def _largest(values: NDArray[np.float32], at: Affine) -> tuple[float, float, float]:
+    """Return the largest of the values (rows, cols) and its x and y; NaN where none is known."""
+    if not np.isfinite(values).any():
+        return (float("nan"),) * 3
+    row, col = np.unravel_index(int(np.nanargmax(values)), values.shape)
     x, y = at @ (int(col) + 0.5, int(row) + 0.5)
-    return GroundAccuracy(float(np.nanmedian(std_m)), float(std_m[row, col]), float(x), float(y))
+    return float(values[row, col]), float(x), float(y)
 
 
 def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> bytes:
     """Draw the three bands in colour over x and y, as PNG."""
+    return png(quality_figure(quality, grid, metric), cropped=True)
+
+
+def quality_figure(quality: MosaicQuality, grid: Grid, metric: bool = True) -> Figure:
+    """Return the figure with the three bands and their colour bars."""
+    from matplotlib.colors import PowerNorm
     from matplotlib.figure import Figure
 
     unit_shown, factor = _readable(quality.position_std_m) if metric else (unit(metric), 1.0)
-    panels: tuple[tuple[str, NDArray[np.float32], str], ...] = (
-        ("Pictures that see it (grey: none)", quality.pictures, "viridis"),
-        (f"Position, one standard deviation [{unit_shown}]", factor * quality.position_std_m, "magma_r"),
-        ("Brightness of two pictures differs by [%] (grey: no two)", 100 * quality.seam_share, "magma_r"),
+    position = factor * quality.position_std_m
+    # A share has the same colours on every page. The root tells small shares apart, which are the rule.
+    shares = PowerNorm(0.5, vmin=0, vmax=100, clip=True)
+    panels: tuple[tuple[str, NDArray[np.float32], str, Normalize], ...] = (
+        ("Pictures that see it (grey: none)", quality.pictures, "viridis", _to_largest(quality.pictures)),
+        (f"Position, one standard deviation [{unit_shown}]", position, "magma_r", _to_largest(position)),
+        (
+            "Brightness of two pictures differs by [%] (grey: no two)",
+            100 * quality.seam_share,
+            "magma_r",
+            shares,
+        ),
     )
     tall = float(np.clip(4.4 * grid.height / grid.width, 1.8, 8.0))
     figure = Figure(figsize=(14.0, tall + 1.3), dpi=110, layout="constrained")
     x, y = ground_labels(grid.origin is not None, metric)
-    for axes, (title, values, colours) in zip(figure.subplots(1, 3), panels, strict=True):
+    for axes, (title, values, colours, norm) in zip(figure.subplots(1, 3), panels, strict=True):
         axes.set_facecolor(UNMEASURED)
-        high = float(np.nanpercentile(values, 99)) if np.isfinite(values).any() else 1.0
-        drawn = axes.imshow(
-            values, cmap=colours, extent=grid.extent_m, vmin=0, vmax=max(high, 1e-9), interpolation="nearest"
-        )
+        drawn = axes.imshow(values, cmap=colours, extent=grid.extent_m, norm=norm, interpolation="nearest")
         axes.set_title(title, fontsize=10)
         axes.set_xlabel(x)
         figure.colorbar(drawn, ax=axes, fraction=0.046 * grid.height / grid.width, pad=0.03)
     figure.axes[0].set_ylabel(y)
-    return png(figure, cropped=True)
+    return figure
+
+
+def _to_largest(values: NDArray[np.float32]) -> Normalize:
+    """Return colours from 0 to the largest value, which is the one that the report states."""
+    from matplotlib.colors import Normalize
+
+    high = float(np.nanmax(values)) if np.isfinite(values).any() else 1.0
+    return Normalize(0, max(high, float(np.finfo(np.float32).tiny)))
 
 
 def _readable(std_m: NDArray[np.float32]) -> tuple[str, float]:

@@ -109,6 +109,9 @@ def test_pictures_that_show_too_little_are_missing_ground():
         f"7 matches of places (7 unproven), 3 single views of floor points, {rejected[TOO_FEW]} pict"
     )
     assert f"nothing to recognise” ({rejected[TOO_FEW]}): only if that ground matters: fly" in left_out
+    assert "You need not act, but for a case that you know" in left_out
+    damaged = answers(replace(estimate, rejected={**rejected, "damaged": 1}), flight)
+    assert "Act on “Pictures whose file cannot be used" in damaged["What was left out, and do I have to act?"]
     assert set(SHOW_NOTHING) == {TOO_FEW, SAME_PICTURE}
     few = answers(replace(estimate, rejected={"loop: too few matches": 7}), flight)
     assert "No need to act" in few["What was left out, and do I have to act?"]
@@ -255,9 +258,11 @@ def test_contradicted_matches_are_counted_apart_from_unproven_ones():
 
 def test_what_failed_is_told():
     estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
-    assert answers(estimate, flight)["What failed?"] == "Nothing."
+    purpose = "What was left out (below) was left out on purpose."
+    assert answers(estimate, flight)["What failed?"] == f"Nothing. {purpose}"
+    assert answers(replace(estimate, rejected={}), flight)["What failed?"] == "Nothing."
     noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
-    assert answers(noted, flight)["What failed?"] == "Nothing; the warnings name what to check."
+    assert answers(noted, flight)["What failed?"] == f"Nothing; the warnings name what to check. {purpose}"
     question = "How accurate is a place on it?"
     assert "does not count" not in answers(noted, flight)[question]
     assert (
@@ -312,7 +317,7 @@ def test_each_reason_has_plain_words_and_says_whether_to_act(reason):
 
 def test_what_may_need_an_action_comes_first():
     rows = left_out({"loop: too few inliers": 90, "damaged": 1, "too few features": 20})
-    assert [row.count for row in rows] == [20, 1, 90]
+    assert [row.count for row in rows] == [1, 20, 90], "what is certain stands before what depends"
     assert left_out({"a new reason": 1})[0].what == "Left out: a new reason"
 
 
@@ -343,7 +348,9 @@ def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
     on_earth = replace(estimate, covariances=estimate.covariances + 400.0 * np.eye(6))
     question = "Are the heights true?"
     found = answers(on_earth, flight)[question]
-    assert found == answers(estimate, flight)[question]
+    over_floor, on_the_whole = found.split(" On Earth, ")
+    assert answers(estimate, flight)[question].startswith(over_floor)
+    assert f"±\N{NO-BREAK SPACE}{length(20.0)} where it is least certain" in on_the_whole
     up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))
     assert f"typically known to ±\N{NO-BREAK SPACE}{length(up_m)}" in found
 
@@ -363,3 +370,38 @@ def test_places_and_lengths_have_limits_of_their_own():
 
     assert "control points" in advice(0.5 * facts.sigma_median_m)
     assert "fly lower" in advice(5 * facts.sigma_median_m), "the ground is less accurate than the cameras"
+
+
+def test_a_doubted_attitude_says_what_a_degree_of_tilt_does():
+    estimate, flight = made_estimate(), made_flight()
+    question = "Are the heights true?"
+    assert "Each degree" not in answers(replace(estimate, warnings=()), flight)[question]
+    noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
+    across_m = max(gather(estimate, flight).extent_m)
+    found = answers(noted, flight)[question]
+    assert f"Each degree raises one end of the path by {length(np.tan(np.radians(1)) * across_m)}" in found
+
+
+def test_whether_coordinates_can_be_handed_on():
+    question = "Can I hand its coordinates to others?"
+    estimate, flight = made_estimate(), made_flight()
+    assert answers(estimate, flight)[question].startswith("Only together with this map")
+    assert answers(replace(estimate, metric=False), flight)[question].startswith("No")
+    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
+    facts = replace(gather(on_earth, flight), gps_std_m=3.0)
+    told = {item.label: item.value for item in pilots_answers(on_earth, summarise(on_earth), facts)}[question]
+    assert told.startswith("Yes, if you tell")
+    assert length(3.0) in told
+    controlled = replace(facts, controlled=True)
+    told = {item.label: item.value for item in pilots_answers(on_earth, summarise(on_earth), controlled)}
+    assert "GPS" not in told[question], "control points hold the map"
+
+
+def test_the_mosaic_says_where_its_pictures_differ_most():
+    question = "What on the mosaic may not be as it is on the ground?"
+    estimate, flight = made_estimate(), made_flight()
+    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5, 0.56, 2.0, 1.25)
+    rows = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic)
+    told = next(row.value for row in rows if row.label == question)
+    assert f"around x = 2.00 m, y = 1.25 m, by {percent(0.56)} of the brightness" in told
+    assert "White is ground that no picture shows" in told

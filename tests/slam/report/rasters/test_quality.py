@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from frontend.mosaic.quality import MosaicQuality
 from slam.io.geotiff import Grid, write_bands
-from slam.report.rasters.quality import ground_accuracy
+from slam.report.rasters.quality import ground_accuracy, quality_figure
 
 
 def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
@@ -13,9 +14,24 @@ def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
     path, grid = tmp_path / "mosaic_quality.tif", Grid(-1.0, 4.0, 0.1, 60, 40)
     others = np.full((40, 60), 9.0, np.float32)
     write_bands(path, grid, {"pictures": others, "position": std_m, "seam": others})
-    assert np.isnan(ground_accuracy(path)).all()
+    assert np.isnan(ground_accuracy(path)[:4]).all()
     std_m[5:20, 10:50] = 0.01
     std_m[7, 30] = 0.03
-    write_bands(path, grid, {"pictures": others, "position": std_m, "seam": others})
+    seam = np.where(np.isfinite(std_m), np.float32(0.02), np.float32(np.nan))
+    seam[12, 20] = 0.5
+    write_bands(path, grid, {"pictures": others, "position": std_m, "seam": seam})
     found = ground_accuracy(path)
-    np.testing.assert_allclose(found, (0.01, 0.03, -1.0 + 3.05, 4.0 - 0.75), rtol=1e-6)
+    np.testing.assert_allclose(found[:4], (0.01, 0.03, -1.0 + 3.05, 4.0 - 0.75), rtol=1e-6)
+    np.testing.assert_allclose(found[4:], (0.5, -1.0 + 2.05, 4.0 - 1.25), rtol=1e-6)
+
+
+def test_the_darkest_ground_is_the_one_that_the_report_states_and_shares_look_alike_on_every_page():
+    grid, ends = Grid(0.0, 2.0, 0.1, 30, 20), []
+    for largest in (0.02, 0.6):
+        pictures, std_m, seam = (np.full((20, 30), value, np.float32) for value in (3, 0.001, largest / 2))
+        std_m[4, 5], seam[0, 0] = 0.004, largest
+        figure = quality_figure(MosaicQuality(0.1, pictures, std_m, seam), grid)
+        _, position, brightness = (axes.images[0] for axes in figure.axes[:3])
+        np.testing.assert_allclose(position.get_clim(), (0.0, 4.0), rtol=1e-6)
+        ends.append(brightness.get_clim())
+    assert ends == [(0, 100), (0, 100)]

@@ -1,0 +1,55 @@
+"""The table of a flight's instruments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slam.core.flight import Gps, Scalar
+from slam.core.messages import Note
+from slam.core.units import length, percent
+from slam.report.instrument_table import NOT_USED, instrument_table
+from tests.slam.made_estimate import made_estimate, made_flight
+
+SHARES = {"x": {"range": 0.7, "position": 0.3}, "y": {"range": 0.5, "position": 0.5}, "scale": {"range": 1.0}}
+
+
+def rows_of(estimate, flight):
+    (table,) = instrument_table(estimate, flight)
+    return {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
+
+
+def flown():
+    zero = np.zeros(4)
+    gps = Gps(np.arange(4.0), zero, zero, zero, noise_std_m=(1.0, 2.0, 4.0))
+    return replace(made_flight(), gps=gps, barometer=Scalar(np.arange(3.0), np.zeros(3), 0.5))
+
+
+def test_each_instrument_states_its_accuracy_its_use_and_its_shares():
+    flight = flown()
+    estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
+    found = rows_of(estimate, flight)
+    assert found["the GPS"]["one reading is good to"] == f"{length(np.sqrt(2.5))}, height {length(4.0)}"
+    sonar = found["the height sensor"]["one reading is good to"]
+    assert sonar.startswith(length(flight.sonar.noise_std_m))
+    assert f"gain {percent(flight.sonar.scale_std)}" in sonar
+    assert found["the GPS"]["used?"] == "yes"
+    assert found["the height sensor"]["place (x, y)"] == "60 %"
+    assert found["the height sensor"]["lengths"] == "100 %"
+    assert found["the barometer"]["used?"] == NOT_USED
+    assert found["the barometer"]["place (x, y)"] == ""
+
+
+def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names_is_not():
+    lines = ("gps0: far off", "barometer0 falls where the camera climbs", Note("sonar0: noted"))
+    estimate = replace(made_estimate(), information_shares=SHARES, warnings=lines)
+    found = rows_of(estimate, flown())
+    assert found["the GPS"]["used?"] == "yes; a warning names it (gps0)"
+    assert found["the barometer"]["used?"] == "no; a warning names it (barometer0)"
+    assert found["the height sensor"]["used?"] == "yes"
+
+
+def test_without_a_refinement_there_is_no_table():
+    assert instrument_table(made_estimate(), flown()) == ()
+    assert instrument_table(replace(made_estimate(), information_shares=SHARES), None) == ()
