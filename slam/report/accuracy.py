@@ -241,6 +241,7 @@ def live_table(state: LiveState, error: float, metric: bool) -> FigureTable:
         ("dropped: they arrived while an earlier one was waiting", f"{state.dropped}"),
         ("arrival to tracked: median, 95 %, largest [ms]", " / ".join(f"{x:.0f}" for x in ms)),
         ("keyframes placed", f"{state.placed} of {state.keyframes}"),
+        ("of these behind gaps between pictures, joined by the IMU", f"{state.bridged}"),
         ("loops; edges rejected at the end", f"{state.loops}; {state.rejected}"),
         ("live positions from those of the final map, RMS, aligned with scale", apart),
     )

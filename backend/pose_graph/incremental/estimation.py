@@ -192,6 +192,11 @@ class Incremental:
         self._rebuild()
         return IncrementalUpdate(self.pose(self.count - 1), 0, rejected, rebuild_reason)
 
+    @property
+    def bridged(self) -> int:
+        """Number of keyframes that readings of the IMU alone joined to an earlier one."""
+        return len(self._bridged)
+
     def error(self) -> float:
         """Return half the sum of squared whitened residuals of all kept factors, with robust losses."""
         return float(self._received.graph().error(self._isam.calculateEstimate()))

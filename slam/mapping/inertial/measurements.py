@@ -3,6 +3,8 @@ keyframes that both are compared with."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,20 +32,29 @@ def inertial_measurements(imu: Imu | None, config: PipelineConfig) -> Inertial |
     The noise is the nominal one, or that of the recording where it is clearly larger. The residuals of the
     refinement show what vibration adds.
     """
-    readings = inertial_readings(imu)
+    stated = stated_inertial(imu, config)
+    if stated is None:
+        return None
+    readings, noise = stated.readings, stated.noise
+    step_s = float(np.median(np.diff(readings.stamps_s)))
+    gyro, accel = (
+        float(noise_and_power(values, step_s, nominal / np.sqrt(step_s))[0] * np.sqrt(step_s))
+        for values, nominal in (
+            (readings.gyro_rad_s, noise.gyro_density),
+            (readings.accel_m_s2, noise.accel_density),
+        )
+    )
+    return replace(stated, noise=replace(noise, gyro_density=gyro, accel_density=accel))
+
+
+def stated_inertial(imu: Imu | None, config: PipelineConfig) -> Inertial | None:
+    """Return the readings in body axes with the noise that the sensor states; None without two readings."""
+    readings, trust = inertial_readings(imu), config.inertial
     if imu is None or readings is None:
         return None
-    step_s, trust = float(np.median(np.diff(readings.stamps_s))), config.inertial
-    densities = [
-        noise_and_power(values, step_s, nominal / np.sqrt(step_s))[0] * np.sqrt(step_s)
-        for values, nominal in (
-            (readings.gyro_rad_s, imu.gyro_noise_density),
-            (readings.accel_m_s2, imu.accel_noise_density),
-        )
-    ]
     noise = InertialNoise(
-        gyro_density=float(densities[0]),
-        accel_density=float(densities[1]),
+        gyro_density=imu.gyro_noise_density,
+        accel_density=imu.accel_noise_density,
         gyro_walk=max(imu.gyro_random_walk, trust.gyro_walk_rad_s2),
         accel_walk=max(imu.accel_random_walk, trust.accel_walk_m_s3),
         gyro_offset_rad_s=trust.gyro_offset_rad_s,

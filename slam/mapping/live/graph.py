@@ -1,17 +1,19 @@
 """The pose graph of a flight that still goes on: registrations become edges as the keyframes arrive.
 
-The heights that scale the edges are those of the live poses, where the batch adjusts them all at once.
+The heights that scale the edges are those of the live poses, where the batch adjusts them all at once. In
+metres, the readings of an IMU between two keyframes take part, and join those that no picture joins.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import EdgeKind, RelativePose, SlantRange
+from backend.measurements import EdgeKind, Inertial, RelativePose, SlantRange
 from backend.pose_graph.incremental.estimation import Incremental
+from backend.preintegration.intervals import InertialInterval, preintegrate
 from frontend.camera import Camera
 from frontend.lift import level_T_body, lift
 from frontend.registration import Registration
@@ -41,7 +43,8 @@ class LiveLink:
 
 
 class LiveGraph:
-    """Keyframes in the order of time, each placed as soon as a registration joins it to placed ones.
+    """Keyframes in the order of time, each placed as soon as a registration, or readings of an IMU since the
+    keyframe before, join it to placed ones.
 
     The first keyframe that is placed is the origin. Without a range its height is 1, so that all lengths are
     in heights of the camera.
@@ -55,6 +58,9 @@ class LiveGraph:
         """Keyframe -> its number in the solver, which counts in the order of placing."""
         self._waiting: list[Registration] = []
         """Registrations that are not yet edges: no more than one of their keyframes is placed."""
+        self._intervals: dict[int, InertialInterval] = {}
+        """Keyframe -> readings of the IMU since the one before."""
+        self._metric = False
         self.loops = 0
         """Loops that were given to the solver."""
 
@@ -66,17 +72,38 @@ class LiveGraph:
         """Number of edges that the solver rejects at present."""
         return len(self._solver.rejected)
 
-    def add(self, readings: KeyframeReadings, registrations: list[Registration]) -> None:
+    @property
+    def bridged(self) -> int:
+        """Number of keyframes that readings of the IMU alone joined to the one before."""
+        return self._solver.bridged
+
+    @property
+    def newest_s(self) -> float:
+        """Time of the newest keyframe, placed or not; minus infinity before the first."""
+        return float(self._readings[-1].stamps_s[0]) if self._readings else -np.inf
+
+    def add(
+        self, readings: KeyframeReadings, registrations: list[Registration], inertial: Inertial | None = None
+    ) -> None:
         """Add the next keyframe with its ``readings`` (of this one keyframe) and its registrations to earlier
-        ones. Raises ``BackendError`` where the solver refuses them."""
+        ones; ``inertial`` has the readings of an IMU since the keyframe before. Raises ``BackendError`` where
+        the solver refuses them."""
+        k, begin_s = len(self), self.newest_s
         self._readings.append(readings)
         self._waiting += registrations
-        if not self._number:
+        if k == 0:
+            if inertial is not None:
+                self._solver = Incremental(inertial_noise=inertial.noise)
             self._place(0, [])
-        while joined := self._next_joined():
-            k, edges = joined
-            self._place(k, edges)
-            self._waiting = [r for r in self._waiting if not (r.i in self._number and r.j in self._number)]
+        elif inertial is not None and self._metric:
+            stamps_s = np.array([begin_s, *readings.stamps_s])
+            for interval in preintegrate(inertial, stamps_s, of_body=True):
+                self._intervals[k] = interval
+        self._place_joined()
+        since_last = self._interval(k)
+        if k not in self._number and since_last is not None and self._solver.bridges_by(since_last):
+            self._place(k, [])
+            self._place_joined()
 
     def poses(self) -> Array:
         """Return the current poses (n, 4, 4) of all keyframes over the floor at 0; NaN where not placed."""
@@ -116,6 +143,19 @@ class LiveGraph:
     def _fall(self, k: int) -> float:
         return float(level_T_body(self._readings[k].roll_pitch_rad)[0, 2, 2])
 
+    def _place_joined(self) -> None:
+        while joined := self._next_joined():
+            k, edges = joined
+            self._place(k, edges)
+            self._waiting = [r for r in self._waiting if not (r.i in self._number and r.j in self._number)]
+
+    def _interval(self, k: int) -> InertialInterval | None:
+        """Return the readings since the keyframe before, if that is placed."""
+        interval = self._intervals.get(k)
+        if interval is None or k - 1 not in self._number:
+            return None
+        return replace(interval, i=self._number[k - 1])
+
     def _next_joined(self) -> tuple[int, list[RelativePose]] | None:
         """Return a keyframe that registrations join to placed ones, with their edges."""
         for r in self._waiting:
@@ -151,7 +191,7 @@ class LiveGraph:
         return poses[0], covariances[0]
 
     def _place(self, k: int, edges: list[RelativePose]) -> None:
-        number, readings = len(self._number), self._readings[k]
+        number, readings, interval = len(self._number), self._readings[k], self._interval(k)
         self._number[k] = number
         renumbered = tuple(
             RelativePose(self._number[e.i], self._number[e.j], e.i_T_j, e.covariance, e.kind) for e in edges
@@ -162,6 +202,8 @@ class LiveGraph:
             for r in readings.ranges
             if self._fall(k) > LEAST_FALL
         )
+        if number == 0:
+            self._metric = len(ranges) > 0
         if number == 0 and not ranges:
             ranges = (SlantRange(0, 1.0 / max(LEAST_FALL, self._fall(k)), LEAST_HEIGHT_STD),)
-        self._solver.add(renumbered, (tilt_of(readings, 0, number),), ranges)
+        self._solver.add(renumbered, (tilt_of(readings, 0, number),), ranges, inertial=interval)

@@ -18,11 +18,12 @@ from frontend.tracked import Keyframe
 from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, Image
+from slam.core.flight import Flight, Image, Imu
 from slam.core.progress import Progress, silent
 from slam.mapping.config import PipelineConfig
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import FrontEnd, TrackedPictures
+from slam.mapping.inertial.measurements import stated_inertial
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.live.graph import LiveGraph, LiveLink
 from slam.mapping.live.loops import LiveLoops
@@ -68,6 +69,8 @@ class LiveState:
     loops: int
     rejected: int
     """Edges of the pose graph that are rejected at present."""
+    bridged: int
+    """Keyframes behind gaps between pictures, which readings of the IMU join to the one before."""
     stamp_s: float
     """Time of the newest picture that is placed; NaN before the first."""
     w_T_b: Array | None
@@ -82,7 +85,7 @@ class LiveMapper:
     One thread tracks. The other one searches the loops of each keyframe and solves the graph, so that a
     picture waits for neither. A picture that has waited for longer than ``MOST_WAIT_S`` when its turn comes
     is dropped and counted, unless it is the newest. The poses are relative to the first keyframe, over the
-    floor at z = 0, in metres where ranges are known. GPS, IMU and obstacles enter in `finish`.
+    floor at z = 0, in metres where ranges are known. GPS and obstacles enter in `finish`.
     """
 
     def __init__(self, flight: Flight, config: PipelineConfig = PipelineConfig()) -> None:
@@ -114,16 +117,18 @@ class LiveMapper:
         roll_pitch_yaw_rad: Array | None = None,
         range_m: float | None = None,
         wait: bool = False,
+        imu: Imu | None = None,
     ) -> None:
         """Take the next picture (h, w) or (h, w, 3), with the attitude (3,) and slant range at its time.
 
         None stands for a picture that cannot be read. ``wait`` waits until tracking of the picture before
-        begins, so that none is dropped.
+        begins, so that none is dropped. ``imu`` has the readings since the picture before: those that cover
+        the time between two keyframes join them where no picture does.
 
         Raises ``InputError`` where the stamps do not increase and for readings of another shape, and whatever
         the threads raised.
         """
-        number = self._recording.add(stamp_s, roll_pitch_yaw_rad, range_m)
+        number = self._recording.add(stamp_s, roll_pitch_yaw_rad, range_m, imu)
         with self._arrival:
             while wait and self._waiting and not self._errors:
                 self._arrival.wait()
@@ -136,7 +141,7 @@ class LiveMapper:
 
     def skip(self, stamp_s: float) -> None:
         """Count the next picture as dropped: there was no time to read it. Raises as `add` does."""
-        number = self._recording.add(stamp_s, None, None)
+        number = self._recording.add(stamp_s)
         self._raise_errors()
         self._tracked.failures[number] = LATE
 
@@ -148,6 +153,7 @@ class LiveMapper:
         """Return what is known now."""
         with self._graph_lock:
             poses, loops, rejected = self._graph.poses(), self._graph.loops, self._graph.rejected
+            bridged = self._graph.bridged
             newest = self._tracked.tracker.newest
             pose = None if newest is None else self._graph.frame_pose(newest)
         placed = np.flatnonzero(np.isfinite(poses[:, 0, 0]))
@@ -162,6 +168,7 @@ class LiveMapper:
             placed=len(placed),
             loops=loops,
             rejected=rejected,
+            bridged=bridged,
             stamp_s=np.nan if pose is None else self._recording.stamp_s(frame),
             w_T_b=pose,
             latency_s=np.array(self._latency_s),
@@ -277,9 +284,11 @@ class LiveMapper:
         recent = without_horizon_frames(self._recording.recent(), self._camera)
         readings = KeyframeReadings.at(recent, np.array([stamp_s]), None, self._config)
         self._recording.keep(keyframe)
+        imu = self._recording.imu(self._graph.newest_s, stamp_s)
+        inertial = stated_inertial(imu, self._config)
         found = self._loops.of_newest(keyframe, stamp_s, self._graph.poses())
         try:
             with self._graph_lock:
-                self._graph.add(readings, found)
+                self._graph.add(readings, found, inertial)
         except BackendError as error:
             raise InputError(f"{self._recording.name}: the live map ends here: {error}") from error

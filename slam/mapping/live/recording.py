@@ -1,9 +1,10 @@
-"""Stamps, pictures of keyframes, attitudes and ranges that arrive in flight, as a `Flight`."""
+"""Stamps, pictures of keyframes, and readings of instruments that arrive in flight, as a `Flight`."""
 
 from __future__ import annotations
 
 import tempfile
 import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from frontend.tracked import Keyframe
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Flight, Frames, Image, Sonar
+from slam.core.flight import AttitudeSeries, Flight, Frames, Image, Imu, Sonar
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ class LiveRecording:
         self._stamps_s: list[float] = []
         self._attitudes: list[tuple[float, Array]] = []
         self._ranges: list[tuple[float, float]] = []
+        self._imu: list[Imu] = []
         self._folder = tempfile.TemporaryDirectory(prefix="slam-live-")
 
     def __len__(self) -> int:
@@ -42,12 +44,21 @@ class LiveRecording:
         """Return the time of a frame."""
         return self._stamps_s[frame]
 
-    def add(self, stamp_s: float, roll_pitch_yaw_rad: Array | None, range_m: float | None) -> int:
+    def add(
+        self,
+        stamp_s: float,
+        roll_pitch_yaw_rad: Array | None = None,
+        range_m: float | None = None,
+        imu: Imu | None = None,
+    ) -> int:
         """Keep what arrived and return the number of the frame. Raises ``InputError`` for a stamp that is
-        not after the one before, and for an attitude that is not three angles."""
+        not after the one before, for an attitude that is not three angles, and for readings of an IMU that
+        are not three for each stamp."""
         angles = None if roll_pitch_yaw_rad is None else np.asarray(roll_pitch_yaw_rad, dtype=float)
         if angles is not None and angles.shape != (3,):
             raise InputError(f"{self.name}: roll_pitch_yaw_rad has shape {angles.shape}; give three angles")
+        if imu is not None:
+            self._check_shapes(imu)
         if not np.isfinite(stamp_s):
             raise InputError(f"{self.name}: the stamp of a picture is {stamp_s}; give seconds")
         with self._lock:
@@ -62,12 +73,23 @@ class LiveRecording:
                 self._attitudes.append((stamp_s, angles))
             if range_m is not None:
                 self._ranges.append((stamp_s, float(range_m)))
+            if imu is not None and len(imu.stamps_s):
+                self._imu.append(imu)
             return number
 
     def refresh(self, flight: Flight) -> None:
         """Take another state of the flight, whose streams have grown."""
         with self._lock:
             self._flight = flight
+
+    def _check_shapes(self, imu: Imu) -> None:
+        count = len(imu.stamps_s)
+        for name, values in (("gyro_rad_s", imu.gyro_rad_s), ("accel_m_s2", imu.accel_m_s2)):
+            if np.shape(values) != (count, 3):
+                raise InputError(
+                    f"{self.name}: {name} has shape {np.shape(values)} for {count} stamps; give three axes "
+                    "of each reading"
+                )
 
     def keep(self, keyframe: Keyframe) -> None:
         """Keep the picture of a keyframe. Raises ``InputError`` where the disk refuses it."""
@@ -90,6 +112,27 @@ class LiveRecording:
         with self._lock:
             return self._with_readings(-_RECENT)
 
+    def imu(self, begin_s: float, end_s: float) -> Imu | None:
+        """Return the readings of the IMU between two times, and one before and after them; None without
+        any."""
+        with self._lock:
+            imu = self._flight.imu
+            if imu is None:
+                before = sum(one.stamps_s[-1] < begin_s for one in self._imu)
+                imu = _joined(self._imu[max(before - 1, 0) :])
+        if imu is None:
+            return None
+        inside = np.flatnonzero((imu.stamps_s >= begin_s) & (imu.stamps_s <= end_s))
+        if len(inside) == 0:
+            return None
+        rows = slice(max(int(inside[0]) - 1, 0), int(inside[-1]) + 2)
+        return replace(
+            imu,
+            stamps_s=imu.stamps_s[rows],
+            gyro_rad_s=imu.gyro_rad_s[rows],
+            accel_m_s2=imu.accel_m_s2[rows],
+        )
+
     def flight(self) -> Flight:
         """Return the flight with all readings, and with the frames that were given.
 
@@ -97,6 +140,8 @@ class LiveRecording:
         """
         with self._lock:
             flight, stamps_s = self._with_readings(0), np.array(self._stamps_s)
+            if flight.imu is None:
+                flight = replace(flight, imu=_joined(self._imu))
         own, count = flight.frames, len(stamps_s)
         if own is not None and np.array_equal(own.stamps_s[:count], stamps_s):
             return replace(flight, frames=replace(own, stamps_s=stamps_s, names=own.names[:count]))
@@ -118,3 +163,14 @@ class LiveRecording:
             unlimited = Sonar(np.array(stamps), np.array(ranges), min_range_m=0.0, max_range_m=np.inf)
             flight = replace(flight, sonar=unlimited)
         return flight
+
+
+def _joined(parts: Sequence[Imu]) -> Imu | None:
+    """Return successive readings of one IMU as one series, with the noise and the mount of the first."""
+    if not parts:
+        return None
+    stamps_s, gyro, accel = (
+        np.concatenate([np.asarray(getattr(part, name), dtype=float) for part in parts])
+        for name in ("stamps_s", "gyro_rad_s", "accel_m_s2")
+    )
+    return replace(parts[0], stamps_s=stamps_s, gyro_rad_s=gyro, accel_m_s2=accel)

@@ -1,15 +1,18 @@
-"""Registrations that become edges in any order of arrival."""
+"""Registrations that become edges in any order of arrival, and readings of an IMU where there are none."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from backend import se3
+from backend.measurements import Inertial, InertialNoise, InertialReadings, SlantRange
 from frontend.registration import Registration
 from slam.mapping.config import PipelineConfig
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.live.graph import LiveGraph
 from slam.mapping.live.loop_candidates import near
+from tests.backend.made_motion import fly
 from tests.slam.small_flight import flown
 
 STEP_M = 0.2
@@ -26,7 +29,7 @@ def pose(k: int) -> np.ndarray:
     return w_T_b
 
 
-def registration(camera, i: int, j: int) -> Registration:
+def registration(camera, i: int, j: int, pose=pose) -> Registration:
     a, b = (camera.floor_H_image(pose(k)) for k in (i, j))
     i_H_j = np.linalg.inv(a) @ b
     matches = np.zeros((0, 2), dtype=np.int64)
@@ -70,6 +73,55 @@ def test_a_loop_between_placed_keyframes_corrects_the_chain(camera):
         )
     assert graph.loops == 1
     np.testing.assert_allclose(graph.pose(4)[:3, 3], pose(4)[:3, 3], atol=1e-3)
+
+
+def gap_flown(camera, has_range: bool = True, lag_s: float = 0.0):
+    """Return the live graph and the true poses of a flight that sees nothing for 1.5 s.
+
+    Readings end ``lag_s`` before each picture.
+    """
+    rng = np.random.default_rng(1)
+    flight, imu_s, noise = fly(rng), np.arange(-0.1, 10.0, 0.005), InertialNoise()
+    white = [std / np.sqrt(0.005) for std in (noise.gyro_density, noise.accel_density)]
+    gyro, accel = (
+        true + rng.normal(0, std, true.shape)
+        for true, std in zip((flight.body_rate(imu_s), flight.force(imu_s)), white, strict=True)
+    )
+    stamps_s = np.concatenate([np.arange(0.0, 6.0, 0.3), np.arange(7.5, 9.0, 0.3)])
+    truth, angles, slant = flight.w_T_b(stamps_s), flight.angles.at(stamps_s), flight.slant(stamps_s)
+    graph = LiveGraph(camera, PipelineConfig())
+    for k, now_s in enumerate(stamps_s.tolist()):
+        ranges = (SlantRange(0, float(slant[k]), 0.005),) if has_range else ()
+        level = angles[k : k + 1, :2]
+        here = KeyframeReadings(np.array([now_s]), (), ranges, (), (), 0.0, 0.0, level, level * 0 + 3e-3)
+        read = (imu_s > graph.newest_s - 0.02) & (imu_s < now_s + 0.02 - lag_s)
+        inertial = Inertial(InertialReadings(imu_s[read], gyro[read], accel[read]), noise)
+        linked = k > 0 and now_s - stamps_s[k - 1] < 1.0
+        found = [registration(camera, k - 1, k, truth.__getitem__)] if linked else []
+        graph.add(here, found, inertial)
+    return graph, truth
+
+
+def test_readings_of_an_imu_join_the_keyframes_behind_a_gap(camera):
+    graph, truth = gap_flown(camera)
+    off_m = _off_m(graph.poses(), truth)
+    assert graph.bridged == 1
+    assert off_m[:20].max() < 0.05
+    # Over 1.5 s the noise of the accelerometer alone is 5 cm, and the velocity before adds to it.
+    assert off_m[20:].max() < 0.25
+
+
+@pytest.mark.parametrize("missing", [{"has_range": False}, {"lag_s": 0.1}])
+def test_without_metres_or_readings_up_to_the_picture_the_gap_stays(camera, missing):
+    graph, _ = gap_flown(camera, **missing)
+    assert graph.bridged == 0
+    assert np.isfinite(graph.poses()[:20]).all()
+    assert np.isnan(graph.poses()[20:]).all()
+
+
+def _off_m(w_T_b: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    moved = [se3.inverse(T[:1]) @ T for T in (w_T_b, truth)]
+    return np.linalg.norm((moved[0] - moved[1])[:, :3, 3], axis=1)
 
 
 def test_places_beyond_reach_and_unknown_ones_are_not_near():

@@ -10,7 +10,7 @@ import pytest
 
 from slam import LiveMapper
 from slam.core.errors import InputError
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Imu
 from slam.evaluation.association import poses_at
 from slam.mapping.live.mapper import LATE, MOST_WAIT_S
 from slam.mapping.pipeline import optimize
@@ -71,6 +71,37 @@ def test_readings_may_be_given_with_each_picture(flight):
     assert final.metric
     assert off_m(flight, final.frame_index, final.w_T_b).max() < 0.03
     np.testing.assert_array_equal(shown, flight.frames.load(int(final.frame_index[1])))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_recorded", [True, False])
+def test_the_imu_carries_the_map_across_a_gap_in_flight(is_recorded):
+    """On the last leg a lane without texture is wider than a picture. The readings come with the flight, or
+    with each picture."""
+    way = {"way_points": ["A", "B", [1.5, 0.7], [0.3, 0.7], [4.0, 0.7]], "cruise_m_s": 0.8}
+    world = {"extent_m": [0, 0, 4.4, 1.0], "blanks_m": [[2.0, -1.0, 3.2, 2.0]]}
+    flight = flown(0, maneuver=way, world=world, camera={"rate_hz": 15.0})
+    stamps_s, angles, imu = flight.frames.stamps_s, flight.attitude.roll_pitch_yaw_rad, flight.imu
+    given = flight if is_recorded else Flight("bare", camera=flight.camera)
+    with LiveMapper(given) as mapper:
+        before_s = -np.inf
+        for k, stamp_s in enumerate(stamps_s.tolist()):
+            image = flight.frames.load(k)
+            if is_recorded:
+                mapper.add(image, stamp_s, wait=True)
+            else:
+                rows = [int(np.argmin(np.abs(s.stamps_s - stamp_s))) for s in (flight.attitude, flight.sonar)]
+                arrived = (imu.stamps_s > before_s) & (imu.stamps_s <= stamp_s + 0.01)
+                before_s = stamp_s + 0.01
+                read = Imu(imu.stamps_s[arrived], imu.gyro_rad_s[arrived], imu.accel_m_s2[arrived])
+                ranged = float(flight.sonar.range_m[rows[1]])
+                mapper.add(image, stamp_s, angles[rows[0]], ranged, wait=True, imu=read)
+        mapper.close()
+        state, (frames, w_T_b) = mapper.state(), mapper.keyframes()
+        assert mapper.flight().imu is not None
+    assert state.bridged == 1
+    assert state.placed == state.keyframes == len(frames)
+    assert off_m(flight, frames, w_T_b).max() < 0.15
 
 
 def test_without_ranges_lengths_are_heights(flight):
@@ -176,6 +207,12 @@ def test_pictures_must_come_in_order(flight):
 def test_readings_of_another_kind_are_refused(flight, stamp_s, angles, words):
     with LiveMapper(flight) as mapper, pytest.raises(InputError, match=words):
         mapper.add(flight.frames.load(0), stamp_s, angles)
+
+
+def test_readings_of_an_imu_without_three_axes_are_refused(flight):
+    imu = Imu(np.array([0.0, 0.1]), np.zeros((2, 2)), np.zeros((2, 3)))
+    with LiveMapper(flight) as mapper, pytest.raises(InputError, match=r"gyro_rad_s has shape \(2, 2\)"):
+        mapper.add(flight.frames.load(0), 0.0, imu=imu)
 
 
 def test_a_flight_without_a_camera_is_refused(flight):
