@@ -21,8 +21,8 @@ from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
 from slam.criticism.search.inclusion import is_saturation
-from slam.criticism.search.nuisances import MEAN_NUISANCES, MEAN_PERTURBATIONS, prior_precision, value_of
 from slam.criticism.search.screening import project
 from slam.criticism.search.search import SearchResult
 from slam.criticism.threads import in_threads
@@ -151,7 +151,7 @@ def _precision(name: str, other: Effect, parameters: FilterParameters) -> float:
     nuisance = {n.name: n for n in MEAN_NUISANCES}.get(name)
     if nuisance is None or name in other.relaxes:
         return 1e-9
-    return prior_precision(nuisance, parameters)
+    return nuisance.prior_precision(parameters)
 
 
 def _best_way(expansion: LikelihoodExpansion, name: str) -> Effect:
@@ -164,4 +164,4 @@ def _current_value(expansion: LikelihoodExpansion, found: SearchResult, column: 
     nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
     if nuisance is None:
         return expansion.quadratic.current.get(column, 0.0)
-    return value_of(nuisance, expansion.parameters) - value_of(nuisance, found.model)
+    return nuisance.value_in(expansion.parameters) - nuisance.value_in(found.model)

@@ -28,7 +28,6 @@ POINTS = 6
 """Number of leading entries that move points of the picture."""
 _PARAMETERS = [CATALOGUE[term].parameter(name) for term, name in (entry.split(".") for entry in CAMERA)]
 SQUARES = tuple(k for k, parameter in enumerate(_PARAMETERS) if parameter.squared)
-STEPS = tuple(parameter.step for parameter in _PARAMETERS)
 LATE_SPREAD = 0.06
 """Standard deviation of the latency from command to command, as a share of the latency."""
 
@@ -103,8 +102,13 @@ def filter_parameters_of(model: Model) -> FilterParameters:
     )
 
 
-def slot(name: str) -> tuple[Literal["dynamics", "camera", "sensor"], int]:
-    """Return a parameter's vector ("dynamics", "camera" or "sensor") and its entry there."""
+def slot(name: str) -> tuple[Literal["dynamics", "camera", "sensor", "latency", "drift"], int]:
+    """Return a parameter's vector ("dynamics", "camera" or "sensor") and its entry there; of the two that are
+    no entry, "latency" or "drift"."""
+    if name == "control_latency.T":
+        return "latency", 0
+    if name == "clock_drift.ppm":
+        return "drift", 0
     if name in PARAMETERS:
         return "dynamics", PARAMETERS.index(name)
     if name in CAMERA:

@@ -20,14 +20,12 @@ from slam.criticism.kalman.innovations import FilterPass, whole
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_OF
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.fitted_parameters import AR1_COEFFICIENTS, FittedParameter
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.information import NoiseChange
-from slam.criticism.search.nuisances import AR1_COEFFICIENTS, Nuisance, value_of, with_value
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
 
-STEP = 0.03
 MIN_AR1 = 0.05
 """Least AR(1) coefficient. A smaller one exaggerates innovations by a twentieth at most, and noise is held to
 be white."""
@@ -39,7 +37,7 @@ LEAD_NATS = 20.0
 
 def ar1_effects(parameters: FilterParameters) -> tuple[Effect, ...]:
     """Return the AR(1) coefficients of the instruments with correlated noise, as effects to be fitted."""
-    return tuple(_effect(n) for n in AR1_COEFFICIENTS if value_of(n, parameters) > 0.0)
+    return tuple(_effect(n) for n in AR1_COEFFICIENTS if n.value_in(parameters) > 0.0)
 
 
 def with_ar1_noise(
@@ -65,7 +63,7 @@ def with_ar1_noise(
         correlated = fit_nuisances(records, model, parameters, [*chosen, *(_effect(n) for n in seen)])
         correlated = without_small_ar1(correlated)
         gained = _gained(records, passes, correlated)
-        kept = [n for n in seen if value_of(n, correlated) > 0.0 and _everywhere(gained[:, _channels(n)])]
+        kept = [n for n in seen if n.value_in(correlated) > 0.0 and _everywhere(gained[:, _channels(n)])]
         if kept == seen:
             break
         seen = kept
@@ -102,12 +100,12 @@ def lag_one_correlation(records: Sequence[Record], passes: Sequence[FilterPass])
     return correlation, correlation * np.sqrt(pairs)
 
 
-def _channels(nuisance: Nuisance) -> NDArray[np.int64]:
+def _channels(nuisance: FittedParameter) -> NDArray[np.int64]:
     """Return the channels of the instrument whose coefficient it is."""
-    return np.flatnonzero(np.array(INSTRUMENT_OF) == nuisance.entry[0])
+    return np.flatnonzero(np.array(INSTRUMENT_OF) == nuisance.entries[0])
 
 
-def _stands_out(nuisance: Nuisance, correlation: Array, deviate: Array) -> bool:
+def _stands_out(nuisance: FittedParameter, correlation: Array, deviate: Array) -> bool:
     """Whether the noise of all channels of an instrument looks correlated. Some may look so much less than
     others, where the process noise has absorbed a part."""
     own = _channels(nuisance)
@@ -115,11 +113,8 @@ def _stands_out(nuisance: Nuisance, correlation: Array, deviate: Array) -> bool:
     return bool(len(own) and deviate[own].min() > STANDS_OUT and correlation[own].mean() > MIN_AR1)
 
 
-def _effect(nuisance: Nuisance) -> Effect:
-    def apply(s: FilterParameters) -> FilterParameters:
-        return with_value(nuisance, s, value_of(nuisance, s) + STEP)
-
-    return Effect(nuisance.name, (), (NoiseChange(nuisance.name, apply, STEP),), (), True)
+def _effect(coefficient: FittedParameter) -> Effect:
+    return Effect(coefficient.name, changes=(coefficient,), positive=True)
 
 
 def _gained(records: Sequence[Record], before: Sequence[FilterPass], correlated: FilterParameters) -> Array:

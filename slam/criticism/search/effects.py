@@ -7,20 +7,23 @@ their derivatives, and the meaning of a fitted value in the catalogue's units.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 
 from slam.criticism.camera.photometric import VARIANCE_PATTERNS
 from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters
-from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
+from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
 from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
-from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
-from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.search.information import NoiseChange
-from slam.criticism.search.nuisances import NUISANCES
+from slam.criticism.search.fitted_parameters import (
+    AT,
+    MEAN_NUISANCES,
+    NUISANCES,
+    FittedParameter,
+    fitted_parameter,
+)
 from slam.simulation.dynamics import GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE, Parameter, Term
 
@@ -31,7 +34,7 @@ class Effect:
 
     name: str
     perturbations: tuple[Perturbation, ...] = ()
-    changes: tuple[NoiseChange, ...] = ()
+    changes: tuple[FittedParameter, ...] = ()
     parameters: tuple[str, ...] = ()
     """Parameters of the term, one for each column."""
     positive: bool = False
@@ -66,7 +69,6 @@ def is_variance(perturbation: Perturbation) -> bool:
 
 LATE = {"attitude late": (ATTITUDE, "attitude.delay_s"), "velocity late": (VELOCITY, "velocity.delay_s")}
 """Delays that belong to no term but have a parameter in the equations: kind of events, and the parameter."""
-DELAY_STEP_S = 1e-3
 PICTURES = ("camera", "frames")
 """Streams that only pictures show."""
 
@@ -76,7 +78,6 @@ radius^2, by one difference."""
 TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
 """Values of a limit that are tried, as shares of the greatest tilt demanded."""
 LATENCIES_S = (0.015, 0.04, 0.08, 0.15)
-LATENCY_STEP_S = 2e-3
 GUST_TIMES_S = (0.7, 2.5)
 LOWEST_TILT_RAD = 0.03
 PLAUSIBLE = 3.0
@@ -98,22 +99,21 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
     if any_holds_heading(records) or not any_turns(records):
         # A vehicle that was never commanded to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
-    found.append(Effect("clock_drift", (Perturbation("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
+    found.append(Effect("clock_drift", (_moving("clock_drift.ppm"),), parameters=("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
     found.append(_ground_effect(parameters))
     found += _tilt_limits(records, parameters)
     if not parameters.out_of_model:
-        found += [_gusts(tau) for tau in GUST_TIMES_S]
+        found += [_variance("gusts", f"gusts{AT}{tau:g}") for tau in GUST_TIMES_S]
         found += delayed_readings(records)
-        jitter = NoiseChange("timestamp_jitter.var", _jittered, 1.0)
-        found.append(Effect("timestamp_jitter", (), (jitter,), ("sigma",), True))
+        found.append(_variance("timestamp_jitter", "timestamp_jitter.var"))
     return found
 
 
 def delayed_readings(records: Sequence[Record]) -> list[Effect]:
     """Return delays of instruments, where no term of the catalogue stands for them."""
     return [
-        Effect(name, (parameter_perturbation(parameter, DELAY_STEP_S),))
+        Effect(name, (_moving(parameter),))
         for name, (kind, parameter) in LATE.items()
         if any(record.has(channel) for record in records for channel in channels_of(kind))
     ]
@@ -128,7 +128,7 @@ def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
     return [
         Effect(f"{n.name} out of range", relaxes=(n.name,))
         for n in NUISANCES
-        if n.name != "vehicle.attitude_time_s" and (n.kind == "mean" or not out_of_model)
+        if n.name != "vehicle.attitude_time_s" and (n in MEAN_NUISANCES or not out_of_model)
     ]
 
 
@@ -143,7 +143,7 @@ def plausible_range(name: str, parameter: str) -> tuple[float, float]:
 def catalogue_value(
     effect: Effect, column: int, step: float, parameters: FilterParameters, current: float
 ) -> float:
-    """Return a column's value in the catalogue's units: its current value ``held`` plus a step."""
+    """Return a column's value in the catalogue's units: its ``current`` size plus a step."""
     return fitted_parameter(effect.columns[column]).in_catalogue_units(current + step, parameters)
 
 
@@ -156,7 +156,7 @@ def _plain(term: Term) -> list[Effect]:
 
 
 def _together(name: str, parameters: Sequence[Parameter]) -> Effect:
-    perturbations = tuple(parameter_perturbation(f"{name}.{p.name}", p.step) for p in parameters)
+    perturbations = tuple(_moving(f"{name}.{p.name}") for p in parameters)
     positive = len(parameters) == 1 and parameters[0].least == 0.0
     return Effect(name, perturbations, (), tuple(p.name for p in parameters), positive)
 
@@ -191,22 +191,15 @@ def _latencies(parameters: FilterParameters) -> list[Effect]:
     """Return the latency itself, and for a vehicle without one the values of a grid, whose sensitivities
     differ."""
     tries = LATENCIES_S if parameters.latency_s == 0.0 else ()
-    perturbations = [Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S)]
+    perturbations = [_moving("control_latency.T")]
     perturbations += [Perturbation(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
     return [Effect("control_latency", (d,), (), ("T",), True) for d in perturbations]
 
 
-def _gusts(tau: float) -> Effect:
-    step = 0.02**2
-
-    def with_gusts(s: FilterParameters) -> FilterParameters:
-        hold = s.hold.copy()
-        hold[GUST_STD], hold[GUST_TIME] = np.sqrt(hold[GUST_STD] ** 2 + step), tau
-        return replace(s, hold=hold)
-
-    return Effect("gusts", (), (NoiseChange(f"gusts@{tau:g}", with_gusts, step),), ("sigma",), True)
+def _moving(column: str) -> Perturbation:
+    return fitted_parameter(column).perturbation
 
 
-def _jittered(s: FilterParameters) -> FilterParameters:
-    """Add one square millisecond to the variance of stamps."""
-    return replace(s, jitter_s=float(np.sqrt(s.jitter_s**2 + 1e-6)))
+def _variance(name: str, column: str) -> Effect:
+    """Return a term that adds noise."""
+    return Effect(name, changes=(fitted_parameter(column),), parameters=("sigma",), positive=True)

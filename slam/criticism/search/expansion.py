@@ -23,11 +23,14 @@ from slam.criticism.search.effects import (
     plausible_range,
     relaxed_nuisances,
 )
-from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.search.fitting import noise_changes
+from slam.criticism.search.fitted_parameters import (
+    GAIN_CORRECTED,
+    MEAN_PERTURBATIONS,
+    NOISE_NUISANCES,
+    fitted_parameter,
+)
 from slam.criticism.search.inclusion import is_profiled, with_free_value
 from slam.criticism.search.information import FisherInformation, fisher_information
-from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_PERTURBATIONS
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.thresholds import parameter_cost
@@ -108,10 +111,10 @@ def expand(
     late = delayed_readings(records) if model.out_of_model else []
     moved = [d for e in (*effects, *late) for d in e.perturbations]
     perturbations = [*MEAN_PERTURBATIONS, *moved, *patterns]
-    changes = noise_changes() + [c for e in effects for c in e.changes]
+    changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
     fisher = fisher_information(records, parameters, perturbations, changes, signals, plain, GAIN_CORRECTED)
     values = {
-        c: fitted_parameter(c).value_in(parameters) for e in effects for c in e.columns if c not in e.relaxes
+        c: fitted_parameter(c).size_in(parameters) for e in effects for c in e.columns if c not in e.relaxes
     }
     values = {c: v for c, v in values.items() if v != 0.0}
     return LikelihoodExpansion(

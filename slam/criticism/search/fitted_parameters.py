@@ -1,254 +1,226 @@
-"""Fitted parameters: the value of each, a step of it, and its value in the catalogue's unit.
+"""Fitted parameters: numbers x that the filter parameters hold, as they are, as a root or as a logarithm.
 
-Most are plain entries of the equations or of an instrument. The others have a class each: a square whose sign
-cannot be observed, a value that is tried on a grid, a clock.
+Some belong to a term of the catalogue. Nuisances differ between healthy vehicles: those of the mean (gain,
+drag, attitude time, the sonar's zero) change what is read, the others only the process noise and the noise of
+instruments. A nuisance has a healthy range, and is never reported as a cause while it stays there.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import inf
+from math import exp, inf, log, sqrt
+from typing import Literal
 
-import numpy as np
-
-from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, catalogued, slot
-from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
-from slam.criticism.search.nuisances import (
-    AR1_COEFFICIENTS,
-    GAIN_NUISANCES,
-    NUISANCES,
-    Nuisance,
-    value_of,
-    with_value,
-)
+from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, slot
+from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.readings import INSTRUMENT_CHANNELS, INSTRUMENTS
+from slam.criticism.kalman.transition import GUST_STD, GUST_TIME, HOLD
 from slam.simulation.dynamics import PARAMETERS
 from slam.simulation.terms import CATALOGUE, Parameter
 
 LARGEST_SHARE = 0.4
 """Greatest change of a constant of the vehicle in one step, as a share of it."""
-LARGEST_LATENCY_S = 2.0
 DELAY = Parameter(name="delay_s", unit="s", neutral=0.0, low=-0.15, high=0.15, least=-0.5, most=0.5)
 """Delay of readings that come late or early, which belongs to no term."""
 AT = "@"
 """Separator of a term's name and the value that it is tried at."""
-_BY_NAME = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS)}
-_OF_THE_GAINS = {n.name for n in GAIN_NUISANCES}
+FIFTH = 0.225
+"""Reach of a factor of 20 % either way: a logarithm reaches further down than up."""
+MAX_AR1 = 0.95
+TAILS = 0.16
+"""Noise with heavy tails looks smaller than it is once its outliers are cut: further reach of a logarithm."""
+OUT_OF_MODEL_NOISE = 4.0
+"""Upward reach of the logarithms where a vehicle's instruments are not the model's: a factor of 50."""
+ATTRIBUTES = {"latency": "latency_s", "drift": "drift"}
+"""Kind of a perturbation -> attribute of the filter parameters that is no vector."""
 
 
+@dataclass(frozen=True)
 class FittedParameter:
-    """One fitted parameter."""
+    """One fitted number x."""
+
+    name: str
+    """``term.parameter``, ``term@value``, or a nuisance's name; also that of its column."""
+    vector: str = ""
+    """Attribute of the filter parameters that holds it; empty where they do not hold it."""
+    entries: tuple[int, ...] = ()
+    """Entries of the vector; none where the attribute is a number."""
+    form: Literal["plain", "square", "log"] = "plain"
+    """Whether x is the entry, its square or its logarithm."""
+    step: float = 1e-3
+    """Step of the difference for its derivative."""
+    neutral: float = 0.0
+    """Value of x without effect."""
+    least: float = -inf
+    most: float = inf
+    """Limits of x in the equations."""
+    longest: float = inf
+    """Longest step for which the equations are valid and the quadratic approximation may hold."""
+    squared: bool = False
+    """Whether x is the square of the catalogue's parameter."""
+    factor: float = 1.0
+    """Factor from x to the catalogue's unit."""
+    grid: float | None = None
+    """Value that any step sets it to, for an effect that is tried at some values."""
+    beside: tuple[int, float] | None = None
+    """Entry of the vector with the value that it has beside this parameter. With another one x is 0."""
+    unit: str = "1"
+    reach: float | None = None
+    """Half the healthy range of a nuisance, about the model's own value; None for a term's parameter."""
+    relative: bool = False
+    """Whether the reach is a share of the model's own value."""
+
+    @property
+    def perturbation(self) -> Perturbation:
+        """Its change for which the filter computes the sensitivity of the readings."""
+        return Perturbation(self.name, *slot(self.name), self.step)
 
     def value_in(self, parameters: FilterParameters) -> float:
-        """Return its value in the filter parameters; 0 where the term is not there."""
-        return 0.0
+        """Return x in filter parameters."""
+        if not self.vector:
+            return 0.0
+        held = getattr(parameters, self.vector)
+        entry = float(held[self.entries[0]] if self.entries else held)
+        if self.form == "square":
+            return entry**2
+        return log(entry) if self.form == "log" else entry
 
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        """Return the filter parameters after a step of it, within the limits of the equations."""
-        return parameters
+    def size_in(self, parameters: FilterParameters) -> float:
+        """Return how far x is from no effect; a nuisance's size is the difference from its own value: 0."""
+        if self.beside is not None and getattr(parameters, self.vector)[self.beside[0]] != self.beside[1]:
+            return 0.0
+        return self.value_in(parameters) - self._origin(parameters)
 
-    def longest_step(self, parameters: FilterParameters) -> float:
-        """Return the longest step for which the equations are valid and the quadratic approximation may
-        hold."""
-        return inf
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        """Return a value in the catalogue's unit."""
-        return current
-
-
-@dataclass(frozen=True)
-class _Entry(FittedParameter):
-    """A parameter of a term that is an entry of the equations, an instrument or the camera."""
-
-    where: str
-    entry: int
-    limits: Parameter
-
-    def value_in(self, parameters: FilterParameters) -> float:
-        return float(getattr(parameters, self.where)[self.entry]) - self.limits.neutral
-
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return self.at(parameters, float(getattr(parameters, self.where)[self.entry]) + step)
+    def in_catalogue_units(self, size: float, parameters: FilterParameters) -> float:
+        """Return a size in the catalogue's unit; of a nuisance, x itself."""
+        x = self._origin(parameters) + size
+        return self.factor * (sqrt(max(x, 0.0)) if self.squared else x)
 
     def at(self, parameters: FilterParameters, x: float) -> FilterParameters:
-        """Return the filter parameters with an entry of ``x``, within the limits of the equations."""
-        return _with(parameters, self.where, self.entry, min(max(x, self.limits.least), self.limits.most))
-
-    def longest_step(self, parameters: FilterParameters) -> float:
-        return self.limits.high - self.limits.low
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        if self.where == "camera" and self.entry in SQUARES:
-            return catalogued(self.entry, current)
-        return self.limits.neutral + current
-
-
-@dataclass(frozen=True)
-class _Squared(_Entry):
-    """A parameter of the equations that acts by its square."""
-
-    def value_in(self, parameters: FilterParameters) -> float:
-        return float(getattr(parameters, self.where)[self.entry]) ** 2
+        """Return the filter parameters with x, within the limits of the equations."""
+        if not self.vector:
+            return parameters
+        x = min(max(x, self.least), self.most)
+        if self.form != "plain":
+            x = exp(x) if self.form == "log" else sqrt(max(x, 0.0))
+        if not self.entries:
+            return replace(parameters, **{self.vector: x})  # type: ignore[arg-type]
+        vector = getattr(parameters, self.vector).copy()
+        vector[list(self.entries)] = x
+        if self.beside is not None:
+            vector[self.beside[0]] = self.beside[1]
+        return replace(parameters, **{self.vector: vector})
 
     def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return _with(parameters, self.where, self.entry, _root(self.value_in(parameters) + step))
+        """Return the filter parameters after a step of x, within the limits of the equations."""
+        return self.at(parameters, self.value_in(parameters) + step if self.grid is None else self.grid)
 
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        return _root(current)
+    def bounded(self, step: float, parameters: FilterParameters) -> float:
+        """Return a step cut to the longest."""
+        most = LARGEST_SHARE * abs(self.value_in(parameters)) if self.relative else self.longest
+        return min(max(step, -most), most)
 
+    def healthy_range(self, model: FilterParameters) -> tuple[float, float]:
+        """Return the healthy range of a nuisance about a model's own value."""
+        assert self.reach is not None
+        centre = self.value_in(model)
+        reach = self.reach * abs(centre) if self.relative else self.reach
+        if self.vector != "noise_factor":
+            return centre - reach, centre + reach
+        # No reading of an out-of-model vehicle is judged finer than the model's own instruments.
+        return centre - reach - TAILS, centre + (OUT_OF_MODEL_NOISE if model.out_of_model else reach)
 
-@dataclass(frozen=True)
-class _Latency(FittedParameter):
-    """The command's delay, linearised about its current value."""
+    def prior_precision(self, model: FilterParameters) -> float:
+        """Return the reciprocal of the variance of a uniform prior over the healthy range of a nuisance."""
+        low, high = self.healthy_range(model)
+        return 12.0 / (high - low) ** 2
 
-    limits: Parameter
-
-    def value_in(self, parameters: FilterParameters) -> float:
-        return parameters.latency_s
-
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return self.at(parameters, parameters.latency_s + step)
-
-    def at(self, parameters: FilterParameters, x: float) -> FilterParameters:
-        """Return the filter parameters with a latency of ``x``, within the limits of the equations."""
-        return replace(parameters, latency_s=min(max(x, 0.0), LARGEST_LATENCY_S))
-
-    def longest_step(self, parameters: FilterParameters) -> float:
-        return self.limits.high - self.limits.low
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        return max(current, 0.0)
+    def _origin(self, parameters: FilterParameters) -> float:
+        return self.neutral if self.reach is None else self.value_in(parameters)
 
 
-@dataclass(frozen=True)
-class _At(FittedParameter):
-    """Another parameter at a value of the grid."""
-
-    free: _Entry | _Latency
-    value: float
-
-    def value_in(self, parameters: FilterParameters) -> float:
-        return self.free.value_in(parameters)
-
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return self.free.at(parameters, self.value)
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        return self.free.in_catalogue_units(current, parameters)
+def gain_column(name: str) -> str:
+    """Return the name of the column of a noise change's effect on the mean alone: the trust that the filter's
+    gains express."""
+    return f"weight of {name}"
 
 
-@dataclass(frozen=True)
-class _Gusts(FittedParameter):
-    """Variance of gusts of one correlation time."""
-
-    time_s: float
-
-    def value_in(self, parameters: FilterParameters) -> float:
-        return float(parameters.hold[GUST_STD] ** 2) if parameters.hold[GUST_TIME] == self.time_s else 0.0
-
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        with_gusts = _with(parameters, "hold", GUST_STD, _root(float(parameters.hold[GUST_STD]) ** 2 + step))
-        return _with(with_gusts, "hold", GUST_TIME, self.time_s)
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        return _root(current)
+def _of_mean(name: str, unit: str, reach: float, step: float, relative: bool = True) -> FittedParameter:
+    vector, entry = slot(name)
+    return FittedParameter(name, vector, (entry,), step=step, unit=unit, reach=reach, relative=relative)
 
 
-class _ClockDrift(FittedParameter):
-    """Rate error of the vehicle's clock against the recorder's, as a share; parts per million in the
-    catalogue."""
-
-    def value_in(self, parameters: FilterParameters) -> float:
-        return parameters.drift
-
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return replace(parameters, drift=parameters.drift + step)
-
-    def longest_step(self, parameters: FilterParameters) -> float:
-        limits = CATALOGUE["clock_drift"].parameter("ppm")
-        return 1e-6 * (limits.high - limits.low)
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        return 1e6 * current
+def _of_hold(name: str, unit: str, reach: float) -> FittedParameter:
+    return FittedParameter(name, "hold", (HOLD.index(name),), "log", step=0.02, unit=unit, reach=reach)
 
 
-class _Jitter(FittedParameter):
-    """Variance of the stamps, in square milliseconds; its root in seconds in the catalogue."""
-
-    def value_in(self, parameters: FilterParameters) -> float:
-        return 1e6 * parameters.jitter_s**2
-
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return replace(parameters, jitter_s=_root(parameters.jitter_s**2 + 1e-6 * step))
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        return 1e-3 * _root(current)
-
-
-@dataclass(frozen=True)
-class _OfNuisance(FittedParameter):
-    """A nuisance, as the difference from its current value."""
-
-    nuisance: Nuisance
-
-    def stepped(self, parameters: FilterParameters, step: float) -> FilterParameters:
-        return with_value(self.nuisance, parameters, value_of(self.nuisance, parameters) + step)
-
-    def longest_step(self, parameters: FilterParameters) -> float:
-        if self.nuisance.kind == "mean" and self.nuisance.relative:
-            return LARGEST_SHARE * abs(value_of(self.nuisance, parameters))
-        return inf
-
-    def in_catalogue_units(self, current: float, parameters: FilterParameters) -> float:
-        return value_of(self.nuisance, parameters) + current
-
-
-class _OfTheGains(FittedParameter):
-    """Error of the filter's gains, which the filter parameters do not hold."""
+MEAN_NUISANCES = (
+    _of_mean("vehicle.gain", "1", reach=0.05, step=1e-3),
+    _of_mean("vehicle.drag_1_s", "1/s", reach=0.10, step=1e-3),
+    _of_mean("vehicle.attitude_time_s", "s", reach=0.10, step=1e-4),
+    _of_mean("sonar.datum_m", "m", reach=0.01, step=1e-3, relative=False),
+)
+MEAN_PERTURBATIONS = tuple(n.perturbation for n in MEAN_NUISANCES)
+NOISE_NUISANCES = (
+    _of_hold("tilt_std_rad", "rad", FIFTH),
+    _of_hold("tilt_time_s", "s", 0.5),
+    _of_hold("yaw_rate_std_rad_s", "rad/s", FIFTH),
+    _of_hold("yaw_rate_time_s", "s", 0.56),
+    _of_hold("velocity_std_m_s", "m/s", FIFTH),
+    _of_hold("velocity_time_s", "s", 0.85),
+    _of_hold("velocity_up_std_m_s", "m/s", FIFTH),
+    *(
+        FittedParameter(f"{name}_noise", "noise_factor", tuple(channels), "log", step=0.02, reach=0.2)
+        for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True)
+    ),
+)
+NUISANCES = (*MEAN_NUISANCES, *NOISE_NUISANCES)
+AR1_COEFFICIENTS = tuple(
+    FittedParameter(
+        f"{name}_ar1", "noise_correlation", (k,), step=0.03, least=0.0, most=MAX_AR1, reach=MAX_AR1
+    )
+    for k, name in enumerate(INSTRUMENTS)
+)
+"""AR(1) coefficients of the instruments, which are fitted only where noise is not white."""
+GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
+GAIN_NUISANCES = tuple(FittedParameter(gain_column(name), reach=TAILS) for name in GAIN_CORRECTED)
+"""Errors of the filter's gains. One Gaussian standard deviation cannot give both the scatter and the best
+gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
+_RADIUS = CATALOGUE["ground_effect"].parameters[0]
+_SPECIAL = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS, *GAIN_NUISANCES)} | {
+    "timestamp_jitter.var": FittedParameter(
+        "timestamp_jitter.var", "jitter_s", form="square", step=1e-6, squared=True
+    ),
+    "ground_effect.radius": FittedParameter(
+        "ground_effect.radius", "dynamics", (PARAMETERS.index("ground_effect.radius"),), "square",
+        squared=True, longest=_RADIUS.high - _RADIUS.low,
+    ),
+}  # fmt: skip
+_STEPS = {"control_latency.T": 2e-3, "clock_drift.ppm": 2e-5}
+_FACTORS = {"clock_drift.ppm": 1e6}
 
 
 @lru_cache(maxsize=256)
 def fitted_parameter(name: str) -> FittedParameter:
-    """Return the parameter of that column: ``term.parameter``, ``term@value``, or a nuisance's name."""
-    if name in _BY_NAME:
-        return _OfNuisance(_BY_NAME[name])
-    if name in _OF_THE_GAINS:
-        return _OfTheGains()
+    """Return the parameter of that column."""
+    if name in _SPECIAL:
+        return _SPECIAL[name]
     term, at, value = name.partition(AT)
     if at and term == "gusts":
-        return _Gusts(float(value))
+        return FittedParameter(
+            name, "hold", (GUST_STD,), "square", step=4e-4, squared=True, beside=(GUST_TIME, float(value))
+        )
     if at:
         free = fitted_parameter(f"{term}.{CATALOGUE[term].parameters[0].name}")
-        assert isinstance(free, _Entry | _Latency)
-        return _At(free, float(value))
-    if name == "control_latency.T":
-        return _Latency(_limits(name))
-    if name == "clock_drift.ppm":
-        return _ClockDrift()
-    if name == "timestamp_jitter.var":
-        return _Jitter()
-    if name == "ground_effect.radius":
-        return _Squared("dynamics", PARAMETERS.index(name), _limits(name))
-    return _Entry(*slot(name), _limits(name))
-
-
-def bounded(name: str, step: float, parameters: FilterParameters) -> float:
-    """Return a step of a column cut to its longest."""
-    most = fitted_parameter(name).longest_step(parameters)
-    return min(max(step, -most), most)
-
-
-def _limits(name: str) -> Parameter:
+        return replace(free, name=name, grid=float(value))
+    kind, entry = slot(name)
     term, _, parameter = name.partition(".")
-    return DELAY if parameter == DELAY.name else CATALOGUE[term].parameter(parameter)
-
-
-def _with(parameters: FilterParameters, where: str, entry: int, x: float) -> FilterParameters:
-    vector = getattr(parameters, where).copy()
-    vector[entry] = x
-    return replace(parameters, **{where: vector})
-
-
-def _root(square: float) -> float:
-    return float(np.sqrt(max(square, 0.0)))
+    limits = DELAY if parameter == DELAY.name else CATALOGUE[term].parameter(parameter)
+    factor = _FACTORS.get(name, 1.0)
+    return FittedParameter(
+        name, ATTRIBUTES.get(kind, kind), () if kind in ATTRIBUTES else (entry,),
+        step=_STEPS.get(name, limits.step or 1e-3), neutral=limits.neutral, least=limits.least / factor,
+        most=limits.most / factor, longest=(limits.high - limits.low) / factor,
+        squared=kind == "camera" and entry in SQUARES, factor=factor,
+    )  # fmt: skip

@@ -10,18 +10,15 @@ from numpy.typing import NDArray
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record, with_events
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitted_parameters import bounded, fitted_parameter
-from slam.criticism.search.inclusion import at_profiled_value, with_free_value
-from slam.criticism.search.information import NoiseChange, fisher_information
-from slam.criticism.search.nuisances import (
+from slam.criticism.search.fitted_parameters import (
     MEAN_NUISANCES,
     MEAN_PERTURBATIONS,
     NOISE_NUISANCES,
     NUISANCES,
-    limits_of,
-    value_of,
-    with_value,
+    fitted_parameter,
 )
+from slam.criticism.search.inclusion import at_profiled_value, with_free_value
+from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 
 Array = NDArray[np.float64]
@@ -38,21 +35,6 @@ LARGEST_STEP = 0.5
 """Greatest change of a logarithm in one round."""
 ITERATIONS = 8
 ENOUGH_NATS = 0.5
-_NOISE_NUISANCES = {n.name: n for n in NOISE_NUISANCES}
-
-
-def noise_changes() -> list[NoiseChange]:
-    """Return the nuisances of noise as changes of the noise."""
-
-    def change(k: int) -> NoiseChange:
-        nuisance = NOISE_NUISANCES[k]
-
-        def apply(s: FilterParameters) -> FilterParameters:
-            return with_value(nuisance, s, value_of(nuisance, s) + nuisance.step)
-
-        return NoiseChange(nuisance.name, apply, nuisance.step, everywhere=False)
-
-    return [change(k) for k in range(len(NOISE_NUISANCES))]
 
 
 def fit_nuisances(
@@ -76,18 +58,16 @@ def fit_nuisances(
         rounds[-1] = list(records)
     for flights in rounds:
         perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
-        changes = noise_changes() + [c for e in effects for c in e.changes]
+        changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
         found = fisher_information(flights, parameters, perturbations, changes)
         maximum = quadratic_likelihood(found, parameters, model, {}, nuisances=NUISANCES).maximise(effects)
         for column, move in zip(maximum.columns, maximum.step, strict=True):
-            name = found.columns[column]
-            if name in _NOISE_NUISANCES:
-                low, high = (
-                    limits_of(_NOISE_NUISANCES[name], model) if model.out_of_model else (-np.inf, np.inf)
-                )
-                at = value_of(_NOISE_NUISANCES[name], parameters)
+            fitted = fitted_parameter(found.columns[column])
+            if fitted in NOISE_NUISANCES:
+                low, high = fitted.healthy_range(model) if model.out_of_model else (-np.inf, np.inf)
+                at = fitted.value_in(parameters)
                 move = np.clip(np.clip(move, -LARGEST_STEP, LARGEST_STEP), low - at, high - at)
-            parameters = fitted_parameter(name).stepped(parameters, bounded(name, float(move), parameters))
+            parameters = fitted.stepped(parameters, fitted.bounded(float(move), parameters))
     return parameters
 
 
@@ -129,7 +109,8 @@ def refit(
                 break
         trial = best[1]
         for column, size in zip(columns, step, strict=True):
-            trial = fitted_parameter(column).stepped(trial, share * bounded(column, float(size), best[1]))
+            fitted = fitted_parameter(column)
+            trial = fitted.stepped(trial, share * fitted.bounded(float(size), best[1]))
     assert best is not None
     return best
 

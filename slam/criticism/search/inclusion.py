@@ -7,8 +7,7 @@ from dataclasses import replace
 from math import pi
 
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.perturbations import Perturbation
-from slam.criticism.search.effects import LATENCY_STEP_S, Effect
+from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import AT, fitted_parameter
 from slam.simulation.dynamics import TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
@@ -16,15 +15,10 @@ from slam.simulation.terms import CATALOGUE
 
 def with_free_value(effect: Effect) -> Effect:
     """Return the effect as tried about parameters that include it: a value of a grid becomes free."""
-    if effect.name == "control_latency":
-        return replace(
-            effect, perturbations=(Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S),)
-        )
-    if effect.name == "tilt_limit":
-        return replace(
-            effect, perturbations=(Perturbation("tilt_limit.limit", "dynamics", TILT_LIMIT, 1e-3),)
-        )
-    return effect
+    if not is_profiled(effect):
+        return effect
+    free = fitted_parameter(f"{effect.name}.{effect.parameters[0]}")
+    return replace(effect, perturbations=(free.perturbation,))
 
 
 def is_profiled(effect: Effect) -> bool:
@@ -60,5 +54,5 @@ def without_effect(effect: Effect, parameters: FilterParameters) -> FilterParame
         return without_saturation(effect, parameters)
     for name in (*(d.name for d in effect.perturbations), *(c.name for c in effect.changes)):
         column = fitted_parameter(name)
-        parameters = column.stepped(parameters, -column.value_in(parameters))
+        parameters = column.stepped(parameters, -column.size_in(parameters))
     return parameters

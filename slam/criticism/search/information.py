@@ -9,7 +9,7 @@ the first part as it is. The second is weighted down by the true variance of e^2
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from slam.criticism.kalman.innovations import FilterPass, Run, whole
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS
 from slam.criticism.kalman.record import Record
+from slam.criticism.search.fitted_parameters import NOISE_NUISANCES, FittedParameter, gain_column
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
@@ -32,25 +33,8 @@ CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""
 SEGMENT_S = 10.0
 ENOUGH_S = 200.0
+"""Duration of the first flights for which the noise of healthy vehicles is changed: it shows in all alike."""
 PARTED = 0.1
-
-
-@dataclass(frozen=True)
-class NoiseChange:
-    """A change of the noise, as the difference of two filters on the same equations' Jacobians."""
-
-    name: str
-    apply: Callable[[FilterParameters], FilterParameters]
-    step: float
-    everywhere: bool = True
-    """Whether it is computed for all flights. If not, only for the first ones of ``ENOUGH_S`` together, as it
-    shows in all alike."""
-
-
-def gain_column(name: str) -> str:
-    """Return the name of the column of a noise change's effect on the mean alone: the trust that the filter's
-    gains express."""
-    return f"weight of {name}"
 
 
 @dataclass(frozen=True)
@@ -85,7 +69,7 @@ def fisher_information(
     records: Sequence[Record],
     parameters: FilterParameters,
     perturbations: Sequence[Perturbation],
-    changes: Sequence[NoiseChange],
+    changes: Sequence[FittedParameter],
     signals: Sequence[dict[str, Signal]] | None = None,
     plain: Sequence[FilterPass] = (),
     gain_corrected: Sequence[str] = (),
@@ -102,8 +86,12 @@ def fisher_information(
     apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
 
     def one(k: int) -> tuple[list[LikelihoodScore], FilterPass]:
-        steps = np.array([c.step if c.everywhere or before_s[k] < ENOUGH_S else np.inf for c in changes])
-        changed = [c.apply(parameters) for c, step in zip(changes, steps, strict=True) if step < np.inf]
+        steps = np.array(
+            [np.inf if c in NOISE_NUISANCES and before_s[k] >= ENOUGH_S else c.step for c in changes]
+        )
+        changed = [
+            c.stepped(parameters, c.step) for c, step in zip(changes, steps, strict=True) if step < np.inf
+        ]
         run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
         rows = list(_segment_terms(run, steps, apart, weight))
         return rows + _sighted(records[k], parameters, perturbations, len(changes) + len(apart)), run.passed()

@@ -18,15 +18,8 @@ from scipy.stats import t as student
 
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
+from slam.criticism.search.fitted_parameters import GAIN_NUISANCES, NUISANCES, FittedParameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.search.nuisances import (
-    GAIN_NUISANCES,
-    NUISANCES,
-    Nuisance,
-    limits_of,
-    prior_precision,
-    value_of,
-)
 from slam.criticism.search.screening import deviate
 
 Array = NDArray[np.float64]
@@ -288,7 +281,7 @@ def quadratic_likelihood(
     parameters: FilterParameters,
     model: FilterParameters,
     current: dict[str, float],
-    nuisances: Sequence[Nuisance] = (*NUISANCES, *GAIN_NUISANCES),
+    nuisances: Sequence[FittedParameter] = (*NUISANCES, *GAIN_NUISANCES),
     clustered: bool = False,
 ) -> QuadraticLikelihood:
     """Return the quadratic likelihood of the flights; errors may be correlated in each segment if
@@ -299,9 +292,9 @@ def quadratic_likelihood(
         names=tuple(n.name for n in nuisances),
         information=np.tensordot(share, fisher.information, 1),
         score=share @ fisher.score,
-        at=np.array([value_of(n, parameters) for n in nuisances]),
-        limits=np.array([limits_of(n, model) for n in nuisances]).reshape(-1, 2),
-        precision=np.array([prior_precision(n, model) for n in nuisances]),
+        at=np.array([n.value_in(parameters) for n in nuisances]),
+        limits=np.array([n.healthy_range(model) for n in nuisances]).reshape(-1, 2),
+        precision=np.array([n.prior_precision(model) for n in nuisances]),
         current=current,
         clusters=Clusters(fisher.information, fisher.score) if clustered else None,
     )

@@ -17,8 +17,8 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import segments
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
 from slam.criticism.search.inclusion import is_saturation, with_free_value
-from slam.criticism.search.nuisances import MEAN_NUISANCES, MEAN_PERTURBATIONS, prior_precision
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import with_misfit
@@ -56,7 +56,7 @@ def consistencies(
     """
     perturbations = [*MEAN_PERTURBATIONS, *(d for e in chosen for d in e.perturbations)]
     precision = np.zeros(len(perturbations))
-    precision[: len(MEAN_NUISANCES)] = [prior_precision(n, model) for n in MEAN_NUISANCES]
+    precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]
 
     def one(k: int) -> tuple[Array, Array, Ints]:
         rows = list(segments(records[k], parameters, perturbations))

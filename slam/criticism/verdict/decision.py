@@ -197,7 +197,7 @@ def _rollout_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
     """Return sizes by roll-outs with intervals; for a term that roll-outs do not fit, its current value."""
     found = {}
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
-        current = 0.0 if column in FREE else fitted_parameter(column).value_in(best.parameters)
+        current = 0.0 if column in FREE else fitted_parameter(column).size_in(best.parameters)
         reach = WIDE * best.std.get(column, 0.0)
         found[name] = _interval(
             effect,

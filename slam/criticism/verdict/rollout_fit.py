@@ -21,9 +21,8 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitted_parameters import bounded, fitted_parameter
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, FittedParameter, fitted_parameter
 from slam.criticism.search.inclusion import is_profiled, without_effect
-from slam.criticism.search.nuisances import MEAN_NUISANCES, Nuisance, limits_of, value_of
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
@@ -187,7 +186,7 @@ def _gained(
     }
 
 
-def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[Nuisance]:
+def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[FittedParameter]:
     """Return the constants that are healthy with a term and take its place without it."""
     return [
         n for n in _FREE
@@ -195,17 +194,19 @@ def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[Nuisance
     ]  # fmt: skip
 
 
-def _is_beyond(constant: Nuisance, parameters: FilterParameters, model: FilterParameters, std: float) -> bool:
+def _is_beyond(
+    constant: FittedParameter, parameters: FilterParameters, model: FilterParameters, std: float
+) -> bool:
     """Whether a constant lies beyond its healthy range, whatever flight is left out."""
-    low, high = limits_of(constant, model)
-    value, reach = value_of(constant, parameters), 2.0 * std
+    low, high = constant.healthy_range(model)
+    value, reach = constant.value_in(parameters), 2.0 * std
     return value - reach > high or value + reach < low
 
 
-def _in_words(constant: Nuisance, parameters: FilterParameters, model: FilterParameters) -> str:
-    low, high = limits_of(constant, model)
+def _in_words(constant: FittedParameter, parameters: FilterParameters, model: FilterParameters) -> str:
+    low, high = constant.healthy_range(model)
     unit = "" if constant.unit == "1" else f" {constant.unit}"
-    value = value_of(constant, parameters)
+    value = constant.value_in(parameters)
     return f"{constant.name} is {value:.3g}{unit} (healthy: {low:.3g} to {high:.3g})"
 
 
@@ -260,8 +261,8 @@ class _Rollouts:
         dominate."""
         away = []
         for nuisance in _FREE:
-            low, high = limits_of(nuisance, self._model)
-            away.append(PULL * (2.0 * value_of(nuisance, parameters) - low - high) / (high - low))
+            low, high = nuisance.healthy_range(self._model)
+            away.append(PULL * (2.0 * nuisance.value_in(parameters) - low - high) / (high - low))
         return np.array(away)
 
     def _left(self, parameters: FilterParameters) -> list[Array]:
@@ -325,7 +326,8 @@ def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Ar
 
 def _stepped(parameters: FilterParameters, columns: Sequence[str], step: Array) -> FilterParameters:
     for column, size in zip(columns, step.tolist(), strict=True):
-        parameters = fitted_parameter(column).stepped(parameters, bounded(column, size, parameters))
+        fitted = fitted_parameter(column)
+        parameters = fitted.stepped(parameters, fitted.bounded(size, parameters))
     return parameters
 
 

@@ -14,7 +14,7 @@ from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.correlated_noise import lag_one_correlation
 from slam.criticism.search.expansion import LikelihoodExpansion
-from slam.criticism.search.nuisances import NUISANCES, value_of
+from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.criticism import ChannelCheck, Rank
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, is_term
@@ -66,9 +66,9 @@ def fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, 
     for k, nuisance in enumerate(NUISANCES):
         x, std = expansion.quadratic.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
         if best is not None and nuisance.name in best.std:
-            x, std = value_of(nuisance, best.parameters), 1.96 * best.std[nuisance.name]
+            x, std = nuisance.value_in(best.parameters), 1.96 * best.std[nuisance.name]
         ends = [x, x - std, x + std]
-        if nuisance.kind != "mean":
+        if nuisance.form == "log":
             ends = [float(np.exp(e)) for e in ends]
         values[nuisance.name] = Interval(float(ends[0]), nuisance.unit, float(ends[1]), float(ends[2]))
     return values

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.lens import WARP_TOLERANCE, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
-from slam.criticism.kalman.filter_parameters import CAMERA, STEPS, FilterParameters, slot
+from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.readings import SENSOR
 from slam.criticism.search.effects import LATE, Effect, is_variance
 from slam.criticism.search.expansion import LikelihoodExpansion
+from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
@@ -59,7 +60,7 @@ def direction(column: str) -> Perturbation:
     """Return the perturbation of a column."""
     if column in PATTERNS:
         return Perturbation(column, "picture", PATTERNS.index(column))
-    return Perturbation(column, *slot(column), STEPS[CAMERA.index(column)] if column in CAMERA else 1e-3)
+    return fitted_parameter(column).perturbation
 
 
 def columns_of(rows: Sequence[Sequence[WhitenedRows]]) -> list[str]:

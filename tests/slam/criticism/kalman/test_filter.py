@@ -18,7 +18,7 @@ from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import PICTURES, RADIUS_M, effects_for
-from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES
 from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -189,7 +189,7 @@ def term_with(name, **parameters):
 )
 def test_the_sensitivity_to_a_nuisance_is_that_of_the_simulator(name, ill, times):
     nuisance = next(n for n in MEAN_NUISANCES if n.name == name)
-    assert miss_of(ill, perturbation_of(nuisance), times) < 0.02
+    assert miss_of(ill, nuisance.perturbation, times) < 0.02
 
 
 def test_the_sensitivity_to_a_tilt_limit_is_that_of_the_simulator(monkeypatch):

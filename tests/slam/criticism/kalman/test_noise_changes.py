@@ -13,7 +13,8 @@ from slam.criticism.kalman.innovations import Run, whole
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search.correlated_noise import ar1_effects
 from slam.criticism.search.effects import effects_for
-from slam.criticism.search.fitting import first_seconds, noise_changes
+from slam.criticism.search.fitted_parameters import NOISE_NUISANCES
+from slam.criticism.search.fitting import first_seconds
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -33,12 +34,14 @@ def test_changes_of_the_noise_are_the_filter_run_anew(correlation):
     record = first_seconds(record, 6.0)
     parameters = replace(filter_parameters_of(model), noise_correlation=correlation)
     effects = [*effects_for([record], parameters), *ar1_effects(parameters)]
-    changes = [*noise_changes(), *(c for e in effects for c in e.changes)]
-    (rows,) = Run(record, parameters, changed=[c.apply(parameters) for c in changes]).segments(np.inf)
+    changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
+    (rows,) = Run(record, parameters, changed=[c.stepped(parameters, c.step) for c in changes]).segments(
+        np.inf
+    )
     plain = whole(record, parameters)
     used = plain.status == USED
     for k, change in enumerate(changes):
-        anew = whole(record, change.apply(parameters))
+        anew = whole(record, change.stepped(parameters, change.step))
         both = (anew.status == USED)[used]
         wider = (anew.log_variance - plain.log_variance)[used][both]
         moved = plain.white[used][both] - anew.white[used][both] * np.exp(0.5 * wider)

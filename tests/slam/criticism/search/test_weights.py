@@ -8,10 +8,15 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.search.fitting import noise_changes
-from slam.criticism.search.information import fisher_information, gain_column
-from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, perturbation_of
+from slam.criticism.search.fitted_parameters import (
+    GAIN_CORRECTED,
+    MEAN_NUISANCES,
+    MEAN_PERTURBATIONS,
+    NOISE_NUISANCES,
+    fitted_parameter,
+    gain_column,
+)
+from slam.criticism.search.information import fisher_information
 from slam.criticism.search.pattern_bank import pattern_directions, signals_of
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.screening import project
@@ -31,10 +36,10 @@ def seen():
     parameters = filter_parameters_of(model)
     plain = whole(record, parameters)
     patterns = [d for d in pattern_directions([record]) if d.name in BEHIND_TILT]
-    perturbations = [*map(perturbation_of, MEAN_NUISANCES), *patterns]
+    perturbations = [*MEAN_PERTURBATIONS, *patterns]
     signals = [signals_of(record, plain.states)]
     return fisher_information(
-        [record], parameters, perturbations, noise_changes(), signals, [plain], GAIN_CORRECTED
+        [record], parameters, perturbations, NOISE_NUISANCES, signals, [plain], GAIN_CORRECTED
     ), parameters
 
 
