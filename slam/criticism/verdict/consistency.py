@@ -1,38 +1,56 @@
-"""Consistency of a cause: its size in each flight, segment of time and channel by itself.
+"""Consistency of a cause: its size in each flight and segment of time, and before and after a moment.
 
-The innovations are independent, so their rows can be divided at will. If one size holds for all parts, the
-score of each part beside the common sizes is chance. It is a chi-square with as many degrees of freedom as
-the parts have sizes of their own. All common parameters (nuisances, sizes) are projected out.
+If one size holds everywhere, the score of each segment beside the common sizes is chance. It is a chi-square
+with as many degrees of freedom as the parts have sizes of their own. All common parameters (nuisances, sizes)
+are projected out. Where instruments are compared with each other, errors are correlated, and small
+differences are significant: there only a size that varies by half of itself counts. The greatest difference
+before and after a moment, in standard deviations, is the sup-Wald statistic of a break at an unknown time
+(Andrews, 1993).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
 
-from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.innovations import segments
-from slam.criticism.kalman.record import Record
-from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
-from slam.criticism.search.inclusion import is_saturation, with_free_value
+from backend.measurements import GRAVITY_M_S2
+from slam.criticism.search.effects import Effect, catalogue_value, is_variance
+from slam.criticism.search.inclusion import is_saturation
+from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import with_misfit
-from slam.criticism.threads import in_threads
+from slam.criticism.verdict.posterior import is_term
+from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SEGMENT_S, MOST_SEGMENTS = 5.0, 1000
 DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
 WEAK = 1e-6
 """Share of the strongest part's information below which a part is no evidence for the size."""
+RIDGE = 1e-9
+FEWEST_SIZES = 5
+BEYOND_CHANCE = 4.0
+"""Mean square of the segments' deviations, in variances of white rows, beyond which a size varies."""
+TELLING = 0.5
+"""Greatest standard error of a segment's size, as a share of the size, for the segment to count."""
+LARGE = 0.5
+"""Least scatter beyond chance, as a share of the size."""
+LEVEL = ("accel_bias.x", "accel_bias.y")
+"""Columns along which an attitude error acts like an error of the accelerometer."""
+TRIMMED = 0.15
+"""Least share of a parameter's information on either side of the moment."""
+ONSET_SEGMENT_S = 5.0
+FEWEST_SEGMENTS = 8
+CERTAIN_Z = 5.0
+"""With 20 parameters the 1 % point of the statistic is 4.2 (Andrews, 1993, table I, by Bonferroni)."""
 
 
 @dataclass(frozen=True)
@@ -40,68 +58,62 @@ class PartConsistency:
     """Consistency of a cause between parts of the flights."""
 
     by: str
-    """Kind of part: ``flight``, ``time`` or ``channel``."""
+    """Kind of part: ``flight`` or ``segment of time``."""
     z: float
     """Normal deviate of the chi-square of their differences."""
     excess: float
     """Excess of the chi-square over its expectation."""
 
 
-def consistencies(
-    records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
-) -> list[tuple[PartConsistency, ...]]:
-    """Return consistencies for each chosen effect that moves the mean of the readings; none for the others.
+def contradictions(found: SearchResult) -> tuple[dict[str, str], set[str]]:
+    """Return descriptions of inconsistent causes, by name, and the names of causes that contradict themselves
+    more than they explain.
 
-    ``parameters`` include the effects at their sizes.
+    For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
     """
-    perturbations = [*MEAN_PERTURBATIONS, *(d for e in chosen for d in e.perturbations)]
-    precision = np.zeros(len(perturbations))
-    precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]
-
-    def one(k: int) -> tuple[Array, Array, Ints]:
-        rows = list(segments(records[k], parameters, perturbations))
-        events = np.concatenate([r.events for r in rows])
-        time = (records[k].times_s[events] // SEGMENT_S).astype(np.int64)
-        channels = np.concatenate([r.channels for r in rows])
-        part = np.column_stack([np.full(len(events), k), MOST_SEGMENTS * k + time, channels])
-        return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
-
-    found = in_threads(one, range(len(records)))
-    traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
-    answers: list[tuple[PartConsistency, ...]] = []
-    first = len(MEAN_NUISANCES)
-    for effect in chosen:
-        own = np.arange(first, first + len(effect.perturbations))
-        first += len(effect.perturbations)
-        if len(own) == 0:
-            answers.append(())
+    descriptions, refuted = {}, set()
+    for effect in (e for e in found.chosen if e.perturbations):
+        parts = _consistencies(found, effect)
+        worst = max(parts, key=lambda part: part.z)
+        rest = [e for e in found.chosen if e is not effect]
+        whole = found.last.score_tests(rest, [effect])[0]
+        if worst.z < with_misfit(DISAGREE_Z, 0.0 if is_saturation(effect) else whole.z):
             continue
-        answers.append(
-            tuple(
-                _consistency(by, traces, white, part[:, i], own, precision)
-                for i, by in enumerate(("flight", "time", "channel"))
-            )
-        )
-    return answers
+        descriptions[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
+        if not is_saturation(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
+            refuted.add(effect.name)
+    return descriptions, refuted
+
+
+def _consistencies(found: SearchResult, effect: Effect) -> list[PartConsistency]:
+    """Return the consistency of a chosen effect between flights, and between segments of the readings."""
+    quadratic, fisher = found.last.quadratic, found.last.fisher
+    step = quadratic.maximise(found.chosen).whole
+    names = list(dict.fromkeys([*quadratic.names, *(c for e in found.chosen for c in e.columns)]))
+    free, k = quadratic.index(names), len(effect.perturbations)
+    own = np.array([names.index(d.name) for d in effect.perturbations])
+    precision = np.zeros(len(free))
+    precision[: len(quadratic.names)] = quadratic.precision
+    among = np.arange(len(fisher.flight)) - np.searchsorted(fisher.flight, fisher.flight)
+    of_readings = np.flatnonzero(among < np.array(fisher.readings)[fisher.flight])
+    information = fisher.information[of_readings][:, free[:, None], free]
+    score = (fisher.score[of_readings] - fisher.information[of_readings] @ step)[:, free]
+    parts = {"flight": fisher.flight[of_readings], "segment of time": of_readings}
+    return [_consistency(by, information, score, part, own[:k], precision) for by, part in parts.items()]
 
 
 def _consistency(
-    by: str, traces: Array, white: Array, part: Ints, own: Ints, precision: Array
+    by: str, information: Array, score: Array, part: Ints, own: Ints, precision: Array
 ) -> PartConsistency:
-    total = traces.T @ traces + np.diag(precision + 1e-9)
-    score = white @ traces
-    step = np.linalg.solve(total, score)
-    labels = np.unique(part)
-    k = len(own)
-    cross = np.zeros((len(labels) * k, len(total)))
-    left, right = np.zeros((len(labels) * k, len(labels) * k)), np.zeros(len(labels) * k)
-    for g, label in enumerate(labels):
-        rows = traces[part == label]
+    """Return the consistency between parts of segments: information (segments, p, p), score (segments, p) at
+    the common sizes, and part (segments,)."""
+    total, labels, k = information.sum(axis=0) + np.diag(precision + 1e-9), np.unique(part), len(own)
+    cross = np.concatenate([information[part == label].sum(axis=0)[own] for label in labels])
+    right = np.concatenate([score[part == label].sum(axis=0)[own] for label in labels])
+    left = -cross @ np.linalg.solve(total, cross.T)
+    for g in range(len(labels)):
         at = slice(g * k, (g + 1) * k)
-        cross[at] = rows[:, own].T @ rows
-        left[at, at] = cross[at][:, own]
-        right[at] = white[part == label] @ rows[:, own] - cross[at] @ step
-    left = left - cross @ np.linalg.solve(total, cross.T)
+        left[at, at] += cross[at][:, own]
     scale = 1.0 / np.sqrt(np.tile(np.maximum(np.diag(total)[own], 1e-12), len(labels)))
     values, vectors = np.linalg.eigh(left * scale[:, None] * scale)
     strong = values > WEAK
@@ -111,23 +123,128 @@ def _consistency(
     return PartConsistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
 
 
-def contradictions(
-    records: Sequence[Record], model: FilterParameters, found: SearchResult, parameters: FilterParameters
-) -> tuple[dict[str, str], set[str]]:
-    """Return descriptions of inconsistent causes, by name, and the names of causes that contradict themselves
-    more than they explain.
+def disagreements(found: SearchResult) -> list[str]:
+    """Describe parameters of the chosen terms that vary between segments by half of themselves."""
+    descriptions = []
+    for effect in filter(is_term, found.chosen):
+        for name, sizes in varying_sizes(found, effect).items():
+            k = effect.columns.index(name)
+            unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
+            off_deg = float(np.degrees(np.arctan(np.ptp(sizes) / GRAVITY_M_S2)))
+            like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
+            least, most = (
+                catalogue_value(effect, k, float(x), found.last.parameters, 0.0)
+                for x in (sizes.min(), sizes.max())
+            )
+            segment = f"segments of {SEGMENT_S:g} s"
+            descriptions.append(f"{name} is {least:.2g} to {most:.2g} {unit} by {segment}{like}")
+    return descriptions
 
-    For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
-    """
-    chosen = [with_free_value(e) for e in found.chosen]
-    descriptions, refuted = {}, set()
-    for effect, parts in zip(found.chosen, consistencies(records, model, parameters, chosen), strict=True):
-        worst = max(parts, key=lambda a: a.z, default=None)
-        rest = [e for e in found.chosen if e is not effect]
-        whole = found.last.score_tests(rest, [effect])[0]
-        if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if is_saturation(effect) else whole.z):
+
+def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:
+    """Return column -> (segments,) sizes, of the parameters of a chosen term that vary between segments by
+    half of themselves, with all other terms at their common sizes."""
+    quadratic, fisher = found.last.quadratic, found.last.fisher
+    step, own = quadratic.maximise(found.chosen).whole, quadratic.index(effect.columns)
+    others = np.where(np.isin(np.arange(len(step)), own), 0.0, step)
+    score = fisher.score[:, own] - fisher.information[:, own] @ others
+    information = fisher.information[:, own[:, None], own]
+    information = information * (1.0 + RIDGE * np.eye(len(own))) + 1e-12 * np.eye(len(own))
+    sizes = np.linalg.solve(information, score[:, :, None])[:, :, 0]
+    errors = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
+    varying = {}
+    for k, (name, perturbation) in enumerate(zip(effect.columns, effect.perturbations, strict=True)):
+        if is_variance(perturbation):
+            continue  # a variance naturally differs from segment to segment
+        common = abs(float(step[own[k]]))
+        sure = errors[:, k] < TELLING * max(common, effect.tolerance)
+        if sure.sum() < FEWEST_SIZES:
             continue
-        descriptions[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
-        if not is_saturation(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
-            refuted.add(effect.name)
-    return descriptions, refuted
+        known, chance = sizes[sure, k], float(np.mean(errors[sure, k] ** 2))
+        variance = float(np.var(known, ddof=1))
+        scatter = float(np.sqrt(max(variance - chance, 0.0)))
+        if variance > BEYOND_CHANCE * chance and scatter > LARGE * common:
+            varying[name] = known
+    return varying
+
+
+@dataclass(frozen=True)
+class Onset:
+    """A change of one parameter."""
+
+    column: str
+    time_s: float
+    change: float
+    z: float
+
+    def __str__(self) -> str:
+        effect, _, parameter = self.column.rpartition(".")
+        unit = CATALOGUE[effect].parameter(parameter).unit
+        return (
+            f"{self.column} changes by {self.change:.2g}{'' if unit == '1' else f' {unit}'} at about "
+            f"{self.time_s:.0f} s (z = {self.z:.1f})"
+        )
+
+
+def onset(found: SearchResult, fisher: FisherInformation, begin_s: Array) -> Onset | None:
+    """Return the most certain change of a term's parameter within a flight, or None.
+
+    ``fisher`` is the information of short segments, which begin at ``begin_s`` (segments,).
+    """
+    changes = [
+        change
+        for effect in found.last.effects if is_term(effect)
+        for perturbation in effect.perturbations if not is_variance(perturbation)
+        for change in _changes(found, fisher, begin_s, effect, perturbation.name) if change.z > CERTAIN_Z
+    ]  # fmt: skip
+    return max(changes, key=lambda change: change.z, default=None)
+
+
+def _changes(
+    found: SearchResult, fisher: FisherInformation, begin_s: Array, effect: Effect, column: str
+) -> list[Onset]:
+    """Return the likeliest change of a column in each flight, beside the chosen effects; ``begin_s``
+    (segments,) are the times of the segments of ``fisher``."""
+    quadratic = found.last.quadratic
+    effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
+    step = quadratic.maximise(effects).whole
+    rest = quadratic.index([c for e in effects for c in e.columns if c != column])
+    # What is left of the column once the others are projected out.
+    along = np.zeros(len(step))
+    along[quadratic.index([column])] = 1.0
+    information = quadratic.information
+    along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
+    score = (fisher.score - fisher.information @ step) @ along
+    known = (fisher.information @ along) @ along
+    onsets = []
+    for inside in (fisher.flight == flight for flight in np.unique(fisher.flight)):
+        k, change, z = _break(score[inside], known[inside], effect.tolerance)
+        onsets.append(Onset(column, float(begin_s[inside][k]), change, z))
+    return onsets
+
+
+def _break(score: Array, information: Array, tolerance: float) -> tuple[int, float, float]:
+    """Return the first segment after the likeliest break, the change there, and its z.
+
+    The variance is that of the segments about the two sizes, no less than that of white rows; the z is
+    Student's, as a normal one.
+    """
+    count, whole = len(score), float(information.sum())
+    if count < FEWEST_SEGMENTS or whole <= 0.0:
+        return 0, 0.0, 0.0
+    at, change, greatest = 0, 0.0, 0.0
+    for k in range(1, count):
+        sides = (slice(0, k), slice(k, count))
+        known = [float(information[side].sum()) for side in sides]
+        if min(known) < TRIMMED * whole:
+            continue
+        sizes = [float(score[side].sum()) / n for side, n in zip(sides, known, strict=True)]
+        variance = 0.0
+        for side, size, n in zip(sides, sizes, known, strict=True):
+            off = score[side] - size * information[side]
+            variance += max(float(np.sum(off**2)) * count / (count - 2), n) / n**2
+        t = abs(sizes[1] - sizes[0]) / np.sqrt(variance + tolerance**2)
+        if t > greatest:
+            at, change, greatest = k, sizes[1] - sizes[0], t
+    z = float(-norm.ppf(max(float(student.sf(greatest, count - 2)), 1e-300)))
+    return at, change, z

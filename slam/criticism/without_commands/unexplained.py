@@ -13,15 +13,11 @@ import numpy as np
 from slam.core.flight import Flight
 from slam.criticism.search.effects import LATE
 from slam.criticism.search.search import SearchResult
+from slam.criticism.verdict.consistency import FEWEST_SEGMENTS, ONSET_SEGMENT_S, disagreements, onset
 from slam.criticism.verdict.posterior import is_term
 from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.axes import wrong_axes
-from slam.criticism.without_commands.consistency import (
-    FEWEST_SEGMENTS,
-    ONSET_SEGMENT_S,
-    disagreements,
-    onset,
-)
+from slam.criticism.without_commands.likelihood import columns_of, fisher_of, segments_of
 from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality.channels import noise_ratio, streams_of
@@ -41,7 +37,9 @@ def axes_of(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:
 
 def left_over(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> list[str]:
     """Describe what no cause explains in the comparisons."""
-    apart, begun = contradiction(rows), onset(found, rows)
+    fisher = fisher_of(rows, columns_of(rows), ONSET_SEGMENT_S)
+    begin_s = np.asarray(ONSET_SEGMENT_S * segments_of(rows, ONSET_SEGMENT_S)[0][:, 1])
+    apart, begun = contradiction(rows), onset(found, fisher, begin_s)
     return [
         *disagreements(found),
         *([apart] if apart else []),

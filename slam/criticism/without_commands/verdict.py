@@ -19,6 +19,7 @@ from slam.criticism.cause import LIKELY, Cause
 from slam.criticism.extended import with_terms
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import SearchResult
+from slam.criticism.verdict.consistency import varying_sizes
 from slam.criticism.verdict.covariate import Covariate, covariate_of
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import (
@@ -34,7 +35,6 @@ from slam.criticism.verdict.power import confusable, detectable
 from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.sentence import with_sentences
 from slam.criticism.verdict.tables import ranking
-from slam.criticism.without_commands.consistency import varying_sizes
 from slam.criticism.without_commands.likelihood import (
     likelihood_of,
     sizes_by_others,
