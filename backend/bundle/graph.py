@@ -279,3 +279,13 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
     transform = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c)
     poses = (values.atPose3(POSE(k)) for k in range(problem.measurements.count))
     return np.array([transform.jacobian(pose, origin) for pose in poses])
+
+
+def over_floor_jacobians(problem: BundleProblem, values: gtsam.Values) -> Array:
+    """Return the same (n, 6, 6 + w) of body poses relative to the floor: its height and slope are no part."""
+    # Without positions the first keyframe is above the origin by definition.
+    first = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
+    J = metric_jacobians(problem, values, first * [1.0, 1.0, 0.0])
+    J[:, :, 6 + FLOOR_Z] = 0.0
+    J[:, :, 6:][:, :, SLOPE] = 0.0
+    return J

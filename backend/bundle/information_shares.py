@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from backend.bundle.barometer import HEIGHTS
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
+from backend.bundle.ground_size import gradients
 from backend.bundle.inertial.graph import IMU
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reported.graph import row_instruments
@@ -52,8 +53,9 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
     """Return for each direction the share of each instrument in the variance; shares add up to 1.
 
     Directions are the pose of the keyframe farthest from the first one, translated along the world's axes and
-    rotated about the body's, and the scale. Priors on an instrument's errors belong to the instrument. What
-    remains is ``assumed``, and the assumption that the floor is flat is ``flat_floor``.
+    rotated about the body's, and the scale of all lengths on the ground. Priors on an instrument's errors
+    belong to the instrument. What remains is ``assumed``, and the assumption that the floor is flat is
+    ``flat_floor``.
 
     Raises ``SingularMatrixError`` if a direction is open.
     """
@@ -63,8 +65,11 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
     k, by_pose = _farthest(optimum)
     gradient = np.zeros((reduced.size, len(DIRECTIONS)))
     gradient[columns(POSE(k)), :6], gradient[columns(WORLD), :6] = by_pose[:, :6].T, by_pose[:, 6:].T
-    gradient[columns(WORLD).start + LOG_SCALE, 6] = 1.0
     of_points = np.zeros((linear.seen.prior_right.size, len(DIRECTIONS)))
+    if optimum.problem.has_scale:
+        gradient[:, 6], of_points[:, 6] = (each[:, 0] for each in gradients(optimum, reduced))
+    else:  # What is held in place of a length says all.
+        gradient[columns(WORLD).start + LOG_SCALE, 6] = 1.0
     rows = np.asarray(linear.jacobian()[0] @ np.vstack(reduced.solve(gradient, of_points)))
     pictures, floor = ["pictures"] * linear.seen.right.size, ["flat_floor"] * len(of_points)
     instrument = np.array([*pictures, *floor, *_of_pose_side(optimum)])

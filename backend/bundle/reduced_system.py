@@ -298,12 +298,12 @@ class ReducedSystem:
         unit[lens, np.arange(len(lens))] = 1.0
         return np.asarray(self.factor.solve(unit)[lens])
 
-    def joint_covariances(self, keys: Sequence[int], common: int) -> Array:
-        """Return joint covariances (n, a + d, a + d) of variables, which come first, with a common one."""
+    def joint_covariances(self, keys: Sequence[int], *common: int) -> Array:
+        """Return joint covariances (n, a + d, a + d) of variables, which come first, with common ones."""
         s = self.structure
-        shared = s.columns(common)
-        unit = np.zeros((s.elimination.size, shared.stop - shared.start))
-        unit[shared] = np.eye(unit.shape[1])
+        shared = np.concatenate([np.arange(s.elimination.size)[s.columns(key)] for key in common])
+        unit = np.zeros((s.elimination.size, len(shared)))
+        unit[shared] = np.eye(len(shared))
         with_common = self.factor.solve(unit)
         own = self.factor.covariances(np.array([s.variable[key] for key in keys]))
         mixed = [with_common[s.columns(key)] for key in keys]

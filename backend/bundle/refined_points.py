@@ -39,7 +39,7 @@ def metric_point_stds(optimum: BundleOptimum, seed: int = 0, draws: int = _DRAWS
     linear = optimum.linearise()
     reduced, (A, _) = linear.eliminate(), linear.jacobian()
     world = reduced.structure.columns(WORLD)
-    of_point, of_world = _jacobians(optimum)
+    of_point, of_world = point_jacobians(optimum)
     rng, squares, size = np.random.default_rng(seed), np.zeros((len(of_world), 3)), reduced.size
     for begin in range(0, draws, _AT_A_TIME):
         right = A.T @ rng.standard_normal((A.shape[0], min(_AT_A_TIME, draws - begin)))
@@ -49,7 +49,7 @@ def metric_point_stds(optimum: BundleOptimum, seed: int = 0, draws: int = _DRAWS
     return np.sqrt(squares / draws)
 
 
-def _jacobians(optimum: BundleOptimum) -> tuple[Array, Array]:
+def point_jacobians(optimum: BundleOptimum) -> tuple[Array, Array]:
     """Return the Jacobians of the metric points by the points (3, 3), and by the world variable (t, 3, w).
 
     They are those of `backend.bundle.world.WorldTransform.jacobian` for points.

@@ -44,8 +44,10 @@ from backend.bundle.graph import (
     Variables,
     metric_jacobians,
     metric_poses,
+    over_floor_jacobians,
     start_variables,
 )
+from backend.bundle.ground_size import GroundSize, ground_size
 from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial.noise import start_factors
 from backend.bundle.lens import LensEstimate, start_numbers, told_covariance
@@ -98,9 +100,12 @@ class Bundle:
     range_errors: RangeErrors | None
     """None without ranges."""
     scale_std: float | None
-    """Relative standard deviation of the scale; None if it is unobserved."""
+    """Relative standard deviation that all lengths on the ground share; None if the scale is unobserved."""
+    middle_std_m: float
+    """Standard deviation of the place of the whole ground, x and y together (`ground_size` beside)."""
     conditional_scale_std: float
-    """The same, conditioned on gain and zero offset of the ranges; 0 if the scale is unobserved."""
+    """Relative standard deviation of the camera's height over the floor, conditioned on gain and zero offset
+    of the ranges; 0 if the scale is unobserved."""
     noise: NoiseLevels
     dropped_observations: int
     error: float
@@ -225,11 +230,7 @@ def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Valu
     # Without positions the first keyframe is the origin by definition, its height above the floor included.
     first = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
     in_world = metric_jacobians(problem, values, first)
-    # Relative to the floor the origin is the point below it.
-    over_floor = metric_jacobians(problem, values, first * [1.0, 1.0, 0.0])
-    over_floor[:, :, 6 + FLOOR_Z] = 0.0
-    over_floor[:, :, 6:][:, :, SLOPE] = 0.0
-    return _propagate(in_world, joint), _propagate(over_floor, joint)
+    return _propagate(in_world, joint), _propagate(over_floor_jacobians(problem, values), joint)
 
 
 def _antenna_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> Array:
@@ -254,7 +255,7 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
     if not (np.isfinite(heights).all() and (heights > 0).all()):
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
     world = values.atVector(WORLD)
-    joint, of_lens = _covariances(optimum)
+    joint, of_lens, size = _covariances(optimum)
     world_std = np.sqrt(np.diag(joint[0, 6:, 6:]))
     in_world, over_floor = _metric_covariances(problem, joint, values)
     return Bundle(
@@ -272,7 +273,8 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
         b_T_c=problem.b_T_c(values),
         mount_std_rad=float(world_std[MOUNT].max()) if problem.camera.mount_std_rad > 0 else 0.0,
         range_errors=_range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
-        scale_std=float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.has_scale else None,
+        scale_std=size.log_std if problem.has_scale else None,
+        middle_std_m=size.middle_std_m,
         conditional_scale_std=_conditional_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,
         noise=optimum.noise,
         dropped_observations=int((~optimum.used).sum()),
@@ -283,16 +285,18 @@ def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bun
     )
 
 
-def _covariances(optimum: BundleOptimum) -> tuple[Array, Array]:
-    """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world, and the calibration's (q, q),
-    q = 0 if it is held; NaN if undetermined."""
+def _covariances(optimum: BundleOptimum) -> tuple[Array, Array, GroundSize]:
+    """Return joint covariances (n, 6 + w, 6 + w) of each pose and the world, the calibration's (q, q), q = 0
+    if it is held, and the uncertainty of the ground's size; NaN if undetermined."""
     poses = [POSE(k) for k in range(optimum.problem.measurements.count)]
     q = start_numbers(optimum.problem.camera).size if optimum.problem.self_calibrates else 0
     try:
         reduced = optimum.linearise().eliminate()
-        return reduced.joint_covariances(poses, WORLD), reduced.calibration_covariance
+        joint = reduced.joint_covariances(poses, WORLD)
+        return joint, reduced.calibration_covariance, ground_size(optimum, reduced)
     except SingularMatrixError:
-        return np.full((len(poses), 6 + WORLD_SIZE, 6 + WORLD_SIZE), np.nan), np.full((q, q), np.nan)
+        joint = np.full((len(poses), 6 + WORLD_SIZE, 6 + WORLD_SIZE), np.nan)
+        return joint, np.full((q, q), np.nan), GroundSize(np.nan, np.nan)
 
 
 def _lens(problem: BundleProblem, values: gtsam.Values, covariance: Array) -> LensEstimate:

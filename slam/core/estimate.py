@@ -114,8 +114,15 @@ class Estimate:
     iterations: int = 0
     floor_slope_rad: tuple[float, float] = (0.0, 0.0)
     """Rotation vector (x, y) from level to the ground; zero where no measurement shows a slope."""
+    ground_covariances: Array | None = None
+    """(n, 6, 6) covariances with which the pictures place the ground, where the lens was estimated: those
+    over the floor, with the errors of the lens as equal motions of the camera. None where the lens was held:
+    then ``over_floor_covariances`` are those of the ground."""
     scale_std: float | None = None
     """Relative standard deviation that all lengths share; None where the scale is not observed."""
+    middle_std_m: float | None = None
+    """Standard deviation of the place of the whole map on Earth, x and y together: all places share it, and
+    distances do not have it. None without a place on Earth."""
     metric: bool = True
     """Whether lengths are metres. Otherwise the scale is not observed, and lengths are multiples of the
     camera's mean height over the floor."""

@@ -63,6 +63,7 @@ _SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "w_T_b": ("n", (4, 4), "f"),
     "covariances": ("n", (6, 6), "f"),
     "over_floor_covariances": ("n", (6, 6), "f"),
+    "ground_covariances": ("g", (6, 6), "f"),
     "chain_w_T_b": ("n", (4, 4), "f"),
     "odometry_w_T_b": ("n", (4, 4), "f"),
     "component": ("n", (), "i"),
@@ -88,6 +89,8 @@ _POINTS = {
     "point_views": _NO_POINTS.views,
     "point_std_m": _NO_POINTS.std_m,
 }
+_LATER = {**_POINTS, "ground_covariances": np.zeros((0, 6, 6))}
+"""Arrays that files of earlier versions lack -> what stands for them; an empty one for what is not known."""
 
 
 def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) -> tuple[Path, ...]:
@@ -109,6 +112,7 @@ def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) 
 
 def _pack(estimate: Estimate) -> bytes:
     edges, loops, points = estimate.relative_poses, estimate.loops, estimate.floor_points or _NO_POINTS
+    ground = estimate.ground_covariances
     content = io.BytesIO()
     np.savez(
         content,
@@ -117,6 +121,7 @@ def _pack(estimate: Estimate) -> bytes:
         w_T_b=estimate.w_T_b,
         covariances=estimate.covariances,
         over_floor_covariances=estimate.over_floor_covariances,
+        ground_covariances=_LATER["ground_covariances"] if ground is None else ground,
         chain_w_T_b=estimate.chain_w_T_b,
         odometry_w_T_b=estimate.odometry_w_T_b,
         component=np.asarray(estimate.component, dtype=np.int64),
@@ -148,6 +153,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "floor_z_m": float(estimate.floor_z_m),
         "floor_slope_rad": [float(angle) for angle in estimate.floor_slope_rad],
         "scale_std": None if estimate.scale_std is None else float(estimate.scale_std),
+        "middle_std_m": None if estimate.middle_std_m is None else float(estimate.middle_std_m),
         "metric": bool(estimate.metric),
         "range_errors": None if estimate.range_errors is None else asdict(estimate.range_errors),
         "antenna_m": None if estimate.antenna_m is None else list(estimate.antenna_m),
@@ -199,7 +205,7 @@ def _unpack(path: Path) -> dict[str, NDArray[Any]]:
         entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
         if len(entries) > 2 * len(_SHAPES):
             raise ValueError(f"{len(entries)} entries")
-        missing = [name for name in (*_SHAPES, "record") if name not in entries and name not in _POINTS]
+        missing = [name for name in (*_SHAPES, "record") if name not in entries and name not in _LATER]
         if missing:
             raise ValueError(f"{missing[0]} is missing")
         wanted = {name: entries[name] for name in (*_SHAPES, "record") if name in entries}
@@ -208,8 +214,9 @@ def _unpack(path: Path) -> dict[str, NDArray[Any]]:
             raise ValueError(f"unpacks to {total} bytes from {size}")
         # Reading an entry completely makes zipfile compare the checksum.
         arrays = {name: _array(archive.read(entry)) for name, entry in wanted.items()}
-    if not _POINTS.keys() <= arrays.keys():  # an earlier version wrote none
+    if not _POINTS.keys() <= arrays.keys():
         arrays |= _POINTS
+    arrays = {**_LATER, **arrays}
     _check(arrays)
     return arrays
 
@@ -235,6 +242,7 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
         "m": len(arrays["edge_ij"]),
         "l": len(arrays["loop_ij"]),
         "t": len(arrays["point_keyframe"]),
+        "g": len(arrays["stamps"]) if len(arrays["ground_covariances"]) else 0,
     }
     for name, (per, row, kind) in _SHAPES.items():
         found = arrays[name]
@@ -282,11 +290,13 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         w_T_b=arrays["w_T_b"],
         covariances=arrays["covariances"],
         over_floor_covariances=arrays["over_floor_covariances"],
+        ground_covariances=arrays["ground_covariances"] if len(arrays["ground_covariances"]) else None,
         component=arrays["component"],
         camera=None if camera is None else _camera(camera),
         floor_z_m=float(record["floor_z_m"]),
         floor_slope_rad=(float(record["floor_slope_rad"][0]), float(record["floor_slope_rad"][1])),
-        scale_std=_scale_std(record),
+        scale_std=_number(record, "scale_std"),
+        middle_std_m=_number(record, "middle_std_m"),
         metric=bool(record.get("metric", True)),
         range_errors=_range_errors(record),
         antenna_m=_antenna_m(record),
@@ -318,8 +328,8 @@ def _points(arrays: dict[str, NDArray[Any]]) -> FloorPoints | None:
     return FloorPoints(keyframe, b_p_m, views, std_m) if len(keyframe) else None
 
 
-def _scale_std(record: dict[str, Any]) -> float | None:
-    value = record.get("scale_std")
+def _number(record: dict[str, Any], name: str) -> float | None:
+    value = record.get(name)
     return None if value is None else float(value)
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.ground_covariances import ground_covariances
 from backend.bundle.information_shares import information_shares
 from backend.bundle.systematic_errors import SystematicErrors, error_test
 from backend.errors import BackendError
@@ -111,7 +112,9 @@ def build_estimate(
         antenna_covariances=_antenna_covariances(map_),
         accuracy_basis=accuracy_basis(flight, map_),
         information_shares=_information_shares(flight, map_),
+        ground_covariances=_ground_covariances(map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
+        middle_std_m=map_.bundle.middle_std_m if map_.bundle and map_.georeferenced else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
@@ -147,6 +150,25 @@ def shared_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
     except BackendError as error:
         line = f"errors that all pictures or all positions share cannot be tested for: {error}"
         return None, [f"{line}; compare one distance with the ground"]
+
+
+def _ground_covariances(map_: Map) -> Array | None:
+    """Return the covariances of the ground with the errors of an estimated lens; None where it was held.
+
+    Those of lesser parts are theirs over the floor.
+    """
+    if map_.bundle is None or map_.bundle.lens is None:
+        return None
+    try:
+        of_main = ground_covariances(map_.bundle.optimum)
+    except SingularMatrixError:
+        return None
+    main = np.flatnonzero(map_.component == 0)
+    if len(main) != len(of_main):  # instruments have joined other parts to the refined one
+        return None
+    found = map_.over_floor_covariances.copy()
+    found[main] = of_main
+    return found
 
 
 def _information_shares(flight: Flight, map_: Map) -> Mapping[str, Mapping[str, float]]:

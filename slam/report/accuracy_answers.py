@@ -87,6 +87,8 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
     apart_m = min(_EXAMPLE_M, max(facts.extent_m))
     known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
     end_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
+    if estimate.middle_std_m is not None:  # what moves the whole map moves both ends
+        end_m = float(np.sqrt(max(end_m**2 - estimate.middle_std_m**2, 0.0)))
     ends = f"±{SPACE}{facts.length(np.sqrt(2) * end_m)}"
     if not facts.scale_std or not apart_m > 0:
         return f"A distance between two far places to about {ends}, one between near places better."
@@ -96,18 +98,12 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
         f"An area is known to twice the share of the scale (±{SPACE}{percent(2 * facts.scale_std)}). "
         "map.html measures any distance and area with its uncertainty."
     )
-    if facts.relative_to:
-        whole = f"±{SPACE}{length(float(np.hypot(scale_m, np.sqrt(2) * end_m)))}"
-        return (
-            f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. The "
-            f"scale causes {by_scale} of it, and the same share of any other length; the places of both "
-            f"ends cause {ends}, between near places less. {area}"
-        )
-    # Errors of a receiver move the whole map, and cancel between its points.
+    whole = f"±{SPACE}{length(float(np.hypot(scale_m, np.sqrt(2) * end_m)))}"
+    moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
     return (
-        f"Two places {facts.length(apart_m)} apart: to {by_scale} by the scale, one standard deviation, "
-        "and the same share of any other length. The uncertainty of a place on Earth adds little to it: "
-        f"most of that moves the whole map. {area} Its upper limit there counts the place on Earth in full."
+        f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. The scale "
+        f"causes {by_scale} of it, and the same share of any other length; the places of both ends cause "
+        f"{ends}, between near places less.{moves} {area}"
     )
 
 

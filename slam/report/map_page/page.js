@@ -348,11 +348,13 @@
 
   const away = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
-  /* Standard deviation of a point of the ground, NaN where no picture shows it. Neighbours share a part of
-     their error, which a distance between them does not have; the scale, which all lengths share, is counted
-     with the points and once more by itself. What is made of both is an upper limit. */
+  /* Standard deviation of a point of the ground relative to the middle of the map, NaN where no picture shows
+     it. Neighbours share a part of their error, which a distance between them does not have; the scale, which
+     all lengths share, is counted with the points and once more by itself. What is made of both is an upper
+     limit. */
   function pointStd([x, y]) {
-    return data.grids.sigma ? valueAt(data.grids.sigma, x, y) : NaN;
+    const std = data.grids.sigma ? valueAt(data.grids.sigma, x, y) : NaN;
+    return Math.sqrt(Math.max(std * std - data.middleStd * data.middleStd, 0));
   }
 
   function distanceOf(points) {

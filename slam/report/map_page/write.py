@@ -41,6 +41,7 @@ def write_map_page(
         "unit": unit(facts.metric),
         "onEarth": estimate.origin is not None,
         "scaleStd": estimate.scale_std or 0.0,
+        "middleStd": estimate.middle_std_m or 0.0,
         "keyframes": keyframes(estimate, flight, facts.gaps),
         "links": links(estimate),
         "points": floor_points(estimate),

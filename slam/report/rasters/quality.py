@@ -31,9 +31,9 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
 
     Raises ``InputError`` where the disk refuses.
     """
-    quality = mosaic_quality(
-        plan, exposure, estimate.over_floor_T_b, estimate.over_floor_covariances, estimate.floor_z_m
-    )
+    of_ground = estimate.ground_covariances
+    covariances = estimate.over_floor_covariances if of_ground is None else of_ground
+    quality = mosaic_quality(plan, exposure, estimate.over_floor_T_b, covariances, estimate.floor_z_m)
     rows, cols = quality.pictures.shape
     corner = plan.west_m, plan.north_m
     grid = Grid(*corner, quality.cell_m, cols, rows, estimate.origin, estimate.metric)

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.bundle.factors import LOG_SCALE
-from backend.bundle.graph import WORLD
+from backend.bundle.ground_size import gradients
 from backend.bundle.information_shares import DIRECTIONS, information_shares
 from backend.bundle.refinement import refine
 from tests.backend.bundle.inertial.made_inertial import InertialScene
@@ -57,8 +56,7 @@ def test_the_share_of_the_pictures_is_that_of_the_dense_system():
     optimum = refine(made.measurements, made.start).optimum
     linear = optimum.linearise()
     A = linear.jacobian()[0].toarray()
-    gradient = np.zeros(A.shape[1])
-    gradient[linear.structure.columns(WORLD).start + LOG_SCALE] = 1.0
+    gradient = np.concatenate([each[:, 0] for each in gradients(optimum, linear.eliminate())])
     row = A @ np.linalg.solve(A.T @ A, gradient)
     pictures = np.sum(row[: linear.seen.right.size] ** 2) / np.sum(row**2)
     assert information_shares(optimum)["scale"]["pictures"] == pytest.approx(pictures, rel=1e-4)

@@ -76,6 +76,8 @@ def full_estimate(seed=0, count=20) -> Estimate:
             misregistration_px=(0.2, 0.5), over_floor_px=(0.3, 4.0), relief_share=0.1, highest_m=2.5
         ),
         frame_names=tuple(f"bild ü {k}.jpg" for k in range(count)),
+        ground_covariances=np.tile(0.5 * np.eye(6), (count, 1, 1)),
+        middle_std_m=0.25,
         floor_points=FloorPoints(np.array([0, 2]), np.eye(3)[:2], np.array([2, 5]), np.full((2, 3), 0.01)),
     )
 

@@ -85,6 +85,8 @@ def test_answers_follow_the_map():
     assert "map.html measures any distance" in answers(estimate, flight)[distance]
     by_gps = replace(on_earth, information_shares={"x": {"position": 0.9, "pictures": 0.1}})
     assert "moves the whole map" in answers(by_gps, flight)[distance]
+    apart = replace(by_gps, middle_std_m=gather(by_gps, flight).sigma_median_m)
+    assert f"both ends cause ±\N{NO-BREAK SPACE}{length(0.0)}" in answers(apart, flight)[distance]
     assert answers(no_metres, flight)[scale].startswith("Not known")
     unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
     assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")

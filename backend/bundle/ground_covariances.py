@@ -1,0 +1,95 @@
+"""How accurately the pictures of a refined map place the ground: poses and lens together.
+
+A wrong lens turns the rays of a picture. Where positions hold the cameras, a focal length that is 1 % too
+long puts the floor 1 % too far below them, and the ground stays where it is: both errors cancel. The
+covariance of a pose alone does not know this. An error of the lens moves the ground that a picture shows
+almost as a motion of the camera would. The motion that does it best is therefore added to the errors of the
+pose, with which the lens is correlated.
+
+Source: derived.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from gtsam.symbol_shorthand import K as CALIBRATION
+from gtsam.symbol_shorthand import X as POSE
+from numpy.typing import NDArray
+
+from backend.bundle.graph import WORLD, over_floor_jacobians
+from backend.bundle.minimise import BundleOptimum
+from backend.bundle.observations import Cameras
+from backend.bundle.projections import undistorted
+from backend.bundle.world import WorldTransform
+from backend.se3 import cross_matrix
+
+Array = NDArray[np.float64]
+
+_RAYS = 5
+"""Rays along each side of the picture on which lens and motion are compared: more than the six numbers of a
+motion, and both ends and the middle of the highest power of a lens."""
+_STEP = 1e-6
+"""Relative step of the central differences, the cube root of the rounding at most."""
+
+
+def ground_covariances(optimum: BundleOptimum) -> Array:
+    """Return (n, 6, 6) covariances with which each keyframe places the floor that its picture shows.
+
+    They are those of the metric body poses over the floor, rotation first, right perturbation, with the
+    errors of the lens as equal motions of the body.
+
+    Raises ``SingularMatrixError`` if a direction is open.
+    """
+    problem, values = optimum.problem, optimum.values
+    reduced = optimum.linearise().eliminate()
+    poses = [POSE(k) for k in range(problem.measurements.count)]
+    J = over_floor_jacobians(problem, values)
+    if not problem.self_calibrates:
+        joint = reduced.joint_covariances(poses, WORLD)
+    else:
+        joint = reduced.joint_covariances(poses, WORLD, CALIBRATION(0))
+        J = np.concatenate([J, _equal_motions(optimum)], axis=2)
+    return np.asarray(J @ joint @ np.swapaxes(J, 1, 2))
+
+
+def _equal_motions(optimum: BundleOptimum) -> Array:
+    """Return (n, 6, q) the motions of each body that move the floor in its picture as the lens does."""
+    cameras = Cameras.of(optimum.problem, optimum.values)
+    ray, of_lens = _rays(cameras.calibration, optimum.cost.observations.pixel)
+    transform = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c)
+    metric = np.diag([1.0, 1.0, 1.0, *(transform.scale,) * 3])
+    return np.array(
+        [transform.adjoint @ metric @ _equal_motion(f_T_c, ray, of_lens) for f_T_c in cameras.f_T_c]
+    )
+
+
+def _rays(calibration: Array, pixel: Array) -> tuple[Array, Array]:
+    """Return directions (m, 3) at depth 1 over the observed part of the picture, and their derivatives
+    (m, 3, q) by the numbers of the lens at fixed pixels."""
+    sides = np.linspace(pixel.min(axis=0), pixel.max(axis=0), _RAYS)
+    grid = np.stack(np.meshgrid(*sides.T), axis=-1).reshape(-1, 2)
+    ray = np.column_stack([undistorted(calibration, grid), np.ones(len(grid))])
+    of_lens = np.zeros((*ray.shape, len(calibration)))
+    for number, value in enumerate(calibration):
+        step = np.zeros(len(calibration))
+        step[number] = _STEP * max(abs(value), 1.0)
+        ends = [undistorted(calibration + sign * step, grid) for sign in (1.0, -1.0)]
+        of_lens[:, :2, number] = (ends[0] - ends[1]) / (2.0 * step[number])
+    return ray, of_lens
+
+
+def _equal_motion(f_T_c: Array, ray: Array, of_lens: Array) -> Array:
+    """Return (6, q) the right perturbations of a camera (4, 4), in mean heights, that move the floor at the
+    ends of its rays as the lens does, in least squares."""
+    R, height = f_T_c[:3, :3], f_T_c[2, 3]
+    direction = ray @ R.T
+    # What moves the end of a ray moves the floor there after a slide along the ray, back to the floor.
+    slide = np.zeros((len(ray), 2, 3))
+    slide[:, 0, 0] = slide[:, 1, 1] = 1.0
+    slide[:, :, 2] = -direction[:, :2] / direction[:, 2:]
+    of_end = slide @ R
+    length = (-height / direction[:, 2])[:, None, None]
+    turned = np.array([-cross_matrix(each) for each in ray])
+    of_pose = np.concatenate([of_end @ (length * turned), of_end], axis=2).reshape(-1, 6)
+    by_lens = (of_end @ (length * of_lens)).reshape(len(of_pose), -1)
+    return np.asarray(np.linalg.lstsq(of_pose, by_lens, rcond=None)[0])
