@@ -11,7 +11,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Gps
 from slam.core.geodesy import geodetic_from_enu
 from slam.evaluation import evaluate
-from slam.mapping import pipeline
+from slam.mapping import main_loop
 from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import ORIGIN, flown
 
@@ -83,7 +83,7 @@ def test_an_antenna_at_the_origin_keeps_every_bit(monkeypatch: pytest.MonkeyPatc
     flight = surveyed("along_path", ORIGIN_M)
     estimate = optimize(flight)
     assert warning_of(estimate) == ""
-    monkeypatch.setattr(pipeline, "freed_calibrations", lambda *_: None)
+    monkeypatch.setattr(main_loop, "freed_calibrations", lambda *_: None)
     plain = optimize(flight)
     assert np.array_equal(estimate.w_T_b, plain.w_T_b)
     assert np.array_equal(estimate.covariances, plain.covariances)

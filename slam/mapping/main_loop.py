@@ -1,0 +1,155 @@
+"""The main loop of a map: its stages in their order, and again where a map refutes what it was made with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from threadpoolctl import threadpool_limits
+
+from backend.bundle.systematic_errors import SystematicErrors
+from frontend.camera import Camera
+from slam.core.arguments import check_flight
+from slam.core.errors import NO_CAMERA, InputError
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
+from slam.core.heap import map_large_blocks
+from slam.core.progress import Progress
+from slam.core.stage_timer import Stopwatch
+from slam.mapping.build_estimate import build_estimate, shared_errors
+from slam.mapping.calibration.refuted import HELD, Freed
+from slam.mapping.config import PipelineConfig
+from slam.mapping.context import Context, Job
+from slam.mapping.earlier_pass import EarlierPass
+from slam.mapping.floor_visibility import without_horizon_frames
+from slam.mapping.front_end import Observations, TrackedPictures
+from slam.mapping.map import Map
+from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
+from slam.mapping.stages import (
+    close_loops,
+    freed_calibrations,
+    match_overlaps,
+    odometry,
+    refine,
+    self_calibrate,
+    solve_again,
+    track,
+    with_freed,
+)
+from slam.mapping.turn_units import in_radians
+
+MOST_PASSES = 2
+"""Obstacles bend the first map and are then misplaced in it; the second pass places them again."""
+LEAST_LEFT = 0.5
+"""Smallest share of the mapped keyframes that masks must leave: below it there is no floor to see."""
+
+
+def map_flight(
+    flight: Flight, config: PipelineConfig, progress: Progress, tracked: TrackedPictures | None
+) -> tuple[Estimate, Observations]:
+    """Return what `slam.mapping.pipeline.optimize_with_observations` does."""
+    map_large_blocks()
+    camera = _camera(flight)
+    flight = without_horizon_frames(in_radians(flight), camera)
+    job = Job(camera, config, progress, Stopwatch())
+    # Threads of BLAS and of OpenCV would compete for the same cores.
+    with threadpool_limits(1, "blas"):
+        finished = _with_refuted_freed(_finished(job, flight, tracked), flight)
+        context, refined = finished.context, finished.refined
+        estimate = build_estimate(context, refined, finished.shared, finished.untested)
+        stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
+        echoes = echoes_in_map(flight.sonar, stamps_s, poses, refined.floor_z_m)
+        elevation = echoes.map if echoes else None
+        return replace(estimate, elevation=elevation, metric=refined.metric), refined.observations
+
+
+@dataclass(frozen=True)
+class _Finished:
+    """A map with the errors that all its pictures share."""
+
+    context: Context
+    refined: Map
+    shared: SystematicErrors | None
+    untested: Sequence[str]
+
+
+def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) -> _Finished:
+    context, refined = _map_without_obstacles(job, flight, tracked)
+    matched = match_overlaps(context, refined)
+    refined = refine(context, solve_again(context, matched), with_inertia=True)
+    context, refined = self_calibrate(context, matched, refined)
+    return _Finished(context, refined, *shared_errors(refined))
+
+
+def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
+    """Map the flight again as long as the pictures refute a calibration that the map holds."""
+    for _ in HELD:
+        freed = freed_calibrations(finished.context, finished.refined, finished.shared)
+        if freed is None:
+            break
+        if freed.changes_nothing(finished.context.job.camera):
+            return replace(finished, context=replace(finished.context, still_held=freed.reason))
+        again = _again(finished, flight, freed)
+        if again is None:
+            break
+        finished = again
+    return finished
+
+
+def _again(first: _Finished, flight: Flight, freed: Freed) -> _Finished | None:
+    """Return the map with freed calibrations; None where no map comes out of it.
+
+    With another lens the pictures are rectified anew: features that the told one makes move are found again.
+    """
+    job = first.context.job
+    try:
+        if freed.camera is job.camera:
+            context, refined = with_freed(first.context, first.refined, freed)
+            again = _Finished(context, refined, *shared_errors(refined))
+        else:
+            again = _finished(replace(job, camera=freed.camera), replace(flight, gps=freed.gps))
+    except InputError:  # no pictures join with this lens
+        return None
+    if again.refined.main_share < LEAST_LEFT * first.refined.main_share:
+        return None
+    refuted = (*first.context.refuted, *freed.refuted)
+    return replace(again, context=replace(again.context, refuted=refuted, still_held=freed.reason))
+
+
+def _first_map(
+    job: Job,
+    flight: Flight,
+    masks: Masks,
+    earlier: EarlierPass | None = None,
+    tracked: TrackedPictures | None = None,
+) -> tuple[Context, Map]:
+    context, observations = track(job, flight, masks, earlier, tracked)
+    return context, refine(context, close_loops(context, odometry(context, observations)))
+
+
+def _map_without_obstacles(job: Job, flight: Flight, tracked: TrackedPictures | None) -> tuple[Context, Map]:
+    """Map the flight, mask the obstacles that the sonar finds on this map, and map it again."""
+    masked: Obstacles | None = None
+    context, refined = _first_map(job, flight, no_masks, tracked=tracked)
+    unmasked = context.front_end.work
+    for _ in range(MOST_PASSES):
+        poses, stamps_s = refined.of_main(refined.over_floor_T_b), refined.observations.stamps_s
+        found = find_obstacles(flight, job.camera, stamps_s, poses, refined.floor_z_m, job.config.masking)
+        if found is None or (masked is not None and not found.moved_from(masked)):
+            break
+        try:
+            again, remapped = _first_map(job, found.cleared(flight), found.masks, unmasked)
+        except InputError:  # no pictures join with these masks
+            return context.with_warning(found.unusable_masks_warning), refined
+        if remapped.main_share < LEAST_LEFT * refined.main_share:
+            return context.with_warning(found.unusable_masks_warning), refined
+        masked, context, refined = found, again, remapped
+    return context, refined
+
+
+def _camera(flight: Flight) -> Camera:
+    check_flight(flight)
+    if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
+        why = flight.reason_not_read("cam0") or "no camera in this flight"
+        raise InputError(f"{flight.name}: {why}, so no map; {NO_CAMERA}")
+    return flight.camera
