@@ -73,7 +73,7 @@ def transfer(f_T_k: Array, f_T_j: Array, rays: Array, plane: ImagePlane) -> Tran
     moved = (by_point - by_height[..., None] * [0.0, 0.0, 1.0]) @ f_R_j[:, None]
     away = point[..., :2] - f_T_k[:, None, :2, 3]
     return TransferredPoints(
-        pixel=_rows(xy * plane.focal_px + plane.center_px)[..., 0],
+        pixel=_rows(xy * plane.focal_px + plane.center_px),
         by_keyframe=_rows(np.concatenate([by_k_p @ cross_matrix(k_p), -by_k_p], axis=-1)),
         by_frame=_rows(
             np.concatenate([-depth[..., None, None] * moved @ cross_matrix(rays), moved], axis=-1)
@@ -84,7 +84,7 @@ def transfer(f_T_k: Array, f_T_j: Array, rays: Array, plane: ImagePlane) -> Tran
 
 def _rows(by_point: Array) -> Array:
     """Join the coordinates of the points (m, 4, 2, ...) to rows (m, 8, ...)."""
-    return by_point.reshape(len(by_point), ROWS, -1)
+    return by_point.reshape(len(by_point), ROWS, *by_point.shape[3:])
 
 
 def place(f_T_k: Array, rays: Array, pixel: Array, plane: ImagePlane) -> Array:

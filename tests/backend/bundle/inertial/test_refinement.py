@@ -56,6 +56,13 @@ def test_readings_connect_both_sides_of_a_gap(made):
     assert bundle.noise.inertial.accel < 1.3
 
 
+def test_readings_connect_both_sides_of_a_gap_without_pictures_between_keyframes(made):
+    """At a few pictures a second each is a keyframe."""
+    bundle = refine(replace(made.measurements, frames=()), made.start)
+    assert bundle.optimum.problem.inertial is not None
+    assert nees(bundle.w_T_b, made.w_T_b, bundle.covariances)[-1] < chi_square_limit(1e-4, 6)
+
+
 def test_pictures_between_keyframes_change_nothing_without_an_imu():
     made = make(InertialScene(gap_s=None, seconds=3.0), 0)
     alone = replace(made.measurements, inertial=None)
