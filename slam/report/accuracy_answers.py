@@ -151,7 +151,8 @@ def _beside(estimate: Estimate) -> str:
 
 def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     """Return from where heights count, how accurate they are, and what measured the ground."""
-    text = f"Heights {facts.datum}."
+    tilted = any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings)
+    text = f"{_heights_verdict(facts, summary.status, tilted)} Heights {facts.datum}."
     std_m = heights_over_floor(estimate)[1]
     if np.isfinite(std_m).any():
         typical = facts.length(float(np.nanmedian(std_m)))
@@ -175,9 +176,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is "
             f"least certain: this counts {counted} of the whole map."
         )
-    if summary.status != "ok":
-        text += " Read “Check this first” above before you use them."
-    if any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings):
+    if tilted:
         across_m = max(facts.extent_m)
         text += (
             " A warning below names attitude0: the tilt of the whole map may be wrong by more. Each degree "
@@ -185,6 +184,18 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"other, {facts.length(across_m)} away."
         )
     return text
+
+
+def _heights_verdict(facts: Facts, status: str, tilted: bool) -> str:
+    if not facts.metric:
+        return "Only in ratio to each other, because the map has no metres."
+    if status != "ok":
+        return "Only after you have checked what “Check this first” above names."
+    if tilted:
+        return "Over the ground, yes. Whether the whole map leans is doubted: see the end of this answer."
+    if facts.relative_to or facts.controlled:
+        return "Yes, within the figures that follow."
+    return "Over the ground, yes, within the figures that follow. As altitudes, only as the GPS counts them."
 
 
 def loops(estimate: Estimate, facts: Facts) -> str:

@@ -24,8 +24,8 @@ _TITLE = (
     "that it is more accurate than the map needs"
 )
 _COLUMNS = (
-    "instrument", "readings", "one reading is good to", "used?", "place (x, y)", "height (z)", "heading",
-    "lengths",
+    "instrument", "readings", "one reading states or is assumed to be good to", "used?", "place (x, y)",
+    "height (z)", "heading", "lengths",
 )  # fmt: skip
 _DIRECTIONS = (("x", "y"), ("z",), ("yaw",), ("scale",))
 NOT_USED = "no: others are more accurate"

@@ -377,10 +377,16 @@ def test_places_and_lengths_have_limits_of_their_own():
 def test_a_doubted_attitude_says_what_a_degree_of_tilt_does():
     estimate, flight = made_estimate(), made_flight()
     question = "Are the heights true?"
-    assert "Each degree" not in answers(replace(estimate, warnings=()), flight)[question]
+    told = answers(replace(estimate, status="ok", warnings=()), flight)[question]
+    assert told.startswith("Yes")
+    assert "Each degree" not in told
+    on_earth = replace(estimate, status="ok", warnings=(), origin=GeoOrigin(52.1, 4.3, 10.0))
+    assert "As altitudes, only as the GPS counts them" in answers(on_earth, flight)[question]
+    assert answers(replace(estimate, status="x"), flight)[question].startswith("Only after you have checked")
     noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
     across_m = max(gather(estimate, flight).extent_m)
-    found = answers(noted, flight)[question]
+    found = answers(replace(noted, status="ok"), flight)[question]
+    assert found.startswith("Over the ground, yes. Whether the whole map leans is doubted")
     assert f"Each degree raises one end of the path by {length(np.tan(np.radians(1)) * across_m)}" in found
 
 

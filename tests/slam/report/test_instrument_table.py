@@ -14,6 +14,8 @@ from tests.slam.made_estimate import made_estimate, made_flight
 
 SHARES = {"x": {"range": 0.7, "position": 0.3}, "y": {"range": 0.5, "position": 0.5}, "scale": {"range": 1.0}}
 
+STATED = "one reading states or is assumed to be good to"
+
 
 def rows_of(estimate, flight):
     (table,) = instrument_table(estimate, flight)
@@ -30,8 +32,8 @@ def test_each_instrument_states_its_accuracy_its_use_and_its_shares():
     flight = flown()
     estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
     found = rows_of(estimate, flight)
-    assert found["the GPS"]["one reading is good to"] == f"{length(np.sqrt(2.5))}, height {length(4.0)}"
-    sonar = found["the height sensor"]["one reading is good to"]
+    assert found["the GPS"][STATED] == f"{length(np.sqrt(2.5))}, height {length(4.0)}"
+    sonar = found["the height sensor"][STATED]
     assert sonar.startswith(length(flight.sonar.noise_std_m))
     assert f"gain {percent(flight.sonar.scale_std)}" in sonar
     assert found["the GPS"]["used?"] == "yes"
