@@ -14,14 +14,14 @@ from slam.core.ranges_at_body import ranges_at_body
 from slam.criticism.extended import with_certainty
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.record import has_commands
-from slam.criticism.prepare import prepare
+from slam.criticism.prepare import prepare, untold
 from slam.criticism.search.search import search
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.explanation import explain
 from slam.criticism.verdict.judge import judge
 from slam.criticism.verdict.sentence import unusable
 from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
-from slam.data_quality import without_dead_streams
+from slam.data_quality import without_dead_streams, without_frozen
 from slam.simulation.model import Model, load_model
 
 
@@ -49,11 +49,12 @@ def criticise(
 
 def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """Return the verdict on flights with command logs."""
+    flights, readings = without_frozen(flights)
     records, dropped = usable_records(flights, progress)
     names = tuple(record.name for record in records)
     if not records:
         return unusable(dropped or ["no flights"], dropped)
-    prepared = prepare(records, model, progress)
+    prepared = prepare(records, model, progress, untold(readings))
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
     criticism = judge(prepared, explain(found, progress), model, progress)
     return replace(criticism, flights=names, dropped=(*dropped, *criticism.dropped))

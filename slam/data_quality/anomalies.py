@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,17 +39,24 @@ def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
     return found
 
 
-def without_frozen(flight: Flight) -> tuple[Flight, list[str]]:
-    """Return the flight without repeated ranges and speeds of frozen instruments, and descriptions of all
-    anomalies of its streams."""
-    anomalies = stream_anomalies(flight)
-    for anomaly in anomalies:
-        if anomaly.repeated is None:
-            continue
-        if anomaly.stream == "sonar" and flight.sonar is not None:
-            range_m = np.where(anomaly.repeated, np.nan, flight.sonar.range_m)
-            flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))
-        elif anomaly.stream == "velocity" and flight.velocity is not None:
-            v_m_s = np.where(anomaly.repeated[:, None], np.nan, flight.velocity.v_m_s)
-            flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
-    return flight, [anomaly.words for anomaly in anomalies]
+def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[StreamAnomaly]]:
+    """Return the flights without repeated ranges and speeds of frozen instruments, and all anomalies of their
+    streams. Of several flights the words begin with the name."""
+    clean, anomalies = [], []
+    for flight in flights:
+        found = stream_anomalies(flight)
+        clean.append(_without_repeated(flight, found))
+        label = f"{flight.name}: " if len(flights) > 1 else ""
+        anomalies += [replace(anomaly, words=label + anomaly.words) for anomaly in found]
+    return clean, anomalies
+
+
+def _without_repeated(flight: Flight, anomalies: Sequence[StreamAnomaly]) -> Flight:
+    repeated = {a.stream: a.repeated for a in anomalies if a.repeated is not None}
+    if flight.sonar is not None and "sonar" in repeated:
+        range_m = np.where(repeated["sonar"], np.nan, flight.sonar.range_m)
+        flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))
+    if flight.velocity is not None and "velocity" in repeated:
+        v_m_s = np.where(repeated["velocity"][:, None], np.nan, flight.velocity.v_m_s)
+        flight = replace(flight, velocity=replace(flight.velocity, v_m_s=v_m_s))
+    return flight

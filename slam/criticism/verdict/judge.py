@@ -61,7 +61,8 @@ def judge(prepared: PreparedFlights, explanation: Explanation, model: Model, pro
     causes = by_importance([*likely, *(o.cause() for o in anomalies)])
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, left_over(records, found, doubts, best, (causes, faint)), pattern_z,
+        causes, found, posterior, left,
+        [*prepared.streams, *left_over(records, found, doubts, best, (causes, faint))], pattern_z,
         [name for o in anomalies for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)

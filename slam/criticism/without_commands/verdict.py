@@ -45,7 +45,6 @@ from slam.criticism.without_commands.rollouts import channel_errors
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.unexplained import (
     axes_of,
-    in_words,
     left_over,
     noise_of,
     not_shown,
@@ -77,9 +76,7 @@ def criticise_without_commands(
     flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
 ) -> Criticism | None:
     """Compare the instruments with each other; None where the flights have no two that can be compared."""
-    clean = [without_frozen(flight) for flight in flights]
-    readings = in_words([f.name for f in flights], [words for _, words in clean])
-    flights = [flight for flight, _ in clean]
+    flights, readings = without_frozen(flights)
     compare = compare_sensors(flights, model, progress)
     rows = compare.rows({})
     if not any(rows):
@@ -93,7 +90,7 @@ def criticise_without_commands(
     causes = tuple(sorted((*by_importance(likely), *anomalies), key=lambda c: c.probability <= LIKELY))
     wrong, unknown = axes_of(flights)
     unclear = [f"what looks like {cause.name} is something else" for cause in faint]
-    remains = [*wrong, *readings, *left_over(found, rows), *unclear]
+    remains = [*wrong, *(r.words for r in readings), *left_over(found, rows), *unclear]
     verdict, equivalents, remainder = decide(causes, found, posterior, (), remains, STANDS_OUT_Z)
     seen = detectable(found.first, STANDS_OUT_Z)
     probability = posterior.probability | {c.name: c.probability for c in causes}

@@ -1,4 +1,4 @@
-"""Errors that no term describes, in simulated flights without commands: told with their channel."""
+"""Errors that no term describes, in simulated flights: told with their channel."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.criticism import criticise
+from slam.criticism.verdict.consistency import _break
 from slam.criticism.without_commands.axes import wrong_axes
-from slam.criticism.without_commands.consistency import _break
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
+from tests.benchmarks.injections import KINDS
+from tests.slam.criticism.judged_flights import SLOWER
 
 SHOWN = 400
 
@@ -48,3 +53,16 @@ def test_wrong_axes_are_told_and_right_ones_are_not():
     turned = replace(flight, velocity=replace(flight.velocity, v_m_s=-flight.velocity.v_m_s))
     assert any("velocity ahead reads the velocity to the left" in words for words in wrong_axes(swapped)[0])
     assert any("its sign turned over" in words for words in wrong_axes(turned)[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stream", ["sonar", "velocity"])
+def test_a_frozen_stream_is_told_on_flights_with_commands(stream):
+    # The range of a climb, and the speed of runs: what stands still is not frozen.
+    frozen = KINDS[f"{stream} frozen"]
+    plan = ["three speeds forward: 0.1, 0.2, 0.4", "brisk climb steps at full stick"]
+    made = [simulate_flight(SLOWER, stick_for(plan), seed) for seed in (1, 2)]
+    found = criticise([frozen.inject(flight, frozen.sizes[2]) for flight in made], SLOWER)
+    assert found.causes == ()
+    assert f"the {stream} repeats its reading" in found.remainder
+    assert found.verdict == "unknown"
