@@ -22,7 +22,6 @@ from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
-from slam.criticism.search.inclusion import is_saturation
 from slam.criticism.search.screening import project
 from slam.criticism.search.search import SearchResult
 from slam.criticism.threads import in_threads
@@ -63,7 +62,7 @@ def next_flight(
     for least, effect, name in sorted(pairs, key=lambda pair: -pair[0])[:MOST_PAIRS]:
         if least < PRINTED:
             break
-        if is_saturation(effect):
+        if effect.is_saturation:
             # No slope shows it: the first expansion has it at values of a grid, and the other's size.
             other, effect = (_best_way(found.first, n) for n in (effect.name, name))
             expansion, chosen = found.first, [effect]

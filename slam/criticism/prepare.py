@@ -16,7 +16,6 @@ from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, are_quant
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
 from slam.criticism.threads import in_threads
-from slam.data_quality import StreamAnomaly
 from slam.simulation.model import Model
 
 CLOSED_LOOP = 1.5
@@ -37,25 +36,10 @@ class PreparedFlights:
     """Descriptions of the pictures that were left out."""
     anomalies: list[ReadingAnomaly]
     """Anomalies of single readings that were found before any filter ran."""
-    streams: tuple[str, ...] = ()
-    """Descriptions of what whole streams show, which no term explains."""
 
 
-def untold(readings: Sequence[StreamAnomaly]) -> tuple[str, ...]:
-    """Describe the anomalies of streams that no term and no innovation shows: frozen and rounded readings,
-    apart from ranges, whose rounding is a term."""
-    return tuple(
-        r.words for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar")
-    )
-
-
-def prepare(
-    records: Sequence[Record], model: Model, progress: Progress, streams: tuple[str, ...] = ()
-) -> PreparedFlights:
-    """Return the inputs of the search from the records of flights that can be judged.
-
-    ``streams`` are descriptions of what whole streams show.
-    """
+def prepare(records: Sequence[Record], model: Model, progress: Progress) -> PreparedFlights:
+    """Return the inputs of the search from the records of flights that can be judged."""
     limits = load_thresholds(pictures=any(record.matches is not None for record in records))
     nominal = replace(filter_parameters_of(model), out_of_model=is_out_of_model(records, model))
     if nominal.out_of_model:
@@ -70,7 +54,7 @@ def prepare(
     if not nominal.out_of_model and not are_quantised(records):
         records, steps = without_boxes(records, nominal)
         anomalies = [*anomalies, *steps]
-    return PreparedFlights(list(records), nominal, limits, mismatched, anomalies, streams)
+    return PreparedFlights(list(records), nominal, limits, mismatched, anomalies)
 
 
 def _filtered(

@@ -14,7 +14,7 @@ from slam.core.ranges_at_body import ranges_at_body
 from slam.criticism.extended import with_certainty
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.record import has_commands
-from slam.criticism.prepare import prepare, untold
+from slam.criticism.prepare import prepare
 from slam.criticism.search.search import search
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.explanation import explain
@@ -54,9 +54,9 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
     names = tuple(record.name for record in records)
     if not records:
         return unusable(dropped or ["no flights"], dropped)
-    prepared = prepare(records, model, progress, untold(readings))
+    prepared = prepare(records, model, progress)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
-    criticism = judge(prepared, explain(found, progress), model, progress)
+    criticism = judge(prepared, explain(found, progress), readings, model, progress)
     return replace(criticism, flights=names, dropped=(*dropped, *criticism.dropped))
 
 

@@ -15,7 +15,6 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitting import refit
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, similar_nats
-from slam.simulation.terms import CATALOGUE
 
 CANDIDATES = 5
 WORTH_A_FIT = 0.25
@@ -66,10 +65,10 @@ def best_candidate(
         fits.append(_Fit(replace(test, nats=nats - base).worth, test.effect, parameters))
     alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
     best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
-    known = [fit for fit in fits if fit.effect.name in CATALOGUE]
+    known = [fit for fit in fits if fit.effect.is_term]
     alike -= similar_nats(np.sqrt(2.0 * max(best.worth, 0.0))) - VERY_SIMILAR_NATS
     rivals = {fit.effect.name for fit in known if fit.worth > alike} - {best.effect.name}
     leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
-    if best.effect.name not in CATALOGUE:
+    if not best.effect.is_term:
         leads = {}
     return BestCandidate(best.effect, best.parameters, tuple(sorted(rivals)), leads)

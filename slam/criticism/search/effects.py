@@ -7,7 +7,7 @@ their derivatives, and the meaning of a fitted value in the catalogue's units.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -53,6 +53,39 @@ class Effect:
     def label(self) -> str:
         """Name, with the first column: a term may be tried in several ways."""
         return f"{self.name}:{self.columns[0]}"
+
+    @property
+    def is_term(self) -> bool:
+        """Whether it is a term of the catalogue."""
+        return self.name in CATALOGUE
+
+    @property
+    def is_profiled(self) -> bool:
+        """Whether it is tried at the values of a grid: it has a size only once it is fitted."""
+        return AT in self.columns[0] and not self.changes
+
+    @property
+    def is_saturation(self) -> bool:
+        """Whether it saturates: its derivative at the limit does not predict the effect of removing the
+        limit."""
+        return self.is_term and CATALOGUE[self.name].parameters[0].is_limit
+
+    @property
+    def free(self) -> Effect:
+        """The effect as tried about parameters that include it: a value of a grid becomes free."""
+        if not self.is_profiled:
+            return self
+        return replace(self, perturbations=(_moving(f"{self.name}.{self.parameters[0]}"),))
+
+    def at_profiled_value(self, parameters: FilterParameters) -> FilterParameters:
+        """Return the parameters with a profiled effect at its value of the grid."""
+        return fitted_parameter(self.columns[0]).stepped(parameters, 1.0) if self.is_profiled else parameters
+
+    def without(self, parameters: FilterParameters) -> FilterParameters:
+        """Return the parameters without it; a nuisance beyond its range keeps its value."""
+        for column in (*(fitted_parameter(d.name) for d in self.free.perturbations), *self.changes):
+            parameters = column.stepped(parameters, -column.size_in(parameters))
+        return parameters
 
     def repeats(self, other: Effect) -> bool:
         """Whether it is the same quantity, even if tried in another way, such as gusts of another correlation

@@ -29,13 +29,11 @@ from slam.criticism.search.fitted_parameters import (
     NOISE_NUISANCES,
     fitted_parameter,
 )
-from slam.criticism.search.inclusion import is_profiled, with_free_value
 from slam.criticism.search.information import FisherInformation, fisher_information
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.thresholds import parameter_cost
 from slam.criticism.threads import in_threads
-from slam.simulation.terms import CATALOGUE
 
 NAMED_FIRST = 0.8
 """Share of its nats that counts for a constant out of its range or a delayed reading, which must explain more
@@ -54,7 +52,7 @@ class ScoreTest:
     def worth(self) -> float:
         """Nats less the cost of the parameters. An effect that is no term counts less, as it names no
         reason."""
-        share = 1.0 if self.effect.name in CATALOGUE else NAMED_FIRST
+        share = 1.0 if self.effect.is_term else NAMED_FIRST
         return share * self.nats - parameter_cost(len(self.effect.columns))
 
 
@@ -104,7 +102,7 @@ def expand(
     plain = in_threads(lambda record: whole(record, parameters), records)
     both = zip(records, plain, strict=True)
     signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
-    current = [with_free_value(effect) for effect in chosen if not effect.relaxes]
+    current = [effect.free for effect in chosen if not effect.relaxes]
     labels = {effect.label for effect in current}
     effects = [e for e in effects_for(records, parameters) if e.label not in labels] + current
     patterns = pattern_directions(records)
@@ -132,7 +130,7 @@ def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) 
     current = np.array([expansion.quadratic.current.get(column, 0.0) for column in effect.columns])
     if effect.positive and step[0] + current[0] < 0:
         return True
-    if is_profiled(effect) or not effect.perturbations or not effect.parameters:
+    if effect.is_profiled or not effect.perturbations or not effect.parameters:
         return False
     std = 2.0 * np.sqrt(np.diag(covariance))
     for k, name in enumerate(effect.parameters):

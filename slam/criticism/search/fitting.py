@@ -17,7 +17,6 @@ from slam.criticism.search.fitted_parameters import (
     NUISANCES,
     fitted_parameter,
 )
-from slam.criticism.search.inclusion import at_profiled_value, with_free_value
 from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 
@@ -80,8 +79,8 @@ def refit(
     """Fit the terms and the nuisances of the mean by Gauss-Newton; return log likelihood and parameters at
     the end."""
     for effect in effects:
-        parameters = at_profiled_value(effect, parameters)
-    effects = [with_free_value(e) for e in effects]
+        parameters = effect.at_profiled_value(parameters)
+    effects = [e.free for e in effects]
     with_changes = [e for e in effects if e.changes]
     best: tuple[float, FilterParameters] | None = None
     share, step, columns = 1.0, np.zeros(0), []

@@ -15,7 +15,6 @@ import numpy as np
 
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, backwards
-from slam.criticism.search.inclusion import is_profiled
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import Thresholds, parameter_cost
 from slam.simulation.terms import CATALOGUE
@@ -44,7 +43,7 @@ def ranked_pairs(
     excluded = [*rest, without] if without is not None else rest
     known = [
         e for e in expansion.effects
-        if e.name in CATALOGUE and e.perturbations and not is_profiled(e) and
+        if e.is_term and e.perturbations and not e.is_profiled and
         not any(map(e.repeats, excluded))
     ]  # fmt: skip
     base = expansion.quadratic.maximise(rest).nats

@@ -21,13 +21,6 @@ from slam.criticism.search.correlated_noise import ar1_effects, with_ar1_noise, 
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
 from slam.criticism.search.fitting import first_seconds, fit_nuisances, refit
-from slam.criticism.search.inclusion import (
-    is_profiled,
-    is_saturation,
-    with_free_value,
-    without_effect,
-    without_saturation,
-)
 from slam.criticism.search.pairs import mask_each_other, masked_pair
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, Thresholds, parameter_cost, with_misfit
@@ -74,7 +67,7 @@ def with_term_replaced(
     what others would explain in its place shows only about the parameters with it.
     """
     rest = [e for e in found.chosen if e is not place]
-    bare = without_effect(place, found.last.parameters)
+    bare = place.without(found.last.parameters)
     old, _ = refit(records, found.model, found.last.parameters, found.chosen)
     old -= parameter_cost(len(place.columns))
     fits = []
@@ -86,7 +79,7 @@ def with_term_replaced(
         fits.append((nats - cost, others, parameters))
     best, others, parameters = max(fits, key=lambda fit: fit[0])
     gained = best - old
-    chosen = [with_free_value(e) for e in (*rest, *others)]
+    chosen = [e.free for e in (*rest, *others)]
     alike = abs(gained) < VERY_SIMILAR_NATS
     if gained <= 0.0:
         if len(others) == 1:
@@ -190,7 +183,7 @@ class _SequentialSearch:
         """
         long = sum(record.duration_s for record in self.records) / PART_S
         part = long > 2.0 and by_much(self._significant(), self._strong_z)
-        self.chosen = [with_free_value(c) for c in self.chosen]
+        self.chosen = [c.free for c in self.chosen]
         if not part:
             self._expand_all(parameters)
             return
@@ -212,9 +205,9 @@ class _SequentialSearch:
         """Remove the terms that the others have made superfluous."""
         before = self.chosen
         self.chosen = _needed(self.records, self._model, self.expansion, before, self._limits)
-        for saturation in (e for e in before if is_saturation(e) and e not in self.chosen):
+        for saturation in (e for e in before if e.is_saturation and e not in self.chosen):
             # An expansion about parameters with a saturation does not show what the flights do beyond it.
-            self._expand(self._with_chosen(without_saturation(saturation, self.expansion.parameters)))
+            self._expand(self._with_chosen(saturation.without(self.expansion.parameters)))
 
     def _significant(self) -> list[ScoreTest]:
         threshold = (
@@ -267,7 +260,7 @@ def _doubtful(significant: Sequence[ScoreTest], strong_z: float) -> Sequence[Sco
     effect is nonlinear, and none where one expansion decides.
     """
     best = significant[0]
-    if best.z >= strong_z or is_profiled(best.effect):
+    if best.z >= strong_z or best.effect.is_profiled:
         return significant
     alike = [s for s in significant if s.worth > best.worth - VERY_SIMILAR_NATS]
     return alike if best.z >= CURVED_Z and len({s.effect.name for s in alike}) > 1 else ()
@@ -304,21 +297,21 @@ def _needed(
     kept = list(chosen)
     if (
         len(chosen) == 2
-        and not any(is_saturation(e) for e in chosen)
+        and not any(e.is_saturation for e in chosen)
         and mask_each_other(expansion, chosen, limits)
     ):
         return kept
     alone = [
         expansion.score_tests([o for o in chosen if o is not e], [e])[0].z
         for e in chosen
-        if not is_saturation(e)
+        if not e.is_saturation
     ]
     threshold = with_misfit(limits.second, max(alone, default=0.0))
     for effect in chosen:
         others = [e for e in kept if e is not effect]
         if not others:
             continue
-        if is_saturation(effect):
+        if effect.is_saturation:
             z = _without(records, model, expansion, others, effect)
         else:
             z = expansion.score_tests(others, [effect])[0].z
@@ -337,5 +330,5 @@ def _without(
     """Return the z of a saturation beside the others, both hypotheses fitted with the filter run anew."""
     short = [first_seconds(record, SHORT_S / len(records)) for record in records]
     known, _ = refit(short, model, expansion.parameters, [*others, saturation])
-    open_way, _ = refit(short, model, without_saturation(saturation, expansion.parameters), others)
+    open_way, _ = refit(short, model, saturation.without(expansion.parameters), others)
     return deviate(2.0 * max(known - open_way, 0.0), len(saturation.columns))

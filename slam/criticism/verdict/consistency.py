@@ -19,12 +19,10 @@ from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
 from slam.criticism.search.effects import Effect, catalogue_value, is_variance
-from slam.criticism.search.inclusion import is_saturation
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import with_misfit
-from slam.criticism.verdict.posterior import is_term
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -77,10 +75,10 @@ def contradictions(found: SearchResult) -> tuple[dict[str, str], set[str]]:
         worst = max(parts, key=lambda part: part.z)
         rest = [e for e in found.chosen if e is not effect]
         whole = found.last.score_tests(rest, [effect])[0]
-        if worst.z < with_misfit(DISAGREE_Z, 0.0 if is_saturation(effect) else whole.z):
+        if worst.z < with_misfit(DISAGREE_Z, 0.0 if effect.is_saturation else whole.z):
             continue
         descriptions[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
-        if not is_saturation(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
+        if not effect.is_saturation and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
     return descriptions, refuted
 
@@ -126,7 +124,7 @@ def _consistency(
 def disagreements(found: SearchResult) -> list[str]:
     """Describe parameters of the chosen terms that vary between segments by half of themselves."""
     descriptions = []
-    for effect in filter(is_term, found.chosen):
+    for effect in (e for e in found.chosen if e.is_term):
         for name, sizes in varying_sizes(found, effect).items():
             k = effect.columns.index(name)
             unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
@@ -193,7 +191,7 @@ def onset(found: SearchResult, fisher: FisherInformation, begin_s: Array) -> Ons
     """
     changes = [
         change
-        for effect in found.last.effects if is_term(effect)
+        for effect in found.last.effects if effect.is_term
         for perturbation in effect.perturbations if not is_variance(perturbation)
         for change in _changes(found, fisher, begin_s, effect, perturbation.name) if change.z > CERTAIN_Z
     ]  # fmt: skip

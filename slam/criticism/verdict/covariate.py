@@ -19,7 +19,6 @@ from slam.criticism.kalman.readings import BEYOND_IMU, CHANNEL_UNITS, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import first_seconds, refit
-from slam.criticism.search.inclusion import is_saturation, without_effect
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, SearchResult
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.held_out import fitted_parameters
@@ -77,9 +76,9 @@ def covariate(
     other = _as_effect(rival, found, effect, rest)
 
     def refitted(effects: list[Effect]) -> FilterParameters:
-        if z < LINEAR_Z and not is_saturation(effect):
+        if z < LINEAR_Z and not effect.is_saturation:
             return fitted_parameters(found, effects)
-        return refit(short, found.model, without_effect(effect, parameters), effects)[1]
+        return refit(short, found.model, effect.without(parameters), effects)[1]
 
     models = {"": refitted(rest), cause: parameters}
     if other is not None:
@@ -119,7 +118,7 @@ def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[E
 
     Only the first expansion describes the flights without a saturation.
     """
-    expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, list(rest))
+    expansion, beside = (found.first, []) if effect.is_saturation else (found.last, list(rest))
     ways = [e for e in expansion.effects if e.name == rival and (e.perturbations or e.relaxes)]
     best = next(iter(expansion.score_tests(beside, ways)), None)
     return best.effect if best is not None else None

@@ -14,12 +14,11 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import LATE, Effect, catalogue_value
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.search.inclusion import is_saturation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Verdict
 from slam.criticism.verdict.held_out import HeldOut, held_out
-from slam.criticism.verdict.posterior import SOMETHING_ELSE, Posterior, is_term, required_nats
+from slam.criticism.verdict.posterior import SOMETHING_ELSE, Posterior, required_nats
 from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.criticism.verdict.rollouts import rollout_errors
@@ -49,11 +48,11 @@ def confirmed_terms(records: Sequence[Record], found: SearchResult) -> SearchRes
     that of the healthy vehicle.
     """
     chosen = list(found.chosen)
-    while any(is_term(e) for e in chosen):
+    while any(e.is_term for e in chosen):
         gains = []
         for effect in chosen:
             rest = [e for e in chosen if e is not effect]
-            if is_term(effect) and _standing_z(found, effect, rest) < PLAIN_Z:
+            if effect.is_term and _standing_z(found, effect, rest) < PLAIN_Z:
                 tried = replace(found, chosen=tuple(chosen))
                 gains.append((held_out(records, tried, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
@@ -66,7 +65,7 @@ def confirmed_terms(records: Sequence[Record], found: SearchResult) -> SearchRes
 def _standing_z(found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> float:
     """Return the z of a chosen term beside the others; for a saturation, that of the healthy vehicle if it is
     alone, else infinity. No expansion about parameters with a saturation can test it."""
-    if not is_saturation(effect):
+    if not effect.is_saturation:
         return found.last.score_tests(rest, [effect])[0].z
     known = [e for e in found.first.effects if e.name == effect.name]
     return np.inf if rest else max(s.z for s in found.first.score_tests([], known))
@@ -80,7 +79,7 @@ def errors_of(
     after = all_together.after if best is None else best.left_out
     fitted_by_others = (all_together.before, after)
     channels = rollout_errors(found.records, *fitted_by_others)
-    perturbations = [d for e in found.chosen if is_term(e) for d in e.perturbations]
+    perturbations = [d for e in found.chosen if e.is_term for d in e.perturbations]
     if any(d.kind == "camera" and d.entry < POINTS for d in perturbations):
         channels = (*channels, *reprojection_errors(found.records, *fitted_by_others))
     return channels
@@ -98,14 +97,14 @@ def causes_of(
     ``all_together``: their gain on held-out flights over none of them. ``channels``: errors without and with
     them.
     """
-    known = [e for e in found.chosen if is_term(e)]
+    known = [e for e in found.chosen if e.is_term]
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
         # Only the first expansion describes the flights without a saturation.
-        own = held_out(found.records, found, rest) if rest and not is_saturation(effect) else all_together
+        own = held_out(found.records, found, rest) if rest and not effect.is_saturation else all_together
         place = list(found.chosen).index(effect)
-        expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, rest)
+        expansion, beside = (found.first, []) if effect.is_saturation else (found.last, rest)
         z = max(
             s.z
             for s in expansion.score_tests(beside, [e for e in expansion.effects if e.name == effect.name])
@@ -240,7 +239,7 @@ def decide(
     ``causes``: the leading one first. ``doubts``: descriptions of what else is left over. ``entailed``:
     nuisances out of range that a cause explains.
     """
-    others_left = [e for e in found.chosen if not is_term(e) and e.name not in entailed]
+    others_left = [e for e in found.chosen if not e.is_term and e.name not in entailed]
     remains = [*(_in_words(e, found) for e in others_left), *doubts]
     remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > pattern_z]
     if not causes:

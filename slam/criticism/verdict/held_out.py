@@ -21,7 +21,6 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.search.inclusion import is_profiled
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import SIZE_PRIOR
 
@@ -169,7 +168,7 @@ def _prior_std(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dic
 def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> FilterParameters:
     """Return the expansion's parameters after a step of all columns."""
     parameters = expansion.parameters
-    skip = {e.columns[0] for e in effects if is_profiled(e)}
+    skip = {e.columns[0] for e in effects if e.is_profiled}
     # No filter parameters hold a pattern.
     skip |= {d.name for e in effects for d in e.perturbations if d.kind in PATTERN_KINDS}
     for column, size in zip(expansion.fisher.columns, step, strict=True):

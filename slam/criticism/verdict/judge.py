@@ -30,26 +30,33 @@ from slam.criticism.verdict.decision import (
 )
 from slam.criticism.verdict.explanation import Explanation
 from slam.criticism.verdict.held_out import HeldOut, held_out
-from slam.criticism.verdict.posterior import is_term
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit
 from slam.criticism.verdict.sentence import unusable, with_sentences
 from slam.criticism.verdict.tables import checks, fitted_nuisances, noise_correlations, ranking
-from slam.criticism.verdict.unexplained import left_over, nearest_term
+from slam.criticism.verdict.unexplained import left_over, nearest_term, untold
+from slam.data_quality import StreamAnomaly
 from slam.simulation.model import Model
 
 SHOWN_PATTERNS, FEWEST_SHOWN = 8, 5
 """Number of patterns shown, and least number of effects that flights must be able to show: a tenth."""
 
 
-def judge(prepared: PreparedFlights, explanation: Explanation, model: Model, progress: Progress) -> Criticism:
-    """Return the criticism of a model by flights with command logs, from what explains them."""
+def judge(
+    prepared: PreparedFlights,
+    explanation: Explanation,
+    readings: Sequence[StreamAnomaly],
+    model: Model,
+    progress: Progress,
+) -> Criticism:
+    """Return the criticism of a model by flights with command logs, from what explains them. ``readings`` are
+    the anomalies of whole streams."""
     found, posterior, parameters = explanation.found, explanation.posterior, explanation.parameters
     records, limits, doubts, best = found.records, prepared.limits, explanation.doubts, explanation.best
     anomalies = [*prepared.anomalies, *reading_anomalies(records, found.last.fisher.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
-        together = held_out(records, found) if any(map(is_term, found.chosen)) else None
+        together = held_out(records, found) if any(e.is_term for e in found.chosen) else None
         errors = errors_of(found, together, best) if together else ()
         fitted = causes_of(found, posterior, together, errors, best) if together else ()
     left = sorted(found.last.score_tests(found.chosen, found.last.patterns), key=lambda s: -s.z)
@@ -62,7 +69,7 @@ def judge(prepared: PreparedFlights, explanation: Explanation, model: Model, pro
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
         causes, found, posterior, left,
-        [*prepared.streams, *left_over(records, found, doubts, best, (causes, faint))], pattern_z,
+        [*untold(readings), *left_over(records, found, doubts, best, (causes, faint))], pattern_z,
         [name for o in anomalies for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)

@@ -19,11 +19,9 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.inclusion import is_saturation, without_effect
 from slam.criticism.search.pairs import ranked_pairs
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
 from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
-from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
@@ -67,11 +65,6 @@ class Posterior:
         return replace(self, probability=probability)
 
 
-def is_term(effect: Effect) -> bool:
-    """Whether an effect is a term of the catalogue."""
-    return effect.name in CATALOGUE
-
-
 def required_nats(effect: Effect) -> float:
     """Return the nats that held-out flights must gain before a term is more probable than not."""
     return parameter_cost(len(effect.columns)) + ONE_OF_ALL
@@ -98,12 +91,12 @@ class Place:
 def posterior_of(found: SearchResult) -> Posterior:
     """Return the probabilities at the last expansion; of terms that increase noise, at one without them."""
     expansion, chosen = found.last, list(found.chosen)
-    places = [_at_saturation(found, e) if is_saturation(e) else _at_term(found, e) for e in chosen]
+    places = [_at_saturation(found, e) if e.is_saturation else _at_term(found, e) for e in chosen]
     weights = [
         (_evidence(expansion, chosen, chosen), _names(chosen)),
         *(w for place in places for w in place.weights),
     ]
-    if not chosen or (len(chosen) > 1 and not any(map(is_saturation, chosen))):
+    if not chosen or (len(chosen) > 1 and not any(e.is_saturation for e in chosen)):
         weights += _in_place_of_all(found)
     probability = probabilities(weights)
     for place in places:
@@ -145,7 +138,7 @@ def _expansion_without(found: SearchResult, term: Effect) -> LikelihoodExpansion
     rest = [e for e in found.chosen if e is not term]
     if not rest:
         return found.first
-    parameters = without_effect(term, found.last.parameters)
+    parameters = term.without(found.last.parameters)
     parameters = fit_nuisances(found.records, found.model, parameters, rest)
     return expand(found.records, found.model, parameters, rest)
 
@@ -180,7 +173,7 @@ def _at_term(found: SearchResult, term: Effect) -> Place:
     ]
     best: dict[str, tuple[float, Effect]] = {}
     for effect, lead in sorted(tried, key=lambda one: one[1]):
-        if is_term(effect) and effect.name not in {c.name for c in chosen}:
+        if effect.is_term and effect.name not in {c.name for c in chosen}:
             best.setdefault(effect.name, (lead, effect))
     close = [n for n, (lead, _) in best.items() if lead < CLASS_NATS]
     one_class = {n for n in close if _alike(expansion, rest, term, best[n][1]) > ONE_CLASS}
@@ -202,7 +195,7 @@ def _in_other_words(
     expansion: LikelihoodExpansion, rest: Sequence[Effect], term: Effect, shape: Effect
 ) -> bool:
     """Whether these flights cannot separate a residual pattern from the term."""
-    if is_term(shape) or shape.relaxes or not is_term(term):
+    if shape.is_term or shape.relaxes or not term.is_term:
         return False
     return _alike(expansion, rest, term, shape) > SAME_TRACE
 
@@ -227,7 +220,7 @@ def likeliest(records: Sequence[Record], found: SearchResult, posterior: Posteri
 def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, str] | None:
     """Return a chosen term and the name of a more probable one in its place, or None."""
     for place, names in zip(found.chosen, posterior.alternatives, strict=False):
-        if is_term(place) and not is_saturation(place) and not place.changes:
+        if place.is_term and not place.is_saturation and not place.changes:
             known = {n: posterior.probability.get(n, 0.0) for n in names}
             best = max(known, key=lambda n: known[n])
             if known[best] > known[place.name]:
@@ -242,9 +235,9 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Eff
     A nonlinear term, such as a ground effect, shows too much of what is lost without it from the final
     parameters.
     """
-    if is_saturation(place) or place.changes:
+    if place.is_saturation or place.changes:
         return []
-    dearer = ONE_OF_ALL if is_term(place) else 0.0
+    dearer = ONE_OF_ALL if place.is_term else 0.0
     pairs = []
     for expansion in (found.first, found.last):
         rest = [expansion.own(e) for e in found.chosen if e is not place]
@@ -263,7 +256,7 @@ def _second_to_saturation(found: SearchResult) -> str:
     """Return the term that explains most in a saturation's place. Only the first expansion describes the
     flights without it."""
     chosen_names = {e.name for e in found.chosen}
-    others = [e for e in found.first.effects if is_term(e) and e.name not in chosen_names]
+    others = [e for e in found.first.effects if e.is_term and e.name not in chosen_names]
     best = next(iter(found.first.score_tests([], others)), None)
     return best.effect.name if best is not None and best.nats > 0.0 else ""
 
@@ -293,11 +286,11 @@ def _beside(
 def _prior(expansion: LikelihoodExpansion) -> Callable[[Sequence[Effect]], float]:
     """Return the log prior of a set, less the cost of its parameters."""
     # A term that is tried in several ways, such as a delay, is no more probable for it.
-    ways = Counter(e.name for e in expansion.effects if is_term(e))
+    ways = Counter(e.name for e in expansion.effects if e.is_term)
     others = len(expansion.patterns) + len(expansion.effects) - ways.total()
 
     def of(effects: Sequence[Effect]) -> float:
-        shares = (KNOWN / len(ways) / ways[e.name] if is_term(e) else UNKNOWN / others for e in effects)
+        shares = (KNOWN / len(ways) / ways[e.name] if e.is_term else UNKNOWN / others for e in effects)
         return float(sum(map(np.log, shares)) - sum(parameter_cost(len(e.columns)) for e in effects))
 
     return of
@@ -320,7 +313,7 @@ def _regular(a: Array) -> Array:
 
 
 def _names(effects: Sequence[Effect]) -> frozenset[str]:
-    return frozenset(e.name if is_term(e) else SOMETHING_ELSE for e in effects) or frozenset([NOTHING])
+    return frozenset(e.name if e.is_term else SOMETHING_ELSE for e in effects) or frozenset([NOTHING])
 
 
 def probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str, float]:

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from slam.criticism.search.effects import Effect, catalogue_value
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import AT
-from slam.criticism.search.inclusion import is_profiled, is_saturation
 from slam.criticism.search.quadratic_likelihood import SEEN
 from slam.criticism.search.screening import LEAST_SHARE, correlation, project
-from slam.criticism.verdict.posterior import is_term
 from slam.simulation.terms import CATALOGUE
 
 Ints = NDArray[np.int64]
@@ -29,7 +27,7 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
     """Return the smallest size of each term that nine of ten cases would have shown, and its unit."""
     found: dict[str, tuple[float, str]] = {}
     for effect in expansion.effects:
-        if not is_term(effect) or is_profiled(effect):
+        if not effect.is_term or effect.is_profiled:
             continue
         columns = expansion.quadratic.index(effect.columns)
         _, covariance = expansion.quadratic.maximise([effect]).of(columns)
@@ -45,7 +43,7 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
     shown = [
         (float(e.columns[0].partition(AT)[2]), e.name)
         for e in expansion.effects
-        if is_saturation(e) and is_profiled(e)
+        if e.is_saturation and e.is_profiled
         and _score_at_tried_size(expansion, e) > threshold + NINE_OF_TEN
     ]  # fmt: skip
     # The highest limit that shows is the smallest effect.
@@ -66,7 +64,7 @@ def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], 
     left = project(quadratic.information, out, quadratic.precision)
     seen: dict[str, Ints] = {}
     for effect in expansion.effects:
-        if not is_term(effect) or is_profiled(effect) or effect.relaxes or effect.name in seen:
+        if not effect.is_term or effect.is_profiled or effect.relaxes or effect.name in seen:
             continue
         columns = quadratic.index(effect.columns)
         shown = (np.diag(quadratic.information)[columns] > SEEN) & (left.share[columns] > LEAST_SHARE)

@@ -22,11 +22,10 @@ from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, FittedParameter, fitted_parameter
-from slam.criticism.search.inclusion import is_profiled, without_effect
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.posterior import is_term, required_nats
+from slam.criticism.verdict.posterior import required_nats
 from slam.criticism.verdict.rollouts import rollout_residuals
 
 Array = NDArray[np.float64]
@@ -155,7 +154,7 @@ def _needed(
     """
     while True:
         without = {
-            e.label: course.fitted(without_effect(e, fit.parameters), [o for o in chosen if o is not e])
+            e.label: course.fitted(e.without(fit.parameters), [o for o in chosen if o is not e])
             for e in chosen
             if _flies(e)
         }
@@ -214,10 +213,10 @@ def _flies(effect: Effect) -> bool:
     """Whether a term has a slope in the errors of roll-outs."""
     kinds = {d.kind for d in effect.perturbations}
     return (
-        is_term(effect)
+        effect.is_term
         and bool(kinds)
         and kinds <= {"dynamics", "sensor", "latency"}
-        and not is_profiled(effect)
+        and not effect.is_profiled
     )
 
 

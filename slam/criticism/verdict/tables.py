@@ -17,7 +17,7 @@ from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.criticism import ChannelCheck, Rank
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, is_term
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.verdict.rollout_fit import RolloutFit
 from slam.simulation.terms import CATALOGUE
 
@@ -33,7 +33,7 @@ def ranking(
     """
     z: dict[str, float] = {}
     for test in found.first.score_tests([], found.first.effects):
-        if is_term(test.effect):
+        if test.effect.is_term:
             z[test.effect.name] = max(z.get(test.effect.name, 0.0), test.z)
     return ranked(z, probability, anomalies)
 

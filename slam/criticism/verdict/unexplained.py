@@ -8,8 +8,8 @@ from slam.criticism.cause import Cause
 from slam.criticism.kalman.record import Record
 from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
 from slam.criticism.search.search import SearchResult
-from slam.criticism.verdict.posterior import is_term
 from slam.criticism.verdict.rollout_fit import RolloutFit
+from slam.data_quality import StreamAnomaly
 
 
 def left_over(
@@ -37,10 +37,16 @@ def left_over(
     ]
 
 
+def untold(readings: Sequence[StreamAnomaly]) -> list[str]:
+    """Describe the anomalies of streams that neither a term nor the innovations show: frozen readings, and
+    rounded ones apart from ranges."""
+    return [r.words for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar")]
+
+
 def nearest_term(found: SearchResult, threshold: float) -> list[str]:
     """Describe the term with the greatest score test on the healthy vehicle, if it reaches half the
     threshold."""
-    known = [s for s in found.first.score_tests([], found.first.effects) if is_term(s.effect)]
+    known = [s for s in found.first.score_tests([], found.first.effects) if s.effect.is_term]
     best = max(known, key=lambda s: s.z, default=None)
     if best is None or best.z < 0.5 * threshold:
         return []

@@ -125,7 +125,7 @@ def likelihood_of(rows: Sequence[Sequence[WhitenedRows]], parameters: FilterPara
         fisher=fisher,
         quadratic=quadratic_likelihood(fisher, parameters, parameters, {}, (), clustered=True),
         effects=effects,
-        patterns=tuple(_growing(e) for e in effects if e.name in CATALOGUE),
+        patterns=tuple(_growing(e) for e in effects if e.is_term),
     )
     return SearchResult(model=parameters, first=expansion, last=expansion, chosen=())
 
@@ -156,7 +156,7 @@ def _growing(effect: Effect) -> Effect:
 def sizes_by_others(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> list[dict[float, Sizes]]:
     """Return for each flight: number of a segment -> sizes of the chosen terms by all other parts."""
     part, _ = parts_of(found.last.fisher.flight)
-    terms = [e.name for e in found.chosen if e.name in CATALOGUE]
+    terms = [e.name for e in found.chosen if e.is_term]
     of_part = {k: found.last.over(part != k).sizes(found.chosen) for k in np.unique(part).tolist()}
     sizes: list[dict[float, Sizes]] = [{} for _ in rows]
     for (flight, number), k in zip(segments_of(rows, SEGMENT_S)[0].tolist(), part.tolist(), strict=True):

@@ -14,7 +14,6 @@ from slam.core.flight import Flight
 from slam.criticism.search.effects import LATE
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.consistency import FEWEST_SEGMENTS, ONSET_SEGMENT_S, disagreements, onset
-from slam.criticism.verdict.posterior import is_term
 from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.axes import wrong_axes
 from slam.criticism.without_commands.likelihood import columns_of, fisher_of, segments_of
@@ -60,7 +59,7 @@ def not_shown(
     detectable size. Delays show from ``least_z`` standard errors on, in nine of ten cases.
     """
     lines = ["a constant offset of speed or height", *axes]
-    lines += [e.name for e in found.last.effects if is_term(e) and e.name not in shown]
+    lines += [e.name for e in found.last.effects if e.is_term and e.name not in shown]
     for effect in (e for e in found.last.effects if e.name in LATE):
         std = np.hypot(
             float(np.sqrt(found.last.quadratic.maximise([effect]).covariance[0, 0])), effect.tolerance

@@ -30,7 +30,7 @@ from slam.criticism.verdict.decision import (
     split_by_probability,
 )
 from slam.criticism.verdict.held_out import held_out
-from slam.criticism.verdict.posterior import Posterior, is_term, posterior_of
+from slam.criticism.verdict.posterior import Posterior, posterior_of
 from slam.criticism.verdict.power import confusable, detectable
 from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.sentence import with_sentences
@@ -160,7 +160,7 @@ def _causes(
 ) -> tuple[Cause, ...]:
     """Return the chosen terms as causes, with the errors without them and with the sizes that the other parts
     give."""
-    if not any(map(is_term, found.chosen)):
+    if not any(e.is_term for e in found.chosen):
         return ()
     together = held_out((), found)
     errors = channel_errors(rows, sizes_by_others(found, rows), together.by)

@@ -14,7 +14,6 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.search.inclusion import with_free_value
 from slam.criticism.verdict.rollout_fit import _extended, _Fit, _in_words, _instead, _is_beyond, _Rollouts
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
@@ -134,5 +133,5 @@ def test_a_delay_is_found_though_misses_are_rough(braking, start_s):
     records, nominal = braking
     latency = next(e for e in effects_for(records, nominal) if e.name == "control_latency")
     start = replace(nominal, latency_s=start_s)
-    fit = Rough(records, nominal).fitted(start, [with_free_value(latency)])
+    fit = Rough(records, nominal).fitted(start, [latency.free])
     assert fit.parameters.latency_s == pytest.approx(0.08, abs=0.006)
