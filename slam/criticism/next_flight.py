@@ -1,7 +1,6 @@
 """Choice of the manoeuvre that separates two causes best. Each is simulated with a healthy vehicle.
 
-Of the first term's sensitivity, the part is used that remains once the other term and the nuisances are
-projected out. The size times the root of that information is the separation in sigmas.
+The separation in sigmas is that of the first term's size, with the other term and the nuisances free.
 """
 
 from __future__ import annotations
@@ -10,19 +9,20 @@ from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
-from slam.criticism.camera.reprojection import reprojection_score
-from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
-from slam.criticism.kalman.innovations import referred, segments
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
-from slam.criticism.search.screening import project
+from slam.criticism.search.information import fisher_information
+from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import Posterior
@@ -92,35 +92,39 @@ def telling_flight(
     It is the best for the time that it takes, with these ``kinds`` of instruments and a camera as in
     ``seen``. The sentence is empty for a term that moves no mean.
     """
-    every = [*MEAN_PERTURBATIONS, *first.perturbations, *second.perturbations]
-    names = [n.name for n in MEAN_NUISANCES] + [d.name for d in every[len(MEAN_NUISANCES) :]]
-    own = np.array([names.index(column) for column in first.columns if column in names], dtype=np.int64)
-    if len(own) == 0:
+    columns = [c for c in first.columns if c not in {d.name for d in first.changes}]
+    if not columns:
         return ""
-    out = np.array([k for k in range(len(every)) if k not in own], dtype=np.int64)
     parameters = filter_parameters_of(model)
     slower = at_lower_rates(model)
-    precision = np.array([_precision(name, second, parameters) for name in names])[out]
-    size = np.array([x for x, column in zip(sizes, first.columns, strict=True) if column in names])
+    perturbations = [*MEAN_PERTURBATIONS, *first.perturbations, *second.perturbations]
+    plain, beside = replace(first, changes=()), replace(second, changes=())
+    size = np.array([x for x, column in zip(sizes, first.columns, strict=True) if column in columns])
 
-    def separation(name: str) -> float:
+    def sigma(name: str) -> float:
         flight = simulate_flight(slower, stick_for([name]), 1)
         missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
         record = referred(record_of(replace(flight, **missing)), parameters)  # type: ignore[arg-type]
-        information = np.zeros((len(every), len(every)))
-        for rows in segments(record, parameters, every):
-            information += rows.sensitivity.T @ rows.sensitivity
         if seen is not None:
-            information += reprojection_score(
-                record, planned_matches(record, parameters, seen), parameters, every
-            ).information
-        left = project(information, out, precision).information
-        return float(np.sqrt(max(size @ left[np.ix_(own, own)] @ size, 0.0)))
+            record = replace(record, matches=planned_matches(record, parameters, seen))
+        fisher = fisher_information([record], parameters, perturbations, ())
+        fisher = replace(fisher, score=np.zeros_like(fisher.score))
+        quadratic = quadratic_likelihood(fisher, parameters, parameters, {}, nuisances=MEAN_NUISANCES)
+        return separation(quadratic, plain, [beside], size)
 
     flights = list(MANOEUVRES)
-    found = in_threads(Tally(progress, "next flight", len(flights)).counting(separation), flights)
+    found = in_threads(Tally(progress, "next flight", len(flights)).counting(sigma), flights)
     took_s = [stick_for([name]).duration_s for name in flights]
     return advice(first.name, second.name, [f"fly {name!r}" for name in flights], found, took_s)
+
+
+def separation(
+    quadratic: QuadraticLikelihood, effect: Effect, beside: Sequence[Effect], size: NDArray[np.float64]
+) -> float:
+    """Return the sigmas by which an effect of some ``size`` (columns,) stands out, ``beside`` free."""
+    maximum = quadratic.maximise([*beside, effect])
+    white = replace(maximum, covariance=maximum.white)
+    return float(np.sqrt(size @ np.linalg.solve(white.of(quadratic.index(effect.columns))[1], size)))
 
 
 def advice(
@@ -142,15 +146,6 @@ def advice(
     best = int(few[np.argmin(times[few] * np.array(took_s)[few])])
     often = "once" if times[best] == 1 else f"{times[best]:.0f} times"
     return f"To distinguish {first} from {second} {motions[best]} {often}: {sigma[best]:.1f} sigma a time."
-
-
-def _precision(name: str, other: Effect, parameters: FilterParameters) -> float:
-    """Return the prior precision of a column: almost none for the other term and the nuisances that it
-    frees."""
-    nuisance = {n.name: n for n in MEAN_NUISANCES}.get(name)
-    if nuisance is None or name in other.relaxes:
-        return 1e-9
-    return nuisance.prior_precision(parameters)
 
 
 def _best_way(expansion: LikelihoodExpansion, name: str) -> Effect:

@@ -1,7 +1,7 @@
 """Choice of the next motion without commands, manoeuvre or handheld, by simulation of each.
 
-The separation of two effects is what is left of the first one's column once the other's is projected out. The
-columns are those of the inertial comparisons and of pictures, with the noise of the flights at hand.
+The columns of the effects are those of the inertial comparisons and of pictures, with the noise of the
+flights at hand.
 """
 
 from __future__ import annotations
@@ -17,13 +17,11 @@ from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.kalman.filter_parameters import CAMERA, filter_parameters_of
-from slam.criticism.next_flight import advice
-from slam.criticism.search.effects import Effect
-from slam.criticism.search.screening import project
+from slam.criticism.next_flight import advice, separation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
-from slam.criticism.without_commands.likelihood import columns_of, fisher_of
+from slam.criticism.without_commands.likelihood import likelihood_of
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
@@ -61,19 +59,25 @@ def next_motion(
     size, error = maximum.of(quadratic.index(effect.columns))
     plain = replace(maximum, covariance=maximum.white).of(quadratic.index(effect.columns))[1]
     wider = float(np.sqrt(np.max(np.diag(error) / np.diag(plain))))
+    parameters = with_free_motion(filter_parameters_of(model))
     noise, beside = _noise(rows), [*(e for e in found.chosen if not e.repeats(effect)), other]
 
-    def separation(name: str) -> float:
+    def sigma(name: str) -> float:
         planned = [r for r in _rows(_flight(model, name), model, seen) if r.kind in noise]
         if not planned:
             return 0.0
         finer = _noise([planned])
         # A row weighs by the ratio of its precision to that of the flights at hand.
         weighed = [_times_precision(r, finer[r.kind] / noise[r.kind]) for r in planned]
-        return _separation(weighed, size, effect, beside) / wider / float(np.sqrt(_times(name)))
+        expansion = likelihood_of([weighed], parameters).last
+        known = {e.name: e for e in expansion.effects}
+        if effect.name not in known or known[effect.name].columns != effect.columns:
+            return 0.0
+        others = [known[e.name] for e in beside if e.name in known]
+        return separation(expansion.quadratic, effect, others, size) / wider / float(np.sqrt(_times(name)))
 
     names = [*MANOEUVRES, *HANDHELD_MOTIONS]
-    separations = in_threads(Tally(progress, "next flight", len(names)).counting(separation), names)
+    separations = in_threads(Tally(progress, "next flight", len(names)).counting(sigma), names)
     motions = [f"fly {name!r}" if name in MANOEUVRES else f"{name}," for name in names]
     return advice(rivals[0], rivals[1], motions, separations, [_took_s(name) for name in names])
 
@@ -93,18 +97,6 @@ def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[Whi
 def _times_precision(rows: WhitenedRows, precision: float) -> WhitenedRows:
     traces = {name: precision * trace for name, trace in rows.traces.items()}
     return replace(rows, off=precision * rows.off, traces=traces)
-
-
-def _separation(rows: Sequence[WhitenedRows], size: Array, effect: Effect, beside: Sequence[Effect]) -> float:
-    """Return the separation in sigmas by what is left of an effect once the others are projected out."""
-    columns = columns_of([rows])
-    if not set(effect.columns) <= set(columns):
-        return 0.0
-    information = fisher_of([rows], columns).information.sum(axis=0)
-    out = np.array([columns.index(c) for e in beside for c in e.columns if c in columns], dtype=np.int64)
-    own = np.array([columns.index(c) for c in effect.columns])
-    left = project(information, out, np.zeros(len(out))).information[np.ix_(own, own)]
-    return float(np.sqrt(max(size @ left @ size, 0.0)))
 
 
 def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
