@@ -122,9 +122,8 @@ def separation(
     quadratic: QuadraticLikelihood, effect: Effect, beside: Sequence[Effect], size: NDArray[np.float64]
 ) -> float:
     """Return the sigmas by which an effect of some ``size`` (columns,) stands out, ``beside`` free."""
-    maximum = quadratic.maximise([*beside, effect])
-    white = replace(maximum, covariance=maximum.white)
-    return float(np.sqrt(size @ np.linalg.solve(white.of(quadratic.index(effect.columns))[1], size)))
+    _, covariance = quadratic.maximise([*beside, effect]).of(quadratic.index(effect.columns), white=True)
+    return float(np.sqrt(size @ np.linalg.solve(covariance, size)))
 
 
 def advice(

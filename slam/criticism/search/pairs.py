@@ -15,8 +15,7 @@ import numpy as np
 
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, backwards
-from slam.criticism.search.screening import deviate
-from slam.criticism.search.thresholds import Thresholds, parameter_cost
+from slam.criticism.search.thresholds import Thresholds, deviate, parameter_cost
 from slam.simulation.terms import CATALOGUE
 
 Two = tuple[Effect, Effect]

@@ -20,7 +20,7 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import GAIN_NUISANCES, NUISANCES, FittedParameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.search.screening import deviate
+from slam.criticism.search.thresholds import deviate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -81,11 +81,11 @@ class Maximum:
     white: Array
     """(free, free) covariance of white errors, equal to ``covariance`` where there are no clusters."""
 
-    def of(self, columns: Ints) -> tuple[Array, Array]:
-        """Return step and covariance of some of the free columns."""
+    def of(self, columns: Ints, white: bool = False) -> tuple[Array, Array]:
+        """Return step and covariance of some of the free columns; the covariance of white errors if asked."""
         place = {int(c): k for k, c in enumerate(self.columns)}
         at = [place[int(c)] for c in columns]
-        return self.step[at], self.covariance[np.ix_(at, at)]
+        return self.step[at], (self.white if white else self.covariance)[np.ix_(at, at)]
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,7 @@ class QuadraticLikelihood:
             return deviate(2 * nats, len(effect.columns))
         # The differences between segments are what a variance consists of: none means no variance.
         white = all(map(is_variance, effect.perturbations))
-        known = replace(maximum, covariance=maximum.white) if white else maximum
-        size, covariance = known.of(self.index(effect.columns))
+        size, covariance = maximum.of(self.index(effect.columns), white)
         spread = covariance + effect.tolerance**2 * np.eye(len(size))
         return float(np.sqrt(max(float(size @ np.linalg.solve(spread, size)) - (len(size) - 1), 0.0)))
 
@@ -196,6 +195,16 @@ class QuadraticLikelihood:
             total += lead * min(1.0, 2.0 * abs(lead) / max(variance, 1e-12))
             before = after
         return total
+
+    def correlation(self, one: Effect, other: Effect, beside: Sequence[Effect] = ()) -> float:
+        """Return the greatest correlation of the sensitivities of two effects, all else projected out."""
+        columns, k = self.index([*one.columns, *other.columns]), len(one.columns)
+        # The correlation of the uncertainties is the same, except for its sign.
+        _, covariance = self.maximise([*beside, one, other]).of(columns, white=True)
+        covariance = covariance + np.diag(RIDGE * np.diag(covariance) + 1e-300)
+        root = [np.linalg.cholesky(c) for c in (covariance[:k, :k], covariance[k:, k:])]
+        between = np.linalg.solve(root[0], np.linalg.solve(root[1], covariance[:k, k:].T).T)
+        return min(float(np.linalg.norm(between, 2)), 1.0)
 
     def sizes(self, effects: Sequence[Effect]) -> dict[str, float]:
         """Return the most probable size of each column of some effects."""

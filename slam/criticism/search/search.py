@@ -22,8 +22,13 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
 from slam.criticism.search.fitting import first_seconds, fit_nuisances, refit
 from slam.criticism.search.pairs import mask_each_other, masked_pair
-from slam.criticism.search.screening import deviate
-from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, Thresholds, parameter_cost, with_misfit
+from slam.criticism.search.thresholds import (
+    VERY_SIMILAR_NATS,
+    Thresholds,
+    deviate,
+    parameter_cost,
+    with_misfit,
+)
 from slam.simulation.terms import CATALOGUE
 
 LINEAR_Z = 25.0

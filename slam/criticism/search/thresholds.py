@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
+from scipy.special import log_ndtr
+from scipy.stats import chi2, norm
 
 from slam.simulation.terms import CATALOGUE
 
@@ -81,3 +83,19 @@ def similar_nats(z: float) -> float:
 def parameter_cost(degrees: int) -> float:
     """Return the cost in nats of ``degrees`` fitted parameters."""
     return 0.5 * degrees * float(np.log1p(SIZE_PRIOR))
+
+
+def deviate(chi_square: float, degrees: int) -> float:
+    """Return the normal deviate with the (two-sided) tail of a chi-square; for one degree its root."""
+    if degrees == 1:
+        return float(np.sqrt(max(chi_square, 0.0)))
+    log_tail = float(chi2.logsf(chi_square, degrees))
+    if not np.isfinite(log_tail):
+        # Far out the tail of k degrees equals that of one up to a factor that hardly changes the root.
+        return float(np.sqrt(max(chi_square - (degrees - 1) * np.log(max(chi_square, 2.0)), 0.0)))
+    if log_tail > np.log(1e-300):
+        return float(norm.isf(np.exp(log_tail) / 2.0))
+    z = np.sqrt(chi_square)
+    for _ in range(20):
+        z -= (float(log_ndtr(-z)) + np.log(2.0) - log_tail) / -(z + 1.0 / z)
+    return float(z)

@@ -20,9 +20,8 @@ from scipy.stats import t as student
 from backend.measurements import GRAVITY_M_S2
 from slam.criticism.search.effects import Effect, catalogue_value, is_variance
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
-from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import SearchResult
-from slam.criticism.search.thresholds import with_misfit
+from slam.criticism.search.thresholds import deviate, with_misfit
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

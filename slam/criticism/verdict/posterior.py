@@ -176,7 +176,7 @@ def _at_term(found: SearchResult, term: Effect) -> Place:
         if effect.is_term and effect.name not in {c.name for c in chosen}:
             best.setdefault(effect.name, (lead, effect))
     close = [n for n, (lead, _) in best.items() if lead < CLASS_NATS]
-    one_class = {n for n in close if _alike(expansion, rest, term, best[n][1]) > ONE_CLASS}
+    one_class = {n for n in close if expansion.quadratic.correlation(term, best[n][1], rest) > ONE_CLASS}
     for effect, lead in tried:
         counted = lead * VERY_SIMILAR_NATS / CLASS_NATS if effect.name in one_class and lead > 0.0 else lead
         weights.append((own - counted, _names([*rest, effect])))
@@ -197,7 +197,7 @@ def _in_other_words(
     """Whether these flights cannot separate a residual pattern from the term."""
     if shape.is_term or shape.relaxes or not term.is_term:
         return False
-    return _alike(expansion, rest, term, shape) > SAME_TRACE
+    return expansion.quadratic.correlation(term, shape, rest) > SAME_TRACE
 
 
 def likeliest(records: Sequence[Record], found: SearchResult, posterior: Posterior) -> SearchResult:
@@ -294,22 +294,6 @@ def _prior(expansion: LikelihoodExpansion) -> Callable[[Sequence[Effect]], float
         return float(sum(map(np.log, shares)) - sum(parameter_cost(len(e.columns)) for e in effects))
 
     return of
-
-
-def _alike(expansion: LikelihoodExpansion, rest: Sequence[Effect], term: Effect, other: Effect) -> float:
-    """Return the greatest correlation of the sensitivities of two effects, all else projected out."""
-    _, covariance = expansion.quadratic.maximise([*rest, term, other]).of(
-        expansion.quadratic.index([*term.columns, *other.columns])
-    )
-    k = len(term.columns)
-    # The correlation of the uncertainties is the same, except for its sign.
-    root = [np.linalg.cholesky(_regular(c)) for c in (covariance[:k, :k], covariance[k:, k:])]
-    between = np.linalg.solve(root[0], np.linalg.solve(root[1], covariance[:k, k:].T).T)
-    return min(float(np.linalg.norm(between, 2)), 1.0)
-
-
-def _regular(a: Array) -> Array:
-    return np.asarray(a + np.diag(1e-9 * np.diag(a) + 1e-300))
 
 
 def _names(effects: Sequence[Effect]) -> frozenset[str]:

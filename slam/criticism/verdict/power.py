@@ -13,12 +13,13 @@ from slam.criticism.search.effects import Effect, catalogue_value
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import AT
 from slam.criticism.search.quadratic_likelihood import SEEN
-from slam.criticism.search.screening import LEAST_SHARE, correlation, project
 from slam.simulation.terms import CATALOGUE
 
 Ints = NDArray[np.int64]
 
 CONFUSED = 0.9
+LEAST_SHARE = 1e-6
+"""Least share of a column's information that the nuisances must leave for it to be seen."""
 NINE_OF_TEN = 1.28
 """Standard deviations beyond a threshold that nine of ten cases exceed."""
 
@@ -60,19 +61,16 @@ def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], 
     """Return pairs of terms whose sensitivities correlate by more than ``CONFUSED`` here, nuisances projected
     out."""
     quadratic = expansion.quadratic
-    out = quadratic.index(quadratic.names)
-    left = project(quadratic.information, out, quadratic.precision)
-    seen: dict[str, Ints] = {}
+    seen: dict[str, Effect] = {}
     for effect in expansion.effects:
         if not effect.is_term or effect.is_profiled or effect.relaxes or effect.name in seen:
             continue
         columns = quadratic.index(effect.columns)
-        shown = (np.diag(quadratic.information)[columns] > SEEN) & (left.share[columns] > LEAST_SHARE)
-        if shown.all():
-            seen[effect.name] = columns
-    pairs = [
-        (a, b, correlation(left.information, seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)
-    ]
+        _, covariance = quadratic.maximise([effect]).of(columns, white=True)
+        information, left = np.diag(quadratic.information)[columns], np.diag(np.linalg.inv(covariance))
+        if ((information > SEEN) & (left > LEAST_SHARE * information)).all():
+            seen[effect.name] = effect
+    pairs = [(a, b, quadratic.correlation(seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)]
     return tuple(sorted((p for p in pairs if p[2] > CONFUSED), key=lambda p: -p[2]))
 
 

@@ -57,7 +57,7 @@ def next_motion(
     quadratic = found.last.quadratic
     maximum = quadratic.maximise(found.chosen)
     size, error = maximum.of(quadratic.index(effect.columns))
-    plain = replace(maximum, covariance=maximum.white).of(quadratic.index(effect.columns))[1]
+    _, plain = maximum.of(quadratic.index(effect.columns), white=True)
     wider = float(np.sqrt(np.max(np.diag(error) / np.diag(plain))))
     parameters = with_free_motion(filter_parameters_of(model))
     noise, beside = _noise(rows), [*(e for e in found.chosen if not e.repeats(effect)), other]

@@ -19,7 +19,6 @@ from slam.criticism.search.fitted_parameters import (
 from slam.criticism.search.information import fisher_information
 from slam.criticism.search.pattern_bank import pattern_directions, signals_of
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
-from slam.criticism.search.screening import project
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -44,10 +43,10 @@ def seen():
 
 
 def share_left(fisher, column, out):
-    left = project(
-        fisher.information.sum(axis=0), [fisher.columns.index(name) for name in out], np.zeros(len(out))
-    )
-    return left.share[fisher.columns.index(column)]
+    information = fisher.information.sum(axis=0)
+    own, out = fisher.columns.index(column), [fisher.columns.index(name) for name in out]
+    taken = np.linalg.solve(information[np.ix_(out, out)], information[out, own])
+    return 1.0 - information[own, out] @ taken / information[own, own]
 
 
 def test_a_wrong_gain_is_a_target_that_goes_with_tilt(seen):
