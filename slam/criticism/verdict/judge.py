@@ -43,12 +43,9 @@ SHOWN_PATTERNS, FEWEST_SHOWN = 8, 5
 
 
 def judge(
-    prepared: PreparedFlights,
-    explanation: Explanation,
-    readings: Sequence[StreamAnomaly],
-    model: Model,
-    progress: Progress,
-) -> Criticism:
+    prepared: PreparedFlights, explanation: Explanation, readings: Sequence[StreamAnomaly],
+    model: Model, progress: Progress,
+) -> Criticism:  # fmt: skip
     """Return the criticism of a model by flights with command logs, from what explains them. ``readings`` are
     the anomalies of whole streams."""
     found, posterior, parameters = explanation.found, explanation.posterior, explanation.parameters
