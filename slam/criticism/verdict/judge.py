@@ -43,11 +43,10 @@ SHOWN_PATTERNS, FEWEST_SHOWN = 8, 5
 
 
 def judge(
-    prepared: PreparedFlights, explanation: Explanation, readings: Sequence[StreamAnomaly],
-    model: Model, progress: Progress,
+    prepared: PreparedFlights, explanation: Explanation, readings: Sequence[StreamAnomaly], model: Model,
+    progress: Progress,
 ) -> Criticism:  # fmt: skip
-    """Return the criticism of a model by flights with command logs, from what explains them. ``readings`` are
-    the anomalies of whole streams."""
+    """Return the criticism of a model by flights with command logs and stream anomalies ``readings``."""
     found, posterior, parameters = explanation.found, explanation.posterior, explanation.parameters
     records, limits, doubts, best = found.records, prepared.limits, explanation.doubts, explanation.best
     anomalies = [*prepared.anomalies, *reading_anomalies(records, found.last.fisher.passes)]
@@ -80,8 +79,7 @@ def judge(
     if verdict == "unknown" and not causes:
         remainder = "; ".join(part for part in (remainder, *nearest_term(found, limits.effects)) if part)
     with rolled_out.part():
-        lead = causes[:1]
-        drawn = [covariate(records, parameters, found, c.name, c.rival, c.z) for c in lead]
+        drawn = [covariate(records, parameters, found, c.name, c.rival, c.z) for c in causes[:1]]
     probability = posterior.probability | {c.name: c.probability for c in causes}
     criticism = Criticism(
         verdict=verdict,
@@ -102,20 +100,18 @@ def judge(
         threshold_means=limits.meaning,
         model=model,
         extended=extended_with_causes(causes, anomalies, model, parameters, records),
-        unseen={}
-        if together is None
-        else _models_of_others(records, model, together, best, causes, anomalies),
+        unseen=_models_of_others(records, model, together, best, causes, anomalies),
     )
     return with_sentences(criticism)
 
 
 def _models_of_others(
-    records: Sequence[Record], model: Model, together: HeldOut, best: RolloutFit | None,
+    records: Sequence[Record], model: Model, together: HeldOut | None, best: RolloutFit | None,
     causes: Sequence[Cause], anomalies: Sequence[ReadingAnomaly],
 ) -> dict[str, Model]:  # fmt: skip
     """Return for each flight the model fitted on all others; empty where segments of flights were held
     out."""
-    if together.by != "flight":
+    if together is None or together.by != "flight":
         return {}
     after = together.after if best is None else best.left_out
     made = (extended_with_causes(causes, anomalies, model, parameters, records) for parameters in after)
