@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
+from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict import decision
@@ -31,6 +32,7 @@ from slam.criticism.verdict.posterior import (
 from slam.criticism.verdict.tables import ranking
 from slam.simulation.terms import CATALOGUE
 
+ODD = Effect("vehicle.drag_1_s out of range", relaxes=("vehicle.drag_1_s",))
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
 
 
@@ -40,10 +42,10 @@ def cause(name: str, probability: float = 1.0) -> Cause:
 
 def reported(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_model: bool = False):
     """Verdict, and the probabilities of the causes that are reported and of those that are not."""
-    odd = SimpleNamespace(name="vehicle.drag_1_s out of range", perturbations=())
-    terms = [SimpleNamespace(name=c.name, perturbations=() if c.name == "gusts" else ("x",)) for c in causes]
+    moving = (Perturbation("x", "sensor"),)
+    terms = [Effect(c.name, perturbations=() if c.name == "gusts" else moving) for c in causes]
     posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), ())
-    chosen = (*terms, odd) if unknown > 0.5 else tuple(terms)
+    chosen = (*terms, ODD) if unknown > 0.5 else tuple(terms)
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=out_of_model), chosen=chosen)
     likely, faint = split_by_probability(causes, found, posterior, doubted)
     verdict = decide(likely, found, posterior, [], ["faint"] * len(faint), 4.5)[0]
@@ -88,8 +90,7 @@ def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown(
 
 
 def test_a_cause_weaker_than_the_remainder_is_doubted():
-    odd = SimpleNamespace(name="vehicle.drag_1_s out of range", perturbations=())
-    found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=(odd,))
+    found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=(ODD,))
     posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
     for left_z, probability in ((17.4, 1.0), (25.0, 0.5)):
         (drag,), _ = split_by_probability([cause("quadratic_drag")], found, posterior, (), left_z)
@@ -159,7 +160,7 @@ def searched(nats, chosen, covariance=None, **more):
     table = {frozenset(effects): value for effects, value in nats.items()}
 
     def maximise(effects):
-        return SimpleNamespace(nats=table[frozenset(effects)], of=lambda _: (np.zeros(2), covariance))
+        return SimpleNamespace(nats=table[frozenset(effects)])
 
     def standing(rest, tried):
         return [
@@ -176,7 +177,7 @@ def searched(nats, chosen, covariance=None, **more):
             maximise=maximise,
             nats=lambda effects, _: maximise(effects).nats,
             clusters=None,
-            index=lambda columns: columns,
+            correlation=lambda one, other, beside: float(covariance[0, 1]),
         ),
     )
     return SearchResult(None, expansion, expansion, chosen, **more)
