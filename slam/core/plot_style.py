@@ -27,6 +27,9 @@ UNMEASURED = "#b3b8bf"
 _MARGIN_IN = 0.12
 """Margin of a cropped figure: the 0.1 of `savefig`, whose boxes around text are larger than what is drawn."""
 
+_STEADY_TICKS = 5
+"""Most intervals between ticks of a panel: labels of the default size fit into 0.9 inches."""
+
 
 def new_figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     """Return an empty figure and its axes in the common style."""
@@ -65,6 +68,17 @@ def legend_below(axes: Axes, columns: int = 4) -> None:
 def panel_legend_below(axes: Axes, columns: int) -> None:
     """Draw the legend of one panel below that panel."""
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=columns, fontsize=9, frameon=False)
+
+
+def steady_ticks(axes: Axes) -> None:
+    """Let the ticks of y not depend on the height of the axes.
+
+    The layout measures the labels at its first height of the axes and then changes that height. Ticks that
+    follow it may get wider labels, which push the name of the axis off the figure.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    axes.yaxis.set_major_locator(MaxNLocator(_STEADY_TICKS, steps=[1, 2, 5, 10]))
 
 
 def escape_math(text: str) -> str:

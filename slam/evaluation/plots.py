@@ -18,6 +18,7 @@ from slam.core.plot_style import (
     panel_legend_below,
     png,
     round_factor,
+    steady_ticks,
 )
 from slam.core.units import length
 from slam.evaluation.landmarks import over_papers_ground
@@ -177,6 +178,7 @@ def _error_panel(axes: Axes, tracks: Tracks, k: int, factor: float, unit: str) -
     axes.plot(tracks.stamps_s, error, ".-", color=_LOOPS, lw=1, ms=3)
     axes.axhline(0, color=_REFERENCE, lw=0.5)
     axes.set_ylabel(f"{_AXES[k]} [{unit}]")
+    steady_ticks(axes)
 
 
 def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:

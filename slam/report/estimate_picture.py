@@ -19,6 +19,7 @@ from slam.core.plot_style import (
     ground_labels,
     legend_below,
     png,
+    steady_ticks,
 )
 
 if TYPE_CHECKING:
@@ -169,6 +170,7 @@ def _innovations(axes: Axes, name: str, channel: InstrumentInnovations, begin_s:
     axes.axhspan(-2, 2, color="black", alpha=0.06, lw=0)
     axes.set_ylim(-1.05 * edge, 1.05 * edge)
     axes.set_ylabel(name, fontsize="small")
+    steady_ticks(axes)
     if len(labels) > 1:
         for label, color, column in zip(labels, _COLORS, whitened.T, strict=False):
             if np.isfinite(column).any():

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
-from slam.core.plot_style import png
+from slam.core.plot_style import png, steady_ticks
 
 
 def test_a_cropped_figure_is_its_content_with_a_margin():
@@ -20,3 +20,17 @@ def test_a_cropped_figure_is_its_content_with_a_margin():
     assert cropped.shape[:2] == (20 + 2 * 12, 60 + 2 * 12)
     assert (cropped[12:-12, 12:-12, 0] == 0).all()
     assert (cropped[:, :12] == 255).all()
+
+
+def test_the_layout_does_not_push_the_names_of_axes_off_the_figure():
+    """At these limits ticks that follow the height of the axes get wider labels after the layout."""
+    figure = Figure(figsize=(4, 9), dpi=80, layout="constrained")
+    panels = figure.subplots(4, 1, sharex=True)
+    for axes in panels:
+        axes.set_ylim(-6.1, 6.1)
+        axes.set_ylabel("y")
+        steady_ticks(axes)
+    panels[-1].set_xlabel("x")
+    panels[0].set_title("t")
+    png(figure, cropped=True)
+    assert all(axes.yaxis.label.get_window_extent().x0 > 0 for axes in panels)

@@ -238,6 +238,16 @@ def test_clicks_measure_distance_and_area_with_their_uncertainty(tmp_path):
 
 
 @needs_browser
+def test_what_moves_the_whole_map_is_no_error_of_a_distance(tmp_path):
+    with_rasters(tmp_path)
+    found = in_browser(
+        written(tmp_path, replace(made_estimate(), middle_std_m=0.6 * SIGMA_M), flight=made_flight()),
+        "return lemniscate.distanceOf([[0, 0.5], [4, 0.5]]).std;",
+    )
+    assert found == pytest.approx(np.hypot(0.05 * 4, 0.8 * SIGMA_M * np.sqrt(2)))
+
+
+@needs_browser
 def test_no_uncertainty_is_claimed_beside_the_mapped_ground(tmp_path):
     with_rasters(tmp_path)
     std = in_browser(
