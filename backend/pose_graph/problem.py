@@ -66,7 +66,7 @@ class Problem:
             return self
         number = np.full(self.count, -1, dtype=np.int64)
         number[members] = np.arange(len(members))
-        edge = (number[self.i] >= 0) & (number[self.j] >= 0)
+        edge = self.edges_among(members)
         return replace(
             self,
             names=tuple(self.names[k] for k in members),
@@ -78,6 +78,10 @@ class Problem:
             initial=self.initial[members],
             unary_factors=tuple(a.with_key(int(number[a.k])) for a in self.unary_factors if number[a.k] >= 0),
         )
+
+    def edges_among(self, members: Index) -> NDArray[np.bool_]:
+        """Return (m,) which edges join two of some poses."""
+        return np.asarray(np.isin(self.i, members) & np.isin(self.j, members))
 
     def with_edges(self, which: NDArray[np.bool_]) -> Problem:
         """Return the problem with the same poses and only some edges (m,)."""

@@ -77,9 +77,10 @@ def join_chains(problem: Problem, chains: list[Chain], out_of_time: Callable[[],
 class Joining:
     """Poses, samples and frames of the chains while they are joined."""
 
-    def __init__(self, problem: Problem, chains: list[Chain]) -> None:
+    def __init__(self, problem: Problem, chains: list[Chain], scale: float = 1.0) -> None:
+        """Begin with separate ``chains``; ``scale`` is the factor of the noise over the stated one."""
         n, d = problem.count, problem.dof
-        self.problem = problem
+        self.problem, self.scale = problem, scale
         self.label = np.empty(n, dtype=np.int64)
         self.w_T = np.empty((n, 4, 4))
         self.samples = np.empty((n, d, chains[0].samples.shape[2]))
@@ -93,26 +94,29 @@ class Joining:
         """Return the loop between two frames that most other loops between them support."""
         ends = np.sort(self.label[np.column_stack([self.problem.i, self.problem.j])[across]], axis=1)
         pair = ends[:, 0] * len(self.label) + ends[:, 1]
-        best, most = int(across[0]), -np.inf
-        for each in np.unique(pair).tolist():
-            loops = across[pair == each]
-            place = place_pairs(self.problem.i[loops], self.problem.j[loops], ROW_LENGTH)
-            step = -(-len(loops) // MAX_HYPOTHESES)
-            for loop in loops[::step].tolist():
-                support = self._support(loop, loops, place)
-                if support > most:
-                    best, most = loop, support
-                if out_of_time():
-                    return best
-        return best
+        found = [self.most_supported(across[pair == each], out_of_time) for each in np.unique(pair).tolist()]
+        return max(found, key=lambda each: each[1])[0]
+
+    def most_supported(self, loops: Index, out_of_time: Callable[[], bool]) -> tuple[int, float]:
+        """Return the one of some ``loops`` (k,) between two frames that the others support most.
+
+        The support is the negative log probability (nats) that false loops agree with it by chance. Of very
+        many loops only some are tried.
+        """
+        place = place_pairs(self.problem.i[loops], self.problem.j[loops], ROW_LENGTH)
+        best, most = int(loops[0]), 0.0
+        for loop in loops[:: -(-len(loops) // MAX_HYPOTHESES)].tolist():
+            if out_of_time():
+                break
+            support = self._support(loop, loops, place)
+            if support > most:
+                best, most = loop, support
+        return best, most
 
     def _support(self, loop: int, loops: Index, place: Index) -> float:
-        """Return the negative log probability (nats) that false loops agree by chance with the hypothesis.
-
-        Loops between the same two places count once.
-        """
+        """Return the support (nats) of one loop by others; those between the same two places count once."""
         w_T, samples = self._placed(loop)
-        found = innovations(self.problem, w_T, samples, loops)
+        found = innovations(self.problem, w_T, samples, loops, self.scale)
         agrees = found.agrees() & (place != place[loops == loop])
         surprise = np.zeros(place.max() + 1)
         np.maximum.at(surprise, place[agrees], -found.log_pass_probability()[agrees])

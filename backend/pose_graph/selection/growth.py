@@ -63,19 +63,30 @@ def _chain_poses(problem: Problem) -> Array:
 
 def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) -> Chain:
     """Grow the consistent loops within one chain of odometry, with its first pose held."""
-    whole = gauge_fixed.problem
-    problem = whole.restricted(members)
-    start = initial_poses(problem)
-    problem = replace(problem, unary_factors=(fixed(0, start[0], problem.dimension),))
-    own = GaugeFixedProblem(problem, problem.unary_factor_graph(), gauge_fixed.options)
-    grown = _solved_odometry(own) if problem.trusted.all() else grow_from_odometry(own)
-    noise = white_noise(own.rows, problem.dof, number)
-    samples = sample_posterior(own.graph(grown.kept), problem.values(grown.w_T), problem.dof, noise)
+    own = held_part(gauge_fixed, members, initial_poses(gauge_fixed.problem.restricted(members))[0])
+    grown = _solved_odometry(own) if own.problem.trusted.all() else grow_from_odometry(own)
+    return Chain(members, grown.w_T, part_samples(own, grown.kept, grown.w_T, number))
+
+
+def held_part(gauge_fixed: GaugeFixedProblem, members: Index, w_T_first: Array) -> GaugeFixedProblem:
+    """Return the problem of some poses (sorted), with the first of them held at ``w_T_first`` (4, 4)."""
+    problem = gauge_fixed.problem.restricted(members)
+    problem = replace(problem, unary_factors=(fixed(0, w_T_first, problem.dimension),))
+    return GaugeFixedProblem(problem, problem.unary_factor_graph(), gauge_fixed.options)
+
+
+def part_samples(part: GaugeFixedProblem, kept: Mask, w_T: Array, number: int) -> Array:
+    """Draw samples (n, d, s) of the posterior of a part, independent of those of another ``number``.
+
+    Raises `BackendError` if the kept edges do not fix its poses.
+    """
+    problem = part.problem
+    noise = white_noise(part.rows, problem.dof, number)
+    samples = sample_posterior(part.graph(kept), problem.values(w_T), problem.dof, noise)
     if samples is None:
-        raise BackendError(
-            f"{format_keys(members.tolist(), whole.name)}: its odometry does not fix its poses"
-        )
-    return Chain(members, grown.w_T, samples)
+        poses = format_keys(range(problem.count), problem.name)
+        raise BackendError(f"{poses}: its odometry does not fix its poses")
+    return samples
 
 
 def _solved_odometry(own: GaugeFixedProblem) -> GrownSet:

@@ -197,14 +197,18 @@ def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
     """Estimate the factor on the stated standard deviations from the chi-square of the kept edges.
 
     It is 1 unless a chi-square test rejects that. If stated covariances are far too large, so that false
-    loops would pass the gates, it is the largest factor that the test does not reject, but at least
-    `_MIN_SCALE`: residuals of exactly zero are possible.
+    loops would pass the gates, it is the largest factor of any axis that the test does not reject:
+    covariances that are too large along one axis may be right along another. It is at least `_MIN_SCALE`:
+    residuals of exactly zero are possible.
     """
     d = problem.dof
-    dof = d * (int(kept.sum()) - problem.count + 1)
-    if dof <= 0:
+    redundancy = int(kept.sum()) - problem.count + 1
+    if redundancy <= 0:
         return 1.0
-    statistic = float((problem.residuals(w_T)[kept] ** 2).sum())
-    if statistic > chi_square_quantile(1 - SIGNIFICANCE, dof):
-        return float(np.sqrt(statistic / dof))
-    return float(np.clip(np.sqrt(statistic / chi_square_quantile(SIGNIFICANCE, dof)), _MIN_SCALE, 1.0))
+    statistics = (problem.residuals(w_T)[kept] ** 2).sum(axis=0)
+    total = float(statistics.sum())
+    if total > chi_square_quantile(1 - SIGNIFICANCE, d * redundancy):
+        return float(np.sqrt(total / (d * redundancy)))
+    # Each axis has as many edges and as many unknowns as any other.
+    largest = float(statistics.max()) / chi_square_quantile(SIGNIFICANCE, redundancy)
+    return float(np.clip(np.sqrt(largest), _MIN_SCALE, 1.0))

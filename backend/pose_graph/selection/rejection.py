@@ -24,6 +24,7 @@ from backend.pose_graph.selection.draw import draw_loops
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
+from backend.pose_graph.selection.loop_support import rejected_agree_better
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import noise_scale, sample_posterior
 from backend.pose_graph.selection.swap import swap_loops
@@ -122,12 +123,13 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
 
     Loops that agreed with the step speak for it, and those that are gained without it speak against it: if
     more are lost than by chance, and they and the step itself are as many witnesses as the gained ones, the
-    step stays. Loops in a row are one witness. Where nothing is gained, nothing speaks against the step.
+    step stays. Loops in a row are one witness. Where nothing is gained, or the rejected loops over the step
+    agree with each other no better than the kept ones do, nothing speaks against the step.
     """
     problem, doubting = gauge_fixed.problem, gauge_fixed
     while time.monotonic() < gauge_fixed.options.deadline:
         step = doubtful_odometry(doubting.problem, found.kept)
-        if step is None:
+        if step is None or not rejected_agree_better(doubting, step, found.kept, found.fit.w_T):
             break
         trusted = doubting.problem.trusted & ~step
         doubting = replace(gauge_fixed, problem=replace(problem, trusted=trusted))

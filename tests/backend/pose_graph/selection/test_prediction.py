@@ -20,11 +20,13 @@ from backend.pose_graph.selection.prediction import (
     squared_mahalanobis,
     white_noise,
 )
+from backend.pose_graph.solve import solve_pose_graph
 from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import graph
+from tests.benchmarks.selection_matrix import Scene, make
 
 
-def made(dimension: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, int]:
+def factors_of(dimension: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, int]:
     problem = from_pose_graph(graph(4, dimension, n=30))
     factors = problem.edge_factors()
     factors.push_back(fixed(0, problem.initial[0], dimension).factor)
@@ -33,7 +35,7 @@ def made(dimension: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, int]
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_draws_solve_the_whole_system_with_noise_on_its_right(dimension: int) -> None:
-    factors, values, d = made(dimension)
+    factors, values, d = factors_of(dimension)
     J = jacobian(factors, values).toarray()
     noise = white_noise(len(J) + 50, d)
     expected = np.linalg.lstsq(J, noise[: len(J)], rcond=None)[0].reshape(30, d, -1)
@@ -44,7 +46,7 @@ def test_draws_solve_the_whole_system_with_noise_on_its_right(dimension: int) ->
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_variable_is_eliminated_in_one_piece(dimension: int) -> None:
-    factors, values, d = made(dimension)
+    factors, values, d = factors_of(dimension)
     order = elimination_order(factors, d)
     assert sorted(order) == list(range(values.dim()))
     assert (order.reshape(-1, d) // d == order[::d, None] // d).all()
@@ -62,6 +64,17 @@ def test_noise_beyond_the_stated_one_is_its_chi_square_per_degree_of_freedom(dim
     dof = problem.dof * (int(kept.sum()) - 30 + 1)
     larger = replace(problem, sqrt_information=problem.sqrt_information * np.sqrt(16 * dof / statistic))
     assert noise_scale(larger, kept, problem.initial) == pytest.approx(4.0)
+
+
+def test_covariances_too_large_along_one_axis_are_right_along_another():
+    """The headings have the stated noise, the positions a tenth of it: no factor below 1 holds for both."""
+    made = make(Scene("laps", 1, 1, 0.0, "random", 0))
+    root = np.linalg.cholesky(made.graph.information)
+    less = root * np.array([0.1, 0.1, 1.0])[:, None]
+    graph = replace(made.graph, information=less @ np.swapaxes(less, 1, 2))
+    problem, solved = from_pose_graph(graph), solve_pose_graph(graph, covariances=False)
+    kept = np.ones(len(problem.i), dtype=bool)
+    assert 0.85 < noise_scale(problem, kept, solved.w_T_b) <= 1.0
 
 
 def test_the_volume_of_an_ellipsoid_is_that_of_the_unit_ball_times_its_axes() -> None:

@@ -1,0 +1,60 @@
+"""Agreement of the loops over a step of odometry with each other, where the step itself is left open."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem
+from backend.pose_graph.selection.chains import Chain, Joining, chain_members
+from backend.pose_graph.selection.growth import coarse_solver, held_part, part_samples
+from backend.pose_graph.selection.prediction import noise_scale
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+def rejected_agree_better(gauge_fixed: GaugeFixedProblem, step: Mask, kept: Mask, w_T: Array) -> bool:
+    """Return whether rejected loops over a step of odometry support each other more than kept ones do.
+
+    ``step`` (m,) are the trusted edges over the step, ``kept`` (m,) the selected edges, ``w_T`` (n, 4, 4)
+    their solution. Without the step and the loops over it, its chain falls into two parts. True loops agree
+    about where these lie whatever the step is; false ones hardly do.
+    """
+    problem = gauge_fixed.problem
+    one = int(np.argmax(step))
+    chains = chain_members(replace(problem, trusted=problem.trusted & ~step))
+    parts = [each for each in chains if np.isin([problem.i[one], problem.j[one]], each).any()]
+    if len(parts) == 1:
+        return True
+    members = np.sort(np.concatenate(parts))
+    inside = problem.edges_among(members)
+    both, kept_inside = problem.restricted(members), kept[inside]
+    frames = [
+        _solved_part(gauge_fixed, part, members, kept, w_T, number) for number, part in enumerate(parts)
+    ]
+    joining = Joining(both, frames, noise_scale(problem, kept, w_T))
+    over = (joining.label[both.i] != joining.label[both.j]) & ~both.trusted
+
+    def support(loops: Mask) -> float:
+        found = np.flatnonzero(loops)
+        return joining.most_supported(found, out_of_time)[1] if len(found) else 0.0
+
+    def out_of_time() -> bool:
+        return time.monotonic() > gauge_fixed.options.deadline
+
+    return support(over & ~kept_inside) > support(over & kept_inside)
+
+
+def _solved_part(
+    gauge_fixed: GaugeFixedProblem, part: Index, members: Index, kept: Mask, w_T: Array, number: int
+) -> Chain:
+    """Solve the kept edges within a ``part`` of some ``members``; the chain's poses are numbers of these."""
+    own = held_part(gauge_fixed, part, w_T[part[0]])
+    kept = kept[gauge_fixed.problem.edges_among(part)]
+    at = coarse_solver(own)(kept, w_T[part])
+    return Chain(np.searchsorted(members, part), at, part_samples(own, kept, at, number))
