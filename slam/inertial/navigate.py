@@ -18,6 +18,7 @@ from slam.core.flight_info import describe
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
+from slam.core.turn_units import in_radians
 from slam.inertial.accuracy_basis import track_accuracy_basis
 from slam.inertial.filter_input import FilterInput
 from slam.inertial.instruments import InertialTrust
@@ -60,7 +61,7 @@ def navigate(
     Raises ``InputError`` where the recording is insufficient, or would give more than ``MOST_POSES`` poses.
     """
     check_flight(flight)
-    clock = Stopwatch()
+    flight, clock = in_radians(flight), Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):
             contradiction = velocity_contradiction(flight, trust)

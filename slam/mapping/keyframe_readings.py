@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from backend.measurements import Attitude, BarometerHeight, InertialReadings, Position, SlantRange
-from slam.core.flight import AttitudeSeries, Flight, Imu, Scalar, Sonar
+from backend.measurements import Attitude, BarometerHeight, Position, SlantRange
+from slam.core.flight import AttitudeSeries, Flight, Scalar, Sonar
 from slam.core.geodesy import GeoOrigin
+from slam.core.turn_readings import MAX_GAP_S
 from slam.mapping.config import PipelineConfig
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.gps.fixes import Fixes, fixes_of
 
 Array = NDArray[np.float64]
 
-MAX_GAP_S = 0.3
-"""A keyframe farther than this from any sample of a stream has no value of that stream."""
 _LEAST_JUDGED = 4
 """Samples around a time, from which on those that disagree with most of them are left out."""
 _OUTLIER_SIGMA = 5.0
@@ -149,26 +147,6 @@ def heights_at(barometer: Scalar | None, at_s: Array, floor_std_m: float) -> tup
         BarometerHeight(int(k), float(value[k, 0]), float(std_m[k]))
         for k in np.flatnonzero(np.isfinite(value[:, 0]))
     )
-
-
-def attitude_readings(series: AttitudeSeries, axes: Sequence[int] = (0, 1, 2)) -> tuple[Array, Array]:
-    """Stamps (n,) and angles (n, axes) of an attitude, in order of time; what is not finite is left out."""
-    angles = series.roll_pitch_yaw_rad[:, axes]
-    good = np.isfinite(angles).all(axis=1)
-    stamps_s, first = np.unique(series.stamps_s[good], return_index=True)
-    return stamps_s, angles[good][first]
-
-
-def inertial_readings(imu: Imu | None) -> InertialReadings | None:
-    """Gyro and accelerometer turned into body axes, in order of time; what is not finite is left out."""
-    if imu is None:
-        return None
-    good = np.isfinite(imu.gyro_rad_s).all(axis=1) & np.isfinite(imu.accel_m_s2).all(axis=1)
-    stamps_s, first = np.unique(imu.stamps_s[good], return_index=True)
-    turn = imu.b_T_s[:3, :3].T
-    if len(stamps_s) < 2:
-        return None
-    return InertialReadings(stamps_s, imu.gyro_rad_s[good][first] @ turn, imu.accel_m_s2[good][first] @ turn)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from slam.core.flight import Flight
 from slam.core.heap import map_large_blocks
 from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
+from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
 from slam.mapping.calibration.refuted import HELD, Freed
 from slam.mapping.config import PipelineConfig
@@ -36,7 +37,6 @@ from slam.mapping.stages import (
     track,
     with_freed,
 )
-from slam.mapping.turn_units import in_radians
 
 MOST_PASSES = 2
 """Obstacles bend the first map and are then misplaced in it; the second pass places them again."""

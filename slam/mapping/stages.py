@@ -15,6 +15,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.lens_priors import as_nominal
 from slam.core.progress import show_compilation
+from slam.core.turn_readings import inertial_readings
 from slam.mapping.build_estimate import reason_kind
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
@@ -29,7 +30,7 @@ from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations, TrackedPictures
 from slam.mapping.inertial.fusion import fuse_parts
 from slam.mapping.inertial.measurements import inertial_measurements, reported_motion
-from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
+from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first
 from slam.mapping.obstacles import Masks

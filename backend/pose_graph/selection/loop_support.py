@@ -23,22 +23,16 @@ def rejected_agree_better(gauge_fixed: GaugeFixedProblem, step: Mask, kept: Mask
 
     ``step`` (m,) are the trusted edges over the step, ``kept`` (m,) the selected edges, ``w_T`` (n, 4, 4)
     their solution. Without the step and the loops over it, its chain falls into two parts. True loops agree
-    about where these lie whatever the step is; false ones hardly do.
+    about where these lie whatever the step is; false ones hardly do. It is True as well where loops over the
+    step are not all: where the poses form several chains, those to another chain may tell more.
     """
     problem = gauge_fixed.problem
-    one = int(np.argmax(step))
-    chains = chain_members(replace(problem, trusted=problem.trusted & ~step))
-    parts = [each for each in chains if np.isin([problem.i[one], problem.j[one]], each).any()]
-    if len(parts) == 1:
+    parts = chain_members(replace(problem, trusted=problem.trusted & ~step))
+    if len(parts) != 2:
         return True
-    members = np.sort(np.concatenate(parts))
-    inside = problem.edges_among(members)
-    both, kept_inside = problem.restricted(members), kept[inside]
-    frames = [
-        _solved_part(gauge_fixed, part, members, kept, w_T, number) for number, part in enumerate(parts)
-    ]
-    joining = Joining(both, frames, noise_scale(problem, kept, w_T))
-    over = (joining.label[both.i] != joining.label[both.j]) & ~both.trusted
+    frames = [_solved_part(gauge_fixed, part, kept, w_T, number) for number, part in enumerate(parts)]
+    joining = Joining(problem, frames, noise_scale(problem, kept, w_T))
+    over = (joining.label[problem.i] != joining.label[problem.j]) & ~problem.trusted
 
     def support(loops: Mask) -> float:
         found = np.flatnonzero(loops)
@@ -47,14 +41,12 @@ def rejected_agree_better(gauge_fixed: GaugeFixedProblem, step: Mask, kept: Mask
     def out_of_time() -> bool:
         return time.monotonic() > gauge_fixed.options.deadline
 
-    return support(over & ~kept_inside) > support(over & kept_inside)
+    return support(over & ~kept) > support(over & kept)
 
 
-def _solved_part(
-    gauge_fixed: GaugeFixedProblem, part: Index, members: Index, kept: Mask, w_T: Array, number: int
-) -> Chain:
-    """Solve the kept edges within a ``part`` of some ``members``; the chain's poses are numbers of these."""
+def _solved_part(gauge_fixed: GaugeFixedProblem, part: Index, kept: Mask, w_T: Array, number: int) -> Chain:
+    """Solve the kept edges within a ``part`` of the poses, with its first pose held."""
     own = held_part(gauge_fixed, part, w_T[part[0]])
     kept = kept[gauge_fixed.problem.edges_among(part)]
     at = coarse_solver(own)(kept, w_T[part])
-    return Chain(np.searchsorted(members, part), at, part_samples(own, kept, at, number))
+    return Chain(part, at, part_samples(own, kept, at, number))

@@ -12,8 +12,8 @@ from backend.clocks.picture_clock import ClockPiece, PictureClock, picture_clock
 from slam.core.flight import Flight
 from slam.core.messages import Note
 from slam.core.rotations import rotation_of
+from slam.core.turn_readings import MAX_GAP_S, attitude_readings, inertial_readings
 from slam.core.units import with_error
-from slam.mapping.keyframe_readings import MAX_GAP_S, attitude_readings, inertial_readings
 
 
 def on_one_clock(flight: Flight, pictures: PictureClock | None) -> Flight:

@@ -14,8 +14,8 @@ from backend.clocks.windows import ClockDisagreement, clock_disagreements
 from frontend.lift import LiftedPoses, lift
 from frontend.tracked import IntermediateFrame
 from slam.core.flight import Flight
+from slam.core.turn_readings import inertial_readings
 from slam.mapping.front_end import Observations
-from slam.mapping.keyframe_readings import inertial_readings
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]

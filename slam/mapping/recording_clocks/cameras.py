@@ -11,11 +11,11 @@ from backend.clocks.delay_residuals import gyro_attitudes
 from slam.core.flight import Flight
 from slam.core.names import listed
 from slam.core.progress import Progress
+from slam.core.turn_readings import inertial_readings
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
 from slam.io.recordings.camera_views import CameraLook, look_by_instruments, look_by_pictures
 from slam.io.recordings.recording import Burst
 from slam.io.recordings.schedule import CHAIN, GLANCE, Schedule
-from slam.mapping.keyframe_readings import inertial_readings
 
 _AROUND_S = 0.1
 """The gyro must cover a stretch with so much time on either side."""

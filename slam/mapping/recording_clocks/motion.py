@@ -17,11 +17,12 @@ from backend.measurements import InertialReadings
 from slam.core.flight import Flight, Frames
 from slam.core.progress import Progress
 from slam.core.rotations import rotation_of
+from slam.core.turn_readings import inertial_readings
 from slam.io.streams import METRES_PER_DEGREE, metres_per_degree_east
 from slam.mapping.calibration.picture_turns import picture_speeds, turned_attitudes
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd, Observations
-from slam.mapping.keyframe_readings import KeyframeReadings, inertial_readings
+from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]

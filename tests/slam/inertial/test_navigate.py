@@ -39,6 +39,13 @@ def navigation(flight):
     return navigate(flight)
 
 
+def test_an_attitude_in_degrees_changes_nothing_but_a_warning(flight, navigation):
+    angles = np.degrees(flight.attitude.roll_pitch_yaw_rad)
+    found = navigate(replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles)))
+    assert found.estimate.w_T_b == pytest.approx(navigation.estimate.w_T_b, abs=1e-9)
+    assert "taken as degrees" in found.estimate.warnings[0]
+
+
 @pytest.mark.slow
 def test_compilation_of_the_filter_is_shown_as_progress(flight, monkeypatch):
     def compiles(*_: object):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.core.flight import Flight
-from slam.mapping.turn_units import in_radians, turn_ratio
+from slam.core.turn_units import in_radians, turn_ratio
 from tests.slam.small_flight import flown
 
 
