@@ -117,8 +117,8 @@ def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -
     null_loops = NullLoops.of(problem, loops, place[loops])
     chance = null_loops.chance(w_T, samples, scale).of(found.log_pass_probability())
     sigma[edges] = found.sigma()
-    # Real noise has tails: accept within the stated covariance if the prediction is sharp even for that.
-    inflation = float(np.clip(1 / scale, 1, TAIL_FACTOR))
+    # Accept within the stated covariance if the prediction is sharp even for that.
+    inflation = tail_inflation(scale)
     agrees[edges] = sharp_agreements(chance, found.agrees(), place[edges])
     agrees[edges] |= sharp_agreements(
         np.minimum(chance + problem.dof * np.log(inflation), 0.0),
@@ -126,6 +126,14 @@ def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -
         place[edges],
     )
     return agrees, sigma
+
+
+def tail_inflation(scale: float) -> float:
+    """Return the factor on a noise estimated from the bulk of the edges that its tails need.
+
+    Real noise has tails, up to the stated covariance. ``scale`` is the estimated factor on that.
+    """
+    return float(np.clip(1 / scale, 1, TAIL_FACTOR))
 
 
 @dataclass(frozen=True)

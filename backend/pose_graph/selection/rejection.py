@@ -17,7 +17,7 @@ from backend.pose_graph.gauge_fixed_problem import (
     least_squares_fit,
 )
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import recheck_rejected
+from backend.pose_graph.selection.agreement import recheck_rejected, tail_inflation
 from backend.pose_graph.selection.chains import chain_members, connected
 from backend.pose_graph.selection.doubts import agreement_is_lost, doubtful_odometry, odometry_dispute
 from backend.pose_graph.selection.draw import draw_loops
@@ -165,8 +165,13 @@ def _rows(problem: Problem, loops: Mask) -> int:
     return len(np.unique(place_pairs(problem.i[loops], problem.j[loops], ROW_LENGTH)))
 
 
-def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
-    """Return whether the other selection has the higher evidence, each rejected edge at its prior odds."""
+def _is_more_probable(
+    gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, tails: bool = False
+) -> bool:
+    """Return whether the other selection has the higher evidence, each rejected edge at its prior odds.
+
+    With ``tails`` the noise of both is `tail_inflation` times as large as estimated.
+    """
     problem = gauge_fixed.problem
     volumes = log_unit_volumes(problem, found.fit.w_T)
     here, there = (
@@ -175,6 +180,9 @@ def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: S
     )
     if here is None or there is None:
         return here is None
+    if tails:
+        scale = here.scale * tail_inflation(here.scale)
+        here, there = replace(here, scale=scale), replace(there, scale=scale)
     return there.evidence(here.odds) > here.evidence(here.odds)
 
 
@@ -208,11 +216,13 @@ def _swap(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
     return other if _explains_more_places(gauge_fixed, other, found) else found
 
 
-def _explains_more_places(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
+def _explains_more_places(
+    gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, tails: bool = False
+) -> bool:
     """Return whether the other selection has the higher evidence if a row of loops is one piece of it."""
     problem = gauge_fixed.problem
     pair = thinned(problem, other, found), thinned(problem, found, other)
-    return _is_more_probable(gauge_fixed, *pair)
+    return _is_more_probable(gauge_fixed, *pair, tails)
 
 
 def thinned(problem: Problem, found: Selection, beside: Selection) -> Selection:
@@ -257,10 +267,13 @@ def _refit(gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array, candidate: Ma
 
 
 def _taken_back(gauge_fixed: GaugeFixedProblem, found: Selection, back: Mask) -> Selection:
-    """Add the edges ``back`` (m,) to a selection, without their worst quarter until the evidence grows."""
+    """Add the edges ``back`` (m,) to a selection, without their worst quarter until the evidence grows.
+
+    They agreed at a noise with tails, and are judged by the same.
+    """
     while back.any():
         other = _fitted(gauge_fixed, found.kept | back, found.fit.w_T)
-        if _explains_more_places(gauge_fixed, other, found):
+        if _explains_more_places(gauge_fixed, other, found, tails=True):
             return other
         back = back & (found.innovation_sigma < np.quantile(found.innovation_sigma[back], 0.75))
     return found
