@@ -210,5 +210,5 @@ def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
     if total > chi_square_quantile(1 - SIGNIFICANCE, d * redundancy):
         return float(np.sqrt(total / (d * redundancy)))
     # Each axis has as many edges and as many unknowns as any other.
-    largest = float(statistics.max()) / chi_square_quantile(SIGNIFICANCE, redundancy)
+    largest = d * float(statistics.max()) / chi_square_quantile(SIGNIFICANCE, d * redundancy)
     return float(np.clip(np.sqrt(largest), _MIN_SCALE, 1.0))

@@ -26,7 +26,7 @@ from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
 from backend.pose_graph.selection.loop_support import rejected_agree_better
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
-from backend.pose_graph.selection.prediction import noise_scale, sample_posterior
+from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
 from backend.pose_graph.selection.swap import swap_loops
 
 Array = NDArray[np.float64]
@@ -165,12 +165,17 @@ def _rows(problem: Problem, loops: Mask) -> int:
     return len(np.unique(place_pairs(problem.i[loops], problem.j[loops], ROW_LENGTH)))
 
 
-def _is_more_probable(
-    gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, tails: bool = False
-) -> bool:
-    """Return whether the other selection has the higher evidence, each rejected edge at its prior odds.
+def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection) -> bool:
+    """Return whether the other selection has the higher evidence, each rejected edge at its prior odds."""
+    return _evidence_gain(gauge_fixed, other, found) > 0
 
-    With ``tails`` the noise of both is `tail_inflation` times as large as estimated.
+
+def _evidence_gain(
+    gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, with_tails: bool = False
+) -> float:
+    """Return the evidence (nats) of the other selection over one; ``with_tails``, at `tail_inflation`.
+
+    True edges reach into the tail, beyond the gate of the noise without it, once in a thousand.
     """
     problem = gauge_fixed.problem
     volumes = log_unit_volumes(problem, found.fit.w_T)
@@ -179,11 +184,14 @@ def _is_more_probable(
         for each in (found, other)
     )
     if here is None or there is None:
-        return here is None
-    if tails:
-        scale = here.scale * tail_inflation(here.scale)
-        here, there = replace(here, scale=scale), replace(there, scale=scale)
-    return there.evidence(here.odds) > here.evidence(here.odds)
+        return np.inf if here is None else -np.inf
+    if not with_tails:
+        return there.evidence(here.odds) - here.evidence(here.odds)
+    scale = here.scale * tail_inflation(here.scale)
+    here, there = replace(here, scale=scale), replace(there, scale=scale)
+    in_tail = other.kept & ~found.kept & (found.innovation_sigma > edge_limit(problem))
+    prior = np.count_nonzero(in_tail) * np.log(SIGNIFICANCE)
+    return there.evidence(here.odds) - here.evidence(here.odds) + float(prior)
 
 
 def has_loops_on_odometry(problem: Problem) -> bool:
@@ -213,16 +221,16 @@ def _swap(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
         return found
     # The search counts places, not loops: it may lose true loops of a place that it takes for one.
     other = _fitted(gauge_fixed, kept, w_T)
-    return other if _explains_more_places(gauge_fixed, other, found) else found
+    return other if _gain_by_places(gauge_fixed, other, found) > 0 else found
 
 
-def _explains_more_places(
-    gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, tails: bool = False
-) -> bool:
-    """Return whether the other selection has the higher evidence if a row of loops is one piece of it."""
+def _gain_by_places(
+    gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, with_tails: bool = False
+) -> float:
+    """Return the evidence (nats) of the other selection over one if a row of loops is one piece of it."""
     problem = gauge_fixed.problem
     pair = thinned(problem, other, found), thinned(problem, found, other)
-    return _is_more_probable(gauge_fixed, *pair, tails)
+    return _evidence_gain(gauge_fixed, *pair, with_tails)
 
 
 def thinned(problem: Problem, found: Selection, beside: Selection) -> Selection:
@@ -273,7 +281,7 @@ def _taken_back(gauge_fixed: GaugeFixedProblem, found: Selection, back: Mask) ->
     """
     while back.any():
         other = _fitted(gauge_fixed, found.kept | back, found.fit.w_T)
-        if _explains_more_places(gauge_fixed, other, found, tails=True):
+        if _gain_by_places(gauge_fixed, other, found, with_tails=True) > 0:
             return other
         back = back & (found.innovation_sigma < np.quantile(found.innovation_sigma[back], 0.75))
     return found
