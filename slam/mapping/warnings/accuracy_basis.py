@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from slam.core.flight import Flight
+from slam.core.names import enumerated
 from slam.mapping.map import Map
 
 
@@ -41,7 +42,10 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
 
 
 def _assumed(flight: Flight, map_: Map) -> str:
-    """Name the values of the height sensor that the flight does not determine."""
+    """Name the values of the height sensor that the flight does not determine, and a lens that is held.
+
+    A length on the ground is the height times an angle: the focal length enters it as the height does.
+    """
     found = map_.bundle.range_errors if map_.bundle is not None else None
     if flight.sonar is None or found is None:
         return ""
@@ -49,14 +53,16 @@ def _assumed(flight: Flight, map_: Map) -> str:
     gain_determined, zero_determined = found.determined(gain, zero)
     exact, assumed = list[str](), list[str]()
     for name, known, std, stated in (
-        ("gain", gain_determined, gain, f"± {100 * gain:.2g} %"),
-        ("zero", zero_determined, zero, f"± {1e3 * zero:.2g} mm"),
+        ("its gain", gain_determined, gain, f"± {100 * gain:.2g} %"),
+        ("its zero", zero_determined, zero, f"± {1e3 * zero:.2g} mm"),
     ):
         if not known:
             (assumed if std else exact).append(f"{name} ({stated})" if std else name)
+    if map_.camera.focal_std_ratio == 0:
+        exact.append("the camera's focal length")
     clauses = [
-        f"its {' and '.join(names)} {'are' if len(names) > 1 else 'is'} {how}"
+        f"{enumerated(names)} {'are' if len(names) > 1 else 'is'} {how}"
         for names, how in ((assumed, "assumed"), (exact, "taken as exact"))
         if names
     ]
-    return f", and {' and '.join(clauses)}" if clauses else ""
+    return f", and {', and '.join(clauses)}" if clauses else ""

@@ -18,6 +18,7 @@ def basis(
     barometer=False,
     gain_std=0.05,
     zero_std_m=0.02,
+    focal_std_ratio=0.01,
 ):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
     measured = SimpleNamespace(positions=("fix",) if gps else (), control=())
@@ -29,6 +30,7 @@ def basis(
             optimum=SimpleNamespace(problem=SimpleNamespace(measurements=measured)),
         ),
         georeferenced=gps,
+        camera=SimpleNamespace(focal_std_ratio=focal_std_ratio),
         inertial=SimpleNamespace(helps=True) if accelerometer else None,
     )
     return accuracy_basis(SimpleNamespace(sonar=SONAR if sonar else None), map_)
@@ -52,7 +54,7 @@ def test_nothing_is_stated_without_an_instrument_or_with_two(used):
 @pytest.mark.parametrize(
     ("gain_std", "zero_std_m", "assumed"),
     [
-        (0.05, 0.02, ", and its gain (± 5 %) and zero (± 20 mm) are assumed."),
+        (0.05, 0.02, ", and its gain (± 5 %) and its zero (± 20 mm) are assumed."),
         (0.02, 0.019, ", and its zero (± 20 mm) is assumed."),
         (0.02, 0.01, "; no second instrument checks them."),
     ],
@@ -60,3 +62,10 @@ def test_nothing_is_stated_without_an_instrument_or_with_two(used):
 def test_values_that_the_flight_does_not_determine_are_assumed(gain_std, zero_std_m, assumed):
     advice = " One distance measured on the ground checks them."
     assert basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m).endswith(assumed + advice)
+
+
+def test_a_focal_length_that_is_held_is_named():
+    assert ", and the camera's focal length is taken as exact." in basis(
+        sonar=True, gain_std=0.02, zero_std_m=0.01, focal_std_ratio=0.0
+    )
+    assert "focal" not in basis(gps=True, focal_std_ratio=0.0)
