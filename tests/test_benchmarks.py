@@ -6,12 +6,13 @@ import gtsam
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.stats import norm
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Truth
 from tests.benchmarks import blind_dev, inertial_alone, inertial_bound, instruments
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
-from tests.benchmarks.instrument_flights import KINDS, SEEDS
+from tests.benchmarks.instrument_flights import KINDS, SEEDS, _strata
 from tests.benchmarks.instrument_maps import ALL, NO_CAMERA, NO_IMU, NO_SONAR, Flown, Gap, Mapped
 from tests.benchmarks.metric import at_least, at_most, reported, within
 
@@ -147,6 +148,23 @@ def test_a_gap_is_judged_by_the_bound_and_by_its_covariance():
 
 def test_there_are_24_flights_of_instruments_or_more():
     assert len(KINDS) * len(SEEDS) >= 24
+
+
+@pytest.mark.parametrize("turn", [0, 1])
+def test_errors_of_instruments_have_one_flight_in_each_stratum_of_two_seeds(turn):
+    flights = len(KINDS) * len(SEEDS)
+    numbers = range(turn * flights, (turn + 1) * flights)
+    drawn = norm.cdf([_strata(number, np.random.default_rng(0)) for number in numbers])
+    np.testing.assert_array_equal(np.sort(np.floor(flights * drawn), axis=0).T, [np.arange(flights)] * 3)
+
+
+def test_further_seeds_have_other_errors_of_instruments():
+    flights = len(KINDS) * len(SEEDS)
+    first, later = (
+        np.array([_strata(turn * flights + k, np.random.default_rng(0)) for k in range(flights)])
+        for turn in (0, 1)
+    )
+    assert abs(np.corrcoef(first.ravel(), later.ravel())[0, 1]) < 0.5
 
 
 def test_an_accelerometer_on_an_arm_feels_how_the_arms_end_accelerates():

@@ -67,11 +67,12 @@ def flown(kind: Kind, seed: int) -> Flight:
 
 
 def _strata(number: int, rng: np.random.Generator) -> list[float]:
-    """Return three standard normal numbers. Over the flights each has one from every stratum, in independent
-    orders."""
+    """Return three standard normal numbers. Over the flights of two seeds each has one from every stratum, in
+    independent orders. Further seeds have other orders: else each kind of flight would keep its errors."""
     flights = len(KINDS) * len(SEEDS)
-    orders = np.random.default_rng(11).permuted(np.tile(np.arange(flights), (3, 1)), axis=1)
-    share = (orders[:, number % flights] + rng.uniform(size=3)) / flights
+    turn, place = divmod(number, flights)
+    orders = np.random.default_rng(11 + turn).permuted(np.tile(np.arange(flights), (3, 1)), axis=1)
+    share = (orders[:, place] + rng.uniform(size=3)) / flights
     return list(norm.ppf(share))
 
 
