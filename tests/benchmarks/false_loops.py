@@ -53,6 +53,11 @@ class Case:
         """Name of the case."""
         return f"{self.name} {100 * self.share:.0f} % {self.kind}, seed {self.seed}"
 
+    @property
+    def said(self) -> str:
+        """Case and result."""
+        return f"{self.label}: {self.ratio:.2f} ({self.kept} of {self.false} kept)"
+
 
 def measure() -> list[Metric]:
     """Measure every graph, share and kind."""
@@ -93,7 +98,7 @@ def ours(graph: PoseGraph) -> tuple[Array, Array]:
 
 
 def _said(cases: list[Case]) -> str:
-    return "; ".join(f"{c.label}: {c.ratio:.2f} ({c.kept} of {c.false} kept)" for c in cases)
+    return "; ".join(each.said for each in cases)
 
 
 def cases_of(path: Path, shares: tuple[float, ...] = SHARES) -> list[Case]:
@@ -117,7 +122,9 @@ def case(
     clean = solve_pose_graph(true, covariances=False, loops_robust=False).w_T_b
     kept, w_T_b = method(made)
     error, best = (aligned_rmse(w_T[:, :3, 3], whole[:, :3, 3]) for w_T in (w_T_b, clean))
-    return Case(name, share, kind, seed, error / best, int(false.sum()), int((false & kept).sum()))
+    found = Case(name, share, kind, seed, error / best, int(false.sum()), int((false & kept).sum()))
+    print(f"{found.said} by {method.__name__}", flush=True)
+    return found
 
 
 def edges_of(graph: PoseGraph, which: Array) -> PoseGraph:
