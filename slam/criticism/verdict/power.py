@@ -4,6 +4,7 @@ separate."""
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -60,7 +61,8 @@ def _score_at_tried_size(expansion: LikelihoodExpansion, effect: Effect) -> floa
 def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], ...]:
     """Return pairs of terms whose sensitivities correlate by more than ``CONFUSED`` here, nuisances projected
     out."""
-    quadratic = expansion.quadratic
+    # Without a score every nuisance stays in its range, so that its prior alone holds it.
+    quadratic = replace(expansion.quadratic, score=np.zeros_like(expansion.quadratic.score))
     seen: dict[str, Effect] = {}
     for effect in expansion.effects:
         if not effect.is_term or effect.is_profiled or effect.relaxes or effect.name in seen:

@@ -15,9 +15,10 @@ from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.camera.lens import LENS_MAP_PATTERN, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score
-from slam.criticism.kalman.filter_parameters import CAMERA, STEPS, TILT_X, filter_parameters_of
+from slam.criticism.kalman.filter_parameters import CAMERA, TILT_X, filter_parameters_of
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import record_of
+from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.data_quality.pictures.bilinear_weights import bilinear_weights, places
 from slam.data_quality.pictures.lens_distortion_map import PairMatches, lens_distortion_map
 from slam.simulation.model import load_model
@@ -128,7 +129,7 @@ def test_a_drop_is_not_taken_for_a_camera_that_leans():
         lens_distortion=lens_distortion_map(matches.camera, len(matches.stamps_s), pair_matches),
     )
     directions = [
-        *(Perturbation(CAMERA[k], "camera", k, STEPS[k]) for k in (TILT_X, TILT_X + 1)),
+        *(fitted_parameter(CAMERA[k]).perturbation for k in (TILT_X, TILT_X + 1)),
         Perturbation(LENS_MAP_PATTERN, "picture", len(PICTURE_PATTERNS) + WARPS.index(LENS_MAP_PATTERN)),
     ]
     found = reprojection_score(record_of(flight), bent, parameters, directions)

@@ -21,7 +21,6 @@ from slam.criticism.kalman.filter_parameters import (
     GAIN,
     POINTS,
     SQUARES,
-    STEPS,
     TILT_X,
     TILT_Y,
     VIGNETTING,
@@ -32,12 +31,13 @@ from slam.criticism.kalman.filter_parameters import (
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.smoothing import smoothed
+from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.model import Model, load_model
 from tests.slam.criticism.camera.camera_flight import camera_flight, matched_flight
 
 DIRECTIONS = [
-    *(Perturbation(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
+    *(fitted_parameter(name).perturbation for name in CAMERA),
     parameter_perturbation("sonar.datum_m", 1e-3),
 ]
 

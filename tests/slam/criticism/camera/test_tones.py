@@ -15,9 +15,10 @@ from slam.criticism.camera.photometric import (
     VARIANCE_PATTERNS,
     photometric_score,
 )
-from slam.criticism.kalman.filter_parameters import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
+from slam.criticism.kalman.filter_parameters import CAMERA, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.smoothing import PathErrors, SmoothedPath
+from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.data_quality.pictures.bilinear_weights import COUNT
 from slam.data_quality.pictures.cells import Cells
 from slam.data_quality.pictures.lens_distortion_map import LensDistortionMap
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 
 CAMERA_AT = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 DIRECTIONS = [
-    *(Perturbation(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
+    *(fitted_parameter(name).perturbation for name in CAMERA),
     *(Perturbation(name, "picture", k) for k, name in enumerate(PICTURE_PATTERNS)),
 ]
 PICTURES, POINTS = 60, 20
