@@ -27,7 +27,7 @@ def place(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     """Return how accurate a point of the mosaic is, and how accurate a keyframe."""
     if not np.isfinite(facts.sigma_median_m):
         return "Not known: no uncertainty could be computed for most of it."
-    relative = f"relative to {facts.relative_to}" if facts.relative_to else "on Earth"
+    relative = facts.against.rstrip(",")
     thing = "pose" if facts.is_graph else "camera at a keyframe (a picture that the map is made of)"
     camera = f"a {thing} is typically known to ±{SPACE}{facts.length(facts.sigma_median_m)} {relative}"
     text = f"{camera[0].upper()}{camera[1:]}, one standard deviation."
@@ -46,6 +46,12 @@ def place(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
                 "lies from the middle of a picture."
             )
     text += " Two times out of three the error is smaller; an error three times as large is rare."
+    if not facts.relative_to and not facts.controlled and np.isfinite(facts.gps_std_m):
+        text += (
+            " This is how well the fixes of the GPS agree with each other. It does not count a shift that "
+            "all of them share, which may be as large as what is stated or assumed for one fix, "
+            f"±{SPACE}{facts.length(facts.gps_std_m)}."
+        )
     return text + (
         " It does not count what “Check this first” above names." if summary.status != "ok" else ""
     )
@@ -87,7 +93,7 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
     apart_m = min(_EXAMPLE_M, max(facts.extent_m))
     known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
     end_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
-    if estimate.middle_std_m is not None:  # what moves the whole map moves both ends
+    if known and estimate.middle_std_m is not None:  # what moves the whole ground moves both ends
         end_m = float(np.sqrt(max(end_m**2 - estimate.middle_std_m**2, 0.0)))
     ends = f"±{SPACE}{facts.length(np.sqrt(2) * end_m)}"
     if not facts.scale_std or not apart_m > 0:
@@ -170,7 +176,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         if estimate.elevation is not None:
             text += " What the height sensor found standing on it is in elevation.tif."
     if np.isfinite(worst_m := largest_height_std(estimate)):
-        against = f"Relative to {facts.relative_to}" if facts.relative_to else "On Earth"
+        against = f"{facts.against[0].upper()}{facts.against[1:].rstrip(',')}"
         counted = "the tilt" if facts.relative_to else "altitude and tilt"
         text += (
             f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is "
@@ -207,8 +213,10 @@ def loops(estimate: Estimate, facts: Facts) -> str:
             f"Yes, {facts.loops_kept} times, so errors do not add up over the flight. Each match that was "
             "kept agrees with all the others in one map."
         )
-    else:
+    elif facts.relative_to:
         text = "No, so errors add up along the path."
+    else:
+        text = "No: positions alone hold the path."
     if not rejected:
         return f"{text} No match was rejected."
     unproven = len(rejected) - contradicted

@@ -71,10 +71,10 @@ def limit_sentence(shares: Mapping[str, Mapping[str, float]], metric: bool = Tru
     name, share = found
     left = f"{percent(share)} of the uncertainty that is left"
     if of_lengths is None or of_lengths[0] == name:
-        return f"What limits this: {in_words(name)}, which causes {left}."
-    lengths = f"{in_words(of_lengths[0])}, which causes {percent(of_lengths[1])} of theirs"
+        return f"What limits this: {in_words(name)}, the cause of {left}."
+    lengths = f"{in_words(of_lengths[0])}, the cause of {percent(of_lengths[1])} of theirs"
     return (
-        f"What limits this: for the place of a camera {in_words(name)}, which causes {left}; for lengths "
+        f"What limits this: for the place of a camera {in_words(name)}, the cause of {left}; for lengths "
         f"{lengths}."
     )
 
@@ -100,7 +100,8 @@ def next_steps(
     if summary.status != "ok":
         steps.append("first do what “Check this first” says: it is worth more than all that follows")
     if not facts.loops_kept and not facts.is_graph:
-        steps.append("cross or repeat an earlier part of the path, so that errors do not add up")
+        why = "errors do not add up" if facts.relative_to else "the map does not rest on positions alone"
+        steps.append(f"cross or repeat an earlier part of the path, so that {why}")
     if not facts.metric:
         steps.append("record a height sensor or GPS, which give lengths in metres")
     of_lengths = _limited_by_lengths(facts, mosaic)

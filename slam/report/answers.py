@@ -220,7 +220,7 @@ def _hand_on(facts: Facts, mosaic: MosaicFacts | None) -> str:
         )
     known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
     std_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
-    told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.length(std_m)} on Earth)"]
+    told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.length(std_m)})"]
     if not facts.controlled:
         told.append("and that the place on Earth is that of the GPS")
     stated = (

@@ -71,6 +71,13 @@ class Facts:
     metric: bool = True
     """Whether lengths are metres, as `slam.core.estimate.Estimate` defines it."""
 
+    @property
+    def against(self) -> str:
+        """The reference of a stated accuracy of a place, in words."""
+        if self.relative_to:
+            return f"relative to {self.relative_to}"
+        return "on Earth" if self.controlled else "on Earth, as the GPS has it,"
+
     def length(self, metres: float) -> str:
         """Return a length of this map with its unit."""
         return length(metres, self.metric)
@@ -214,8 +221,8 @@ def sentence(facts: Facts, status: str) -> str:
             if np.isfinite(facts.sigma_max_m)
             else "and others are not known"
         )
-        relative = f"relative to {facts.relative_to}" if facts.relative_to else "on Earth"
-        text += f"; {relative} the position of a {thing[:-1]} is typically known to ±{SPACE}{median}, {worst}"
+        typically = f"is typically known to ±{SPACE}{median}, {worst}"
+        text += f"; {facts.against} the position of a {thing[:-1]} {typically}"
         if facts.mostly_scale:
             text += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
         if status != "ok":
@@ -226,8 +233,10 @@ def sentence(facts: Facts, status: str) -> str:
         closures = "loop closure" if one else "loop closures"
         what = "" if facts.is_graph else f" ({'a place' if one else 'places'} recognised on a second visit)"
         text += f" {facts.loops_kept} {closures}{what} {'holds' if one else 'hold'} it together."
-    else:
+    elif facts.relative_to:
         text += " No place was recognised a second time with certainty, so errors add up along the path."
+    else:
+        text += " No place was recognised a second time with certainty: positions alone hold the path."
     if not facts.metric:
         text += (
             " No sensor determined the length of a metre, so lengths are relative: in heights, multiples of "

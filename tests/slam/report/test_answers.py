@@ -85,8 +85,11 @@ def test_answers_follow_the_map():
     assert "map.html measures any distance" in answers(estimate, flight)[distance]
     by_gps = replace(on_earth, information_shares={"x": {"position": 0.9, "pictures": 0.1}})
     assert "moves the whole map" in answers(by_gps, flight)[distance]
-    apart = replace(by_gps, middle_std_m=gather(by_gps, flight).sigma_median_m)
-    assert f"both ends cause ±\N{NO-BREAK SPACE}{length(0.0)}" in answers(apart, flight)[distance]
+    mosaic, facts = MosaicFacts(0.004, 800, 600, 0.05, 0.09, 3.0, -1.5), gather(by_gps, flight)
+    rows = pilots_answers(replace(by_gps, middle_std_m=0.03), summarise(by_gps), facts, mosaic)
+    told = next(row.value for row in rows if row.label == distance)
+    both_ends = length(np.sqrt(2) * 0.04)
+    assert f"both ends cause ±\N{NO-BREAK SPACE}{both_ends}" in told, "the shift of the ground is not counted"
     assert answers(no_metres, flight)[scale].startswith("Not known")
     unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
     assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")
@@ -413,3 +416,31 @@ def test_the_mosaic_says_where_its_pictures_differ_most():
     told = next(row.value for row in rows if row.label == question)
     assert f"around x = 2.00 m, y = 1.25 m, by {percent(0.56)} of the brightness" in told
     assert "White is ground that no picture shows" in told
+
+
+def test_an_accuracy_by_the_gps_does_not_count_a_shift_of_all_its_fixes():
+    estimate, flight = made_estimate(), made_flight()
+    question = "How accurate is a place on it?"
+    assert "share" not in answers(estimate, flight)[question]
+    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
+    facts = replace(gather(on_earth, flight), gps_std_m=5.0)
+
+    def told(facts):
+        rows = pilots_answers(on_earth, summarise(on_earth), facts)
+        return next(row.value for row in rows if row.label == question)
+
+    assert "on Earth, as the GPS has it, one standard deviation" in told(facts)
+    assert (
+        f"may be as large as what is stated or assumed for one fix, ±\N{NO-BREAK SPACE}{length(5.0)}"
+        in told(facts)
+    )
+    assert "GPS" not in told(replace(facts, controlled=True)), "control points hold the map"
+
+
+def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
+    estimate, flight = replace(made_estimate(), loops=()), made_flight()
+    assert answers(estimate, flight)[AGAIN].startswith("No, so errors add up")
+    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
+    assert answers(on_earth, flight)[AGAIN].startswith("No: positions alone hold the path")
+    page = html.unescape(render(on_earth, summarise(on_earth), flight))
+    assert "errors add up along" not in page
