@@ -4,8 +4,7 @@ If one size holds everywhere, the score of each segment beside the common sizes 
 with as many degrees of freedom as the parts have sizes of their own. All common parameters (nuisances, sizes)
 are projected out. Where instruments are compared with each other, errors are correlated, and small
 differences are significant: there only a size that varies by half of itself counts. The greatest difference
-before and after a moment, in standard deviations, is the sup-Wald statistic of a break at an unknown time
-(Andrews, 1993).
+before and after a moment is the sup-Wald statistic of a break at an unknown time (Andrews, 1993).
 """
 
 from __future__ import annotations
@@ -87,7 +86,7 @@ def _consistencies(found: SearchResult, effect: Effect) -> list[PartConsistency]
     quadratic, fisher = found.last.quadratic, found.last.fisher
     step = quadratic.maximise(found.chosen).whole
     names = list(dict.fromkeys([*quadratic.names, *(c for e in found.chosen for c in e.columns)]))
-    free, k = quadratic.index(names), len(effect.perturbations)
+    free = quadratic.index(names)
     own = np.array([names.index(d.name) for d in effect.perturbations])
     precision = np.zeros(len(free))
     precision[: len(quadratic.names)] = quadratic.precision
@@ -96,7 +95,7 @@ def _consistencies(found: SearchResult, effect: Effect) -> list[PartConsistency]
     information = fisher.information[of_readings][:, free[:, None], free]
     score = (fisher.score[of_readings] - fisher.information[of_readings] @ step)[:, free]
     parts = {"flight": fisher.flight[of_readings], "segment of time": of_readings}
-    return [_consistency(by, information, score, part, own[:k], precision) for by, part in parts.items()]
+    return [_consistency(by, information, score, part, own, precision) for by, part in parts.items()]
 
 
 def _consistency(
@@ -116,8 +115,8 @@ def _consistency(
     strong = values > WEAK
     along = vectors[:, strong].T @ (scale * right)
     chi2 = float(np.sum(along**2 / values[strong]))
-    degrees = int(strong.sum())
-    return PartConsistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
+    excess = chi2 - strong.sum()
+    return PartConsistency(by, deviate(chi2, int(strong.sum())) if excess > 0.0 else 0.0, excess)
 
 
 def disagreements(found: SearchResult) -> list[str]:
@@ -133,8 +132,8 @@ def disagreements(found: SearchResult) -> list[str]:
                 catalogue_value(effect, k, float(x), found.last.parameters, 0.0)
                 for x in (sizes.min(), sizes.max())
             )
-            segment = f"segments of {SEGMENT_S:g} s"
-            descriptions.append(f"{name} is {least:.2g} to {most:.2g} {unit} by {segment}{like}")
+            sizes_of = f"{least:.2g} to {most:.2g} {unit} by segments of {SEGMENT_S:g} s"
+            descriptions.append(f"{name} is {sizes_of}{like}")
     return descriptions
 
 
