@@ -31,8 +31,7 @@ Ints = NDArray[np.int64]
 
 CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""
-SEGMENT_S, OF_READINGS_S = 10.0, 5.0
-"""Length of a segment of comparisons, and of readings."""
+SEGMENT_S = 10.0
 ENOUGH_S = 200.0
 """Duration of the first flights for which the noise of healthy vehicles is changed: it shows in all alike."""
 PARTED = 0.1
@@ -131,7 +130,7 @@ def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight)
 
     ``steps`` (changes,) are the sizes of the changes of the noise, infinite for those that did not run."""
     ran = np.flatnonzero(steps < np.inf)
-    for rows in run.segments(OF_READINGS_S):
+    for rows in run.segments(SEGMENT_S):
         d, end = rows.sensitivity.shape[1], rows.sensitivity.shape[1] + len(steps)
         traces = np.zeros((len(rows.white), end + len(apart)))
         widened = np.zeros((len(rows.white), len(steps)))

@@ -1,6 +1,6 @@
-"""Consistency of a cause: its size in each flight and segment of time, and before and after a moment.
+"""Consistency of a cause: its size in each flight, time and channel, and before and after a moment.
 
-If one size holds everywhere, the score of each segment beside the common sizes is chance. It is a chi-square
+If one size holds everywhere, the score of each part beside the common sizes is chance. It is a chi-square
 with as many degrees of freedom as the parts have sizes of their own. All common parameters (nuisances, sizes)
 are projected out. Where instruments are compared with each other, errors are correlated, and small
 differences are significant: there only a size that varies by half of itself counts. The greatest difference
@@ -9,6 +9,7 @@ before and after a moment is the sup-Wald statistic of a break at an unknown tim
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,15 +18,21 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.innovations import segments
+from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect, catalogue_value, is_variance
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
+from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+PART_S, MOST_PARTS = 5.0, 1000
 DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
@@ -54,69 +61,97 @@ class PartConsistency:
     """Consistency of a cause between parts of the flights."""
 
     by: str
-    """Kind of part: ``flight`` or ``segment of time``."""
+    """Kind of part: ``flight``, ``time`` or ``channel``."""
     z: float
     """Normal deviate of the chi-square of their differences."""
     excess: float
     """Excess of the chi-square over its expectation."""
 
 
-def contradictions(found: SearchResult) -> tuple[dict[str, str], set[str]]:
-    """Return descriptions of inconsistent causes, by name, and the names of causes that contradict themselves
-    more than they explain.
+def consistencies(
+    records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
+) -> list[tuple[PartConsistency, ...]]:
+    """Return consistencies for each chosen effect that moves the mean of the readings; none for the others.
 
-    For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
+    ``parameters`` include the effects at their sizes.
     """
-    descriptions, refuted = {}, set()
-    for effect in (e for e in found.chosen if e.perturbations):
-        parts = _consistencies(found, effect)
-        worst = max(parts, key=lambda part: part.z)
-        rest = [e for e in found.chosen if e is not effect]
-        whole = found.last.score_tests(rest, [effect])[0]
-        if worst.z < with_misfit(DISAGREE_Z, 0.0 if effect.is_saturation else whole.z):
+    perturbations = [*MEAN_PERTURBATIONS, *(d for e in chosen for d in e.perturbations)]
+    precision = np.zeros(len(perturbations))
+    precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]
+
+    def one(k: int) -> tuple[Array, Array, Ints]:
+        rows = list(segments(records[k], parameters, perturbations))
+        events = np.concatenate([r.events for r in rows])
+        time = (records[k].times_s[events] // PART_S).astype(np.int64)
+        channels = np.concatenate([r.channels for r in rows])
+        part = np.column_stack([np.full(len(events), k), MOST_PARTS * k + time, channels])
+        return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
+
+    found = in_threads(one, range(len(records)))
+    traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
+    answers: list[tuple[PartConsistency, ...]] = []
+    first = len(MEAN_NUISANCES)
+    for effect in chosen:
+        own = np.arange(first, first + len(effect.perturbations))
+        first += len(effect.perturbations)
+        if len(own) == 0:
+            answers.append(())
             continue
-        descriptions[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
-        if not effect.is_saturation and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
-            refuted.add(effect.name)
-    return descriptions, refuted
-
-
-def _consistencies(found: SearchResult, effect: Effect) -> list[PartConsistency]:
-    """Return the consistency of a chosen effect between flights, and between segments of the readings."""
-    quadratic, fisher = found.last.quadratic, found.last.fisher
-    step = quadratic.maximise(found.chosen).whole
-    names = list(dict.fromkeys([*quadratic.names, *(c for e in found.chosen for c in e.columns)]))
-    free = quadratic.index(names)
-    own = np.array([names.index(d.name) for d in effect.perturbations])
-    precision = np.zeros(len(free))
-    precision[: len(quadratic.names)] = quadratic.precision
-    among = np.arange(len(fisher.flight)) - np.searchsorted(fisher.flight, fisher.flight)
-    of_readings = np.flatnonzero(among < np.array(fisher.readings)[fisher.flight])
-    information = fisher.information[of_readings][:, free[:, None], free]
-    score = (fisher.score[of_readings] - fisher.information[of_readings] @ step)[:, free]
-    parts = {"flight": fisher.flight[of_readings], "segment of time": of_readings}
-    return [_consistency(by, information, score, part, own, precision) for by, part in parts.items()]
+        answers.append(
+            tuple(
+                _consistency(by, traces, white, part[:, i], own, precision)
+                for i, by in enumerate(("flight", "time", "channel"))
+            )
+        )
+    return answers
 
 
 def _consistency(
-    by: str, information: Array, score: Array, part: Ints, own: Ints, precision: Array
+    by: str, traces: Array, white: Array, part: Ints, own: Ints, precision: Array
 ) -> PartConsistency:
-    """Return the consistency between parts of segments: information (segments, p, p), score (segments, p) at
-    the common sizes, and part (segments,)."""
-    total, labels, k = information.sum(axis=0) + np.diag(precision + 1e-9), np.unique(part), len(own)
-    cross = np.concatenate([information[part == label].sum(axis=0)[own] for label in labels])
-    right = np.concatenate([score[part == label].sum(axis=0)[own] for label in labels])
-    left = -cross @ np.linalg.solve(total, cross.T)
-    for g in range(len(labels)):
+    total = traces.T @ traces + np.diag(precision + 1e-9)
+    score = white @ traces
+    step = np.linalg.solve(total, score)
+    labels = np.unique(part)
+    k = len(own)
+    cross = np.zeros((len(labels) * k, len(total)))
+    left, right = np.zeros((len(labels) * k, len(labels) * k)), np.zeros(len(labels) * k)
+    for g, label in enumerate(labels):
+        rows = traces[part == label]
         at = slice(g * k, (g + 1) * k)
-        left[at, at] += cross[at][:, own]
+        cross[at] = rows[:, own].T @ rows
+        left[at, at] = cross[at][:, own]
+        right[at] = white[part == label] @ rows[:, own] - cross[at] @ step
+    left = left - cross @ np.linalg.solve(total, cross.T)
     scale = 1.0 / np.sqrt(np.tile(np.maximum(np.diag(total)[own], 1e-12), len(labels)))
     values, vectors = np.linalg.eigh(left * scale[:, None] * scale)
     strong = values > WEAK
     along = vectors[:, strong].T @ (scale * right)
     chi2 = float(np.sum(along**2 / values[strong]))
-    excess = chi2 - strong.sum()
-    return PartConsistency(by, deviate(chi2, int(strong.sum())) if excess > 0.0 else 0.0, excess)
+    degrees = int(strong.sum())
+    return PartConsistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
+
+
+def contradictions(
+    records: Sequence[Record], model: FilterParameters, found: SearchResult, parameters: FilterParameters
+) -> tuple[dict[str, str], set[str]]:
+    """Return descriptions of inconsistent causes, by name, and the names of causes that contradict themselves
+    more than they explain.
+
+    For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
+    """
+    chosen = [e.free for e in found.chosen]
+    descriptions, refuted = {}, set()
+    for effect, parts in zip(found.chosen, consistencies(records, model, parameters, chosen), strict=True):
+        worst = max(parts, key=lambda a: a.z, default=None)
+        rest = [e for e in found.chosen if e is not effect]
+        whole = found.last.score_tests(rest, [effect])[0]
+        if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if effect.is_saturation else whole.z):
+            continue
+        descriptions[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
+        if not effect.is_saturation and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
+            refuted.add(effect.name)
+    return descriptions, refuted
 
 
 def disagreements(found: SearchResult) -> list[str]:

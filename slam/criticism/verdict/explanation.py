@@ -35,7 +35,7 @@ def explain(found: SearchResult, progress: Progress) -> Explanation:
     posterior = posterior_of(found)
     reported = likeliest(records, found, posterior)
     parameters = fitted_parameters(reported, reported.chosen)
-    doubts, refuted = contradictions(reported)
+    doubts, refuted = contradictions(records, nominal, reported, parameters)
     if refuted:
         reported = replace(reported, chosen=tuple(e for e in reported.chosen if e.name not in refuted))
         parameters = fitted_parameters(reported, reported.chosen)

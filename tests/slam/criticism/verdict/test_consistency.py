@@ -11,15 +11,12 @@ ROWS, PARTS = 6000, 6
 
 
 def drawn(seed, sizes):
-    """Information and score, at the common sizes, of two nuisances and a cause with its size in each part."""
+    """Traces of two nuisances and a cause, innovations with the cause's size in each part, and the parts."""
     rng = np.random.default_rng(seed)
     traces = rng.standard_normal((ROWS, 3)) * 0.3
     part = rng.integers(0, PARTS, ROWS)
     white = rng.standard_normal(ROWS) + traces @ [0.5, -0.2, 0.0] + traces[:, 2] * np.asarray(sizes)[part]
-    white -= traces @ np.linalg.solve(traces.T @ traces, white @ traces)
-    own = [part == k for k in range(PARTS)]
-    information = np.array([traces[k].T @ traces[k] for k in own])
-    return information, np.array([white[k] @ traces[k] for k in own]), np.arange(PARTS)
+    return traces, white, part
 
 
 def deviates(sizes, count=200):
