@@ -15,13 +15,12 @@ from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, 
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
+from backend.bundle.redundancy import least_std, pooled, redundancy_factor
 from backend.measurements import FloorTracks, Measurements
 from backend.quantiles import chi_square_quantile, chi_square_tail
 
 Array = NDArray[np.float64]
 
-_NOMINAL_COUNT = 20
-"""Weight of a nominal noise level, as a number of residuals."""
 _HUBER_SIGMAS = 2.0
 """Residuals of instruments count up to here, as those of pixels do: one wrong reading spoils no other."""
 _MAX_LAG = 5
@@ -40,16 +39,20 @@ STUDENT_SCALE = 0.831
 def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels:
     """Return nominal noise levels, the median over the keyframes; infinite for an absent instrument."""
     tilt = [a.std_rad[:2].max() for a in measurements.attitudes]
-    position = np.array([p.std_m for p in measurements.positions]).reshape(-1, 3)
     ranges, heights = ([m.std_m for m in kind] for kind in (measurements.ranges, measurements.heights))
     return NoiseLevels(
         pixel_scale=1.0,
         relief=config.start_relief,
         roll_pitch_rad=float(np.median(tilt)) if tilt else np.inf,
-        position_m=np.array([_median_of_finite(axis) for axis in position.T]),
+        position_m=_stated_position_noise(measurements),
         range_m=float(np.median(ranges)) if ranges else np.inf,
         height_m=float(np.median(heights)) if heights else np.inf,
     )
+
+
+def _stated_position_noise(measurements: Measurements) -> Array:
+    stated = np.array([p.std_m for p in measurements.positions]).reshape(-1, 3)
+    return np.array([_median_of_finite(axis) for axis in stated.T])
 
 
 def _median_of_finite(x: Array) -> float:
@@ -167,7 +170,7 @@ def _sensor_noise(
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
         )
         nominal = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
-        level = replace(level, roll_pitch_rad=_pooled(nominal, robust_autocorrelated_std(tilt), len(tilt)))
+        level = replace(level, roll_pitch_rad=pooled(nominal, robust_autocorrelated_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
         position_m = _position_noise(measurements, w_T_b, world, level.position_m, absorbed)
         level = replace(level, position_m=position_m)
@@ -187,11 +190,11 @@ def _sensor_noise(
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])
         nominal = float(np.median([r.std_m for r in measurements.ranges]))
-        level = replace(level, range_m=_pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
+        level = replace(level, range_m=pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
     if len(measurements.heights) > 3:
         off = height_residuals(measurements.heights, w_T_b, values.atVector(HEIGHTS))
         nominal = float(np.median([h.std_m for h in measurements.heights]))
-        level = replace(level, height_m=_pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
+        level = replace(level, height_m=pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
     return level
 
 
@@ -202,11 +205,17 @@ def _position_noise(
     w_p_a = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ world[ANTENNA] + world[OFFSET]
     off = np.array([p.w_p_b_m - w_p_a[p.k] for p in measurements.positions])
     high = off[np.isfinite([p.std_m[2] for p in measurements.positions]), 2:]
-    horizontal = robust_autocorrelated_std(off[:, :2]) * _redundancy_factor(2 * len(off), absorbed[:2])
-    vertical = float(before[2])
+
+    stated = _stated_position_noise(measurements)
+
+    def level(off: Array, axis: int, absorbed: Array) -> float:
+        found = robust_autocorrelated_std(off) * redundancy_factor(off.size, absorbed)
+        return max(found, min(stated[axis], least_std(before[axis], off.size, absorbed))) + 1e-3
+
+    horizontal, vertical = level(off[:, :2], 0, absorbed[:2]), float(before[2])
     if len(high) > 3:
-        vertical = robust_autocorrelated_std(high) * _redundancy_factor(len(high), absorbed[2:]) + 1e-3
-    return np.array([horizontal + 1e-3, horizontal + 1e-3, vertical])
+        vertical = level(high, 2, absorbed[2:])
+    return np.array([horizontal, horizontal, vertical])
 
 
 def _survey_scale(off: Array) -> float:
@@ -215,8 +224,8 @@ def _survey_scale(off: Array) -> float:
     The median counts: of few points one that is wrong would raise any mean, and then bend the map.
     """
     median = float(np.median(np.linalg.norm(off, axis=1)) / np.sqrt(chi_square_quantile(0.5, 3)))
-    found = median * _redundancy_factor(off.size, np.array([_SIMILARITY]))
-    return max(1.0, _pooled(1.0, found, off.size))
+    found = median * redundancy_factor(off.size, np.array([_SIMILARITY]))
+    return max(1.0, pooled(1.0, found, off.size))
 
 
 def _mark_scale(off: Array, points: int) -> float:
@@ -227,25 +236,8 @@ def _mark_scale(off: Array, points: int) -> float:
     left = off.size - 3 * points
     if left <= 3:
         return 1.0
-    found = huber_std(off, _HUBER_SIGMAS) * _redundancy_factor(off.size, np.array([3.0 * points]))
-    return _pooled(1.0, found, left)
-
-
-def _redundancy_factor(count: int, absorbed: Array) -> float:
-    """Return the factor on the standard deviation of ``count`` residuals for what the fit absorbs."""
-    return float(np.sqrt(count / max(count - float(absorbed.sum()), 1.0)))
-
-
-def _pooled(nominal: float, found: float, count: int) -> float:
-    """Pool a nominal standard deviation with that of ``count`` residuals, ``found``.
-
-    If the latter is smaller, the nominal one counts as `_NOMINAL_COUNT` more residuals, since a few residuals
-    may be small by chance. One degree of freedom is spent on the scale (ranges) or the tilt (attitudes).
-    """
-    squares, dof = count * found**2, count - 1
-    return float(
-        np.sqrt(max(squares / dof, (_NOMINAL_COUNT * nominal**2 + squares) / (_NOMINAL_COUNT + dof)))
-    )
+    found = huber_std(off, _HUBER_SIGMAS) * redundancy_factor(off.size, np.array([3.0 * points]))
+    return pooled(1.0, found, left)
 
 
 def track_correlation_factor(tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_]) -> float:

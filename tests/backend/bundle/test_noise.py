@@ -3,6 +3,7 @@ import pytest
 from scipy.signal import lfilter
 
 from backend.bundle.noise import STUDENT_SCALE, autocorrelated_std, huber_std
+from backend.bundle.redundancy import least_std, redundancy_factor
 from backend.bundle.refinement import refine
 from tests.backend.made_floor import Scene, aligned, make, nees
 
@@ -104,3 +105,23 @@ def test_the_relief_is_found_over_a_wide_range():
             made = make(scene, seed)
             found.append(refine(made.measurements, made.start).noise.relief)
         assert np.mean(found) == pytest.approx(relief, rel=0.2)
+
+
+def test_the_noise_of_exact_positions_stays_what_the_pictures_can_show():
+    """Positions without noise, of which pictures know each to 0.3 m: from round to round the fit follows them
+    more, and its residuals shrink. The noise ends where it can no longer be told from zero."""
+    count, pictures_m, rng = 40, 0.3, np.random.default_rng(3)
+    off = rng.standard_normal(count)
+    off *= pictures_m / np.sqrt(np.mean(off**2))  # as far off as the pictures alone explain
+    for start in (0.01, 1.0):
+        noise = start
+        for _ in range(200):
+            leverage = pictures_m**2 / (pictures_m**2 + noise**2)
+            absorbed, residual = np.array([count * leverage]), off * (1 - leverage)
+            found = np.sqrt(np.mean(residual**2)) * redundancy_factor(count, absorbed)
+            noise = max(found, least_std(noise, count, absorbed))
+        assert noise == pytest.approx(pictures_m * (2 / count) ** 0.25, rel=1e-6)
+
+
+def test_few_absorbed_positions_have_no_least_noise():
+    assert least_std(2.0, 200, np.array([4.0])) < 0.1 * 2.0

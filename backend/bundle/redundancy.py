@@ -1,0 +1,48 @@
+"""Noise levels from residuals of a fit that follows its own measurements.
+
+``absorbed`` is the number of residuals that it follows, the trace of the hat matrix
+(`backend.bundle.position_redundancy`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_NOMINAL_COUNT = 20
+"""Weight of a nominal noise level, as a number of residuals."""
+
+
+def redundancy_factor(count: int, absorbed: Array) -> float:
+    """Return the factor on the standard deviation of ``count`` residuals for what the fit absorbs."""
+    return float(np.sqrt(count / _left(count, absorbed)))
+
+
+def least_std(before: float, count: int, absorbed: Array) -> float:
+    """Return the least standard deviation that ``count`` residuals can show, of a fit with noise ``before``.
+
+    A value differs from what all others predict for it by its own variance and by P, that of the prediction.
+    With the mean leverage h the fit has P = before^2 h / (1 - h). The variance of ``count`` such differences
+    is known to sqrt(2 / count) of itself, so a variance below P sqrt(2 / count) cannot be told from zero.
+    """
+    left = _left(count, absorbed)
+    predicted = before**2 * (count - left) / left
+    return float(np.sqrt(predicted * np.sqrt(2.0 / count)))
+
+
+def pooled(nominal: float, found: float, count: int) -> float:
+    """Pool a nominal standard deviation with that of ``count`` residuals, ``found``.
+
+    If the latter is smaller, the nominal one counts as `_NOMINAL_COUNT` more residuals, since a few residuals
+    may be small by chance. One degree of freedom is spent on the scale (ranges) or the tilt (attitudes).
+    """
+    squares, dof = count * found**2, count - 1
+    return float(
+        np.sqrt(max(squares / dof, (_NOMINAL_COUNT * nominal**2 + squares) / (_NOMINAL_COUNT + dof)))
+    )
+
+
+def _left(count: int, absorbed: Array) -> float:
+    return max(count - float(absorbed.sum()), 1.0)
