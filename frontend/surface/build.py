@@ -15,7 +15,8 @@ from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import Lattice, MosaicView
-from frontend.surface.dense import DenseHeights, dense_heights
+from frontend.surface.dense import COARSEST, DenseHeights, dense_heights
+from frontend.surface.holes import filled, without_specks
 from frontend.surface.misregistration import SQUARE_PX
 from frontend.surface.stereo import Placed
 
@@ -30,10 +31,6 @@ MOST_CELLS = 16_000_000
 REDUCTION = np.sqrt(2.0)
 """Side of a cell in pixels of the matched pictures: two pixels a cell, half as many as the pictures have. A
 tile takes a third of the time, as there are fewer disparities too."""
-LOWER_PERCENT = 25
-"""Percentile of the heights around a hole that fills it: half of the rim of a shadow is the roof above it."""
-MEDIAN_CELLS = 5
-"""Side of the median filter, the largest that OpenCV has for heights."""
 MARGIN_CELLS = 16
 """Cells matched around a tile, so that its border is as good as its middle."""
 
@@ -54,7 +51,7 @@ def build_surface(
         cell_px *= 2
     rows, cols = -(-plan.height // cell_px), -(-plan.width // cell_px)
     height, std = np.zeros((rows, cols), np.float32), np.full((rows, cols), np.nan, np.float32)
-    used = _on_cells(relief, cell_px, (rows, cols))
+    used = _on_cells(_closed(relief), cell_px, (rows, cols))
     tiles = [part for tile in plan.tiles if (part := _part_in_use(tile, used, cell_px)) is not None]
     for done, tile in enumerate(tiles):
         if report:
@@ -62,6 +59,7 @@ def build_surface(
         where = _cells(tile, cell_px)
         dense = _tile_heights(plan, pictures, tile, cell_px)
         height[where], std[where] = dense.height_m, dense.std_m
+    height = without_specks(height, COARSEST / REDUCTION * cell_px * plan.gsd_m)
     # Beyond the squares, ground that is higher or lower and connected with them is theirs.
     used = _connected(used, np.abs(height) > plan.gsd_m)
     height[~used] = 0.0
@@ -70,28 +68,6 @@ def build_surface(
     source = np.where(used, measured, HeightSource.FLOOR)
     surface = Surface(plan.west_m, plan.north_m, cell_px * plan.gsd_m, height, std, source.astype(np.uint8))
     return filled(surface if elevation is None else _with_sonar(surface, elevation))
-
-
-def filled(surface: Surface) -> Surface:
-    """Return the surface with its unknown heights taken from the lower rim of each hole.
-
-    What no two pictures see lies behind something higher, so its lower rim continues it. A quartile of the
-    rim instead of its minimum withstands single heights that are wrong.
-    """
-    unknown = ~np.isfinite(surface.height_m)
-    label = cv2.connectedComponents(unknown.astype(np.uint8), connectivity=8)[1]
-    beside = cv2.dilate(label.astype(np.float32), np.ones((3, 3), np.uint8)).astype(np.int64)
-    rim = ~unknown & (beside > 0)
-    order = np.argsort(beside[rim], kind="stable")
-    of, heights = beside[rim][order], surface.height_m[rim][order]
-    lower = np.zeros(int(label.max()) + 1, np.float32)
-    first = np.flatnonzero(np.diff(of, prepend=-1))
-    for hole, group in zip(of[first], np.split(heights, first[1:]), strict=True) if len(of) else ():
-        lower[hole] = np.percentile(group, LOWER_PERCENT)
-    known = np.where(unknown, lower[label], surface.height_m).astype(np.float32)
-    # Single wrong heights are removed; a median keeps edges.
-    smooth = np.asarray(cv2.medianBlur(known, MEDIAN_CELLS))
-    return replace(surface, height_m=np.where(surface.source == HeightSource.FLOOR, known, smooth))
 
 
 def _with_sonar(surface: Surface, elevation: Elevation) -> Surface:
@@ -144,6 +120,12 @@ def _cells(tile: Tile, cell_px: int) -> tuple[slice, slice]:
     """Return the cells of a tile."""
     row, col = tile.row // cell_px, tile.col // cell_px
     return slice(row, row + -(-tile.rows // cell_px)), slice(col, col + -(-tile.cols // cell_px))
+
+
+def _closed(squares: Mask) -> Mask:
+    """Return the squares with relief and those between them: a crown of a tree may seem flat by chance."""
+    around = np.pad(squares.astype(np.uint8), 1)
+    return np.asarray(cv2.morphologyEx(around, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0)
 
 
 def _connected(used: Mask, raised: Mask) -> Mask:

@@ -5,23 +5,46 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.view import Lattice, MosaicView
-from frontend.surface.stereo import Placed, ground_points, rectified
+from frontend.surface.stereo import GroundPoints, Placed, ground_points, rectified
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Look = Callable[[MosaicView], "Placed | None"]
+Sees = Callable[[MosaicView, Lattice], Mask]
+Layer = tuple[Float32, Mask]
+"""Heights (rows, cols) of the cells by one pair, NaN where it does not match, and `GroundPoints.whole`."""
 Offer = tuple[float, Mask, tuple[MosaicView, MosaicView]]
 """Value of a pair by its base, the nodes that both pictures see, and the pictures."""
 
-LEAST_BASE, BEST_BASE, LARGEST_BASE = 0.08, 0.3, 0.6
-"""Level base over height: a climb shows hardly any height. Below the least, an error of a third of a pixel is
-four pixels of height; above the largest, pictures of houses differ too much to be matched. Up to the best,
-precision grows with it."""
+
+@dataclass(frozen=True)
+class Search:
+    """Pairs of pictures to match, by their level base over the height: a climb shows hardly any height."""
+
+    least: float
+    best: float
+    """Up to the best, precision grows with the base."""
+    largest: float
+    scales: tuple[int, ...]
+    """Reductions of the pictures. What one does not match is left to the next."""
+
+
+FIRST = Search(0.08, 0.3, 0.6, (1,))
+"""Below the least base, an error of a third of a pixel is four pixels of height; above the largest, pictures
+of houses differ too much to be matched."""
+IN_HOLES = Search(FIRST.least / 2, FIRST.least, 2 * FIRST.least, (1, 2, 4))
+"""Crowns of trees look alike from directions within an octave of the least base alone, and without details.
+Their heights are less precise, so they are used where the first search found none."""
+COARSEST = max(IN_HOLES.scales) / IN_HOLES.best
+"""Largest difference of heights that agree, in pixels of the matched pictures."""
+HOLE_CELLS = 16
+"""Side of the smallest hole that is searched. Narrower ones are mostly ground hidden beside what is high."""
 WANTED = 5
 """Number of pairs for each piece of ground: the median then resists two that are wrong."""
 AGREEING = 2
@@ -47,29 +70,54 @@ class DenseHeights:
 
 
 def dense_heights(
-    views: Sequence[MosaicView], camera_sees: Callable[[MosaicView, Lattice], Mask], look: Look,
-    lattice: Lattice, gsd_m: float,
-) -> DenseHeights:  # fmt: skip
+    views: Sequence[MosaicView], sees: Sees, look: Look, lattice: Lattice, gsd_m: float
+) -> DenseHeights:
     """Match the pairs of pictures that see a lattice of cells best, and return the median of their heights.
 
     Heights agree if they differ by less than a pixel ``gsd_m`` of the parallax over the best base.
     """
-    layers = []
-    pairs, offered = _pairs(views, camera_sees, lattice)
+    dense = _searched(FIRST, views, sees, look, lattice, gsd_m)
+    height, std = dense.height_m, dense.std_m
+    unknown = (~np.isfinite(height)).astype(np.uint8)
+    r, c = np.nonzero(cv2.morphologyEx(unknown, cv2.MORPH_OPEN, np.ones((HOLE_CELLS, HOLE_CELLS), np.uint8)))
+    if len(r) == 0:
+        return dense
+    # One rectangle around all holes: the pairs of a tile are mostly the same in all of them.
+    box = slice(r.min(), r.max() + 1), slice(c.min(), c.max() + 1)
+    x0_m, y0_m = lattice.x0_m + c.min() * lattice.step_m, lattice.y0_m - r.min() * lattice.step_m
+    around = Lattice(x0_m, y0_m, lattice.step_m, *height[box].shape)
+    found = _searched(IN_HOLES, views, sees, look, around, gsd_m)
+    hole = ~np.isfinite(height[box])
+    height[box][hole], std[box][hole] = found.height_m[hole], found.std_m[hole]
+    return DenseHeights(height, std)
+
+
+def _searched(
+    search: Search, views: Sequence[MosaicView], sees: Sees, look: Look, lattice: Lattice, gsd_m: float
+) -> DenseHeights:
+    """Return the heights by the pairs of one search; a coarser scale fills what finer ones do not know."""
+    pairs, offered = _pairs(search, views, sees, lattice)
+    layers: list[list[Layer]] = []
     for a, b in pairs:
         first, second = look(a), look(b)
         if first is not None and second is not None:
-            layers.append(_pair_heights(first, second, lattice, gsd_m))
+            layers.append(_pair_layers(first, second, lattice, gsd_m, search.scales))
+    height = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
+    std = height.copy()
     if not layers:
-        unknown = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
-        return DenseHeights(unknown, unknown)
+        return DenseHeights(height, std)
     nodes = [np.arange(n) * NODES // max(lattice.rows, lattice.cols) for n in (lattice.rows, lattice.cols)]
     needed = np.clip(offered, 1, AGREEING)[np.ix_(*nodes)]
-    return _agreed(np.stack(layers), gsd_m / BEST_BASE, needed)
+    for scale, of_scale in zip(search.scales, zip(*layers, strict=True), strict=True):
+        heights, whole = (np.stack(part) for part in zip(*of_scale, strict=True))
+        found = _agreed(heights, whole, scale * gsd_m / search.best, needed)
+        unknown = ~np.isfinite(height)
+        height[unknown], std[unknown] = found.height_m[unknown], found.std_m[unknown]
+    return DenseHeights(height, std)
 
 
 def _pairs(
-    views: Sequence[MosaicView], sees: Callable[[MosaicView, Lattice], Mask], lattice: Lattice
+    search: Search, views: Sequence[MosaicView], sees: Sees, lattice: Lattice
 ) -> tuple[list[tuple[MosaicView, MosaicView]], NDArray[np.int64]]:
     """Choose pairs greedily until each node of the tile has ``WANTED``, best base first.
 
@@ -77,15 +125,15 @@ def _pairs(
     """
     step = lattice.step_m * max(lattice.rows, lattice.cols) / NODES
     nodes = Lattice(lattice.x0_m + step / 2, lattice.y0_m - step / 2, step, NODES, NODES)
-    over = _apart([(view, mask) for view in views if (mask := sees(view, nodes)).any()])
+    over = _apart([(view, mask) for view in views if (mask := sees(view, nodes)).any()], search.least)
     offered: list[Offer] = []
     for i, (a, seen_a) in enumerate(over):
         for b, seen_b in over[i + 1 :]:
             height = min(a.height_m, b.height_m)
             ratio = float(np.linalg.norm((a.w_p_c_m - b.w_p_c_m)[:2])) / height
             both = seen_a & seen_b
-            if LEAST_BASE <= ratio <= LARGEST_BASE and both.any():
-                offered.append((min(ratio, BEST_BASE) / max(ratio, BEST_BASE), both, (a, b)))
+            if search.least <= ratio <= search.largest and both.any():
+                offered.append((min(ratio, search.best) / max(ratio, search.best), both, (a, b)))
     chosen, count = [], np.zeros((NODES, NODES), np.int64)
     while offered:
         best, gain = _best(offered, count < WANTED)
@@ -106,56 +154,71 @@ def _best(offered: list[Offer], wanting: Mask) -> tuple[int, float]:
     return best, float(gain[best])
 
 
-def _apart(over: list[tuple[MosaicView, Mask]]) -> list[tuple[MosaicView, Mask]]:
+def _apart(over: list[tuple[MosaicView, Mask]], least_base: float) -> list[tuple[MosaicView, Mask]]:
     """Return the views that see most, without those nearer to one of them than the least base.
 
     The number of views then depends on the area, not on how often it was flown over.
     """
     kept: list[tuple[MosaicView, Mask]] = []
     for view, mask in sorted(over, key=lambda seen: -int(np.count_nonzero(seen[1]))):
-        at, least_m = view.w_p_c_m, LEAST_BASE * view.height_m
+        at, least_m = view.w_p_c_m, least_base * view.height_m
         if all(np.linalg.norm(other.w_p_c_m - at) >= least_m for other, _ in kept):
             kept.append((view, mask))
     return kept
 
 
-def _pair_heights(a: Placed, b: Placed, lattice: Lattice, gsd_m: float) -> Float32:
-    """Return the heights (rows, cols) of the cells by one pair; NaN where it does not match."""
+def _pair_layers(
+    a: Placed, b: Placed, lattice: Lattice, gsd_m: float, scales: tuple[int, ...]
+) -> list[Layer]:
+    """Return the heights of the cells by one pair at each scale."""
     height = min(a.view.height_m, b.view.height_m)
-    unknown = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
     over = rectified(a, b, lattice, (LOW * height, HIGH * height), COARSE * gsd_m)
-    coarse = np.zeros((0, 3)) if over is None else ground_points(a, b, over)
+    coarse = np.zeros(0) if over is None else ground_points(a, b, over).w_p_m[:, 2]
     if len(coarse) == 0:
-        return unknown
-    low, high = np.percentile(coarse[:, 2], [TAIL_PERCENT, 100 - TAIL_PERCENT])
+        unknown = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
+        return [(unknown, np.isfinite(unknown)) for _ in scales]
+    low, high = np.percentile(coarse, [TAIL_PERCENT, 100 - TAIL_PERCENT])
     # The height of one disparity of the coarse pictures.
     margin = COARSE * gsd_m * height / float(np.linalg.norm(a.w_p_c_m - b.w_p_c_m))
-    fine = rectified(a, b, lattice, (float(low - margin), float(high + margin)), gsd_m)
-    return unknown if fine is None else _on_cells(ground_points(a, b, fine), lattice)
+    layers = []
+    for scale in scales:
+        fine = rectified(a, b, lattice, (float(low - margin), float(high + margin)), scale * gsd_m)
+        no_points = GroundPoints(np.zeros((0, 3)), np.zeros(0, bool))
+        layers.append(_on_cells(no_points if fine is None else ground_points(a, b, fine), lattice, scale))
+    return layers
 
 
-def _on_cells(points: Array, lattice: Lattice) -> Float32:
-    """Return the height of the upper surface in each cell: the mean of the points near the highest."""
-    c = np.floor((points[:, 0] - lattice.x0_m) / lattice.step_m + 0.5)
-    r = np.floor((lattice.y0_m - points[:, 1]) / lattice.step_m + 0.5)
-    inside = (r >= 0) & (r < lattice.rows) & (c >= 0) & (c < lattice.cols)
-    cell = (r[inside] * lattice.cols + c[inside]).astype(np.int64)
-    height = points[inside, 2]
-    top = np.full(lattice.rows * lattice.cols, -np.inf)
+def _on_cells(points: GroundPoints, lattice: Lattice, scale: int) -> Layer:
+    """Return the height of the upper surface in each cell: the mean of the points near the highest.
+
+    Points of reduced pictures are farther apart: ``scale`` x ``scale`` cells have one height.
+    """
+    rows, cols, step = -(-lattice.rows // scale), -(-lattice.cols // scale), scale * lattice.step_m
+    c = np.floor((points.w_p_m[:, 0] - lattice.x0_m + lattice.step_m / 2) / step)
+    r = np.floor((lattice.y0_m + lattice.step_m / 2 - points.w_p_m[:, 1]) / step)
+    inside = (r >= 0) & (r < rows) & (c >= 0) & (c < cols)
+    cell = (r[inside] * cols + c[inside]).astype(np.int64)
+    height = points.w_p_m[inside, 2]
+    top = np.full(rows * cols, -np.inf)
     np.maximum.at(top, cell, height)
-    near = height > top[cell] - lattice.step_m
+    near = height > top[cell] - step
     count = np.bincount(cell[near], minlength=len(top))
     total = np.bincount(cell[near], height[near], minlength=len(top))
-    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    return mean.reshape(lattice.rows, lattice.cols).astype(np.float32)
+    beside = np.bincount(cell[near], ~points.whole[inside][near], minlength=len(top))
+    mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)
+    known, whole = (
+        np.repeat(np.repeat(part.reshape(rows, cols), scale, axis=0), scale, axis=1)
+        for part in (mean, (count > 0) & (beside == 0))
+    )
+    return known[: lattice.rows, : lattice.cols], whole[: lattice.rows, : lattice.cols]
 
 
-def _agreed(layers: Float32, agree_m: float, needed: NDArray[np.int64]) -> DenseHeights:
-    """Return the median of layers (k, rows, cols) and the standard deviation of one of them.
+def _agreed(layers: Float32, whole: Mask, agree_m: float, needed: NDArray[np.int64]) -> DenseHeights:
+    """Return the median of the layers (p, rows, cols) and their spread.
 
     Of two middle values the one is taken with which more pairs agree: the mean of a roof and the ground would
     be neither. Where fewer than ``needed`` (rows, cols) pairs agree, the height is
-    unknown.
+    unknown. One of them must have seen the ``whole`` range of heights, or they continue the heights around.
     """
     ordered = np.sort(layers, axis=0)  # NaN last
     count = np.isfinite(layers).sum(axis=0)
@@ -166,8 +229,29 @@ def _agreed(layers: Float32, agree_m: float, needed: NDArray[np.int64]) -> Dense
         better = agreeing > support
         height[better], support[better] = value[better], agreeing[better]
     height[support < needed] = np.nan
+    doubtful = np.isfinite(height) & ~((np.abs(layers - height) <= agree_m) & whole).any(axis=0)
+    height[doubtful & ~_continues(height, doubtful, agree_m)] = np.nan
     off = np.sort(np.abs(layers - height), axis=0)
     middle = np.maximum((count - 1) // 2, 0)
     # Pairs share pictures and the pattern of the ground, so their errors do not average out.
     spread = 1.4826 * np.take_along_axis(off, middle[None], axis=0)[0]
     return DenseHeights(height, np.where(support > 1, spread, np.nan).astype(np.float32))
+
+
+def _continues(height: Float32, doubtful: Mask, agree_m: float) -> Mask:
+    """Return (rows, cols) whether a height agrees with the nearest one that is not doubtful or already does.
+
+    Both may be off by ``agree_m``.
+    """
+    sure = np.isfinite(height) & ~doubtful
+    while sure.any():
+        _, label = cv2.distanceTransformWithLabels(
+            (~sure).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        of_label = np.zeros(int(label.max()) + 1, np.float32)
+        of_label[label[sure]] = height[sure]
+        joined = doubtful & ~sure & (np.abs(height - of_label[label]) <= 2 * agree_m)
+        if not joined.any():
+            break
+        sure |= joined
+    return np.asarray(sure)

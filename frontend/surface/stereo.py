@@ -72,6 +72,10 @@ class Rectified:
     offset_px: float
     """Disparity f B / Z of a pixel of disparity 0."""
     disparities: int
+    first: int
+    """Disparity of the lowest ground that is searched."""
+    last: int
+    """Disparity of the highest ground that is searched; those beyond it fill the last `STEP`."""
     rows: int
     cols: int
 
@@ -114,18 +118,30 @@ def _rectangle(along: Array, base_m: float, focal_px: float, corners: Array) -> 
     u, v = focal_px * v_p[:, 0] / v_p[:, 2], focal_px * v_p[:, 1] / v_p[:, 2]
     disparity = focal_px * base_m / v_p[:, 2]
     offset = float(np.floor(disparity.min()) - 1)
-    count = int(np.ceil((disparity.max() - offset + 2) / STEP)) * STEP
+    last = int(np.ceil(disparity.max() - offset))
+    count = -(-(last + 2) // STEP) * STEP
     # Matching needs as many columns to the left of a pixel as there are disparities.
     left, top = float(np.floor(u.min())) - count, float(np.floor(v.min()))
     return Rectified(
         v_R_w=v_R_w, base_m=base_m, focal_px=focal_px, left_px=left, top_px=top,
-        offset_px=offset, disparities=count, rows=int(np.ceil(v.max() - top)) + 1,
+        offset_px=offset, disparities=count, first=1, last=last, rows=int(np.ceil(v.max() - top)) + 1,
         cols=int(np.ceil(u.max() - left)) + 1,
     )  # fmt: skip
 
 
-def ground_points(a: Placed, b: Placed, over: Rectified) -> Array:
-    """Return the points (n, 3) of the ground over the floor that match in both pictures."""
+@dataclass(frozen=True)
+class GroundPoints:
+    """Points of the ground that match in two pictures."""
+
+    w_p_m: Array
+    """(n, 3) the points over the floor."""
+    whole: NDArray[np.bool_]
+    """(n,) whether the second picture shows the point at each height of the search. Beside its border the
+    true match may lie outside, and the best that is left may be wrong."""
+
+
+def ground_points(a: Placed, b: Placed, over: Rectified) -> GroundPoints:
+    """Return the points of the ground over the floor that match in both pictures."""
     left, inside = _turned(a, over, over.left_px)
     right, inside_right = _turned(b, over, over.left_px - over.offset_px)
     matcher = cv2.StereoSGBM.create(
@@ -134,13 +150,19 @@ def ground_points(a: Placed, b: Placed, over: Rectified) -> Array:
         speckleRange=SPECKLE_STEP, mode=cv2.StereoSGBM_MODE_SGBM_3WAY,
     )  # fmt: skip
     disparity = matcher.compute(left, right).astype(np.float32) / STEP
-    r, c = np.nonzero(inside & (disparity >= 0))
+    # The best disparity at an end of the range is no minimum: beyond it may be a better one.
+    r, c = np.nonzero(inside & (disparity > over.first) & (disparity < over.last))
     d = disparity[r, c]
-    seen = inside_right[r, np.clip(np.rint(c - d).astype(int), 0, over.cols - 1)]
+
+    def shown(d: Float32 | int) -> NDArray[np.bool_]:
+        return np.asarray(inside_right[r, np.clip(np.rint(c - d).astype(int), 0, over.cols - 1)])
+
+    seen = shown(d)
+    whole = (shown(over.first) & shown(over.last))[seen]
     r, c, d = r[seen], c[seen], d[seen].astype(float)
     depth = over.focal_px * over.base_m / (d + over.offset_px)
     v_p = np.column_stack([c + over.left_px, r + over.top_px, np.full(len(r), over.focal_px)])
-    return np.asarray(v_p * (depth / over.focal_px)[:, None] @ over.v_R_w + a.w_p_c_m)
+    return GroundPoints(np.asarray(v_p * (depth / over.focal_px)[:, None] @ over.v_R_w + a.w_p_c_m), whole)
 
 
 def _turned(placed: Placed, over: Rectified, left_px: float) -> tuple[Image, NDArray[np.bool_]]:

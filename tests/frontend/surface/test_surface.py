@@ -11,7 +11,9 @@ from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, raised_maps
-from frontend.surface.build import build_surface, filled
+from frontend.surface.build import build_surface
+from frontend.surface.dense import _agreed, dense_heights
+from frontend.surface.holes import filled, without_specks
 from frontend.surface.misregistration import Misregistration, measure_misregistration
 from frontend.surface.relief import relief_squares, relief_threshold_px
 from frontend.surface.stereo import Placed, ground_points, rectified
@@ -88,11 +90,52 @@ def test_two_pictures_give_the_height_of_the_ground(pictures):
     lattice = Lattice(-0.3, 0.3, 0.02, 30, 30)
     views = [mosaic_view(CAMERA, k, POSES[k], FLOOR_Z_M - HEIGHT_M) for k in (0, 2)]
     a, b = (Placed(CAMERA, view, pictures[view.k].mean(axis=2).astype(np.uint8)) for view in views)
-    points = ground_points(a, b, rectified(a, b, lattice, (0.1, 0.3), 0.01))
+    points = ground_points(a, b, rectified(a, b, lattice, (0.1, 0.3), 0.01)).w_p_m
     over = (np.abs(points[:, :2]) < 0.3).all(axis=1)
     assert over.sum() > 1000
     assert np.median(points[over, 2]) == pytest.approx(HEIGHT_M, abs=0.01)
     assert np.percentile(np.abs(points[over, 2] - HEIGHT_M), 90) < 0.03
+
+
+def test_beside_the_border_of_a_picture_a_match_may_be_wrong(pictures):
+    """The search goes far below the ground: where the second picture does not show it, the first matches
+    something else."""
+    lattice = Lattice(-0.8, 0.8, 0.02, 80, 80)
+    views = [mosaic_view(CAMERA, k, POSES[k], FLOOR_Z_M - HEIGHT_M) for k in (0, 2)]
+    a, b = (Placed(CAMERA, view, pictures[view.k].mean(axis=2).astype(np.uint8)) for view in views)
+    points = ground_points(a, b, rectified(a, b, lattice, (-0.6, 0.5), 0.01))
+    wrong = np.abs(points.w_p_m[:, 2] - HEIGHT_M) > 0.05
+    assert 0.3 < points.whole.mean() < 0.95
+    assert wrong[points.whole].mean() < 0.01 < wrong[~points.whole].mean()
+
+
+def test_a_pair_alone_must_continue_the_heights_around_it_beside_its_border():
+    layers = np.full((2, 20, 20), np.nan, np.float32)
+    layers[:, :, 8:] = 1.0
+    layers[0, :, :8], layers[0, :10, :4] = 1.02, -3.0  # a pair alone, that is wrong beside its border
+    whole = np.isfinite(layers)
+    whole[:, :, :8] = False
+    needed = np.where(np.isfinite(layers).all(axis=0), 2, 1)
+    found = _agreed(layers, whole, 0.1, needed)
+    assert np.isnan(found.height_m[:10, :4]).all()
+    assert found.height_m[10:] == pytest.approx(1.0, abs=0.03)
+    assert found.height_m[:10, 4:] == pytest.approx(1.0, abs=0.03)
+    assert (_agreed(layers, np.isfinite(layers), 0.1, needed).height_m[:10, :4] == -3.0).all()
+
+
+def test_holes_are_searched_by_pictures_from_nearer_directions():
+    """Three pictures a twentieth of their height apart are too near for the first search."""
+    poses = [pose(0.11 * k, 0.0, 2.0, 0.1 * k) for k in range(3)]
+    floor = smooth_floor(0, 640, 0.006, 1.0)
+    shown = [photograph(floor, CAMERA, w_T_b, oversample=1).mean(axis=2).astype(np.uint8) for w_T_b in poses]
+    views = [mosaic_view(CAMERA, k, w_T_b, FLOOR_Z_M - HEIGHT_M) for k, w_T_b in enumerate(poses)]
+    lattice = Lattice(-0.3, 0.3, 0.02, 30, 30)
+    found = dense_heights(
+        views, lambda view, nodes: np.ones((nodes.rows, nodes.cols), bool),
+        lambda view: Placed(CAMERA, view, shown[view.k]), lattice, 0.01,
+    )  # fmt: skip
+    assert np.isfinite(found.height_m).mean() > 0.8
+    assert np.nanmedian(np.abs(found.height_m - HEIGHT_M)) < 0.03
 
 
 @pytest.mark.parametrize(
@@ -175,6 +218,25 @@ def test_holes_are_filled_from_the_ground_not_from_the_roof():
     assert np.isfinite(whole.height_m).all()
     assert np.abs(whole.height_m[20:35, 41:44]).max() < 1e-6
     assert whole.height_m[21:34, 27:38].min() == pytest.approx(0.5)
+
+
+def test_specks_are_removed_and_roofs_stay():
+    heights = boxed().height_m.copy()
+    heights[5:9, 5:9], heights[50:52] = 7.0, np.nan
+    kept = without_specks(heights, 0.1)
+    assert np.isnan(kept[5:9, 5:9]).all()
+    kept[5:9, 5:9] = heights[5:9, 5:9]
+    np.testing.assert_array_equal(kept, heights)
+
+
+def test_a_long_hole_is_filled_from_what_is_beside_each_part_of_it():
+    """A band of unknown height across a slope: each cell has the height of the slope beside it."""
+    slope = np.tile(np.linspace(0.0, 3.0, 200, dtype=np.float32), (60, 1))
+    holed = slope.copy()
+    holed[25:31] = np.nan
+    source = np.where(np.isnan(holed), HeightSource.FILLED, HeightSource.PICTURES).astype(np.uint8)
+    whole = filled(Surface(0.0, 0.0, 0.02, holed, np.zeros_like(holed), source))
+    assert np.abs(whole.height_m - slope).max() < 0.3
 
 
 def test_the_sonar_fills_what_pictures_did_not_measure(pictures):
