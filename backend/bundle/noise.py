@@ -210,7 +210,8 @@ def _position_noise(
 
     def level(off: Array, axis: int, absorbed: Array) -> float:
         found = robust_autocorrelated_std(off) * redundancy_factor(off.size, absorbed)
-        return max(found, min(stated[axis], least_std(before[axis], off.size, absorbed))) + 1e-3
+        least = min(float(stated[axis]), least_std(float(before[axis]), off.size, absorbed))
+        return max(found, least) + 1e-3
 
     horizontal, vertical = level(off[:, :2], 0, absorbed[:2]), float(before[2])
     if len(high) > 3:
