@@ -283,9 +283,19 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
 
 def over_floor_jacobians(problem: BundleProblem, values: gtsam.Values) -> Array:
     """Return the same (n, 6, 6 + w) of body poses relative to the floor: its height and slope are no part."""
-    # Without positions the first keyframe is above the origin by definition.
-    first = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
-    J = metric_jacobians(problem, values, first * [1.0, 1.0, 0.0])
+    # The origin is the point of the floor below that of the world.
+    J = metric_jacobians(problem, values, origin(problem, values) * [1.0, 1.0, 0.0])
     J[:, :, 6 + FLOOR_Z] = 0.0
     J[:, :, 6:][:, :, SLOPE] = 0.0
     return J
+
+
+def origin(problem: BundleProblem, values: gtsam.Values) -> Array:
+    """Return (3,) the point that is the origin: without positions, the first keyframe by definition."""
+    return np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
+
+
+def propagated(J: Array, covariances: Array) -> Array:
+    """Return covariances (n, p, p) of quantities with the Jacobians (n, p, q) by variables, from the
+    variables' own (n, q, q)."""
+    return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))

@@ -16,7 +16,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.graph import WORLD, over_floor_jacobians
+from backend.bundle.graph import WORLD, over_floor_jacobians, propagated
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import undistorted
@@ -49,7 +49,7 @@ def ground_covariances(optimum: BundleOptimum) -> Array:
     else:
         joint = reduced.joint_covariances(poses, WORLD, CALIBRATION(0))
         J = np.concatenate([J, _equal_motions(optimum)], axis=2)
-    return np.asarray(J @ joint @ np.swapaxes(J, 1, 2))
+    return propagated(J, joint)
 
 
 def _equal_motions(optimum: BundleOptimum) -> Array:

@@ -44,7 +44,9 @@ from backend.bundle.graph import (
     Variables,
     metric_jacobians,
     metric_poses,
+    origin,
     over_floor_jacobians,
+    propagated,
     start_variables,
 )
 from backend.bundle.ground_size import GroundSize, ground_size
@@ -227,26 +229,19 @@ def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Valu
 
     ``joint`` (n, 6 + w, 6 + w) holds the joint covariances of pose and world.
     """
-    # Without positions the first keyframe is the origin by definition, its height above the floor included.
-    first = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
-    in_world = metric_jacobians(problem, values, first)
-    return _propagate(in_world, joint), _propagate(over_floor_jacobians(problem, values), joint)
+    in_world = metric_jacobians(problem, values, origin(problem, values))
+    return propagated(in_world, joint), propagated(over_floor_jacobians(problem, values), joint)
 
 
 def _antenna_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> Array:
     """Return covariances (n, 3, 3) of the antenna's positions, from the same ``joint`` ones."""
-    origin = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
     antenna_m = values.atVector(WORLD)[ANTENNA]
     w_R_b = metric_poses(problem, values)[:, :3, :3]
     # A right perturbation (r, t) moves the antenna by R (t - a x r).
     of_pose = np.concatenate([-w_R_b @ gtsam.Rot3.Hat(antenna_m), w_R_b], axis=2)
-    J = of_pose @ metric_jacobians(problem, values, origin)
+    J = of_pose @ metric_jacobians(problem, values, origin(problem, values))
     J[:, :, 6:][:, :, ANTENNA] += w_R_b
-    return _propagate(J, joint)
-
-
-def _propagate(J: Array, covariances: Array) -> Array:
-    return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))
+    return propagated(J, joint)
 
 
 def _result(optimum: BundleOptimum, last: BundleMinimum, iterations: int) -> Bundle:

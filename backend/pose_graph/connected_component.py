@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 
 import gtsam
@@ -83,7 +82,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         selected = reject_outliers(gauge_fixed, fit)
         kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
         # Past its time limit, each search ends with the best set so far.
-        complete = selected.is_complete and time.monotonic() <= options.deadline
+        complete = selected.is_complete and not options.out_of_time()
         rivals = rival_loops(gauge_fixed, kept, fit.w_T)
         disputes = selected.disputed_odometry
         disputes += () if rivals is None else (rivals_sentence(problem, rivals),)

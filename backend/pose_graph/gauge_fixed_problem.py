@@ -47,6 +47,10 @@ class Options:
     seed: int = 0
     """Seed of the loops that are drawn by lot where there are very many."""
 
+    def out_of_time(self) -> bool:
+        """Return whether the time limit has passed."""
+        return time.monotonic() > self.deadline
+
 
 @dataclass(frozen=True)
 class GraphFit:
@@ -127,7 +131,7 @@ def least_squares_fit(gauge_fixed: GaugeFixedProblem, kept: Mask, start: Array) 
     attempts: list[GraphFit] = []
     failure: BackendError | None = None
     for values in _starts(problem, start):
-        if attempts and time.monotonic() > options.deadline:
+        if attempts and options.out_of_time():
             break
         try:
             attempts.append(_fit(gauge_fixed, problem, gauss_newton(graph, values, *limits, problem.name)))

@@ -18,7 +18,8 @@ Mask = NDArray[np.bool_]
 Look = Callable[[MosaicView], "Placed | None"]
 Sees = Callable[[MosaicView, Lattice], Mask]
 Layer = tuple[Float32, Mask]
-"""Heights (rows, cols) of the cells by one pair, NaN where it does not match, and `GroundPoints.whole`."""
+"""Heights (rows, cols) of the cells by one pair, NaN where it does not match, and for each cell
+`GroundPoints.range_in_view`."""
 Offer = tuple[float, Mask, tuple[MosaicView, MosaicView]]
 """Value of a pair by its base, the nodes that both pictures see, and the pictures."""
 
@@ -109,8 +110,8 @@ def _searched(
     nodes = [np.arange(n) * NODES // max(lattice.rows, lattice.cols) for n in (lattice.rows, lattice.cols)]
     needed = np.clip(offered, 1, AGREEING)[np.ix_(*nodes)]
     for scale, of_scale in zip(search.scales, zip(*layers, strict=True), strict=True):
-        heights, whole = (np.stack(part) for part in zip(*of_scale, strict=True))
-        found = _agreed(heights, whole, scale * gsd_m / search.best, needed)
+        heights, in_view = (np.stack(part) for part in zip(*of_scale, strict=True))
+        found = _agreed(heights, in_view, scale * gsd_m / search.best, needed)
         unknown = ~np.isfinite(height)
         height[unknown], std[unknown] = found.height_m[unknown], found.std_m[unknown]
     return DenseHeights(height, std)
@@ -204,21 +205,21 @@ def _on_cells(points: GroundPoints, lattice: Lattice, scale: int) -> Layer:
     near = height > top[cell] - step
     count = np.bincount(cell[near], minlength=len(top))
     total = np.bincount(cell[near], height[near], minlength=len(top))
-    beside = np.bincount(cell[near], ~points.whole[inside][near], minlength=len(top))
+    beside = np.bincount(cell[near], ~points.range_in_view[inside][near], minlength=len(top))
     mean = np.where(count > 0, total / np.maximum(count, 1), np.nan).astype(np.float32)
-    known, whole = (
+    known, in_view = (
         np.repeat(np.repeat(part.reshape(rows, cols), scale, axis=0), scale, axis=1)
         for part in (mean, (count > 0) & (beside == 0))
     )
-    return known[: lattice.rows, : lattice.cols], whole[: lattice.rows, : lattice.cols]
+    return known[: lattice.rows, : lattice.cols], in_view[: lattice.rows, : lattice.cols]
 
 
-def _agreed(layers: Float32, whole: Mask, agree_m: float, needed: NDArray[np.int64]) -> DenseHeights:
+def _agreed(layers: Float32, range_in_view: Mask, agree_m: float, needed: NDArray[np.int64]) -> DenseHeights:
     """Return the median of the layers (p, rows, cols) and their spread.
 
     Of two middle values the one is taken with which more pairs agree: the mean of a roof and the ground would
-    be neither. Where fewer than ``needed`` (rows, cols) pairs agree, the height is
-    unknown. One of them must have seen the ``whole`` range of heights, or they continue the heights around.
+    be neither. Where fewer than ``needed`` (rows, cols) pairs agree, the height is unknown. One of these must
+    have its whole range of heights in view, or the height must continue those around.
     """
     ordered = np.sort(layers, axis=0)  # NaN last
     count = np.isfinite(layers).sum(axis=0)
@@ -229,7 +230,7 @@ def _agreed(layers: Float32, whole: Mask, agree_m: float, needed: NDArray[np.int
         better = agreeing > support
         height[better], support[better] = value[better], agreeing[better]
     height[support < needed] = np.nan
-    doubtful = np.isfinite(height) & ~((np.abs(layers - height) <= agree_m) & whole).any(axis=0)
+    doubtful = np.isfinite(height) & ~((np.abs(layers - height) <= agree_m) & range_in_view).any(axis=0)
     height[doubtful & ~_continues(height, doubtful, agree_m)] = np.nan
     off = np.sort(np.abs(layers - height), axis=0)
     middle = np.maximum((count - 1) // 2, 0)

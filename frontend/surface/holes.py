@@ -12,7 +12,6 @@ from scipy.spatial import cKDTree
 from frontend.mosaic.surface import HeightSource, Surface
 
 Float32 = NDArray[np.float32]
-Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 LOWER_PERCENT = 25
@@ -63,20 +62,20 @@ def _filled(height: Float32, hole: Mask, beside: Mask, depth: Float32) -> Float3
     """Return the heights of the rectangle around a hole with the hole filled; 0 without a rim."""
     grown = cv2.dilate(hole.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(bool)
     rim = np.argwhere(grown & beside)
-    whole, cells = height.copy(), np.argwhere(hole)
+    found, cells = height.copy(), np.argwhere(hole)
     if len(rim) == 0:
-        whole[hole] = 0.0
-        return whole
+        found[hole] = 0.0
+        return found
     width = 2 * float(depth[hole].max())
     count = int(RIM_WIDTHS * width)
     if count >= len(rim):
-        whole[hole] = np.percentile(height[rim[:, 0], rim[:, 1]], LOWER_PERCENT)
-        return whole
+        found[hole] = np.percentile(height[rim[:, 0], rim[:, 1]], LOWER_PERCENT)
+        return found
     step = max(1, round(width / NODES))
     node, of_cell = np.unique(cells // step, axis=0, return_inverse=True)
     # As the nodes, the rim is thinned out, in the order of its rows and columns.
     rim = rim[::step]
     nearest = cKDTree(rim).query((node + 0.5) * step, k=min(max(count // step, 1), len(rim)))[1]
     around = height[rim[:, 0], rim[:, 1]][nearest.reshape(len(node), -1)]
-    whole[hole] = np.percentile(around, LOWER_PERCENT, axis=1)[of_cell.ravel()]
-    return whole
+    found[hole] = np.percentile(around, LOWER_PERCENT, axis=1)[of_cell.ravel()]
+    return found

@@ -135,7 +135,7 @@ class GroundPoints:
 
     w_p_m: Array
     """(n, 3) the points over the floor."""
-    whole: NDArray[np.bool_]
+    range_in_view: NDArray[np.bool_]
     """(n,) whether the second picture shows the point at each height of the search. Beside its border the
     true match may lie outside, and the best that is left may be wrong."""
 
@@ -158,11 +158,12 @@ def ground_points(a: Placed, b: Placed, over: Rectified) -> GroundPoints:
         return np.asarray(inside_right[r, np.clip(np.rint(c - d).astype(int), 0, over.cols - 1)])
 
     seen = shown(d)
-    whole = (shown(over.first) & shown(over.last))[seen]
+    range_in_view = (shown(over.first) & shown(over.last))[seen]
     r, c, d = r[seen], c[seen], d[seen].astype(float)
     depth = over.focal_px * over.base_m / (d + over.offset_px)
     v_p = np.column_stack([c + over.left_px, r + over.top_px, np.full(len(r), over.focal_px)])
-    return GroundPoints(np.asarray(v_p * (depth / over.focal_px)[:, None] @ over.v_R_w + a.w_p_c_m), whole)
+    w_p_m = np.asarray(v_p * (depth / over.focal_px)[:, None] @ over.v_R_w + a.w_p_c_m)
+    return GroundPoints(w_p_m, range_in_view)
 
 
 def _turned(placed: Placed, over: Rectified, left_px: float) -> tuple[Image, NDArray[np.bool_]]:

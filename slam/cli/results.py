@@ -128,7 +128,7 @@ def write_summary_and_report(
     return Results(facts, summary, accuracy.tables, mosaic_facts(mosaics.after, mosaics.quality))
 
 
-def _ground_notes(ground: GroundFacts, metric: bool) -> list[str]:
+def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
     """Return the sentence about ground that is not flat, if there is any."""
     if ground.relief_share == 0:
         return []
@@ -136,8 +136,8 @@ def _ground_notes(ground: GroundFacts, metric: bool) -> list[str]:
     if ground.filled_share == 1:
         return [
             f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat, but no two pictures show "
-            "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree within "
-            f"{after:.2g} px alone; take pictures that overlap by 60 to 95 %"
+            "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree only "
+            f"within {after:.2g} px; take pictures that overlap by 60 to 95 %"
         ]
     return [
         Note(
@@ -179,7 +179,7 @@ def _write_mosaics(
     notes = [f"mosaic: {len(of)} keyframes left out: {why} ({listed(of)})" for why, of in names.items()]
     if made.note:
         notes.append(Note(f"mosaic: {made.note}"))
-    notes += _ground_notes(made.ground.facts, estimate.metric)
+    notes += _ground_messages(made.ground.facts, estimate.metric)
     if made.kept:
         kept = f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged"
         notes.append(Note(kept))

@@ -13,4 +13,4 @@ def listed(names: Sequence[str], most: int = 5) -> str:
 
 def enumerated(names: Sequence[str]) -> str:
     """Return all names as in a sentence: ``a``, ``a and b``, ``a, b and c``."""
-    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+    return " and ".join(part for part in (", ".join(names[:-1]), *names[-1:]) if part)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.clocks.delay_residuals import gyro_attitudes
 from slam.core.flight import Flight
-from slam.core.turn_readings import MAX_GAP_S, attitude_readings, inertial_readings
+from slam.core.instrument_readings import MAX_GAP_S, attitude_readings, inertial_readings
 
 Array = NDArray[np.float64]
 

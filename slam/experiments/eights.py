@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from frontend.lift import lift
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.names import enumerated
 from slam.core.plot_style import BLUE, GREY, ORANGE, VERMILLION
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.evaluation.association import poses_at
@@ -244,7 +245,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 
 def _metres(values: list[float]) -> str:
-    return " and ".join(", ".join(f"{value:.3f}" for value in values).rsplit(", ", 1)) + " m"
+    return f"{enumerated([f'{value:.3f}' for value in values])} m"
 
 
 def _rows(trials: tuple[Trial, ...]) -> tuple[Row, ...]:

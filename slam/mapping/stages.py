@@ -13,9 +13,9 @@ from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.instrument_readings import inertial_readings
 from slam.core.lens_priors import as_nominal
 from slam.core.progress import show_compilation
-from slam.core.turn_readings import inertial_readings
 from slam.mapping.build_estimate import reason_kind
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt

@@ -43,14 +43,4 @@ def mosaic_facts(picture: Path | None, quality: Path | None) -> MosaicFacts | No
     with rasterio.open(files[0]) as source:
         size, pixel_m = (source.width, source.height), float(source.transform.a)
     found = ground_accuracy(files[1])
-    return MosaicFacts(
-        pixel_m,
-        *size,
-        typical_std_m=found.typical_std_m,
-        worst_std_m=found.worst_std_m,
-        x_m=found.x_m,
-        y_m=found.y_m,
-        seam_share=found.seam_share,
-        seam_x_m=found.seam_x_m,
-        seam_y_m=found.seam_y_m,
-    )
+    return MosaicFacts(pixel_m, *size, **found._asdict())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -37,7 +36,7 @@ def grow_from_odometry(gauge_fixed: GaugeFixedProblem) -> GrownSet:
     noise = white_noise(gauge_fixed.rows, problem.dof)
 
     def draw(kept: Mask, w_T: Array) -> Array | None:
-        if time.monotonic() > options.deadline:
+        if options.out_of_time():
             return None
         return sample_posterior(gauge_fixed.graph(kept), problem.values(w_T), problem.dof, noise)
 
@@ -49,7 +48,7 @@ def grow_from_odometry(gauge_fixed: GaugeFixedProblem) -> GrownSet:
     joints, start = np.zeros_like(problem.trusted), _chain_poses(problem)
     if len(members) > 1:
         chains = [_grown_chain(gauge_fixed, chain, number) for number, chain in enumerate(members)]
-        joints, start = join_chains(problem, chains, lambda: time.monotonic() > options.deadline)
+        joints, start = join_chains(problem, chains, options.out_of_time)
     start = start if np.isfinite(problem.initial).any() else aligned(start, problem.unary_factors)
     base = problem.trusted | joints
     return grow_consistent_set(problem, base, solve(base, start), solve, draw, on_round)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,9 +23,9 @@ from backend.pose_graph.selection.draw import draw_loops
 from backend.pose_graph.selection.evidence import LinearizedSet, log_unit_volumes
 from backend.pose_graph.selection.gnc import gnc_inliers
 from backend.pose_graph.selection.growth import coarse_solver, grow_from_odometry
-from backend.pose_graph.selection.loop_support import rejected_agree_better
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
+from backend.pose_graph.selection.step_support import may_be_wrong
 from backend.pose_graph.selection.swap import swap_loops
 
 Array = NDArray[np.float64]
@@ -127,9 +126,9 @@ def _without_wrong_steps(gauge_fixed: GaugeFixedProblem, found: Selection) -> Se
     agree with each other no better than the kept ones do, nothing speaks against the step.
     """
     problem, doubting = gauge_fixed.problem, gauge_fixed
-    while time.monotonic() < gauge_fixed.options.deadline:
+    while not gauge_fixed.options.out_of_time():
         step = doubtful_odometry(doubting.problem, found.kept)
-        if step is None or not rejected_agree_better(doubting, step, found.kept, found.fit.w_T):
+        if step is None or not may_be_wrong(doubting, step, found.kept, found.fit.w_T):
             break
         trusted = doubting.problem.trusted & ~step
         doubting = replace(gauge_fixed, problem=replace(problem, trusted=trusted))
@@ -173,9 +172,10 @@ def _is_more_probable(gauge_fixed: GaugeFixedProblem, other: Selection, found: S
 def _evidence_gain(
     gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, with_tails: bool = False
 ) -> float:
-    """Return the evidence (nats) of the other selection over one; ``with_tails``, at `tail_inflation`.
+    """Return how much higher the log evidence (nats) of the other selection is.
 
-    True edges reach into the tail, beyond the gate of the noise without it, once in a thousand.
+    Each has its own noise; ``with_tails`` both have that of the found one times `tail_inflation`. A true edge
+    lies in the tail, beyond its gate without that factor, once in a thousand.
     """
     problem = gauge_fixed.problem
     volumes = log_unit_volumes(problem, found.fit.w_T)
@@ -185,13 +185,13 @@ def _evidence_gain(
     )
     if here is None or there is None:
         return np.inf if here is None else -np.inf
-    if not with_tails:
-        return there.evidence(here.odds) - here.evidence(here.odds)
-    scale = here.scale * tail_inflation(here.scale)
-    here, there = replace(here, scale=scale), replace(there, scale=scale)
-    in_tail = other.kept & ~found.kept & (found.innovation_sigma > edge_limit(problem))
-    prior = np.count_nonzero(in_tail) * np.log(SIGNIFICANCE)
-    return there.evidence(here.odds) - here.evidence(here.odds) + float(prior)
+    log_prior = 0.0
+    if with_tails:
+        scale = here.scale * tail_inflation(here.scale)
+        here, there = replace(here, scale=scale), replace(there, scale=scale)
+        in_tail = other.kept & ~found.kept & (found.innovation_sigma > edge_limit(problem))
+        log_prior = float(np.log(SIGNIFICANCE)) * np.count_nonzero(in_tail)
+    return there.evidence(here.odds) - here.evidence(here.odds) + log_prior
 
 
 def has_loops_on_odometry(problem: Problem) -> bool:
@@ -206,16 +206,13 @@ def _outliers(problem: Problem, found: Selection, among: Mask) -> Mask:
 
 
 def _swap(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
-    def out_of_time() -> bool:
-        return time.monotonic() > gauge_fixed.options.deadline
-
     kept, w_T = swap_loops(
         gauge_fixed.problem,
         gauge_fixed.graph,
         coarse_solver(gauge_fixed),
         found.kept,
         found.fit.w_T,
-        out_of_time,
+        gauge_fixed.options.out_of_time,
     )
     if np.array_equal(kept, found.kept):
         return found
@@ -227,7 +224,7 @@ def _swap(gauge_fixed: GaugeFixedProblem, found: Selection) -> Selection:
 def _gain_by_places(
     gauge_fixed: GaugeFixedProblem, other: Selection, found: Selection, with_tails: bool = False
 ) -> float:
-    """Return the evidence (nats) of the other selection over one if a row of loops is one piece of it."""
+    """Return `_evidence_gain` where a row of loops counts as one loop."""
     problem = gauge_fixed.problem
     pair = thinned(problem, other, found), thinned(problem, found, other)
     return _evidence_gain(gauge_fixed, *pair, with_tails)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
+from slam.core.names import enumerated
 from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.power import within_reach
@@ -101,9 +102,8 @@ def _tested(found: Criticism) -> str:
 def _unknown(found: Criticism) -> str:
     """Name probable causes in the main clause: what else is wrong does not make them less probable."""
     if lacking := _lacking(found):
-        return (
-            f"The model lacks {_listed(lacking)}, and more is wrong that no term of the catalogue explains."
-        )
+        more = "more is wrong that no term of the catalogue explains"
+        return f"The model lacks {enumerated(lacking)}, and {more}."
     return "Something is wrong that no term of the catalogue explains."
 
 
@@ -120,14 +120,14 @@ def _ambiguous(found: Criticism) -> str:
     if len(likely) == 1:
         best = f"{likely[0]} is the most probable ({found.probability_of(likely[0]):.2f})"
         return f"{the_flights} cannot distinguish {len(found.equivalence_set)} effects, of which {best}."
-    return f"{the_flights} cannot distinguish {_listed(likely or found.equivalence_set)}."
+    return f"{the_flights} cannot distinguish {enumerated(likely or found.equivalence_set)}."
 
 
 def _named(found: Criticism) -> str:
     if not found.causes:
         return "No term of the catalogue is a probable cause."
     if len(lacking := _lacking(found)) > 1 or (lacking and not found.probable):
-        return f"The model lacks {_listed(lacking)}."
+        return f"The model lacks {enumerated(lacking)}."
     lead = found.probable[0] if found.probable else found.causes[0]
     sizes = ", ".join(f"{n} = {p.value:.3g}{_spaced(p.unit)}" for n, p in lead.parameters.items())
     bracket = f"({sizes}{'; ' if sizes else ''}probability {lead.probability:.2f})"
@@ -198,13 +198,9 @@ def _excluded(cause: Cause) -> str:
     return f"; {cause.rival}, the next best, explains {cause.lead_nats:.0f} nats less"
 
 
-def _listed(names: Sequence[str]) -> str:
-    return " and ".join([*([", ".join(names[:-1])] if len(names) > 1 else []), *names[-1:]])
-
-
 def _listed_causes(causes: Sequence[Cause]) -> str:
     """Return the names with their probabilities."""
-    return _listed([f"{c.name} (probability {c.probability:.2f})" for c in causes])
+    return enumerated([f"{c.name} (probability {c.probability:.2f})" for c in causes])
 
 
 def _with_probabilities(found: Criticism) -> str:

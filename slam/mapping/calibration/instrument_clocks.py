@@ -10,9 +10,9 @@ import numpy as np
 
 from backend.clocks.picture_clock import ClockPiece, PictureClock, picture_clock
 from slam.core.flight import Flight
+from slam.core.instrument_readings import MAX_GAP_S, attitude_readings, inertial_readings
 from slam.core.messages import Note
 from slam.core.rotations import rotation_of
-from slam.core.turn_readings import MAX_GAP_S, attitude_readings, inertial_readings
 from slam.core.units import with_error
 
 

@@ -14,7 +14,7 @@ from backend.clocks.windows import ClockDisagreement, clock_disagreements
 from frontend.lift import LiftedPoses, lift
 from frontend.tracked import IntermediateFrame
 from slam.core.flight import Flight
-from slam.core.turn_readings import inertial_readings
+from slam.core.instrument_readings import inertial_readings
 from slam.mapping.front_end import Observations
 from slam.mapping.setup import Setup
 

@@ -12,7 +12,7 @@ from backend.measurements import Inertial, InertialNoise, ReportedMotion, Report
 from frontend.camera import Camera
 from frontend.homography import transfer
 from slam.core.flight import AttitudeSeries, Flight, Imu, Velocity
-from slam.core.turn_readings import inertial_readings
+from slam.core.instrument_readings import inertial_readings
 from slam.inertial.variogram import noise_and_power
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations

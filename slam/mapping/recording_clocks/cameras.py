@@ -9,9 +9,9 @@ import numpy as np
 
 from backend.clocks.delay_residuals import gyro_attitudes
 from slam.core.flight import Flight
+from slam.core.instrument_readings import inertial_readings
 from slam.core.names import listed
 from slam.core.progress import Progress
-from slam.core.turn_readings import inertial_readings
 from slam.io.down_looking import MAX_TILT_DEG, Look, axis_tilt_deg
 from slam.io.recordings.camera_views import CameraLook, look_by_instruments, look_by_pictures
 from slam.io.recordings.recording import Burst

@@ -40,8 +40,8 @@ def write_map_page(
         "metric": facts.metric,
         "unit": unit(facts.metric),
         "onEarth": estimate.origin is not None,
-        "scaleStd": estimate.scale_std or 0.0,
-        "middleStd": estimate.middle_std_m or 0.0,
+        "scaleStd": _known(estimate.scale_std),
+        "middleStd": _known(estimate.middle_std_m),
         "keyframes": keyframes(estimate, flight, facts.gaps),
         "links": links(estimate),
         "points": floor_points(estimate),
@@ -61,6 +61,11 @@ def write_map_page(
     path = folder / MAP_PAGE
     path.write_text(page, encoding="utf-8", errors="replace")
     return path
+
+
+def _known(std: float | None) -> float:
+    """Return a standard deviation, 0 where it is not known: the page then counts that of the points alone."""
+    return std if std is not None and np.isfinite(std) else 0.0
 
 
 def _tiles(folder: Path) -> dict[str, Any] | None:

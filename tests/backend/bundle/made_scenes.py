@@ -24,6 +24,17 @@ def tilted_mount() -> np.ndarray:
 
 SONAR = Scene()
 SURVEY = Scene(height_m=50.0, relief=0.01, attitude_std_rad=None, range_std_m=None, position_std_m=(1.0, 2.0))
+AT_ONE_HEIGHT = replace(
+    SURVEY,
+    position_std_m=(0.02, 0.03),
+    height_swing=0.0,
+    relief=0.002,
+    pixel_std=0.1,
+    tilt_std_rad=0.003,
+    camera=replace(CAMERA, focal_std_ratio=0.02),
+)
+"""Positions of an RTK receiver at one height, and a focal length that is known to 2 %: nothing tells it, and
+with it the height of the floor."""
 WRONG_LENS = replace(
     SURVEY,
     keyframes=32,

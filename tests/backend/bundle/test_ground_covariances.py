@@ -13,19 +13,8 @@ from backend.bundle.projections import undistorted
 from backend.bundle.refinement import Bundle, refine
 from frontend.mosaic.quality import ground_jacobian
 from slam.core.estimate import over_floor
-from tests.backend.bundle.made_scenes import SCENES, SURVEY
-from tests.backend.made_floor import CAMERA, Made, Scene, _recorded, make
-
-RTK = replace(
-    SURVEY,
-    position_std_m=(0.02, 0.03),
-    height_swing=0.0,
-    relief=0.002,
-    pixel_std=0.1,
-    tilt_std_rad=0.003,
-    camera=replace(CAMERA, focal_std_ratio=0.02),
-)
-"""Flown at one height: nothing tells the focal length, and with it the height of the floor."""
+from tests.backend.bundle.made_scenes import AT_ONE_HEIGHT, SCENES, SURVEY
+from tests.backend.made_floor import Made, Scene, _recorded, make
 
 
 def shown_at(made: Made, found: Bundle, k: int, ahead: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +35,9 @@ def shown_at(made: Made, found: Bundle, k: int, ahead: float) -> tuple[np.ndarra
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", [RTK, SCENES["rtk, lens wrong"]], ids=["focal length untold", "lens wrong"])
+@pytest.mark.parametrize(
+    "scene", [AT_ONE_HEIGHT, SCENES["rtk, lens wrong"]], ids=["focal length untold", "lens wrong"]
+)
 def test_the_ground_is_as_far_off_as_its_covariances_say(scene: Scene):
     """The covariance of the pose alone counts an error of the lens as one of the ground, which it is not."""
     squares, of_pose, seeds = [], [], range(12)
@@ -61,7 +52,7 @@ def test_the_ground_is_as_far_off_as_its_covariances_say(scene: Scene):
             into.append(off @ np.linalg.solve(J @ covariances[k] @ J.T, off))
     low, high = chi2.ppf([0.001, 0.999], 2 * len(seeds))
     assert low < sum(squares) < high
-    if scene is RTK:
+    if scene is AT_ONE_HEIGHT:
         assert sum(of_pose) < low
 
 
@@ -72,7 +63,7 @@ def test_with_a_held_lens_they_are_those_of_the_pose():
 
 
 def test_an_error_of_the_focal_length_cancels_that_of_the_height():
-    made = make(replace(RTK, keyframes=8, points_in_view=15), 0)
+    made = make(replace(AT_ONE_HEIGHT, keyframes=8, points_in_view=15), 0)
     found = refine(made.measurements, made.start, made.floor_z_m)
     _, J = shown_at(made, found, 4, 0.45)
     ground, of_pose = (

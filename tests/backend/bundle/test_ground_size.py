@@ -13,21 +13,10 @@ from backend.bundle.graph import WORLD
 from backend.bundle.ground_size import ground_size
 from backend.bundle.refined_points import metric_points
 from backend.bundle.refinement import refine
-from tests.backend.bundle.made_scenes import SURVEY
+from tests.backend.bundle.made_scenes import AT_ONE_HEIGHT
 from tests.backend.made_floor import CAMERA, Scene, make
 
-LEVEL = replace(
-    SURVEY,
-    keyframes=8,
-    points_in_view=15,
-    position_std_m=(0.02, 0.03),
-    height_swing=0.0,
-    relief=0.002,
-    pixel_std=0.1,
-    tilt_std_rad=0.003,
-    camera=replace(CAMERA, focal_std_ratio=0.02),
-)
-"""Positions of an RTK receiver at one height, and a focal length that is known to 2 %."""
+LEVEL = replace(AT_ONE_HEIGHT, keyframes=8, points_in_view=15)
 
 
 def refined(scene: Scene):

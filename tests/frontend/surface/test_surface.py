@@ -105,18 +105,18 @@ def test_beside_the_border_of_a_picture_a_match_may_be_wrong(pictures):
     a, b = (Placed(CAMERA, view, pictures[view.k].mean(axis=2).astype(np.uint8)) for view in views)
     points = ground_points(a, b, rectified(a, b, lattice, (-0.6, 0.5), 0.01))
     wrong = np.abs(points.w_p_m[:, 2] - HEIGHT_M) > 0.05
-    assert 0.3 < points.whole.mean() < 0.95
-    assert wrong[points.whole].mean() < 0.01 < wrong[~points.whole].mean()
+    assert 0.3 < points.range_in_view.mean() < 0.95
+    assert wrong[points.range_in_view].mean() < 0.01 < wrong[~points.range_in_view].mean()
 
 
 def test_a_pair_alone_must_continue_the_heights_around_it_beside_its_border():
     layers = np.full((2, 20, 20), np.nan, np.float32)
     layers[:, :, 8:] = 1.0
     layers[0, :, :8], layers[0, :10, :4] = 1.02, -3.0  # a pair alone, that is wrong beside its border
-    whole = np.isfinite(layers)
-    whole[:, :, :8] = False
+    in_view = np.isfinite(layers)
+    in_view[:, :, :8] = False
     needed = np.where(np.isfinite(layers).all(axis=0), 2, 1)
-    found = _agreed(layers, whole, 0.1, needed)
+    found = _agreed(layers, in_view, 0.1, needed)
     assert np.isnan(found.height_m[:10, :4]).all()
     assert found.height_m[10:] == pytest.approx(1.0, abs=0.03)
     assert found.height_m[:10, 4:] == pytest.approx(1.0, abs=0.03)

@@ -14,7 +14,6 @@ from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import AttitudeSeries, GeoOrigin
 from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
-from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.accuracy import Evaluated
@@ -22,20 +21,14 @@ from slam.report.advice import limit, limit_sentence
 from slam.report.answers import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
-from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted, left_out
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import Accuracy, render
 from tests.slam.made_estimate import made_estimate, made_flight
+from tests.slam.report.asked import AGAIN, answers
 
 SHARES = {"x": {"range": 0.7, "pictures": 0.3}, "y": {"range": 0.5, "pictures": 0.5}, "scale": {"range": 1.0}}
 
 
-def answers(estimate, flight):
-    found = pilots_answers(estimate, summarise(estimate), gather(estimate, flight))
-    return {item.label: item.value for item in found}
-
-
-AGAIN = "Was a place recognised again, and is that right?"
 ASKED = (
     "How accurate is a place on it?",
     "Where is it least certain?",
@@ -145,39 +138,6 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
     assert short["Is any of the ground missing?"].endswith("are shorter than a picture.")
 
 
-def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
-    question = "Is the scale right, and by which instrument?"
-    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
-    assert answers(estimate, flight)[question].endswith(
-        "if the height sensor is right. Lengths that it tells 1 % too long make the map 1 % too large."
-    )
-    facts = replace(gather(estimate, flight), scale_source="height sensor and accelerometer")
-
-    def told(*warnings):
-        rows = pilots_answers(estimate, summarise(replace(estimate, warnings=warnings)), facts)
-        return next(row.value for row in rows if row.label == question)
-
-    assert told("gps0: far off").endswith("they agree.")
-    assert told(Note("imu0: an offset that the map estimates")).endswith("they agree.")
-    assert "a warning below names imu0" in told("imu0: the accelerometer reads 9.04 m/s^2 at rest")
-
-
-def test_the_least_certain_place_is_told():
-    estimate, flight = made_estimate(), made_flight()
-    x, y = estimate.w_T_b[29, :2, 3]
-    found = answers(estimate, flight)["Where is it least certain?"]
-    assert f"x = {x:.2f} m, y = {y:.2f} m" in found
-    assert "keyframe 29, 000029.png" in found
-    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
-    both = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic=mosaic)
-    (told,) = (item.value for item in both if item.label == "Where is it least certain?")
-    assert told.startswith("The ground around x = 3.00 m, y = -1.50 m, known to ±\N{NO-BREAK SPACE}20.0")
-    assert f"The path: around x = {x:.3g} m" in told
-    unknown = estimate.covariances.copy()
-    unknown[7] = np.nan
-    assert "Where is it least certain?" not in answers(replace(estimate, covariances=unknown), flight)
-
-
 def test_the_axes_are_told():
     question = "Which way do x and y point, and where is north?"
     estimate, flight = made_estimate(), made_flight()
@@ -187,19 +147,6 @@ def test_the_axes_are_told():
     assert "recorded heading (yaw) is zero" in answers(estimate, headed)[question]
     on_earth = answers(replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0)), flight)
     assert on_earth[question] == "x points east, y north and z up."
-
-
-def test_a_point_of_the_mosaic_is_told_apart_from_a_keyframe():
-    """A pilot measures on the mosaic, whose ground is known less well than the camera, or better."""
-    estimate, flight = made_estimate(), made_flight()
-    facts, summary = gather(estimate, flight), summarise(estimate)
-    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
-    told = {item.label: item.value for item in pilots_answers(estimate, summary, facts, mosaic=mosaic)}
-    point = told["How accurate is a place on it?"]
-    assert point.index(length(0.011)) < point.index(length(0.02)) < point.index(length(facts.sigma_median_m))
-    assert f"800 x 600 pixels of {length(0.004)}" in told["Where is the mosaic, and how big is a pixel?"]
-    both_ends = length(np.sqrt(2) * 0.011)
-    assert both_ends in told["How far can I trust a distance or an area?"]
 
 
 def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
@@ -223,24 +170,6 @@ def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
     assert "in sensor.yaml" not in exact, "what is taken as exact is stated there already"
     doubted = replace(by_gps, status="gps0: off")
     assert advice(plain, doubted, summarise(doubted)).startswith("First do what “Check this first” says")
-
-
-@pytest.mark.parametrize(
-    "reason", ["disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg", "implausible: 3 m", "out of reach"]
-)
-def test_a_match_that_the_map_contradicts_is_no_unproven_one(reason):
-    assert is_contradicted(reason)
-    assert left_out({f"loop: {reason}": 2})[0].verdict == CONTRADICTED
-
-
-@pytest.mark.parametrize(
-    "reason",
-    ["too few inliers", "no plane fits the matches", "outlier share above gamma_1", "agrees, but too little"],
-)
-def test_a_match_that_shows_too_little_is_unproven(reason):
-    assert not is_contradicted(reason)
-    assert left_out({f"loop: {reason}": 2})[0].verdict == UNPROVEN
-    assert left_out({"too few features": 2})[0].verdict == ""
 
 
 def test_contradicted_matches_are_counted_apart_from_unproven_ones():
@@ -299,33 +228,6 @@ def test_whole_percents_have_no_exponent():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "reason",
-    [
-        "too few features", "same picture as the one before", "tracking started anew", "damaged",
-        "unreadable", "view of a floor point far off", "too few matches", "too few inliers",
-        "no plane fits the matches",
-        "outlier share above gamma_1", "folded or no overlap", "implausible change of scale", "implausible",
-        "inliers crowded in one place", "homography poorly determined", "loop: out of reach",
-        "loop: disagrees", "late: it arrived while earlier pictures were processed",
-        "loop: agrees, but too little is known of where it lies to trust it", "loop: too few matches",
-        "edge without information", "edge disagrees with the rest of the graph", "line without an end",
-    ],
-)  # fmt: skip
-def test_each_reason_has_plain_words_and_says_whether_to_act(reason):
-    (row,) = left_out({reason: 5})
-    assert not row.what.startswith("Left out")
-    assert row.act.startswith(("No", "Only if", "Yes", "Look", "Write"))
-    assert row.act.endswith(".")
-    assert (row.reason, row.count) == (reason, 5)
-
-
-def test_what_may_need_an_action_comes_first():
-    rows = left_out({"loop: too few inliers": 90, "damaged": 1, "too few features": 20})
-    assert [row.count for row in rows] == [1, 20, 90], "what is certain stands before what depends"
-    assert left_out({"a new reason": 1})[0].what == "Left out: a new reason"
-
-
 def test_a_graph_has_no_pictures():
     estimate = replace(made_estimate(), rejected={"edge without information": 2})
     page = render(estimate, summarise(estimate, graph_alone=True))
@@ -334,30 +236,12 @@ def test_a_graph_has_no_pictures():
     assert "Position of a pose" in page
 
 
-def test_reasons_that_are_the_same_in_plain_words_are_one_row():
-    rows = left_out({"loop: too few inliers": 2, "loop: too few matches": 3, "too few matches": 4})
-    assert sorted((row.kind, row.count) for row in rows) == [("link", 4), ("match", 5)]
-
-
 def test_streams_that_a_message_names_are_explained():
     flight = made_flight()
     estimate = replace(made_estimate(), warnings=("attitude0 is tilted by 4.8 degrees",))
     page = html.unescape(render(estimate, summarise(estimate), flight))
     assert "attitude0 is the attitude sensor" in page
     assert "imu0 is" not in page
-
-
-def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
-    """The error of an altitude moves keyframes and floor together."""
-    estimate, flight = replace(made_estimate(), origin=GeoOrigin(52.1, 4.3, 10.0)), made_flight()
-    on_earth = replace(estimate, covariances=estimate.covariances + 400.0 * np.eye(6))
-    question = "Are the heights true?"
-    found = answers(on_earth, flight)[question]
-    over_floor, on_the_whole = found.split(" On Earth, ")
-    assert answers(estimate, flight)[question].startswith(over_floor)
-    assert f"±\N{NO-BREAK SPACE}{length(20.0)} where it is least certain" in on_the_whole
-    up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))
-    assert f"typically known to ±\N{NO-BREAK SPACE}{length(up_m)}" in found
 
 
 def test_places_and_lengths_have_limits_of_their_own():
@@ -377,22 +261,6 @@ def test_places_and_lengths_have_limits_of_their_own():
     assert "fly lower" in advice(5 * facts.sigma_median_m), "the ground is less accurate than the cameras"
 
 
-def test_a_doubted_attitude_says_what_a_degree_of_tilt_does():
-    estimate, flight = made_estimate(), made_flight()
-    question = "Are the heights true?"
-    told = answers(replace(estimate, status="ok", warnings=()), flight)[question]
-    assert told.startswith("Yes")
-    assert "Each degree" not in told
-    on_earth = replace(estimate, status="ok", warnings=(), origin=GeoOrigin(52.1, 4.3, 10.0))
-    assert "As altitudes, only as the GPS counts them" in answers(on_earth, flight)[question]
-    assert answers(replace(estimate, status="x"), flight)[question].startswith("Only after you have checked")
-    noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
-    across_m = max(gather(estimate, flight).extent_m)
-    found = answers(replace(noted, status="ok"), flight)[question]
-    assert found.startswith("Over the ground, yes. Whether the whole map leans is doubted")
-    assert f"Each degree raises one end of the path by {length(np.tan(np.radians(1)) * across_m)}" in found
-
-
 def test_whether_coordinates_can_be_handed_on():
     question = "Can I hand its coordinates to others?"
     estimate, flight = made_estimate(), made_flight()
@@ -406,41 +274,3 @@ def test_whether_coordinates_can_be_handed_on():
     controlled = replace(facts, controlled=True)
     told = {item.label: item.value for item in pilots_answers(on_earth, summarise(on_earth), controlled)}
     assert "GPS" not in told[question], "control points hold the map"
-
-
-def test_the_mosaic_says_where_its_pictures_differ_most():
-    question = "What on the mosaic may not be as it is on the ground?"
-    estimate, flight = made_estimate(), made_flight()
-    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5, 0.56, 2.0, 1.25)
-    rows = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic)
-    told = next(row.value for row in rows if row.label == question)
-    assert f"around x = 2.00 m, y = 1.25 m, by {percent(0.56)} of the brightness" in told
-    assert "White is ground that no picture shows" in told
-
-
-def test_an_accuracy_by_the_gps_does_not_count_a_shift_of_all_its_fixes():
-    estimate, flight = made_estimate(), made_flight()
-    question = "How accurate is a place on it?"
-    assert "share" not in answers(estimate, flight)[question]
-    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
-    facts = replace(gather(on_earth, flight), gps_std_m=5.0)
-
-    def told(facts):
-        rows = pilots_answers(on_earth, summarise(on_earth), facts)
-        return next(row.value for row in rows if row.label == question)
-
-    assert "on Earth, as the GPS has it, one standard deviation" in told(facts)
-    assert (
-        f"may be as large as what is stated or assumed for one fix, ±\N{NO-BREAK SPACE}{length(5.0)}"
-        in told(facts)
-    )
-    assert "GPS" not in told(replace(facts, controlled=True)), "control points hold the map"
-
-
-def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
-    estimate, flight = replace(made_estimate(), loops=()), made_flight()
-    assert answers(estimate, flight)[AGAIN].startswith("No, so errors add up")
-    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
-    assert answers(on_earth, flight)[AGAIN].startswith("No: positions alone hold the path")
-    page = html.unescape(render(on_earth, summarise(on_earth), flight))
-    assert "errors add up along" not in page

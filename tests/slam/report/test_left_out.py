@@ -1,6 +1,8 @@
 """Words for data that a map was made without."""
 
-from slam.report.left_out import reason_in_words
+import pytest
+
+from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted, left_out, reason_in_words
 
 
 def test_the_words_of_a_match_keep_all_figures_of_its_reason():
@@ -12,3 +14,53 @@ def test_the_words_of_a_match_keep_all_figures_of_its_reason():
     )
     disagrees = reason_in_words("disagrees by 8.6 sigma (limit 4.7): 0.14 m, 1.2 deg")
     assert disagrees.endswith("(8.6 standard deviations (limit 4.7): 0.14 m, 1.2°)")
+
+
+@pytest.mark.parametrize(
+    "reason", ["disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg", "implausible: 3 m", "out of reach"]
+)
+def test_a_match_that_the_map_contradicts_is_no_unproven_one(reason):
+    assert is_contradicted(reason)
+    assert left_out({f"loop: {reason}": 2})[0].verdict == CONTRADICTED
+
+
+@pytest.mark.parametrize(
+    "reason",
+    ["too few inliers", "no plane fits the matches", "outlier share above gamma_1", "agrees, but too little"],
+)
+def test_a_match_that_shows_too_little_is_unproven(reason):
+    assert not is_contradicted(reason)
+    assert left_out({f"loop: {reason}": 2})[0].verdict == UNPROVEN
+    assert left_out({"too few features": 2})[0].verdict == ""
+
+
+@pytest.mark.parametrize(
+    "reason",
+    [
+        "too few features", "same picture as the one before", "tracking started anew", "damaged",
+        "unreadable", "view of a floor point far off", "too few matches", "too few inliers",
+        "no plane fits the matches",
+        "outlier share above gamma_1", "folded or no overlap", "implausible change of scale", "implausible",
+        "inliers crowded in one place", "homography poorly determined", "loop: out of reach",
+        "loop: disagrees", "late: it arrived while earlier pictures were processed",
+        "loop: agrees, but too little is known of where it lies to trust it", "loop: too few matches",
+        "edge without information", "edge disagrees with the rest of the graph", "line without an end",
+    ],
+)  # fmt: skip
+def test_each_reason_has_plain_words_and_says_whether_to_act(reason):
+    (row,) = left_out({reason: 5})
+    assert not row.what.startswith("Left out")
+    assert row.act.startswith(("No", "Only if", "Yes", "Look", "Write"))
+    assert row.act.endswith(".")
+    assert (row.reason, row.count) == (reason, 5)
+
+
+def test_what_may_need_an_action_comes_first():
+    rows = left_out({"loop: too few inliers": 90, "damaged": 1, "too few features": 20})
+    assert [row.count for row in rows] == [1, 20, 90], "what is certain stands before what depends"
+    assert left_out({"a new reason": 1})[0].what == "Left out: a new reason"
+
+
+def test_reasons_that_are_the_same_in_plain_words_are_one_row():
+    rows = left_out({"loop: too few inliers": 2, "loop: too few matches": 3, "too few matches": 4})
+    assert sorted((row.kind, row.count) for row in rows) == [("link", 4), ("match", 5)]

@@ -64,6 +64,12 @@ def with_points(count: int = 200):
     )
 
 
+def test_an_unknown_uncertainty_of_the_scale_leaves_the_page_whole(tmp_path):
+    estimate = replace(made_estimate(), scale_std=float("nan"), middle_std_m=float("nan"))
+    data = data_of(written(tmp_path, estimate))
+    assert (data["scaleStd"], data["middleStd"]) == (0.0, 0.0)
+
+
 def test_names_from_outside_stay_text(tmp_path):
     estimate = replace(made_estimate(name=HOSTILE), frame_names=(HOSTILE,) * 60, status=HOSTILE)
     loops = tuple(replace(loop, reason=HOSTILE) for loop in estimate.loops)

@@ -10,7 +10,7 @@ import pytest
 from backend import se3
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, Options, least_squares_fit
 from backend.pose_graph.problem import Problem, from_pose_graph
-from backend.pose_graph.selection.loop_support import rejected_agree_better
+from backend.pose_graph.selection.step_support import may_be_wrong
 from backend.pose_graph.unary_factors import fixed
 from tests.benchmarks.selection_matrix import Scene, make
 
@@ -22,7 +22,7 @@ def _better(problem: Problem, kept: np.ndarray, w_T: np.ndarray) -> bool:
     gauge_fixed = GaugeFixedProblem(problem, problem.unary_factor_graph(), Options())
     step = problem.trusted & (np.minimum(problem.i, problem.j) == STEP)
     w_T = least_squares_fit(gauge_fixed, kept, w_T).w_T
-    return rejected_agree_better(gauge_fixed, step, kept, w_T)
+    return may_be_wrong(gauge_fixed, step, kept, w_T)
 
 
 def _over(problem: Problem) -> np.ndarray:

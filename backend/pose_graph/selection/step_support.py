@@ -1,8 +1,7 @@
-"""Agreement of the loops over a step of odometry with each other, where the step itself is left open."""
+"""Whether a step of odometry may be wrong, by how well the loops over it agree with each other without it."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -18,13 +17,13 @@ Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 
-def rejected_agree_better(gauge_fixed: GaugeFixedProblem, step: Mask, kept: Mask, w_T: Array) -> bool:
-    """Return whether rejected loops over a step of odometry support each other more than kept ones do.
+def may_be_wrong(gauge_fixed: GaugeFixedProblem, step: Mask, kept: Mask, w_T: Array) -> bool:
+    """Return False if rejected loops over a step of odometry support each other no more than kept ones do.
 
-    ``step`` (m,) are the trusted edges over the step, ``kept`` (m,) the selected edges, ``w_T`` (n, 4, 4)
-    their solution. Without the step and the loops over it, its chain falls into two parts. True loops agree
-    about where these lie whatever the step is; false ones hardly do. It is True as well where loops over the
-    step are not all: where the poses form several chains, those to another chain may tell more.
+    ``step`` (m,) are the trusted edges over the step, ``kept`` (m,) the selected edges, and ``w_T``
+    (n, 4, 4) their solution. Without the step and the loops over it, the poses fall into two parts. True
+    loops agree about where the parts lie, whatever the step is; false ones hardly do. With more parts than
+    two the answer is True: the loops of another chain of odometry may say more about the step.
     """
     problem = gauge_fixed.problem
     parts = chain_members(replace(problem, trusted=problem.trusted & ~step))
@@ -36,10 +35,7 @@ def rejected_agree_better(gauge_fixed: GaugeFixedProblem, step: Mask, kept: Mask
 
     def support(loops: Mask) -> float:
         found = np.flatnonzero(loops)
-        return joining.most_supported(found, out_of_time)[1] if len(found) else 0.0
-
-    def out_of_time() -> bool:
-        return time.monotonic() > gauge_fixed.options.deadline
+        return joining.most_supported(found, gauge_fixed.options.out_of_time)[1] if len(found) else 0.0
 
     return support(over & ~kept) > support(over & kept)
 

@@ -1,0 +1,14 @@
+"""The answers of a report, by question."""
+
+from __future__ import annotations
+
+from slam.core.summary import summarise
+from slam.report.answers import pilots_answers
+from slam.report.facts import gather
+
+AGAIN = "Was a place recognised again, and is that right?"
+
+
+def answers(estimate, flight):
+    found = pilots_answers(estimate, summarise(estimate), gather(estimate, flight))
+    return {item.label: item.value for item in found}

@@ -1,0 +1,132 @@
+"""How accurate places, distances, heights and the scale of a map are, as the report says it."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import replace
+
+import numpy as np
+
+from slam.core.flight import GeoOrigin
+from slam.core.messages import Note
+from slam.core.summary import summarise
+from slam.core.units import length, percent
+from slam.report.answers import pilots_answers
+from slam.report.facts import gather
+from slam.report.mosaic_facts import MosaicFacts
+from slam.report.optimize_report import render
+from tests.slam.made_estimate import made_estimate, made_flight
+from tests.slam.report.asked import AGAIN, answers
+
+
+def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
+    question = "Is the scale right, and by which instrument?"
+    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
+    assert answers(estimate, flight)[question].endswith(
+        "if the height sensor is right. Lengths that it tells 1 % too long make the map 1 % too large."
+    )
+    facts = replace(gather(estimate, flight), scale_source="height sensor and accelerometer")
+
+    def told(*warnings):
+        rows = pilots_answers(estimate, summarise(replace(estimate, warnings=warnings)), facts)
+        return next(row.value for row in rows if row.label == question)
+
+    assert told("gps0: far off").endswith("they agree.")
+    assert told(Note("imu0: an offset that the map estimates")).endswith("they agree.")
+    assert "a warning below names imu0" in told("imu0: the accelerometer reads 9.04 m/s^2 at rest")
+
+
+def test_the_least_certain_place_is_told():
+    estimate, flight = made_estimate(), made_flight()
+    x, y = estimate.w_T_b[29, :2, 3]
+    found = answers(estimate, flight)["Where is it least certain?"]
+    assert f"x = {x:.2f} m, y = {y:.2f} m" in found
+    assert "keyframe 29, 000029.png" in found
+    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
+    both = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic=mosaic)
+    (told,) = (item.value for item in both if item.label == "Where is it least certain?")
+    assert told.startswith("The ground around x = 3.00 m, y = -1.50 m, known to ±\N{NO-BREAK SPACE}20.0")
+    assert f"The path: around x = {x:.3g} m" in told
+    unknown = estimate.covariances.copy()
+    unknown[7] = np.nan
+    assert "Where is it least certain?" not in answers(replace(estimate, covariances=unknown), flight)
+
+
+def test_a_point_of_the_mosaic_is_told_apart_from_a_keyframe():
+    """A pilot measures on the mosaic, whose ground is known less well than the camera, or better."""
+    estimate, flight = made_estimate(), made_flight()
+    facts, summary = gather(estimate, flight), summarise(estimate)
+    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
+    told = {item.label: item.value for item in pilots_answers(estimate, summary, facts, mosaic=mosaic)}
+    point = told["How accurate is a place on it?"]
+    assert point.index(length(0.011)) < point.index(length(0.02)) < point.index(length(facts.sigma_median_m))
+    assert f"800 x 600 pixels of {length(0.004)}" in told["Where is the mosaic, and how big is a pixel?"]
+    both_ends = length(np.sqrt(2) * 0.011)
+    assert both_ends in told["How far can I trust a distance or an area?"]
+
+
+def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
+    """The error of an altitude moves keyframes and floor together."""
+    estimate, flight = replace(made_estimate(), origin=GeoOrigin(52.1, 4.3, 10.0)), made_flight()
+    on_earth = replace(estimate, covariances=estimate.covariances + 400.0 * np.eye(6))
+    question = "Are the heights true?"
+    found = answers(on_earth, flight)[question]
+    over_floor, on_the_whole = found.split(" On Earth, ")
+    assert answers(estimate, flight)[question].startswith(over_floor)
+    assert f"±\N{NO-BREAK SPACE}{length(20.0)} where it is least certain" in on_the_whole
+    up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))
+    assert f"typically known to ±\N{NO-BREAK SPACE}{length(up_m)}" in found
+
+
+def test_a_doubted_attitude_says_what_a_degree_of_tilt_does():
+    estimate, flight = made_estimate(), made_flight()
+    question = "Are the heights true?"
+    told = answers(replace(estimate, status="ok", warnings=()), flight)[question]
+    assert told.startswith("Yes")
+    assert "Each degree" not in told
+    on_earth = replace(estimate, status="ok", warnings=(), origin=GeoOrigin(52.1, 4.3, 10.0))
+    assert "As altitudes, only as the GPS counts them" in answers(on_earth, flight)[question]
+    assert answers(replace(estimate, status="x"), flight)[question].startswith("Only after you have checked")
+    noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
+    across_m = max(gather(estimate, flight).extent_m)
+    found = answers(replace(noted, status="ok"), flight)[question]
+    assert found.startswith("Over the ground, yes. Whether the whole map leans is doubted")
+    assert f"Each degree raises one end of the path by {length(np.tan(np.radians(1)) * across_m)}" in found
+
+
+def test_the_mosaic_says_where_its_pictures_differ_most():
+    question = "What on the mosaic may not be as it is on the ground?"
+    estimate, flight = made_estimate(), made_flight()
+    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5, 0.56, 2.0, 1.25)
+    rows = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic)
+    told = next(row.value for row in rows if row.label == question)
+    assert f"around x = 2.00 m, y = 1.25 m, by {percent(0.56)} of the brightness" in told
+    assert "White is ground that no picture shows" in told
+
+
+def test_an_accuracy_by_the_gps_does_not_count_a_shift_of_all_its_fixes():
+    estimate, flight = made_estimate(), made_flight()
+    question = "How accurate is a place on it?"
+    assert "share" not in answers(estimate, flight)[question]
+    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
+    facts = replace(gather(on_earth, flight), gps_std_m=5.0)
+
+    def told(facts):
+        rows = pilots_answers(on_earth, summarise(on_earth), facts)
+        return next(row.value for row in rows if row.label == question)
+
+    assert "on Earth, as the GPS has it, one standard deviation" in told(facts)
+    assert (
+        f"may be as large as what is stated or assumed for one fix, ±\N{NO-BREAK SPACE}{length(5.0)}"
+        in told(facts)
+    )
+    assert "GPS" not in told(replace(facts, controlled=True)), "control points hold the map"
+
+
+def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
+    estimate, flight = replace(made_estimate(), loops=()), made_flight()
+    assert answers(estimate, flight)[AGAIN].startswith("No, so errors add up")
+    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
+    assert answers(on_earth, flight)[AGAIN].startswith("No: positions alone hold the path")
+    page = html.unescape(render(on_earth, summarise(on_earth), flight))
+    assert "errors add up along" not in page
