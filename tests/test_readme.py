@@ -19,8 +19,8 @@ from slam.cli import app
 from slam.cli.output_folder import EVALUATE_NAMES, OPTIMIZE_NAMES
 from slam.core.summary import summarise
 from slam.evaluation import evaluate
-from slam.io import estimate as estimate_files
 from slam.io.csv_header import header_of
+from slam.io.estimate_arrays import SHAPES
 from slam.io.exports.formats import FORMATS
 from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, KNOWN_KEYS
@@ -188,7 +188,7 @@ def test_every_key_and_array_is_explained():
     flight = flight_of(poses, landmarks=surveyed, gaps=(("A", "B"),))
     evaluation = evaluate(estimate_of(poses), flight).to_json()
     assert all(evaluation[key] for key in NAMED_BY_DATA), "nothing is left unchecked"
-    arrays = {*estimate_files._SHAPES, "record"}
+    arrays = {*SHAPES, "record"}
     for word in keys(summary) | keys(evaluation) | arrays:
         assert f"`{word}`" in text, word
 

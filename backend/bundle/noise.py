@@ -13,9 +13,9 @@ from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
+from backend.bundle.noise_level import least_std, pooled, redundancy_factor
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
-from backend.bundle.redundancy import least_std, pooled, redundancy_factor
 from backend.measurements import FloorTracks, Measurements
 from backend.quantiles import chi_square_quantile, chi_square_tail
 

@@ -23,6 +23,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.accuracy.ground_size import GroundSize, ground_size
 from backend.bundle.barometer import HEIGHTS, start_heights
 from backend.bundle.factors import (
     ANTENNA,
@@ -49,7 +50,6 @@ from backend.bundle.graph import (
     propagated,
     start_variables,
 )
-from backend.bundle.ground_size import GroundSize, ground_size
 from backend.bundle.inertial.graph import InertialPart
 from backend.bundle.inertial.noise import start_factors
 from backend.bundle.lens import LensEstimate, start_numbers, told_covariance

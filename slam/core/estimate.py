@@ -140,8 +140,8 @@ class Estimate:
     """The one instrument or the assumed values on which the stated accuracy rests, in one sentence; empty
     where two instruments check each other."""
     information_shares: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    """Direction -> instrument -> its share in the variance, as `backend.bundle.information_shares` defines
-    them; empty without a refinement."""
+    """Direction -> instrument -> its share in the variance, as
+    `backend.bundle.accuracy.information_shares` defines them; empty without a refinement."""
     row_mistakes: tuple[RowMistake, ...] = ()
     """Rejected edges of a pose graph that one typical mistake of their rows explains."""
     certificate: Certificate | None = None

@@ -22,8 +22,8 @@ class FloorPoints:
     views: NDArray[np.int64]
     """(t,) number of keyframes whose view of the point was used."""
     std_m: Array
-    """(t, 3) standard deviation of the place along the axes of the world, as `backend.bundle.refined_points`
-    defines it; NaN where it is not known."""
+    """(t, 3) standard deviation of the place along the axes of the world, as
+    `backend.bundle.accuracy.refined_points` defines it; NaN where it is not known."""
 
     def on_map(self, w_T_b: Array) -> Array:
         """Return (t, 3) the places of the points for poses (n, 4, 4); NaN for a keyframe without a pose."""

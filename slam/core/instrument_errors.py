@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from backend.bundle.systematic_errors import SystematicErrors
+    from backend.bundle.accuracy.systematic_errors import SystematicErrors
 
 
 @dataclass(frozen=True)

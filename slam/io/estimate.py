@@ -7,7 +7,8 @@ arrays for n keyframes, m edges, l loops and t points of the ground are:
 |---|---|---|
 | stamps | (n,) int64 | nanoseconds on the recorder's clock |
 | w_T_b, chain_w_T_b, odometry_w_T_b | (n, 4, 4) | NaN where not placed |
-| covariances | (n, 6, 6) | rotation first, right perturbation; NaN where unknown |
+| covariances, over_floor_covariances | (n, 6, 6) | rotation first, right perturbation; NaN where unknown |
+| ground_covariances | (n, 6, 6) | of the ground in a picture; none where the lens was held |
 | component, frame_index | (n,) int64 | |
 | frame_names | (n,) text | |
 | edge_ij, edge_i_T_j, edge_covariance, edge_kind | (m, 2) int64, (m, 4, 4), (m, 6, 6), (m,) text | |
@@ -23,7 +24,6 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import tokenize
 import zipfile
 import zlib
@@ -32,7 +32,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from backend.measurements import RelativePose
@@ -46,51 +45,11 @@ from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
 from slam.core.messages import by_kind, with_notes
 from slam.io.atomic import write_whole
+from slam.io.estimate_arrays import LATER, NO_POINTS, POINTS, unpacked
 from slam.io.estimate_text import loops_text, trajectory_text
 from slam.io.files import brief
 
 Array = NDArray[np.float64]
-
-_LARGEST_EXPANSION = 20
-"""Largest ratio of unpacked to file size. We store without compression, so a larger ratio is an attack."""
-_MIN_LIMIT_BYTES = 1 << 26
-_MAX_COORDINATE_M = 1e12
-"""Largest coordinate. At larger ones, squares lose all digits of near points; no flight reaches them."""
-_RIGID_TOLERANCE = 1e-6
-
-_SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
-    "stamps": ("n", (), "i"),
-    "w_T_b": ("n", (4, 4), "f"),
-    "covariances": ("n", (6, 6), "f"),
-    "over_floor_covariances": ("n", (6, 6), "f"),
-    "ground_covariances": ("g", (6, 6), "f"),
-    "chain_w_T_b": ("n", (4, 4), "f"),
-    "odometry_w_T_b": ("n", (4, 4), "f"),
-    "component": ("n", (), "i"),
-    "frame_index": ("n", (), "i"),
-    "frame_names": ("n", (), "U"),
-    "edge_ij": ("m", (2,), "i"),
-    "edge_i_T_j": ("m", (4, 4), "f"),
-    "edge_covariance": ("m", (6, 6), "f"),
-    "edge_kind": ("m", (), "U"),
-    "loop_ij": ("l", (2,), "i"),
-    "loop_verdict": ("l", (), "U"),
-    "loop_reason": ("l", (), "U"),
-    "point_keyframe": ("t", (), "i"),
-    "point_b_p_m": ("t", (3,), "f"),
-    "point_views": ("t", (), "i"),
-    "point_std_m": ("t", (3,), "f"),
-}
-"""Map of a name to the size of its first axis, the shape of a row, and the kind of number."""
-_NO_POINTS = FloorPoints.joined(())
-_POINTS = {
-    "point_keyframe": _NO_POINTS.keyframe,
-    "point_b_p_m": _NO_POINTS.b_p_m,
-    "point_views": _NO_POINTS.views,
-    "point_std_m": _NO_POINTS.std_m,
-}
-_LATER = {**_POINTS, "ground_covariances": np.zeros((0, 6, 6))}
-"""Arrays that files of earlier versions lack -> what stands for them; an empty one for what is not known."""
 
 
 def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) -> tuple[Path, ...]:
@@ -111,7 +70,7 @@ def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) 
 
 
 def _pack(estimate: Estimate) -> bytes:
-    edges, loops, points = estimate.relative_poses, estimate.loops, estimate.floor_points or _NO_POINTS
+    edges, loops, points = estimate.relative_poses, estimate.loops, estimate.floor_points or NO_POINTS
     ground = estimate.ground_covariances
     content = io.BytesIO()
     np.savez(
@@ -121,7 +80,7 @@ def _pack(estimate: Estimate) -> bytes:
         w_T_b=estimate.w_T_b,
         covariances=estimate.covariances,
         over_floor_covariances=estimate.over_floor_covariances,
-        ground_covariances=_LATER["ground_covariances"] if ground is None else ground,
+        ground_covariances=LATER["ground_covariances"] if ground is None else ground,
         chain_w_T_b=estimate.chain_w_T_b,
         odometry_w_T_b=estimate.odometry_w_T_b,
         component=np.asarray(estimate.component, dtype=np.int64),
@@ -184,7 +143,7 @@ def read_estimate(out_dir: str | Path) -> Estimate:
     if not path.is_file():
         raise InputError(f"{path}: does not exist; name the folder that `slam optimize --out` wrote")
     try:
-        arrays = _unpack(path)
+        arrays = unpacked(path)
         return replace(_estimate(arrays, json.loads(str(arrays["record"]))), folder=Path(out_dir))
     except (OSError, EOFError, MemoryError, OverflowError, RecursionError) as error:
         raise _damaged_error(path, error) from None
@@ -197,72 +156,6 @@ def read_estimate(out_dir: str | Path) -> Estimate:
 def _damaged_error(path: Path, error: Exception) -> InputError:
     detail = brief(" ".join(str(error).split())) or type(error).__name__
     return InputError(f"{path}: damaged or not an estimate ({detail}); run `slam optimize` again")
-
-
-def _unpack(path: Path) -> dict[str, NDArray[Any]]:
-    size = os.path.getsize(path)
-    with zipfile.ZipFile(path) as archive:
-        entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
-        if len(entries) > 2 * len(_SHAPES):
-            raise ValueError(f"{len(entries)} entries")
-        missing = [name for name in (*_SHAPES, "record") if name not in entries and name not in _LATER]
-        if missing:
-            raise ValueError(f"{missing[0]} is missing")
-        wanted = {name: entries[name] for name in (*_SHAPES, "record") if name in entries}
-        total = sum(entry.file_size for entry in wanted.values())
-        if total > max(_MIN_LIMIT_BYTES, _LARGEST_EXPANSION * size):
-            raise ValueError(f"unpacks to {total} bytes from {size}")
-        # Reading an entry completely makes zipfile compare the checksum.
-        arrays = {name: _array(archive.read(entry)) for name, entry in wanted.items()}
-    if not _POINTS.keys() <= arrays.keys():
-        arrays |= _POINTS
-    arrays = {**_LATER, **arrays}
-    _check(arrays)
-    return arrays
-
-
-def _array(content: bytes) -> NDArray[Any]:
-    file = io.BytesIO(content)
-    version = npy.read_magic(file)
-    if version not in ((1, 0), (2, 0)):
-        raise ValueError(f"array format {version}")
-    shape, _, dtype = (
-        npy.read_array_header_1_0(file) if version == (1, 0) else npy.read_array_header_2_0(file)
-    )
-    # The declared size is compared with the actual one before an array of that size is allocated.
-    if dtype.hasobject or dtype.itemsize * int(np.prod(shape, dtype=object)) != len(content) - file.tell():
-        raise ValueError("an array has another length than declared, or is pickled")
-    file.seek(0)
-    return npy.read_array(file, allow_pickle=False)
-
-
-def _check(arrays: dict[str, NDArray[Any]]) -> None:
-    rows = {
-        "n": len(arrays["stamps"]),
-        "m": len(arrays["edge_ij"]),
-        "l": len(arrays["loop_ij"]),
-        "t": len(arrays["point_keyframe"]),
-        "g": len(arrays["stamps"]) if len(arrays["ground_covariances"]) else 0,
-    }
-    for name, (per, row, kind) in _SHAPES.items():
-        found = arrays[name]
-        if found.shape != (rows[per], *row) or found.dtype.kind != kind:
-            raise ValueError(f"{name} has shape {found.shape} and type {found.dtype}")
-    for name in ("w_T_b", "chain_w_T_b", "odometry_w_T_b", "edge_i_T_j"):
-        if not _is_rigid(arrays[name]):
-            raise ValueError(f"{name} contains an invalid pose")
-    for name in ("edge_ij", "loop_ij", "point_keyframe"):
-        if len(arrays[name]) and not (arrays[name].min() >= 0 and arrays[name].max() < rows["n"]):
-            raise ValueError(f"{name} refers to a missing keyframe")
-
-
-def _is_rigid(T: Array) -> bool:
-    """Return whether every finite (n, 4, 4) transform is a rotation and a translation."""
-    T = T[np.isfinite(T).all(axis=(1, 2))]
-    if np.abs(T).max(initial=0.0) > _MAX_COORDINATE_M or not (T[:, 3] == (0, 0, 0, 1)).all():
-        return False
-    R = T[:, :3, :3]
-    return np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), rtol=0, atol=_RIGID_TOLERANCE)
 
 
 def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estimate:
@@ -323,7 +216,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
 
 
 def _points(arrays: dict[str, NDArray[Any]]) -> FloorPoints | None:
-    found = [arrays[name] for name in _POINTS]
+    found = [arrays[name] for name in POINTS]
     keyframe, b_p_m, views, std_m = found
     return FloorPoints(keyframe, b_p_m, views, std_m) if len(keyframe) else None
 

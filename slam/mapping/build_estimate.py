@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.ground_covariances import ground_covariances
-from backend.bundle.information_shares import information_shares
-from backend.bundle.systematic_errors import SystematicErrors, error_test
+from backend.bundle.accuracy.ground_covariances import ground_covariances
+from backend.bundle.accuracy.information_shares import information_shares
+from backend.bundle.accuracy.systematic_errors import SystematicErrors, error_test
 from backend.errors import BackendError
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution

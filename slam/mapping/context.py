@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from backend.bundle.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.flight import Flight, Gps

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.bundle.refined_points import metric_point_stds, metric_points
+from backend.bundle.accuracy.refined_points import metric_point_stds, metric_points
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.floor_points import FloorPoints

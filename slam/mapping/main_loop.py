@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
-from backend.bundle.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from frontend.camera import Camera
 from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError

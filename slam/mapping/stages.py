@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from backend.bundle.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.errors import InputError

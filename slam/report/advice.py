@@ -25,7 +25,7 @@ WORDS: Mapping[str, str] = {
     "barometer": "the barometer",
     "assumed": "assumed values, which no instrument measured",
 }
-"""Name of a share in `backend.bundle.information_shares` -> in words."""
+"""Name of a share in `backend.bundle.accuracy.information_shares` -> in words."""
 _CARRIER_PHASE_M = 0.1
 """Receivers that state less have corrections of the carrier phase (RTK, PPK), and errors of centimetres.
 Without it, corrections leave half a metre at least (Groves, Principles of GNSS, 2013, chapter 10)."""

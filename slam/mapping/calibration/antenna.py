@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from backend.bundle.accuracy.systematic_errors import ErrorTest
 from backend.bundle.refinement import Bundle
-from backend.bundle.systematic_errors import ErrorTest
 from backend.triple import triple
 from slam.core.instrument_errors import AntennaPlace
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_terms import LENS_KINDS, Kind
 from backend.bundle.refinement import Bundle
-from backend.bundle.systematic_errors import SystematicErrors
-from backend.bundle.systematic_terms import LENS_KINDS, Kind
 from frontend.camera import Camera
 from slam.core.flight import Gps
 from slam.core.lens_priors import as_nominal

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.bundle.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, missing_for_map
 from slam.core.instrument_errors import MountTilt

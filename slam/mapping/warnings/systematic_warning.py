@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from backend.bundle.systematic_errors import SystematicErrors
-from backend.bundle.systematic_terms import Kind, lens_displacement
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_terms import Kind, lens_displacement
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
 from slam.core.units import length

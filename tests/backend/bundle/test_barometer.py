@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from scipy.stats import chi2
 
+from backend.bundle.accuracy.information_shares import information_shares
 from backend.bundle.barometer import GAIN_STD, HEIGHTS, height_factor
-from backend.bundle.information_shares import information_shares
 from backend.bundle.refinement import refine
 from tests.backend.bundle.test_factors import POSE, SEEDS, WORLD, draw, metric_world_pose, values_of
 from tests.backend.made_floor import Made, Scene, make

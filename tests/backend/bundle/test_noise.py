@@ -3,7 +3,7 @@ import pytest
 from scipy.signal import lfilter
 
 from backend.bundle.noise import STUDENT_SCALE, autocorrelated_std, huber_std
-from backend.bundle.redundancy import least_std, redundancy_factor
+from backend.bundle.noise_level import least_std, redundancy_factor
 from backend.bundle.refinement import refine
 from tests.backend.made_floor import Scene, aligned, make, nees
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.bundle.information_shares import information_shares
+from backend.bundle.accuracy.information_shares import information_shares
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.factor import BIAS, GAINS
 from backend.bundle.reported.graph import REPORTED

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.bundle.systematic_errors import SystematicErrors
-from backend.bundle.systematic_terms import Kind
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_terms import Kind
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M, refusal_of_antenna
 from slam.mapping.calibration.refuted import Suspects, suspects
 from tests.backend.bundle.test_antenna import RTK, flown, refined

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from backend.bundle.systematic_errors import SystematicErrors
+from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from frontend.camera import Camera
 from slam.core.flight import Flight
 from slam.mapping.gps.stated_accuracy import Contradiction, Pattern

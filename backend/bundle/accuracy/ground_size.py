@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.accuracy.refined_points import metric_points, point_jacobians
 from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import ReducedSystem
-from backend.bundle.refined_points import metric_points, point_jacobians
 
 Array = NDArray[np.float64]
 

@@ -20,10 +20,10 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.accuracy.ground_size import gradients
 from backend.bundle.barometer import HEIGHTS
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
 from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
-from backend.bundle.ground_size import gradients
 from backend.bundle.inertial.graph import IMU
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reported.graph import row_instruments

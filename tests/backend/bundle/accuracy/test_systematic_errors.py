@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from backend.bundle.accuracy.systematic_errors import _eliminate, systematic_errors
+from backend.bundle.accuracy.systematic_terms import LENS_KINDS, lens_displacement
 from backend.bundle.refinement import Bundle, refine
-from backend.bundle.systematic_errors import _eliminate, systematic_errors
-from backend.bundle.systematic_terms import LENS_KINDS, lens_displacement
 from backend.errors import BackendError
 from backend.sparse_cholesky import SingularMatrixError
 from tests.backend.bundle.made_scenes import turned

@@ -20,10 +20,10 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
+from backend.bundle.accuracy.systematic_terms import Kind, added_columns
 from backend.bundle.graph import WORLD, metric_jacobians
 from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle
-from backend.bundle.systematic_terms import Kind, added_columns
 from backend.errors import BackendError
 from backend.quantiles import f_tail
 from backend.sparse_cholesky import SingularMatrixError

@@ -7,8 +7,8 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 
+from backend.bundle.accuracy.refined_points import metric_point_stds, metric_points
 from backend.bundle.graph import WORLD
-from backend.bundle.refined_points import metric_point_stds, metric_points
 from backend.bundle.refinement import refine
 from tests.backend.made_floor import Scene, make
 

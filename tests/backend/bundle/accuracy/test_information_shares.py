@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.bundle.ground_size import gradients
-from backend.bundle.information_shares import DIRECTIONS, information_shares
+from backend.bundle.accuracy.ground_size import gradients
+from backend.bundle.accuracy.information_shares import DIRECTIONS, information_shares
 from backend.bundle.refinement import refine
 from tests.backend.bundle.inertial.made_inertial import InertialScene
 from tests.backend.bundle.inertial.made_inertial import make as make_inertial

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from backend.bundle.ground_covariances import ground_covariances
+from backend.bundle.accuracy.ground_covariances import ground_covariances
 from backend.bundle.projections import undistorted
 from backend.bundle.refinement import Bundle, refine
 from frontend.mosaic.quality import ground_jacobian

@@ -1,0 +1,1 @@
+"""How accurate a refined map is: its ground, its lengths, its points, and errors that all pictures share."""
