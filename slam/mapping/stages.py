@@ -13,6 +13,7 @@ from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight
+from slam.core.heap import large_blocks_kept
 from slam.core.instrument_readings import inertial_readings
 from slam.core.lens_priors import as_nominal
 from slam.core.progress import show_compilation
@@ -54,7 +55,7 @@ def track(
     Raises ``InputError`` where fewer than two pictures are usable.
     """
     front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier)
-    with job.timer("track"):
+    with job.timer("track"), large_blocks_kept():
         observations = front_end.observations(tracked) if tracked else front_end.track(masks)
         recorded, found = flight, _tracked_clock(flight, job, observations)
         flight = on_one_clock(recorded, found)
@@ -84,7 +85,7 @@ def close_loops(context: Context, chain: Map) -> Map:
     Raises ``InputError`` where no two pictures match.
     """
     setup, heights = context.setup, chain.edges.heights
-    with context.timer("loops"):
+    with context.timer("loops"), large_blocks_kept():
         radius = search_radius(setup, heights, chain.graph)
         observations = context.front_end.close_loops(chain.observations, radius)
         _refuse_unless(len(observations.registrations) > 0, context.flight, observations)
@@ -128,7 +129,7 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
 
 def match_overlaps(context: Context, refined: Map) -> Map:
     """Register all keyframes whose footprints overlap according to the refined poses."""
-    with context.timer("loops"):
+    with context.timer("loops"), large_blocks_kept():
         observations = context.front_end.match_overlaps(
             refined.observations, refined.over_floor_T_b, refined.floor_z_m
         )
