@@ -34,6 +34,8 @@ class HeightSource(IntEnum):
     """Measured by the sonar alone."""
     FILLED = 3
     """Not measured: taken from the lowest neighbours."""
+    UNSEEN = 4
+    """No picture of the mosaic shows the ground."""
 
 
 @dataclass(frozen=True)

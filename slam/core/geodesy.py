@@ -39,6 +39,14 @@ class GeoOrigin:
     longitude_deg: float
     altitude_m: float
 
+    @property
+    def text(self) -> str:
+        """Latitude and longitude to about a millimetre, for a person."""
+        return (
+            f"{abs(self.latitude_deg):.8f}° {'N' if self.latitude_deg >= 0 else 'S'}, "
+            f"{abs(self.longitude_deg):.8f}° {'E' if self.longitude_deg >= 0 else 'W'}"
+        )
+
 
 def position_fault(latitude_deg: float, longitude_deg: float) -> str:
     """Return why two finite numbers are no position; empty if they are one."""

@@ -70,7 +70,7 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         )
         text += (
             f" Distances between landmarks are wrong by {_percent(with_loops)} at most "
-            f"({_percent(without)} without loop closures)."
+            f"({_percent(without)} without loop closures). These known distances check its lengths."
         )
     if evaluation.nees is not None:
         pose = evaluation.nees.pose

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.core.estimate import Estimate
+from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
 from slam.report.facts import Facts, heights_over_floor, largest_height_std
@@ -106,10 +108,12 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
     )
     whole = f"±{SPACE}{length(float(np.hypot(scale_m, np.sqrt(2) * end_m)))}"
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
+    tape = facts.length(2 * float(np.hypot(scale_m, np.sqrt(2) * end_m)))
     return (
         f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. The scale "
         f"causes {by_scale} of it, and the same share of any other length; the places of both ends cause "
-        f"{ends}, between near places less.{moves} {area}"
+        f"{ends}, between near places less.{moves} If a tape differs from it by more than {tape}, the map is "
+        f"wrong and not the tape: all its lengths are off by that share. {area}"
     )
 
 
@@ -149,27 +153,32 @@ def _beside(estimate: Estimate) -> str:
     off, std = found.scale - 1, found.scale_std
     return (
         f" Before they were joined, lengths by the accelerometer were {percent(abs(off))} "
-        f"{'longer' if off > 0 else 'shorter'} (±{SPACE}{percent(std)}) than those by the others, which "
-        f"were known to ±{SPACE}{percent(found.others_std)}: no more than these uncertainties explain. The "
-        "map weighs both by them."
+        f"{'longer' if off > 0 else 'shorter'} (±{SPACE}{percent(std)}) than those by the other "
+        f"instruments, which were known to ±{SPACE}{percent(found.others_std)}: no more than these "
+        "uncertainties explain. The map weighs both by them."
     )
 
 
 def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     """Return from where heights count, how accurate they are, and what measured the ground."""
-    tilted = any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings)
+    tilted = is_tilt_doubted(summary)
     text = f"{_heights_verdict(facts, summary.status, tilted)} Heights {facts.datum}."
     std_m = heights_over_floor(estimate)[1]
     if np.isfinite(std_m).any():
         typical = facts.length(float(np.nanmedian(std_m)))
-        text += f" How high a keyframe is over the floor is typically known to ±{SPACE}{typical}."
+        floor = "" if facts.relative_to else ", and so is the altitude of the floor on Earth"
+        text += f" How high a keyframe is over the floor is typically known to ±{SPACE}{typical}{floor}."
     ground = estimate.ground
     if ground is not None and ground.relief_share > 0:
-        std = f" (typically ±{SPACE}{facts.length(ground.height_std_m)})" if ground.height_std_m else ""
+        std = (
+            f", typically to ±{SPACE}{facts.length(ground.height_std_m)} against the ground around it"
+            if ground.height_std_m
+            else ""
+        )
         text += (
-            f" The ground is not flat: its height was measured from the pictures{std}, "
-            f"{percent(ground.filled_share)} of it filled in from around. Trust no height where "
-            "elevation.tif has no standard deviation."
+            f" The ground is not flat: its height over the floor was measured from the pictures{std}; "
+            f"{percent(ground.filled_share)} of it was filled in. Trust no height where elevation.tif has no "
+            "standard deviation."
         )
     elif ground is not None:
         text += " The ground is taken as flat: the pictures show no hills."
@@ -192,13 +201,18 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     return text
 
 
+def is_tilt_doubted(summary: Summary) -> bool:
+    """Return whether a warning doubts how level the map is."""
+    return any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings)
+
+
 def _heights_verdict(facts: Facts, status: str, tilted: bool) -> str:
     if not facts.metric:
         return "Only in ratio to each other, because the map has no metres."
     if status != "ok":
         return "Only after you have checked what “Check this first” above names."
     if tilted:
-        return "Over the ground, yes. Whether the whole map leans is doubted: see the end of this answer."
+        return "Near each other, yes; across the map, no: whether it leans as a whole is doubted."
     if facts.relative_to or facts.controlled:
         return "Yes, within the figures that follow."
     return "Over the ground, yes, within the figures that follow. As altitudes, only as the GPS counts them."
@@ -206,8 +220,9 @@ def _heights_verdict(facts: Facts, status: str, tilted: bool) -> str:
 
 def loops(estimate: Estimate, facts: Facts) -> str:
     """Return how often places were recognised, and what speaks for and against the matches."""
-    rejected = [loop.reason for loop in estimate.loops if loop.verdict == "rejected"]
-    contradicted = sum(map(is_contradicted, rejected))
+    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
+    against = [loop for loop in rejected if is_contradicted(loop.reason)]
+    contradicted = len(against)
     if facts.loops_kept:
         text = (
             f"Yes, {facts.loops_kept} times, so errors do not add up over the flight. Each match that was "
@@ -221,7 +236,8 @@ def loops(estimate: Estimate, facts: Facts) -> str:
         return f"{text} No match was rejected."
     unproven = len(rejected) - contradicted
     parts = [
-        f"the rest of the map contradicts {contradicted} (another place that looks alike, or inaccurate)"
+        f"the rest of the map contradicts {contradicted} (another place that looks alike, or inaccurate"
+        f"{_most_often(estimate, against)})"
         if contradicted
         else "",
         f"{unproven} show too little to tell whether they are right" if unproven else "",
@@ -230,6 +246,14 @@ def loops(estimate: Estimate, facts: Facts) -> str:
         f"{text} {len(rejected)} others were rejected: {', and '.join(part for part in parts if part)}. "
         "The map rests on none of them."
     )
+
+
+def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
+    """Return which keyframe takes part in most of the loops; empty where none takes part in several."""
+    k, count = Counter(end for loop in loops for end in (loop.i, loop.j)).most_common(1)[0]
+    if count < 3:
+        return ""
+    return f"; keyframe {k}, {estimate.frame_names[k]}, takes part in most, {count} of them"
 
 
 def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
@@ -243,11 +267,12 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     if np.isfinite(mosaic.seam_share):
         text += (
             f" They differ most around {_at(mosaic.seam_x_m, mosaic.seam_y_m, unit(estimate.metric))}, by "
-            f"{percent(mosaic.seam_share)} of the brightness: look there first."
+            f"{percent(mosaic.seam_share)} of the brightness, typically by {percent(mosaic.seam_typical)}: "
+            "look there first."
         )
     text += (
-        " White is ground that no picture shows. Any other area of one colour is no fault: the camera saw "
-        "the ground so."
+        " White is ground that no picture shows, or that higher ground hides. Any other area of one colour "
+        "is no fault: the camera saw the ground so."
     )
     ground = estimate.ground
     if ground is not None and np.isfinite(ground.misregistration_px[-1]):

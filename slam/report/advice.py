@@ -121,7 +121,8 @@ def _step(name: str, facts: Facts, estimate: Estimate, of_lengths: bool) -> str:
     """Return what improves the instrument that limits a map, by what is at hand."""
     if name == "pictures" and of_lengths and estimate.instruments.lens:
         return (
-            "calibrate the camera, or fly part of the ground at another height: its focal length is uncertain"
+            "calibrate the camera, or fly part of the ground at another height: the pictures themselves tell "
+            "the camera's focal length, and lengths depend on it"
         )
     if name == "position":
         return _better_positions(facts)
@@ -141,8 +142,8 @@ def _better_ranges(facts: Facts) -> str:
     measured = "measure one distance on the ground and compare it with map.html"
     if facts.range_exact:
         return (
-            "fly longer over the same ground, so that the scatter of its readings averages out; and "
-            f"{measured}, because its gain and zero are taken as exact"
+            "fly longer over the same ground, so that the scatter of the height sensor's readings averages "
+            f"out; and {measured}, because its gain and zero are taken as exact"
         )
     return (
         f"{measured}; or hold the drone at two heights measured by tape, and state gain and zero of the "

@@ -10,7 +10,16 @@ from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind, reasons_of
 from slam.core.units import SPACE, unit
-from slam.report.accuracy_answers import distance, heights, least_certain, loops, not_as_it_is, place, scale
+from slam.report.accuracy_answers import (
+    distance,
+    heights,
+    is_tilt_doubted,
+    least_certain,
+    loops,
+    not_as_it_is,
+    place,
+    scale,
+)
 from slam.report.advice import limit_sentence, next_steps
 from slam.report.facts import Facts
 from slam.report.left_out import counted, left_out
@@ -35,7 +44,7 @@ def pilots_answers(
     ``mosaic``: figures of the mosaic, where there is one.
     """
     rows = [
-        Item("Can I use this map?", _usable(estimate, summary)),
+        Item("Can I use this map?", _usable(estimate, facts, summary)),
         Item("What does the status promise, and what not?", _promise(estimate, summary, facts)),
         Item("How accurate is a place on it?", place(facts, summary, mosaic)),
         Item("How far can I trust a distance or an area?", distance(estimate, facts, mosaic)),
@@ -57,20 +66,38 @@ def pilots_answers(
     return tuple(row for row in rows if row.value)
 
 
-def _usable(estimate: Estimate, summary: Summary) -> str:
+def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     found = by_kind(summary.warnings)
     named = reasons_of(summary.status, summary.warnings)
     others = sum(line not in named for line in found.warnings)
     more = _counted(
         others, "warning", "warnings", "to act on stands under Warnings", "to act on stand under Warnings"
     )
-    notes = _counted(len(found.notes), "note", "notes", "there needs no action", "there need no action")
+    notes = _counted(len(found.notes), "note", "notes", "needs no action", "need no action")
     told = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
-        alone = " But no second instrument checks this accuracy: see “Is the scale right?” below."
+        alone = "; but no second instrument checks its accuracy (“Is the scale right?” below)"
         doubt = alone if estimate.accuracy_basis else ""
-        return f"Yes: the measurements that the map uses agree within the accuracy below.{doubt}{told}"
+        return (
+            f"Yes, {_purpose(estimate, facts, summary)}{doubt}. The measurements that the map uses agree "
+            f"within the accuracy below.{told}"
+        )
     return f"Only with care: “Check this first” above names what is wrong and what to do about it.{told}"
+
+
+def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    """Return what a map whose status is ok is good for, and what not."""
+    if facts.is_graph:
+        return "for the places of its poses"
+    if not facts.metric:
+        return "to find things and to compare lengths with each other; not in metres"
+    good = "to find things, and to measure distances and areas"
+    if is_tilt_doubted(summary):
+        return f"{good}; not for heights, which a warning doubts"
+    ground = estimate.ground
+    if ground is not None and ground.relief_share > 0:
+        good = "to find things, and to measure distances, areas and heights"
+    return good if facts.relative_to else f"{good}; as coordinates on Earth only as the GPS has it"
 
 
 def _counted(count: int, one: str, many: str, after_one: str, after_many: str) -> str:
@@ -172,9 +199,11 @@ def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{unplaced} {'poses' if facts.is_graph else 'keyframes'} could not be placed")
     if lost := summary.rejected.get(TRACKING_LOST, 0):
         times = "once" if lost == 1 else f"{lost} times"
+        where = " where the path is dotted" if facts.gaps else ""
         whole = "; the map is in one piece all the same" if facts.maps == 1 else ""
         told.append(
-            f"{times} a picture had nothing in common with the one before, and tracking began anew{whole}"
+            f"{times} a picture had nothing in common with the one before, and tracking began anew{where}"
+            f"{whole}"
         )
     if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
         are = "keyframe is" if number == 1 else "keyframes are"
@@ -199,8 +228,8 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     if not first.only_if:
         return f"{parts}. The map does not rest on them. Act on {told} The table below has the others."
     return (
-        f"{parts}. The map does not rest on them. You need not act, but for a case that you know and the "
-        f"program does not. {told} The table below has the others."
+        f"{parts}. The map does not rest on them. Whether to act depends on the case: {told} The table below "
+        "has the others."
     )
 
 
@@ -224,8 +253,8 @@ def _hand_on(facts: Facts, mosaic: MosaicFacts | None) -> str:
     if not facts.controlled:
         told.append("and that the place on Earth is that of the GPS")
     stated = (
-        f" Its fixes are stated or assumed to be good to ±{SPACE}{facts.length(facts.gps_std_m)} on each "
-        "axis; an error that all of them share moves the whole map."
+        f" Its fixes are stated or assumed to be good to ±{SPACE}{facts.length(facts.gps_std_m)} east "
+        "and north each; an error that all of them share moves the whole map."
         if np.isfinite(facts.gps_std_m) and not facts.controlled
         else ""
     )
@@ -236,4 +265,4 @@ def _on_earth(estimate: Estimate) -> str:
     origin = estimate.origin
     if origin is None:
         return "Not known: no GPS was used."
-    return f"Its origin is at {origin.latitude_deg:.6f}°, {origin.longitude_deg:.6f}°."
+    return f"Its origin is at {origin.text} (WGS 84)."

@@ -22,11 +22,11 @@ def plane_text(estimate: Estimate) -> str:
     origin = estimate.origin
     if origin is None:
         return "local metres without a place on Earth, so no EPSG code"
+    utm = utm_epsg(origin.latitude_deg, origin.longitude_deg)
     return (
-        f"metres east and north of {origin.latitude_deg:.6f}°, {origin.longitude_deg:.6f}° (azimuthal "
-        "equidistant about that point, on WGS 84; no EPSG code names this plane, the files hold its "
-        f"definition); for UTM, EPSG:{utm_epsg(origin.latitude_deg, origin.longitude_deg)}, run slam "
-        "export --to geotiff"
+        f"metres east and north of {origin.text} (azimuthal equidistant about that point, on WGS 84; no "
+        f"EPSG code names this plane, the files hold its definition); for UTM, EPSG:{utm}, run slam export "
+        "--to geotiff"
     )
 
 

@@ -199,8 +199,11 @@ def _or_nan(value: float) -> float:
     return float(value) if np.isfinite(value) else float("nan")
 
 
-def sentence(facts: Facts, status: str) -> str:
-    """Summarise the result and its accuracy in words for a pilot; ``status`` is that of the map."""
+def sentence(facts: Facts, status: str, ground_std_m: tuple[float, float] | None = None) -> str:
+    """Summarise the result and its accuracy in words for a pilot; ``status`` is that of the map.
+
+    ``ground_std_m``: typical and largest standard deviation of a place on the mosaic, where there is one.
+    """
     thing = "poses" if facts.is_graph else "keyframes"
     if facts.placed == 0:
         return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
@@ -214,17 +217,24 @@ def sentence(facts: Facts, status: str) -> str:
         "one consistent map" if facts.maps <= 1 else f"{facts.maps} separate maps that share no common ground"
     )
     text = f"{whole} {thing}{of_map} lie on {maps}"
-    if np.isfinite(facts.sigma_median_m):
-        median, worst = facts.length(facts.sigma_median_m), facts.length(facts.sigma_max_m)
+    on_ground = ground_std_m is not None and bool(np.isfinite(ground_std_m[0]))
+    typical_m, worst_m = (
+        ground_std_m if ground_std_m is not None and on_ground else (facts.sigma_median_m, facts.sigma_max_m)
+    )
+    if np.isfinite(typical_m):
         worst = (
-            f"and to ±{SPACE}{worst} where it is least certain"
-            if np.isfinite(facts.sigma_max_m)
+            f"and to ±{SPACE}{facts.length(worst_m)} where it is least certain"
+            if np.isfinite(worst_m)
             else "and others are not known"
         )
-        typically = f"is typically known to ±{SPACE}{median}, {worst}"
-        text += f"; {facts.against} the position of a {thing[:-1]} {typically}"
-        if facts.mostly_scale:
-            text += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
+        why = (
+            f" (mostly because the scale of all lengths is known to {percent(facts.scale_std)} only)"
+            if facts.mostly_scale and not on_ground
+            else ""
+        )
+        of = "a point on the ground" if on_ground else f"the position of a {thing[:-1]}"
+        typically = f"is typically known to ±{SPACE}{facts.length(typical_m)}{why}, {worst}"
+        text += f"; {facts.against} {of} {typically}"
         if status != "ok":
             text += "; errors that the status names come on top"
     text += "."

@@ -26,6 +26,8 @@ class MosaicFacts:
     seam_x_m: float = float("nan")
     seam_y_m: float = float("nan")
     """Ground with the largest difference."""
+    seam_typical: float = float("nan")
+    """Median difference."""
 
 
 def mosaic_facts(picture: Path | None, quality: Path | None) -> MosaicFacts | None:

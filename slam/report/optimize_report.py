@@ -108,7 +108,9 @@ def render(
         version=VERSION,
         facts=facts,
         unit=unit(facts.metric),
-        sentence=sentence(facts, summary.status),
+        sentence=sentence(
+            facts, summary.status, None if ground is None else (ground.typical_std_m, ground.worst_std_m)
+        ),
         summary=summary,
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
@@ -128,6 +130,7 @@ def render(
         else None,
         left_out=left_out(summary.rejected),
         rejected_loops=_rejected_loops(estimate),
+        verdicts={verdict_of(loop.reason) for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),
         accuracy=(*accuracy.tables, *instrument_table(estimate, flight)),
         evaluated=accuracy.evaluated,

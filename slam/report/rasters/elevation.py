@@ -51,7 +51,7 @@ def _surface_bands(surface: Surface, elevation: Elevation | None) -> dict[str, N
     """Return the surface, its standard deviation, the sources of its heights, and the sonar's heights."""
     sources = ", ".join(f"{source.value} {source.name.lower()}" for source in HeightSource)
     bands = {
-        HEIGHT_BAND: surface.height_m,
+        HEIGHT_BAND: np.where(surface.source == HeightSource.UNSEEN, np.float32(np.nan), surface.height_m),
         "height, standard deviation [m]": surface.std_m,
         f"source of the height: {sources}": surface.source.astype(np.float32),
     }

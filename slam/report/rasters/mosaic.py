@@ -29,7 +29,7 @@ from slam.core.progress import Progress, silent
 from slam.core.units import unit
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, height_tags, write_geotiff, write_png
 from slam.report.rasters.quality import write_quality
-from slam.report.rasters.surface import MeasuredGround, measure_ground
+from slam.report.rasters.surface import MeasuredGround, measure_ground, without_unseen
 
 Array = NDArray[np.float64]
 
@@ -233,7 +233,11 @@ def _over_ground(made: _Planned, estimate: Estimate) -> tuple[_Planned, Measured
     over = replace(over, note=plan.note)
     pictures = Pictures(over, made.load, CACHE_MB)
     exposure = measure_exposure(over, pictures, made.progress)
-    ground = replace(ground, over_surface=measure_misregistration(over, pictures, made.progress))
+    ground = replace(
+        ground,
+        surface=without_unseen(ground.surface, over),
+        over_surface=measure_misregistration(over, pictures, made.progress),
+    )
     return replace(made, plan=over, pictures=pictures, exposure=exposure), ground
 
 

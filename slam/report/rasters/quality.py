@@ -60,6 +60,8 @@ class GroundAccuracy(NamedTuple):
     seam_x_m: float
     seam_y_m: float
     """Ground with the largest difference."""
+    seam_typical: float
+    """Median difference."""
 
 
 def ground_accuracy(path: Path) -> GroundAccuracy:
@@ -68,8 +70,11 @@ def ground_accuracy(path: Path) -> GroundAccuracy:
 
     with rasterio.open(path) as source:
         std_m, seam, at = source.read(_POSITION_BAND), source.read(_SEAM_BAND), source.transform
-    typical_m = float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else float("nan")
-    return GroundAccuracy(typical_m, *_largest(std_m, at), *_largest(seam, at))
+    return GroundAccuracy(_median(std_m), *_largest(std_m, at), *_largest(seam, at), _median(seam))
+
+
+def _median(values: NDArray[np.float32]) -> float:
+    return float(np.nanmedian(values)) if np.isfinite(values).any() else float("nan")
 
 
 def _largest(values: NDArray[np.float32], at: Affine) -> tuple[float, float, float]:

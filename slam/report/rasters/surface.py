@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.elevation import Elevation
+from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
@@ -42,7 +43,8 @@ class MeasuredGround:
         )
         if self.surface is None:
             return GroundFacts(misregistration_px=after_px, over_floor_px=before_px)
-        source, height = self.surface.source, self.surface.height_m
+        shown = self.surface.source != HeightSource.UNSEEN
+        source, height = self.surface.source[shown], self.surface.height_m[shown]
         relief = source != HeightSource.FLOOR
         return GroundFacts(
             misregistration_px=after_px,
@@ -51,8 +53,25 @@ class MeasuredGround:
             filled_share=float((source == HeightSource.FILLED).sum() / relief.sum()),
             lowest_m=float(height.min()),
             highest_m=float(height.max()),
-            height_std_m=float(np.nanmedian(self.surface.std_m[relief])),
+            height_std_m=float(np.nanmedian(self.surface.std_m[shown][relief])),
         )
+
+
+def without_unseen(surface: Surface, plan: MosaicPlan) -> Surface:
+    """Return the surface with the cells that no picture of a plan shows marked as unseen.
+
+    Their heights remain: ground that is seen interpolates towards them.
+    """
+    rows, cols = surface.height_m.shape
+    cell_m = CELL_PX * plan.gsd_m
+    r = (plan.north_m - surface.north_m + (np.arange(rows) + 0.5) * surface.cell_m) // cell_m
+    c = (surface.west_m - plan.west_m + (np.arange(cols) + 0.5) * surface.cell_m) // cell_m
+    inside = (r >= 0) & (r < plan.owner.shape[0]), (c >= 0) & (c < plan.owner.shape[1])
+    source = np.full_like(surface.source, HeightSource.UNSEEN)
+    of_plan = plan.owner[np.ix_(r[inside[0]].astype(int), c[inside[1]].astype(int))]
+    known = np.ix_(*inside)
+    source[known] = np.where(of_plan >= 0, surface.source[known], HeightSource.UNSEEN)
+    return replace(surface, source=source)
 
 
 def measure_ground(

@@ -7,6 +7,7 @@ import pytest
 
 from frontend.camera import Camera
 from frontend.elevation import Elevation
+from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.surface import HeightSource, Surface
@@ -17,6 +18,7 @@ from frontend.surface.holes import filled, without_specks
 from frontend.surface.misregistration import Misregistration, measure_misregistration
 from frontend.surface.relief import relief_squares, relief_threshold_px
 from frontend.surface.stereo import Placed, ground_points, rectified
+from slam.report.rasters.surface import without_unseen
 from tests.frontend.mosaic.scene import FLOOR_Z_M, photograph, pose, smooth_floor
 
 HEIGHT_M = 0.2
@@ -109,6 +111,20 @@ def test_beside_the_border_of_a_picture_a_match_may_be_wrong(pictures):
     assert wrong[points.range_in_view].mean() < 0.01 < wrong[~points.range_in_view].mean()
 
 
+def test_a_lens_whose_polynomial_turns_back_shows_no_ground_beside_the_picture():
+    """At 1.2 times the focal length off the axis, these coefficients lead back to the middle."""
+    camera = replace(CAMERA, distortion=(-0.42, 0.33, 0.0, 0.0, -0.28))
+    rng = np.random.default_rng(0)
+    grey = rng.integers(0, 255, (240, 320), dtype=np.uint8)
+    views = [mosaic_view(camera, k, POSES[k], FLOOR_Z_M) for k in (0, 1)]
+    a, b = (Placed(camera, view, grey) for view in views)
+    east_m, south_m = views[0].bounds_m[2] + 0.3, views[0].bounds_m[1]
+    beside = Lattice(east_m, south_m + 1.0, 0.02, 50, 100)
+    over = rectified(a, b, beside, (-0.2, 0.5), GSD_M)
+    assert over is not None
+    assert len(ground_points(a, b, over).w_p_m) == 0
+
+
 def test_a_pair_alone_must_continue_the_heights_around_it_beside_its_border():
     layers = np.full((2, 20, 20), np.nan, np.float32)
     layers[:, :, 8:] = 1.0
@@ -169,6 +185,25 @@ def boxed(height_m=0.5):
     heights[20:35, 25:40] = height_m
     source = np.where(heights > 0, HeightSource.PICTURES, HeightSource.FLOOR).astype(np.uint8)
     return Surface(-0.6, 0.6, 0.02, heights, np.zeros_like(heights), source)
+
+
+def test_ground_that_no_picture_shows_is_marked():
+    plan = plan_mosaic(CAMERA, POSES[:1], FLOOR_Z_M, GSD_M)
+    heights = np.full((300, 400), 0.1, np.float32)
+    source = np.full(heights.shape, HeightSource.FILLED, np.uint8)
+    wide = Surface(plan.west_m - 1.0, plan.north_m + 1.0, 0.0125, heights, heights, source)
+    marked = without_unseen(wide, plan)
+    assert marked.height_m is heights
+    r, c = np.nonzero(marked.source != HeightSource.UNSEEN)
+    x, y = wide.west_m + (c + 0.5) * wide.cell_m, wide.north_m - (r + 0.5) * wide.cell_m
+    assert (marked.source[r, c] == HeightSource.FILLED).all()
+    west, south, east, north = plan.views[0].bounds_m
+    cell_m = CELL_PX * GSD_M
+    assert west - cell_m < x.min()
+    assert x.max() < east + cell_m
+    assert south - cell_m < y.min()
+    assert y.max() < north + cell_m
+    assert len(r) * wide.cell_m**2 == pytest.approx(np.count_nonzero(plan.owner >= 0) * cell_m**2, rel=0.02)
 
 
 def test_ground_behind_a_box_is_hidden():

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.answers import pilots_answers
-from slam.report.facts import gather
+from slam.report.facts import gather, sentence
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import render
 from tests.slam.made_estimate import made_estimate, made_flight
@@ -90,7 +91,9 @@ def test_a_doubted_attitude_says_what_a_degree_of_tilt_does():
     noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
     across_m = max(gather(estimate, flight).extent_m)
     found = answers(replace(noted, status="ok"), flight)[question]
-    assert found.startswith("Over the ground, yes. Whether the whole map leans is doubted")
+    assert found.startswith(
+        "Near each other, yes; across the map, no: whether it leans as a whole is doubted."
+    )
     assert f"Each degree raises one end of the path by {length(np.tan(np.radians(1)) * across_m)}" in found
 
 
@@ -130,3 +133,22 @@ def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
     assert answers(on_earth, flight)[AGAIN].startswith("No: positions alone hold the path")
     page = html.unescape(render(on_earth, summarise(on_earth), flight))
     assert "errors add up along" not in page
+
+
+def test_the_keyframe_of_most_contradictions_is_named():
+    estimate, flight = made_estimate(), made_flight()
+    reason = "disagrees by 9.0 sigma"
+    loops = tuple(LoopVerdict(3, j, "rejected", reason) for j in (30, 40, 50))
+    question = "Was a place recognised again, and is that right?"
+    found = answers(replace(estimate, loops=loops), flight)[question]
+    assert f"keyframe 3, {estimate.frame_names[3]}, takes part in most, 3 of them" in found
+    assert "takes part" not in answers(replace(estimate, loops=loops[:2]), flight)[question]
+
+
+def test_the_first_sentence_tells_the_ground_where_there_is_a_mosaic():
+    estimate = made_estimate()
+    facts = gather(estimate, made_flight())
+    on_ground = sentence(facts, "ok", (0.012, 0.034))
+    assert "a point on the ground is typically known to" in on_ground
+    assert length(0.034) in on_ground
+    assert "the position of a keyframe" in sentence(facts, "ok", (np.nan, np.nan))
