@@ -8,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from slam.criticism.cause import Cause
-from slam.criticism.kalman.filter_parameters import FilterParameters, catalogued, filter_parameters_of, slot
-from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, INSTRUMENTS, place_of
-from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.transition import (
-    GUST_STD,
-    GUST_TIME,
-    TILT_STD,
-    TILT_TIME,
-    TURN_STD,
-    TURN_TIME,
-    W_STD,
-    W_TIME,
-    W_UP_STD,
+from slam.criticism.kalman.filter_parameters import (
+    HOLD_NOISES,
+    NOISE_CORRELATIONS,
+    NOISE_FIGURES,
+    FilterParameters,
+    catalogued,
+    figure_of,
+    filter_parameters_of,
+    slot,
+    with_figures,
 )
+from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, place_of
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
@@ -61,81 +61,39 @@ def extended_model(
 ) -> Model:
     """Return the model of some fitted filter parameters. Only terms of ``causes`` enter, each within its
     equation's limits."""
-    hold = parameters.hold
-    noise = _noise(model, parameters, records)
-    correlation = dict(zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True))
-    plain = replace(
-        model,
-        name=f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}",
-        vehicle=replace(
-            model.vehicle,
-            gain=float(parameters.dynamics[GAIN]),
-            drag_1_s=float(parameters.dynamics[DRAG]),
-            attitude_time_s=float(parameters.dynamics[ATTITUDE_TIME]),
-        ),
-        hold_noise=replace(
-            model.hold_noise,
-            tilt_std_deg=float(np.degrees(hold[TILT_STD])),
-            tilt_correlation_s=float(hold[TILT_TIME]),
-            yaw_rate_std_deg_s=float(np.degrees(hold[TURN_STD])),
-            yaw_rate_correlation_s=float(hold[TURN_TIME]),
-            velocity_std_m_s=float(hold[W_STD]),
-            velocity_up_std_m_s=float(hold[W_UP_STD]),
-            velocity_correlation_s=float(hold[W_TIME]),
-        ),
-        imu=replace(
-            model.imu,
-            gyro_noise_density=noise["gyro"],
-            accel_noise_density=noise["accel"],
-            gyro_noise_correlation=correlation["gyro"],
-            accel_noise_correlation=correlation["accel"],
-        ),
-        attitude=replace(
-            model.attitude,
-            noise_std_deg=float(np.degrees(noise["attitude"])),
-            noise_correlation=correlation["attitude"],
-        ),
-        velocity=replace(
-            model.velocity,
-            noise_std_m_s=noise["velocity"],
-            noise_correlation=correlation["velocity"],
-        ),
-        sonar=replace(
-            model.sonar,
-            noise_std_m=noise["sonar"],
-            noise_correlation=correlation["sonar"],
-            datum_m=float(parameters.sensor[DATUM]),
-        ),
-    )
+    names = (
+        "vehicle.gain", "vehicle.drag_1_s", "vehicle.attitude_time_s", "sonar.datum_m",
+        *HOLD_NOISES, *NOISE_CORRELATIONS, *NOISE_FIGURES,
+    )  # fmt: skip
+    values = (
+        *parameters.dynamics[[GAIN, DRAG, ATTITUDE_TIME]], parameters.sensor[DATUM],
+        *parameters.hold[: len(HOLD_NOISES)], *parameters.noise_correlation,
+        *_noise(model, parameters, records),
+    )  # fmt: skip
+    plain = with_figures(model, names, values)
+    plain = replace(plain, name=f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}")
     for name in causes:
         plain = _with(plain, name, parameters)
     return plain
 
 
-def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]) -> dict[str, float]:
-    """Return instrument -> standard deviation of its noise (of the imu: its density), as fitted to the
-    flights.
+def _noise(model: Model, parameters: FilterParameters, records: Sequence[Record]) -> list[float]:
+    """Return the noise of each of ``INSTRUMENTS`` (of the imu its density), as fitted to the flights.
 
     The model's own figure stands where no flight has the instrument, and for an out-of-model vehicle: there
     the parameters state the trust in readings, not their scatter.
     """
-    own = {
-        "gyro": model.imu.gyro_noise_density,
-        "accel": model.imu.accel_noise_density,
-        "attitude": float(np.radians(model.attitude.noise_std_deg)),
-        "velocity": model.velocity.noise_std_m_s,
-        "sonar": model.sonar.noise_std_m,
-    }
+    own = [figure_of(model, name) for name in NOISE_FIGURES]
     if parameters.out_of_model:
         return own
-    for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True):
+    for k, channels in enumerate(INSTRUMENT_CHANNELS):
         kind, _ = place_of(channels[0])
         reported = []
         for record in (r for r in records if r.has(channels[0])):
             step_s = float(np.median(np.diff(record.times_s[record.kinds == kind]))) if kind == IMU else 1.0
             reported.append(record.noise_std[channels[0]] * np.sqrt(step_s))
         if reported:
-            own[name] = float(np.median(reported) * parameters.noise_factor[channels[0]])
+            own[k] = float(np.median(reported) * parameters.noise_factor[channels[0]])
     return own
 
 

@@ -12,6 +12,7 @@ from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
 from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.command_clock import clock_error
+from slam.criticism.kalman.filter_parameters import NOISE_FIGURES, figure_of
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
@@ -137,14 +138,10 @@ def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
 
 def _models_noise_std(model: Model) -> Array:
     """Return (channels,) standard deviations of one reading of the model's own instruments."""
-    root = np.sqrt(model.imu.rate_hz)
-    return by_channel(
-        model.imu.gyro_noise_density * root,
-        model.imu.accel_noise_density * root,
-        float(np.radians(model.attitude.noise_std_deg)),
-        model.velocity.noise_std_m_s,
-        model.sonar.noise_std_m,
-    )
+    figures = [figure_of(model, name) for name in NOISE_FIGURES]
+    # Those of the imu are densities.
+    figures[:2] = [np.sqrt(model.imu.rate_hz) * density for density in figures[:2]]
+    return by_channel(*figures)
 
 
 def with_coarser_noise(record: Record, model: Model) -> Record:

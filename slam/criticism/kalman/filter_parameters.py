@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, SENSOR
-from slam.criticism.kalman.transition import HOLD
+from slam.criticism.kalman.readings import CHANNELS, DATUM, INSTRUMENTS, SENSOR
 from slam.simulation.dynamics import PARAMETERS
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -62,6 +62,40 @@ class FilterParameters:
         return LATE_SPREAD * self.latency_s
 
 
+NOISE_FIGURES = (
+    "imu.gyro_noise_density", "imu.accel_noise_density", "attitude.noise_std_deg", "velocity.noise_std_m_s",
+    "sonar.noise_std_m",
+)  # fmt: skip
+"""Numbers of a model that hold the noise of ``readings.INSTRUMENTS``: densities of the imu, and standard
+deviations."""
+NOISE_CORRELATIONS = (
+    "imu.gyro_noise_correlation", "imu.accel_noise_correlation", "attitude.noise_correlation",
+    "velocity.noise_correlation", "sonar.noise_correlation",
+)  # fmt: skip
+HOLD_NOISES = (
+    "hold_noise.tilt_std_deg", "hold_noise.tilt_correlation_s", "hold_noise.yaw_rate_std_deg_s",
+    "hold_noise.yaw_rate_correlation_s", "hold_noise.velocity_std_m_s", "hold_noise.velocity_correlation_s",
+    "hold_noise.velocity_up_std_m_s", "hold_noise.velocity_pole_s",
+)  # fmt: skip
+"""The first entries of ``transition.HOLD``; those of gusts are a term's."""
+
+
+def figure_of(model: Model, name: str) -> float:
+    """Return a number of a model's section, in radians if its name states degrees."""
+    section, _, field_name = name.partition(".")
+    value = float(getattr(getattr(model, section), field_name))
+    return float(np.radians(value)) if "_deg" in name else value
+
+
+def with_figures(model: Model, names: Sequence[str], values: Iterable[float]) -> Model:
+    """Return a model with other numbers, as ``figure_of`` returns them."""
+    for name, value in zip(names, values, strict=True):
+        section, _, field_name = name.partition(".")
+        own = {field_name: float(np.degrees(value) if "_deg" in name else value)}
+        model = replace(model, **{section: replace(getattr(model, section), **own)})
+    return model
+
+
 def filter_parameters_of(model: Model) -> FilterParameters:
     """Return the filter parameters of a model, without the terms that act by chance alone."""
     sensor = np.zeros(len(SENSOR))
@@ -69,35 +103,18 @@ def filter_parameters_of(model: Model) -> FilterParameters:
         term, _, parameter = name.partition(".")
         if term in CATALOGUE:
             sensor[k] = model.value(term, parameter)
-    sensor[SENSOR.index("sonar.datum_m")] = model.sonar.datum_m
-    noise = model.hold_noise
-    sigma, tau = model.vector("gusts", "sigma", "tau")
-    hold = np.array(
-        [
-            np.radians(noise.tilt_std_deg), noise.tilt_correlation_s,
-            np.radians(noise.yaw_rate_std_deg_s), noise.yaw_rate_correlation_s,
-            noise.velocity_std_m_s, noise.velocity_correlation_s, noise.velocity_up_std_m_s,
-            noise.velocity_pole_s, sigma, tau,
-        ]
-    )  # fmt: skip
-    assert len(hold) == len(HOLD)
+    sensor[DATUM] = model.sonar.datum_m
     return FilterParameters(
         dynamics=model.parameters(),
         sensor=sensor,
-        hold=hold,
+        hold=np.array(
+            [*(figure_of(model, name) for name in HOLD_NOISES), *model.vector("gusts", "sigma", "tau")]
+        ),
         noise_factor=np.ones(len(CHANNELS)),
         latency_s=model.value("control_latency", "T"),
         drift=1e-6 * model.value("clock_drift", "ppm"),
         jitter_s=model.value("timestamp_jitter", "sigma"),
-        noise_correlation=np.array(
-            [
-                model.imu.gyro_noise_correlation,
-                model.imu.accel_noise_correlation,
-                model.attitude.noise_correlation,
-                model.velocity.noise_correlation,
-                model.sonar.noise_correlation,
-            ]
-        ),
+        noise_correlation=np.array([figure_of(model, name) for name in NOISE_CORRELATIONS]),
         camera=camera_vector(model),
     )
 

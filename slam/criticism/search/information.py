@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter import USED
@@ -31,6 +32,8 @@ Ints = NDArray[np.int64]
 
 CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""
+CUT_MEAN = float(chi2.cdf(CUT, 3) + CUT * chi2.sf(CUT, 1))
+"""Mean of the lesser of e^2 and ``CUT`` for a standard normal e."""
 SEGMENT_S = 10.0
 ENOUGH_S = 200.0
 """Duration of the first flights for which the noise of healthy vehicles is changed: it shows in all alike."""
@@ -154,7 +157,7 @@ def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight)
 def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> _VarianceWeight:
     """Return the weights from the plain runs; without runs, those of a Gaussian."""
     weight = np.ones(len(CHANNELS))
-    mean = np.full(len(CHANNELS), _CUT_MEAN)
+    mean = np.full(len(CHANNELS), CUT_MEAN)
     squares: list[list[Array]] = [[] for _ in CHANNELS]
     for record, run in zip(records, plain, strict=False):
         events, column = np.nonzero(run.status == USED)
@@ -166,15 +169,3 @@ def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> 
         if found:
             weight[k] = 1.0 / max(float(np.var(np.concatenate(found))) / 2.0, 1.0)
     return _VarianceWeight(weight, mean)
-
-
-def _cut_mean() -> float:
-    """Return E[min(e^2, CUT)] of a standard normal e."""
-    from math import erf, exp, pi, sqrt
-
-    c = sqrt(CUT)
-    inside = erf(c / sqrt(2.0)) - 2.0 * c * exp(-CUT / 2.0) / sqrt(2.0 * pi)
-    return inside + CUT * (1.0 - erf(c / sqrt(2.0)))
-
-
-_CUT_MEAN = _cut_mean()

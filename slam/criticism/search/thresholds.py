@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
-from scipy.special import log_ndtr
-from scipy.stats import chi2, norm
+from scipy.special import ndtri_exp
+from scipy.stats import chi2
 
 from slam.simulation.terms import CATALOGUE
 
@@ -93,9 +93,4 @@ def deviate(chi_square: float, degrees: int) -> float:
     if not np.isfinite(log_tail):
         # Far out the tail of k degrees equals that of one up to a factor that hardly changes the root.
         return float(np.sqrt(max(chi_square - (degrees - 1) * np.log(max(chi_square, 2.0)), 0.0)))
-    if log_tail > np.log(1e-300):
-        return float(norm.isf(np.exp(log_tail) / 2.0))
-    z = np.sqrt(chi_square)
-    for _ in range(20):
-        z -= (float(log_ndtr(-z)) + np.log(2.0) - log_tail) / -(z + 1.0 / z)
-    return float(z)
+    return float(-ndtri_exp(log_tail - np.log(2.0)))
