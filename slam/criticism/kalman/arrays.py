@@ -284,3 +284,20 @@ class KalmanOutputs(NamedTuple):
     """(readings, changes) variance of the innovation under each change, over the plain one."""
     rows: Ints
     """(1,) number of filled rows of the last three."""
+
+
+class PathHistory(NamedTuple):
+    """Estimates around each event, for a smoother; without events where none is needed."""
+
+    x_before: Array
+    """(events, n) state before each event, ..."""
+    x_after: Array
+    """... and after it."""
+    p_before: Array
+    """(events, n, n) covariance."""
+    p_after: Array
+    t_before: Array
+    """(events, n, m) sensitivities."""
+    t_after: Array
+    moves: Array
+    """(events, n, n) transition to each event from the one before."""

@@ -19,6 +19,7 @@ from slam.criticism.kalman.arrays import (
     KalmanOutputs,
     KalmanState,
     NoiseChangeArrays,
+    PathHistory,
     PerturbationBuffers,
     PredictedReading,
     Workspace,
@@ -32,6 +33,7 @@ from slam.criticism.kalman.noise_changes import (
 from slam.criticism.kalman.readings import (
     FIRST_CHANNEL,
     IMU,
+    MOMENT,
     MOVING,
     RANGE_LAG,
     SONAR,
@@ -124,6 +126,17 @@ def update(
         correct(miss, s_var, estimate, expected)
 
 
+@inner_kernel
+def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
+    """Write mean, covariance and sensitivities of an estimate into arrays."""
+    for i in range(len(x)):
+        x[i] = estimate.state[i]
+        for j in range(len(x)):
+            p[i, j] = estimate.p[i, j]
+        for d in range(t.shape[1]):
+            t[i, d] = estimate.sensitivity[i, d]
+
+
 @kernel
 def run(
     begin: int,
@@ -134,18 +147,25 @@ def run(
     written: KalmanOutputs,
     coloured: Ar1Noise,
     others: NoiseChangeArrays,
+    history: PathHistory,
 ) -> None:
     """Filter the events ``begin`` to ``end``.
 
     The kernel updates the ``estimate``, the AR(1) noises ``coloured`` and the filters under ``others`` of the
-    noise in place. It writes its results to ``written``; the rows of sensitivities start at 0."""
+    noise in place. It writes its results to ``written``; the rows of sensitivities start at 0. A ``history``
+    that is not empty receives the estimates around each event."""
     events, command, model = given.events, given.command, given.model
     step, expected, changes, scratch = room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
+    kept = history.x_before.shape[0] > 0
     written.rows[0] = 0
     for e in range(begin, end):
         first, last = events.first_step[e], events.first_step[e + 1]
+        if kept:
+            for i in range(len(state)):
+                for j in range(len(state)):
+                    history.moves[e, i, j] = 1.0 if i == j else 0.0
         for s in range(first, last):
             if changed:
                 for i in range(len(state)):
@@ -155,10 +175,17 @@ def run(
                 predict_changes(events.step_s[s], step, coloured, others)
             if coloured.cross.shape[1] > 0:
                 carry(step.matrix, coloured.cross, coloured.work)
+            if kept:
+                carry(step.matrix, history.moves[e], step.work)
             if traced:
                 carry(step.matrix, sensitivity, changes.work)
                 force(s, given, sensitivity, step, changes, scratch)
         kind, stick = events.kinds[e], command.at_events[0, e]
+        if kept:
+            _keep(estimate, history.x_before[e], history.p_before[e], history.t_before[e])
+            _keep(estimate, history.x_after[e], history.p_after[e], history.t_after[e])
+        if kind == MOMENT:
+            continue
         for i in range(MOVING):
             written.states[e, i] = state[i]
         written.states[e, Z_STD] = math.sqrt(p[Z, Z])
@@ -174,3 +201,5 @@ def run(
         if traced:
             direct_change(e, given, state, expected, changes, scratch)
         update(e, given, estimate, expected, changes, written, coloured, others)
+        if kept:
+            _keep(estimate, history.x_after[e], history.p_after[e], history.t_after[e])

@@ -21,6 +21,7 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, Signal
 from slam.criticism.kalman.prepare import (
     filter_inputs,
+    history_for,
     initial_state,
     noise_changes_for,
     outputs_for,
@@ -133,6 +134,7 @@ class Run:
         perturbations: Sequence[Perturbation] = (),
         signals: dict[str, Signal] | None = None,
         changed: Sequence[FilterParameters] = (),
+        keeps_history: bool = False,
     ) -> None:
         """``changed`` are parameters with slightly different noise; see ``noise_changes``."""
         gusty = any(p.hold[GUST_STD] > 0 for p in (parameters, *changed))
@@ -145,6 +147,8 @@ class Run:
         self._others = noise_changes_for(record, parameters, changed, self._coloured)
         self._usual = record.usual_log_variance
         self._written = outputs_for(len(record.times_s), 0, m, len(changed))
+        self.history = history_for(len(record.times_s) * keeps_history, n, m)
+        """Estimates around each event, if the run keeps them."""
 
     def passed(self, begin: int = 0, end: int | None = None) -> FilterPass:
         """Return the results of events ``begin`` to ``end``, by default of all events that were filtered."""
@@ -164,7 +168,10 @@ class Run:
                 change_of_mean=np.empty((readings, len(self._others.p))),
                 variance_ratio=np.empty((readings, len(self._others.p))),
             )
-            run(begin, end, self._given, self._estimate, self._room, written, self._coloured, self._others)
+            run(
+                begin, end, self._given, self._estimate, self._room, written, self._coloured, self._others,
+                self.history,
+            )  # fmt: skip
             event, column = np.nonzero(written.status[begin:end] == USED)
             event += begin
             yield Innovations(

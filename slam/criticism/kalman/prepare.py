@@ -16,6 +16,7 @@ from slam.criticism.kalman.arrays import (
     ModelArrays,
     NoiseArrays,
     NoiseChangeArrays,
+    PathHistory,
     PerturbationBuffers,
     PredictedReading,
     Scratch,
@@ -147,3 +148,9 @@ def outputs_for(events: int, readings: int, perturbations: int, changes: int) ->
         np.zeros((events, MOVING + 1)), np.empty((readings, perturbations)), np.empty((readings, changes)),
         np.empty((readings, changes)), np.zeros(1, dtype=np.int64),
     )  # fmt: skip
+
+
+def history_for(events: int, n: int, m: int) -> PathHistory:
+    """Return arrays for the estimates around events, with n states and m perturbations."""
+    x, p, t = (events, n), (events, n, n), (events, n, m)
+    return PathHistory(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))

@@ -31,6 +31,8 @@ STATES, STATES_WITH_GUSTS = 19, 21
 
 IMU, ATTITUDE, VELOCITY, SONAR = range(4)
 """Kinds of events."""
+MOMENT = 4
+"""Kind of an event without a reading."""
 FIRST_CHANNEL = (0, 6, 9, 11)
 CHANNELS = (
     "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z",

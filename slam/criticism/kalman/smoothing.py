@@ -11,36 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
-from backend.compilation import allocating_kernel, inner_kernel, kernel
-from slam.criticism.kalman.ar1_noise import Ar1Noise, ar1_noise_for
-from slam.criticism.kalman.arrays import (
-    Array,
-    Ints,
-    KalmanInputs,
-    KalmanOutputs,
-    KalmanState,
-    NoiseChangeArrays,
-    Workspace,
-)
-from slam.criticism.kalman.filter import update
+from backend.compilation import allocating_kernel
+from slam.criticism.kalman.arrays import Array, Ints, PathHistory
 from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.innovations import Run
 from slam.criticism.kalman.perturbations import Perturbation
-from slam.criticism.kalman.prepare import (
-    filter_inputs,
-    initial_state,
-    noise_changes_for,
-    outputs_for,
-    workspace_for,
-)
-from slam.criticism.kalman.readings import ATTITUDE, INSTRUMENT_OF, INSTRUMENTS, STATES, WIDTH
+from slam.criticism.kalman.readings import INSTRUMENT_OF, INSTRUMENTS, MOMENT
 from slam.criticism.kalman.record import Record, in_order
-from slam.criticism.kalman.sensitivity import carry, direct_change
-from slam.criticism.kalman.steps import measurement, predict
-from slam.criticism.kalman.transition import jacobian
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
 
 POSE = (X, Y, Z, ROLL, PITCH, YAW)
@@ -127,24 +107,14 @@ def smoothed(
     record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
     # AR(1) noise counts as the white noise that averages out as slowly.
     colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
-    noise_var = (record.noise_std * parameters.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
-    m = len(perturbations)
-    passed = _nothing_passed(len(record.times_s), STATES, m)
+    std = record.noise_std * np.sqrt((1.0 + colour) / (1.0 - colour))
     # The path needs no likelihood: neither AR(1) noise nor uneven stamps.
     white = replace(parameters, noise_correlation=np.zeros(len(INSTRUMENTS)), jitter_s=0.0)
-    coloured = ar1_noise_for(record, white, STATES, m)
-    given = filter_inputs(record, parameters, perturbations, {}, noise_var, STATES)
-    _forward(
-        given._replace(noise=given.noise._replace(jitter_s=0.0)),
-        initial_state(record, parameters, STATES, m),
-        workspace_for(STATES, m),
-        outputs_for(len(record.times_s), max(WIDTH), m, 0),
-        coloured,
-        noise_changes_for(record, white, (), coloured),
-        passed,
-    )
-    at = np.flatnonzero(record.kinds == _MOMENT)
-    states, chain, spreads, sensitivity = _backward(passed, at)
+    run = Run(replace(record, noise_std=std), white, perturbations, keeps_history=True)
+    for _ in run.segments(np.inf):
+        pass
+    at = np.flatnonzero(record.kinds == MOMENT)
+    states, chain, spreads, sensitivity = _backward(run.history, at)
     before, poses, after = (states[k::3, POSE] for k in range(3))
     between = chain[1:-2:3] @ chain[2:-1:3] @ chain[3::3]
     return SmoothedPath(
@@ -158,90 +128,19 @@ def smoothed(
     )
 
 
-_MOMENT = ATTITUDE + 100
-"""Kind of an event without a reading."""
-
-
 def _with_moments(record: Record, times_s: Array) -> Record:
     """Return the record with additional events without readings."""
     return in_order(
         record,
         np.concatenate([record.times_s, times_s]),
-        np.concatenate([record.kinds, np.full(len(times_s), _MOMENT)]),
+        np.concatenate([record.kinds, np.full(len(times_s), MOMENT)]),
         np.concatenate([record.values, np.full((len(times_s), 6), np.nan)]),
         np.concatenate([record.landing, np.zeros(len(times_s), dtype=bool)]),
     )
 
 
-class _Passed(NamedTuple):
-    """Results of the forward pass for the backward pass."""
-
-    x_before: Array
-    """(events, n) state before each event, ..."""
-    x_after: Array
-    """... and after it."""
-    p_before: Array
-    """(events, n, n) covariance."""
-    p_after: Array
-    t_before: Array
-    """(events, n, m) tangents."""
-    t_after: Array
-    moves: Array
-    """(events, n, n) transition to each event from the one before."""
-
-
-def _nothing_passed(events: int, n: int, m: int) -> _Passed:
-    x, p, t = (events, n), (events, n, n), (events, n, m)
-    return _Passed(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))
-
-
-@kernel
-def _forward(
-    given: KalmanInputs,
-    estimate: KalmanState,
-    room: Workspace,
-    written: KalmanOutputs,
-    coloured: Ar1Noise,
-    others: NoiseChangeArrays,
-    passed: _Passed,
-) -> None:
-    """Filter all events in place and write the estimates around each event to ``passed``."""
-    events, command, model = given.events, given.command, given.model
-    step, expected, changes, scratch = room
-    state, n = estimate.state, estimate.state.shape[0]
-    for e in range(len(events.times_s)):
-        moves = passed.moves[e]
-        for i in range(n):
-            for j in range(n):
-                moves[i, j] = 1.0 if i == j else 0.0
-        for s in range(events.first_step[e], events.first_step[e + 1]):
-            predict(s, given, estimate, step, scratch)
-            carry(step.matrix, moves, step.work)
-            carry(step.matrix, estimate.sensitivity, changes.work)
-        _write(estimate, passed.x_before[e], passed.p_before[e], passed.t_before[e])
-        kind = events.kinds[e]
-        if kind != _MOMENT:
-            jacobian(state, command.at_events[0, e], model.parameters, expected.rate, step.slopes, scratch)
-            measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
-            direct_change(e, given, state, expected, changes, scratch)
-            written.rows[0] = 0
-            update(e, given, estimate, expected, changes, written, coloured, others)
-        _write(estimate, passed.x_after[e], passed.p_after[e], passed.t_after[e])
-
-
-@inner_kernel
-def _write(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
-    """Write mean, covariance and sensitivities of an estimate into arrays."""
-    for i in range(len(x)):
-        x[i] = estimate.state[i]
-        for j in range(len(x)):
-            p[i, j] = estimate.p[i, j]
-        for d in range(t.shape[1]):
-            t[i, d] = estimate.sensitivity[i, d]
-
-
 @allocating_kernel
-def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
+def _backward(passed: PathHistory, at: Ints) -> tuple[Array, Array, Array, Array]:
     """Return states (k, n), A to the next (k, n, n), covariances and sensitivities at the events ``at``."""
     events, n, m = passed.t_before.shape
     count = len(at)
