@@ -18,11 +18,13 @@ from slam.criticism.prepare import prepare
 from slam.criticism.search.search import search
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.explanation import explain
-from slam.criticism.verdict.judge import judge
+from slam.criticism.verdict.judge import judge, judge_comparisons
 from slam.criticism.verdict.sentence import unusable
-from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
+from slam.criticism.without_commands.compared import explain_comparisons
 from slam.data_quality import without_dead_streams, without_frozen
 from slam.simulation.model import Model, load_model
+
+NOTHING_TO_COMPARE = "no command log, and too little of imu and attitude to compare other instruments with"
 
 
 def criticise(
@@ -64,7 +66,9 @@ def _without_commands(flights: Sequence[Flight], model: Model, progress: Progres
     """Return the verdict on flights without command logs."""
     clean = [without_dead_streams(flight) for flight in flights]
     dropped = [f"{flight.name}: {reason}" for flight, reasons in clean for reason in reasons]
-    found = criticise_without_commands([flight for flight, _ in clean], model, dropped, progress)
+    kept, readings = without_frozen([flight for flight, _ in clean])
+    found = explain_comparisons(kept, model, progress)
     if found is None:
         return unusable([NOTHING_TO_COMPARE, *dropped], dropped)
-    return found
+    criticism = judge_comparisons(kept, *found, readings, model, progress)
+    return replace(criticism, dropped=(*dropped, *criticism.dropped))

@@ -127,6 +127,13 @@ def update(
 
 
 @inner_kernel
+def _identity(matrix: Array) -> None:
+    for i in range(len(matrix)):
+        for j in range(len(matrix)):
+            matrix[i, j] = 1.0 if i == j else 0.0
+
+
+@inner_kernel
 def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
     """Write mean, covariance and sensitivities of an estimate into arrays."""
     for i in range(len(x)):
@@ -135,6 +142,34 @@ def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
             p[i, j] = estimate.p[i, j]
         for d in range(t.shape[1]):
             t[i, d] = estimate.sensitivity[i, d]
+
+
+@inner_kernel
+def _take_reading(
+    e: int,
+    given: KalmanInputs,
+    estimate: KalmanState,
+    room: Workspace,
+    written: KalmanOutputs,
+    coloured: Ar1Noise,
+    others: NoiseChangeArrays,
+) -> None:
+    """Predict the reading of an event, and update the estimate with it."""
+    events, model, state = given.events, given.model, estimate.state
+    step, expected, changes, scratch = room
+    kind, stick = events.kinds[e], given.command.at_events[0, e]
+    if kind == IMU or events.first_step[e] == events.first_step[e + 1]:
+        # Only rates of tilt and speed jump with the stick; other readings use the last Jacobian.
+        jacobian(state, stick, model.parameters, expected.rate, step.slopes, scratch)
+    else:
+        split_state(state, step.middle, step.middle_noise)
+        derivative(step.middle, stick, step.middle_noise, model.parameters, expected.rate)
+    if kind == SONAR and model.sensor[RANGE_LAG] > 0.0:
+        _turn_within_lag(e, events.times_s, written.states, model.sensor[RANGE_LAG], expected.rate)
+    measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
+    if estimate.sensitivity.shape[1] > 0:
+        direct_change(e, given, state, expected, changes, scratch)
+    update(e, given, estimate, expected, changes, written, coloured, others)
 
 
 @kernel
@@ -154,19 +189,15 @@ def run(
     The kernel updates the ``estimate``, the AR(1) noises ``coloured`` and the filters under ``others`` of the
     noise in place. It writes its results to ``written``; the rows of sensitivities start at 0. A ``history``
     that is not empty receives the estimates around each event."""
-    events, command, model = given.events, given.command, given.model
-    step, expected, changes, scratch = room
+    events, (step, _, changes, scratch) = given.events, room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
     kept = history.x_before.shape[0] > 0
     written.rows[0] = 0
     for e in range(begin, end):
-        first, last = events.first_step[e], events.first_step[e + 1]
         if kept:
-            for i in range(len(state)):
-                for j in range(len(state)):
-                    history.moves[e, i, j] = 1.0 if i == j else 0.0
-        for s in range(first, last):
+            _identity(history.moves[e])
+        for s in range(events.first_step[e], events.first_step[e + 1]):
             if changed:
                 for i in range(len(state)):
                     others.before[i] = state[i]
@@ -180,26 +211,12 @@ def run(
             if traced:
                 carry(step.matrix, sensitivity, changes.work)
                 force(s, given, sensitivity, step, changes, scratch)
-        kind, stick = events.kinds[e], command.at_events[0, e]
-        if kept:
-            _keep(estimate, history.x_before[e], history.p_before[e], history.t_before[e])
-            _keep(estimate, history.x_after[e], history.p_after[e], history.t_after[e])
-        if kind == MOMENT:
-            continue
         for i in range(MOVING):
             written.states[e, i] = state[i]
         written.states[e, Z_STD] = math.sqrt(p[Z, Z])
-        if kind == IMU or first == last:
-            # Only rates of tilt and speed jump with the stick; other readings use the last Jacobian.
-            jacobian(state, stick, model.parameters, expected.rate, step.slopes, scratch)
-        else:
-            split_state(state, step.middle, step.middle_noise)
-            derivative(step.middle, stick, step.middle_noise, model.parameters, expected.rate)
-        if kind == SONAR and model.sensor[RANGE_LAG] > 0.0:
-            _turn_within_lag(e, events.times_s, written.states, model.sensor[RANGE_LAG], expected.rate)
-        measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
-        if traced:
-            direct_change(e, given, state, expected, changes, scratch)
-        update(e, given, estimate, expected, changes, written, coloured, others)
+        if kept:
+            _keep(estimate, history.x_before[e], history.p_before[e], history.t_before[e])
+        if events.kinds[e] != MOMENT:
+            _take_reading(e, given, estimate, room, written, coloured, others)
         if kept:
             _keep(estimate, history.x_after[e], history.p_after[e], history.t_after[e])

@@ -169,8 +169,9 @@ def split_by_probability(
 
 
 def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """Sort causes, the leading one first: of the probable ones that which explains most."""
-    return tuple(sorted(causes, key=lambda c: (c.probability <= LIKELY, -c.gain.nats)))
+    """Sort causes, the leading one first: of the probable ones that which explains most. What single readings
+    show has no gain ahead, and comes after what whole streams show."""
+    return tuple(sorted(causes, key=lambda c: (c.probability <= LIKELY, not c.gain.channels, -c.gain.nats)))
 
 
 def fitted_sizes(

@@ -9,10 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from slam.criticism import criticise
+from slam.criticism import criticise, next_flight
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
-from slam.criticism.without_commands import next_flight
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.likelihood import PATTERNS, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors

@@ -15,10 +15,9 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
-from slam.criticism.next_flight import telling_flight
+from slam.criticism.next_flight import next_motion, telling_flight
 from slam.criticism.search.effects import effects_for
 from slam.criticism.without_commands.likelihood import likelihood_of
-from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
