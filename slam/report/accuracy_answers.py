@@ -112,8 +112,8 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
     return (
         f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. The scale "
         f"causes {by_scale} of it, and the same share of any other length; the places of both ends cause "
-        f"{ends}, between near places less.{moves} If a tape differs from it by more than {tape}, the map is "
-        f"wrong and not the tape: all its lengths are off by that share. {area}"
+        f"{ends}, between near places less.{moves} If a tape tells more than {tape} less or more than the "
+        f"map, the map is wrong: all its lengths are off by that share. {area}"
     )
 
 
@@ -192,13 +192,19 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"least certain: this counts {counted} of the whole map."
         )
     if tilted:
-        across_m = max(facts.extent_m)
-        text += (
-            " A warning below names attitude0: the tilt of the whole map may be wrong by more. Each degree "
-            f"raises one end of the path by {facts.length(np.tan(np.radians(1.0)) * across_m)} against the "
-            f"other, {facts.length(across_m)} away."
-        )
+        text += f" A warning below names attitude0: the whole map may lean by more{_raised(estimate, facts)}."
     return text
+
+
+def _raised(estimate: Estimate, facts: Facts) -> str:
+    """Return what a tilt of the map does to heights: that of the attitude sensor, or else a degree."""
+    found = estimate.instruments.attitude
+    tilt_rad = float(np.linalg.norm(found.offset_rad)) if found is not None else float(np.radians(1.0))
+    across_m = max(facts.extent_m)
+    return (
+        f": {np.degrees(tilt_rad):.1f}° raise one end of the path by "
+        f"{facts.length(np.tan(tilt_rad) * across_m)} against the other, {facts.length(across_m)} away"
+    )
 
 
 def is_tilt_doubted(summary: Summary) -> bool:

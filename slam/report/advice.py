@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from slam.core.estimate import Estimate
+from slam.core.messages import by_kind
 from slam.core.units import percent
 from slam.report.facts import Facts
 
@@ -99,6 +100,12 @@ def next_steps(
     steps = []
     if summary.status != "ok":
         steps.append("first do what “Check this first” says: it is worth more than all that follows")
+    elif count := len(by_kind(summary.warnings).warnings):
+        steps.append(
+            "first do what the warning below advises"
+            if count == 1
+            else f"first do what the {count} warnings below advise"
+        )
     if not facts.loops_kept and not facts.is_graph:
         why = "errors do not add up" if facts.relative_to else "the map does not rest on positions alone"
         steps.append(f"cross or repeat an earlier part of the path, so that {why}")

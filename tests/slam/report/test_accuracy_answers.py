@@ -9,6 +9,7 @@ import numpy as np
 
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin
+from slam.core.instrument_errors import AttitudeErrors
 from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
@@ -79,22 +80,27 @@ def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
     assert f"typically known to ±\N{NO-BREAK SPACE}{length(up_m)}" in found
 
 
-def test_a_doubted_attitude_says_what_a_degree_of_tilt_does():
+def test_a_doubted_attitude_says_what_its_tilt_does_to_heights():
     estimate, flight = made_estimate(), made_flight()
     question = "Are the heights true?"
     told = answers(replace(estimate, status="ok", warnings=()), flight)[question]
     assert told.startswith("Yes")
-    assert "Each degree" not in told
+    assert "raise one end" not in told
     on_earth = replace(estimate, status="ok", warnings=(), origin=GeoOrigin(52.1, 4.3, 10.0))
     assert "As altitudes, only as the GPS counts them" in answers(on_earth, flight)[question]
     assert answers(replace(estimate, status="x"), flight)[question].startswith("Only after you have checked")
-    noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
+    off = AttitudeErrors((0.08, 0.06), (0.01, 0.01), 0.1, 0.1, None)
+    noted = replace(
+        estimate,
+        warnings=("attitude0 is tilted by 5.7 degrees",),
+        instruments=replace(estimate.instruments, attitude=off),
+    )
     across_m = max(gather(estimate, flight).extent_m)
     found = answers(replace(noted, status="ok"), flight)[question]
     assert found.startswith(
         "Near each other, yes; across the map, no: whether it leans as a whole is doubted."
     )
-    assert f"Each degree raises one end of the path by {length(np.tan(np.radians(1)) * across_m)}" in found
+    assert f"raise one end of the path by {length(np.tan(0.1) * across_m)} against the other" in found
 
 
 def test_the_mosaic_says_where_its_pictures_differ_most():
