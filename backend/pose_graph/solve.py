@@ -25,6 +25,7 @@ from backend.pose_graph.checks.redundancy import (
 )
 from backend.pose_graph.checks.rival_groups import rival_groups
 from backend.pose_graph.checks.row_mistakes import mistake_warnings, row_mistakes
+from backend.pose_graph.checks.score_test import linearised_parts
 from backend.pose_graph.checks.shared_offset import shared_offsets
 from backend.pose_graph.checks.shifted_loops import shifted_loops
 from backend.pose_graph.connected_component import SolvedComponent, is_placed_alone, solve_component
@@ -85,12 +86,12 @@ def solve_pose_graph(
     options = Options(loops_robust, covariances, on_step, deadline, seed)
     problem = from_pose_graph(graph)
     solution = _solve(problem, options, rank_deficient_warning(graph))
-    mistakes = row_mistakes(graph, problem, solution)
+    mistakes, parts = row_mistakes(graph, problem, solution), linearised_parts(problem, solution)
     said = [
         *([] if solution.status == "ok" else [solution.status]),
         *unchecked_components(problem, solution),
         *(rival_groups(problem, solution) or displaced_loops(problem, solution)),
-        *(shifted_loops(problem, solution) or shared_offsets(problem, solution)),
+        *(shifted_loops(parts) or shared_offsets(parts)),
     ]
     return replace(
         solution,

@@ -10,16 +10,20 @@ Studies 47), section 2.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, hstack
+from scipy.sparse.linalg import SuperLU
 
 from backend import se3
+from backend.pose_graph.checks.solved_parts import solved_parts
 from backend.pose_graph.elimination import colamd_order
 from backend.pose_graph.linear import cholesky
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.prediction import noise_scale
+from backend.pose_graph.solution import Solution
 
 Array = NDArray[np.float64]
 
@@ -36,29 +40,62 @@ class ChiSquareModel:
     """(k, k) half its second derivative after the poses have followed."""
 
 
-def score_test(problem: Problem, w_T: Array, change: csc_array) -> ChiSquareModel | None:
-    """Linearise all edges at a solution.
+@dataclass(frozen=True)
+class LinearisedEdges:
+    """Edges of a connected part, linearised at its solution; the poses are eliminated once for all tests."""
 
-    ``change`` (m d, k) is the derivative of the whitened residuals by the further parameters. None if the
-    system is singular, overflows, or is rounded away.
-    """
-    values = csc_array(hstack([csc_array(problem.residuals(w_T).reshape(-1, 1)), change]))
-    J = _jacobian(problem, w_T)
-    try:
-        factor = cholesky(csc_array(J.T @ J), "NATURAL")
-    except RuntimeError:
-        return None
-    with np.errstate(over="ignore", invalid="ignore"):  # absurd residuals have no finite square
-        projected = (J.T @ values).toarray()
-        # What is left of each product once the poses have followed.
-        left = (values.T @ values).toarray() - projected.T @ factor.solve(projected)
-        variance = noise_scale(problem, np.ones(len(problem.i), dtype=bool), w_T) ** 2
-        left /= variance
-        rounding = np.finfo(float).eps * values.power(2).sum(axis=0).max() / variance
-    # Beside an edge of very high information, what is left is less than the error of rounding.
-    if not (np.isfinite(left).all() and rounding < 1):
-        return None
-    return ChiSquareModel(float(left[0, 0]), left[1:, 0], left[1:, 1:])
+    problem: Problem
+    w_T: Array
+    """(n, 4, 4) poses of the solution."""
+
+    @cached_property
+    def residuals(self) -> Array:
+        """(m, d) whitened residuals of the edges."""
+        return self.problem.residuals(self.w_T)
+
+    @cached_property
+    def noise_scale(self) -> float:
+        """Estimated factor on the stated standard deviations."""
+        return noise_scale(self.problem, np.ones(len(self.problem.i), dtype=bool), self.w_T)
+
+    @cached_property
+    def _jacobian(self) -> csc_array:
+        return _jacobian(self.problem, self.w_T)
+
+    @cached_property
+    def _eliminated(self) -> SuperLU | None:
+        """Factor of the normal equations of the poses; None if they are singular."""
+        try:
+            return cholesky(csc_array(self._jacobian.T @ self._jacobian), "NATURAL")
+        except RuntimeError:
+            return None
+
+    def score_test(self, change: csc_array) -> ChiSquareModel | None:
+        """Test parameters by the derivative (m d, k) of the whitened residuals by them.
+
+        None if the system is singular, overflows, or is rounded away.
+        """
+        values = csc_array(hstack([csc_array(self.residuals.reshape(-1, 1)), change]))
+        J, factor = self._jacobian, self._eliminated
+        if factor is None:
+            return None
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd residuals have no finite square
+            projected = (J.T @ values).toarray()
+            # What is left of each product once the poses have followed.
+            left = (values.T @ values).toarray() - projected.T @ factor.solve(projected)
+            variance = self.noise_scale**2
+            left /= variance
+            rounding = np.finfo(float).eps * values.power(2).sum(axis=0).max() / variance
+        # Beside an edge of very high information, what is left is less than the error of rounding.
+        if not (np.isfinite(left).all() and rounding < 1):
+            return None
+        return ChiSquareModel(float(left[0, 0]), left[1:, 0], left[1:, 1:])
+
+
+def linearised_parts(problem: Problem, solution: Solution) -> list[LinearisedEdges]:
+    """Return the kept edges of each connected part that has a loop."""
+    parts = solved_parts(problem, solution, solution.edge_kept)
+    return [LinearisedEdges(part, w_T) for part, w_T, _ in parts if not part.trusted.all()]
 
 
 def by_end(problem: Problem, w_T: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ those loops. The test asks whether the chi-square would fall if it were free, fo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +16,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from backend import se3
-from backend.pose_graph.checks.score_test import ChiSquareModel, by_end, score_test
-from backend.pose_graph.checks.solved_parts import solved_parts
+from backend.pose_graph.checks.score_test import ChiSquareModel, LinearisedEdges, by_end
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.prediction import SIGNIFICANCE, chi_square_gate, noise_scale
-from backend.pose_graph.solution import Solution
+from backend.pose_graph.selection.prediction import SIGNIFICANCE, chi_square_gate
 from backend.quantiles import chi_square_limit
 
 Array = NDArray[np.float64]
@@ -31,11 +30,11 @@ _UNCHECKED = 1e-6
 """Share of the loops' own information that other edges must leave; below it rounding errors decide."""
 
 
-def shared_offsets(problem: Problem, solution: Solution) -> list[str]:
-    """Return a sentence for each component in which a common offset of some kept loops explains residuals."""
+def shared_offsets(parts: Sequence[LinearisedEdges]) -> list[str]:
+    """Return a sentence for each part in which a common offset of some kept loops explains residuals."""
     sentences = []
-    for part, w_T, _ in solved_parts(problem, solution, solution.edge_kept):
-        found = None if part.trusted.all() else most_likely_offset(part, w_T)
+    for linearised in parts:
+        found, part = most_likely_offset(linearised), linearised.problem
         if found is None or not found.is_false:
             continue
         ends = np.maximum(part.i, part.j)[found.loops]
@@ -75,15 +74,16 @@ class SharedOffset:
         return self.gain > self.limit and self.whitened > self.gate
 
 
-def most_likely_offset(problem: Problem, w_T: Array) -> SharedOffset | None:
-    """Test every stretch of loops, in the order of their later ends; None if the graph cannot be tested."""
+def most_likely_offset(linearised: LinearisedEdges) -> SharedOffset | None:
+    """Test every stretch of loops, in the order of their later ends; None if the part cannot be tested."""
+    problem, w_T = linearised.problem, linearised.w_T
     d, later = problem.dof, np.maximum(problem.i, problem.j)
     loops = np.flatnonzero(~problem.trusted)
     loops = loops[np.argsort(later[loops], kind="stable")]
     blocks = np.array_split(loops, min(_MOST_BLOCKS, len(loops)))
     moved = _moved(problem, w_T, later)
     effect = np.where((later == problem.j)[:, None, None], *reversed(by_end(problem, w_T))) @ moved
-    test = score_test(problem, w_T, _columns(effect, blocks))
+    test = linearised.score_test(_columns(effect, blocks))
     if test is None:
         return None
     begin, end = np.triu_indices(len(blocks) + 1, 1)
@@ -93,7 +93,7 @@ def most_likely_offset(problem: Problem, w_T: Array) -> SharedOffset | None:
     best = int(np.argmax(gains))
     found = np.concatenate(blocks[begin[best] : end[best]])
     # Covariances that are too large are not narrowed: what they allow is no contradiction.
-    stated = min(noise_scale(problem, np.ones(len(problem.i), dtype=bool), w_T), 1.0) ** 2
+    stated = min(linearised.noise_scale, 1.0) ** 2
     length, degrees = _sizes(problem, moved[found] @ offsets[best])
     return SharedOffset(
         loops=np.sort(found),

@@ -8,6 +8,7 @@ end moves. The test asks whether the chi-square would fall if the loops were shi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -16,11 +17,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from backend.gauge import format_keys
-from backend.pose_graph.checks.score_test import ChiSquareModel, score_test
-from backend.pose_graph.checks.solved_parts import solved_parts
+from backend.pose_graph.checks.score_test import ChiSquareModel, LinearisedEdges
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.prediction import SIGNIFICANCE
-from backend.pose_graph.solution import Solution
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,11 +32,11 @@ _MIN_GAIN = 2 * float(np.log(len(SHIFTS) / SIGNIFICANCE))
 """Fall of the chi-square that none of the shifts reaches by chance but once in a thousand graphs."""
 
 
-def shifted_loops(problem: Problem, solution: Solution) -> list[str]:
-    """Return a sentence for each component whose kept loops agree better with other vertex numbers."""
+def shifted_loops(parts: Sequence[LinearisedEdges]) -> list[str]:
+    """Return a sentence for each part whose kept loops agree better with other vertex numbers."""
     sentences = []
-    for part, w_T, _ in solved_parts(problem, solution, solution.edge_kept):
-        test = None if part.trusted.all() else shift_test(part, w_T)
+    for linearised in parts:
+        test, part = shift_test(linearised), linearised.problem
         if test is None:
             continue
         fall = gains(test, SHIFTS)
@@ -62,22 +61,22 @@ def gains(test: ChiSquareModel, shifts: Array) -> Array:
     return np.asarray(np.minimum(falls, test.statistic))
 
 
-def shift_test(problem: Problem, w_T: Array) -> ChiSquareModel | None:
-    """Test the numbers of vertices by which the loops' first and second ends move; see `score_test`."""
-    residual = problem.residuals(w_T)
-    return score_test(
-        problem,
-        w_T,
-        csc_array(np.column_stack([_change(problem, w_T, residual, end).ravel() for end in (0, 1)])),
-    )
+def shift_test(linearised: LinearisedEdges) -> ChiSquareModel | None:
+    """Test the numbers of vertices by which the loops' first and second ends move.
+
+    None as in `LinearisedEdges.score_test`.
+    """
+    changes = [_change(linearised, end).ravel() for end in (0, 1)]
+    return linearised.score_test(csc_array(np.column_stack(changes)))
 
 
-def _change(problem: Problem, w_T: Array, residual: Array, end: int) -> Array:
+def _change(linearised: LinearisedEdges, end: int) -> Array:
     """Return the change (m, d) of the residuals per vertex that one end of the loops moves along odometry."""
+    residual = linearised.residuals
     change, count = np.zeros_like(residual), np.zeros(len(residual))
     for step in (-1, 1):
-        moved, valid = _moved(problem, end, step)
-        change[valid] += step * (moved.residuals(w_T)[valid] - residual[valid])
+        moved, valid = _moved(linearised.problem, end, step)
+        change[valid] += step * (moved.residuals(linearised.w_T)[valid] - residual[valid])
         count += valid
     return change / np.maximum(count, 1)[:, None]
 

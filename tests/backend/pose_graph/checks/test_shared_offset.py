@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from backend import se3
+from backend.pose_graph.checks.score_test import LinearisedEdges
 from backend.pose_graph.checks.shared_offset import most_likely_offset
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve_pose_graph
@@ -23,7 +24,7 @@ def solved(graph, robust: bool = True):
 def test_true_loops_have_no_common_offset(shape: str):
     for each in (1, 4):
         graph = make(Scene(shape, 1, each, 0.0, "random", 1)).graph
-        found = most_likely_offset(from_pose_graph(graph), solved(graph).w_T_b)
+        found = most_likely_offset(LinearisedEdges(from_pose_graph(graph), solved(graph).w_T_b))
         assert 0 < found.gain < found.limit
 
 
@@ -31,7 +32,7 @@ def test_the_gain_is_the_fall_of_the_chi_square_of_a_solve_with_the_offset():
     """The offset is small, so that the linear model holds; other loops give the same within their noise."""
     made = make_offset(OffsetScene("laps", 1, 1, 0.4, 0.3, "stretch", 3))
     problem, bent = from_pose_graph(made.graph), solved(made.graph, robust=False)
-    found = most_likely_offset(problem, bent.w_T_b)
+    found = most_likely_offset(LinearisedEdges(problem, bent.w_T_b))
     right = make(Scene("laps", 1, 1, 0.0, "random", 3)).graph
     clean = solved(right, robust=False)
     scale = bent.error / (problem.dof * (len(problem.i) - problem.count + 1) / 2)
@@ -47,7 +48,7 @@ def test_covariances_that_are_too_large_give_no_finding():
     """Residuals that the stated noise explains are no contradiction, whatever the rest agrees to."""
     graph = make_offset(OffsetScene("laps", 1, 1, 0.4, 0.3, "stretch", 3)).graph
     wide = replace(graph, information=graph.information / 1000)
-    found = most_likely_offset(from_pose_graph(wide), solved(wide, robust=False).w_T_b)
+    found = most_likely_offset(LinearisedEdges(from_pose_graph(wide), solved(wide, robust=False).w_T_b))
     assert not found.is_false
 
 
@@ -59,7 +60,7 @@ def test_a_spatial_graph_gives_the_same_as_the_planar_one():
     information[:, se3.PLANAR[:, None], se3.PLANAR] = made.information
     spatial = replace(made, dimension=3, information=information)
     flat, found = (
-        most_likely_offset(from_pose_graph(each), solved(each, robust=False).w_T_b)
+        most_likely_offset(LinearisedEdges(from_pose_graph(each), solved(each, robust=False).w_T_b))
         for each in (made, spatial)
     )
     assert np.array_equal(flat.loops, found.loops)
@@ -80,7 +81,7 @@ def test_a_stretch_that_only_its_own_loops_tie_to_the_rest_is_not_tested():
         ij_T=graph.ij_T[keep],
         information=graph.information[keep],
     )
-    found = most_likely_offset(from_pose_graph(some), solved(some).w_T_b)
+    found = most_likely_offset(LinearisedEdges(from_pose_graph(some), solved(some).w_T_b))
     assert found.gain < found.limit
 
 
