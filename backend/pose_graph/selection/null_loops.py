@@ -15,9 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.prediction import LoopInnovations, innovations
+from backend.pose_graph.selection.prediction import (
+    chi_square_gate,
+    log_prior_volume,
+    log_volume,
+    squared_mahalanobis,
+    whitened_covariance,
+)
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _NULL_LOOP_COUNT = 5000
@@ -56,8 +63,12 @@ class NullLoops:
 
     def chance(self, w_T: Array, samples: Array, scale: float) -> PassProbability:
         """Estimate how often they agree with a solution and its posterior samples."""
-        edges = np.arange(len(self.problem.i))
-        return estimate_pass_probability(innovations(self.problem, w_T, samples, edges, scale))
+        problem, gate = self.problem, chi_square_gate(self.problem.dof)
+        # The noise of the accepted edges is scaled too, and with it the spread of the prediction.
+        covariance = np.eye(problem.dof) + whitened_covariance(problem, w_T, samples)
+        agrees = squared_mahalanobis(problem.residuals(w_T) / scale, covariance) <= gate
+        volume = log_prior_volume(problem, w_T) - problem.dof * np.log(scale)
+        return estimate_pass_probability(log_volume(covariance, gate) - volume, np.asarray(agrees))
 
 
 def _draw_null_loops(problem: Problem, loops: Index, place: Index) -> Problem:
@@ -81,13 +92,17 @@ def _draw_null_loops(problem: Problem, loops: Index, place: Index) -> Problem:
     )
 
 
-def estimate_pass_probability(found: LoopInnovations) -> PassProbability:
-    """Fit a line by maximum likelihood; a share of the null loops may be true by accident."""
-    if len(found.edges) == 0:
+def estimate_pass_probability(log_pass_probability: Array, agrees: Mask) -> PassProbability:
+    """Fit a line by maximum likelihood; a share of the null loops may be true by accident.
+
+    ``log_pass_probability`` (k,) is that of loops uniform over the map, and ``agrees`` (k,) which null loops
+    pass the gate.
+    """
+    if len(agrees) == 0:
         return PassProbability(0.0, 1.0)
-    bin_ = np.clip(np.digitize(found.log_pass_probability(), _BINS) - 1, 0, len(_BINS) - 2)
+    bin_ = np.clip(np.digitize(log_pass_probability, _BINS) - 1, 0, len(_BINS) - 2)
     count = np.bincount(bin_, minlength=len(_BINS) - 1)
-    agreeing = np.bincount(bin_, found.agrees(), minlength=len(_BINS) - 1)
+    agreeing = np.bincount(bin_, agrees, minlength=len(_BINS) - 1)
     right, offset, slope, middle = _GRID
     chance = right + (1 - right) * np.exp(np.minimum(offset + slope * middle, -1e-3))
     log_odds = np.sum(agreeing * np.log(chance) + (count - agreeing) * np.log1p(-chance), axis=-1)

@@ -165,6 +165,17 @@ def whitened_spread(problem: Problem, w_T: Array, samples: Array, edges: Index) 
     return np.asarray(problem.sqrt_information[edges] @ (samples[j] - turn @ samples[i]))
 
 
+def whitened_covariance(problem: Problem, w_T: Array, samples: Array) -> Array:
+    """Return the covariances (m, d, d) of `whitened_spread` of all edges, without its samples."""
+    own = samples @ np.swapaxes(samples, 1, 2)
+    i, j = problem.i, problem.j
+    turn = problem.adjoint(se3.inverse(w_T[j]) @ w_T[i])
+    cross = turn @ (samples[i] @ np.swapaxes(samples[j], 1, 2))
+    error = own[j] + turn @ own[i] @ np.swapaxes(turn, 1, 2) - cross - np.swapaxes(cross, 1, 2)
+    root = problem.sqrt_information
+    return np.asarray(root @ error @ np.swapaxes(root, 1, 2) / samples.shape[2])
+
+
 def log_prior_volume(problem: Problem, w_T: Array) -> Array:
     """Return (m,) log whitened volumes in which a false loop may lie: the map times all rotations."""
     extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)

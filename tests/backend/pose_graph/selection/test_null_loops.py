@@ -7,7 +7,6 @@ import pytest
 
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.selection.null_loops import NullLoops, estimate_pass_probability
-from backend.pose_graph.selection.prediction import LoopInnovations, chi_square_gate
 from tests.backend.synthetic import flight
 
 
@@ -31,22 +30,12 @@ def test_the_chance_that_decoys_show_is_found(offset: float, slope: float):
     rng = np.random.default_rng(1)
     told = rng.uniform(-8, 0, 5000)
     agrees = rng.uniform(size=5000) < np.exp(np.minimum(offset + slope * told, 0))
-    found = estimate_pass_probability(_innovations(told, agrees))
+    found = estimate_pass_probability(told, agrees)
     for at in (-6.0, -4.0, -2.0):
         truth = min(offset + slope * at, 0.0)
         assert found.of(np.array([at]))[0] == pytest.approx(max(truth, at), abs=0.35)
 
 
 def test_without_decoys_a_loop_may_lie_anywhere():
-    chance = estimate_pass_probability(_innovations(np.zeros(0), np.zeros(0, dtype=bool)))
+    chance = estimate_pass_probability(np.zeros(0), np.zeros(0, dtype=bool))
     np.testing.assert_array_equal(chance.of(np.array([-9.0, -1.0])), [-9.0, -1.0])
-
-
-def _innovations(log_pass_probability: np.ndarray, agrees: np.ndarray) -> LoopInnovations:
-    k = len(log_pass_probability)
-    residual = np.zeros((k, 3))
-    residual[~agrees, 0] = 2 * np.sqrt(chi_square_gate(3))
-    found = LoopInnovations(np.arange(k), residual, np.zeros((k, 3, 1)), np.zeros(k))
-    return LoopInnovations(
-        found.edges, residual, found.spread, found.log_pass_probability() - log_pass_probability
-    )

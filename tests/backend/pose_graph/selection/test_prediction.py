@@ -19,6 +19,8 @@ from backend.pose_graph.selection.prediction import (
     solve_covariance,
     squared_mahalanobis,
     white_noise,
+    whitened_covariance,
+    whitened_spread,
 )
 from backend.pose_graph.solve import solve_pose_graph
 from backend.pose_graph.unary_factors import fixed
@@ -53,6 +55,17 @@ def test_a_variable_is_eliminated_in_one_piece(dimension: int) -> None:
     np.testing.assert_array_equal(
         jacobian(factors, values, order).toarray(), jacobian(factors, values).toarray()[:, order]
     )
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_covariance_without_the_spread_is_that_of_the_spread(dimension: int) -> None:
+    problem = from_pose_graph(graph(4, dimension, n=30))
+    samples = sample_posterior(*factors_of(dimension))
+    assert samples is not None
+    spread = whitened_spread(problem, problem.initial, samples, np.arange(len(problem.i)))
+    expected = spread @ np.swapaxes(spread, 1, 2) / spread.shape[2]
+    found = whitened_covariance(problem, problem.initial, samples)
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
