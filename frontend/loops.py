@@ -143,10 +143,10 @@ def verify(
 
 def _compared(settings: _Comparison, chunk: _Chunk) -> list[Registration]:
     """Return the registration of each pair of a chunk."""
+    read = {k: chunk.features[k] for k in sorted({k for pair in chunk.pairs for k in pair})}
     return [
         register(
-            i, j, chunk.features[i], chunk.features[j], settings.camera, settings.homography, settings.gates,
-            expected,
+            i, j, read[i], read[j], settings.camera, settings.homography, settings.gates, expected
         )
         for (i, j), expected in zip(chunk.pairs, chunk.expected, strict=True)
     ]  # fmt: skip

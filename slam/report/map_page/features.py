@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.photographs import LoadsReduced
 from frontend.workers import Workers
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
@@ -128,7 +129,8 @@ def _pictures(estimate: Estimate, flight: Flight, placed: NDArray[np.int64]) -> 
     chosen = placed[np.unique(np.linspace(0, len(placed) - 1, count).round().astype(int))].tolist()
 
     def small(shared: Frames, k: int) -> str | None:
-        picture = shared[int(estimate.frame_index[k])].read()
+        frame, load = int(estimate.frame_index[k]), shared.load
+        picture = load.load_reduced(frame, _PICTURE_PX) if isinstance(load, LoadsReduced) else load(frame)
         return None if picture is None else _small(picture)
 
     for k, code in zip(chosen, Workers().map(small, frames, chosen), strict=True):
