@@ -39,7 +39,9 @@
     zoomAnimation: !still, fadeAnimation: !still, inertia: !still,
   });
   const canvas = L.canvas({ tolerance: 6, padding: 0.3 });
-  if (data.metric) L.control.scale({ imperial: false, maxWidth: 160 }).addTo(map);
+  // On a phone the panel covers the lower half of the map.
+  const position = matchMedia("(max-width: 40rem)").matches ? "topright" : "bottomleft";
+  if (data.metric) L.control.scale({ imperial: false, maxWidth: 160, position }).addTo(map);
   ["chain", "mosaic", "grids"].forEach((name, k) => { map.createPane(name).style.zIndex = 210 + 10 * k; });
 
   function frameOf(points) {

@@ -59,10 +59,10 @@ def _run(page: Path, *options: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
 
 
-def in_browser(path: Path, script: str) -> dict:
+def in_browser(path: Path, script: str, window_px: tuple[int, int] = (1200, 800)) -> dict:
     """Run ``script``, the body of a function that returns an object, in the page; return that object.
 
-    The page's own errors fail the test.
+    ``window_px``: width and height of the window. The page's own errors fail the test.
     """
     tried = path.with_name("tried.html")
     listener = "<script>window.errors=[];addEventListener('error',e=>errors.push(e.message))</script>"
@@ -74,7 +74,7 @@ def in_browser(path: Path, script: str) -> dict:
     )
     text = path.read_text(encoding="utf-8").replace("<head>", f"<head>{listener}", 1)
     tried.write_text(text.replace("</body>", f"{runner}</body>"), encoding="utf-8")
-    done = _run(tried, "--window-size=1200,800", "--virtual-time-budget=3000", "--dump-dom")
+    done = _run(tried, "--window-size={},{}".format(*window_px), "--virtual-time-budget=3000", "--dump-dom")
     (answer,) = re.findall(r'<pre id="found">(.*?)</pre>', done.stdout, re.DOTALL)
     answer = json.loads(html.unescape(answer))
     assert answer["errors"] == []

@@ -207,6 +207,24 @@ def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
 
 
 @needs_browser
+@pytest.mark.parametrize("window_px", [(1366, 768), (390, 844)], ids=["laptop", "phone"])
+def test_the_scale_bar_is_not_covered(tmp_path, window_px):
+    with_rasters(tmp_path)
+    found = in_browser(
+        written(tmp_path, flight=made_flight()),
+        """
+        const box = document.querySelector(".leaflet-control-scale-line").getBoundingClientRect();
+        const panel = document.getElementById("panel").getBoundingClientRect();
+        const apart = box.bottom <= panel.top || box.top >= panel.bottom
+          || box.right <= panel.left || box.left >= panel.right;
+        return { apart, shown: box.width > 0 && box.bottom <= innerHeight };
+        """,
+        window_px,
+    )
+    assert found == {"apart": True, "shown": True}
+
+
+@needs_browser
 def test_clicks_measure_distance_and_area_with_their_uncertainty(tmp_path):
     """A rectangle of 4 x 3 m: sides, area, and the laws of error propagation by hand."""
     with_rasters(tmp_path)
