@@ -205,8 +205,8 @@ class _Scene:
         return self.parameters.camera
 
     def transferred(
-        self, camera: Array | None = None, slope: Array | None = None, at_i: Array | None = None,
-        at_j: Array | None = None, off_j: float | Array = 0.0,
+        self, camera: Array | None = None, slope: Array | None = None, at_i: float | Array = 0.0,
+        at_j: float | Array = 0.0, off_j: float | Array = 0.0,
     ) -> Array:  # fmt: skip
         """Return (m, 2) pixels j transferred into picture i, with the given quantities changed."""
         nominal, camera = self.matches.camera, self.camera if camera is None else camera
@@ -218,12 +218,8 @@ class _Scene:
         accelerations = 0.5 * self.path.accelerations
         pose_j = poses[self.j] + shift_j[:, None] * (rates[self.j] + shift_j[:, None] * accelerations[self.j])
         pose_i = poses[self.i] + shift_i[:, None] * (rates[self.i] + shift_i[:, None] * accelerations[self.i])
-        if at_i is not None:
-            pose_i = pose_i + at_i
-        if at_j is not None:
-            pose_j = pose_j + at_j
-        floor = floor_of(nominal, camera, pose_j, self.other + off_j, slope)
-        return pixels_of(nominal, camera, pose_i, floor)
+        floor = floor_of(nominal, camera, pose_j + at_j, self.other + off_j, slope)
+        return pixels_of(nominal, camera, pose_i + at_i, floor)
 
     def _shift(self, camera: Array, row: Array) -> Array:
         """Return (m,) the time of each row minus the time at which the path was sampled for its picture."""
@@ -232,43 +228,36 @@ class _Scene:
 
     def by_pose(self) -> Array:
         """Return (m, 2, 12) derivatives in pose i and pose j."""
-        B = np.empty((len(self.i), 2, 12))
-        for k in range(6):
-            step = np.zeros(6)
-            step[k] = _POSE_NUDGE
-            B[:, :, k] = (self.transferred(at_i=step) - self.transferred(at_i=-step)) / (2 * _POSE_NUDGE)
-            B[:, :, 6 + k] = (self.transferred(at_j=step) - self.transferred(at_j=-step)) / (2 * _POSE_NUDGE)
-        return B
+        steps = _POSE_NUDGE * np.eye(6)
+        return np.concatenate([self._slopes("at_i", 0.0, steps), self._slopes("at_j", 0.0, steps)], axis=2)
 
     def by_camera(self) -> Array:
         """Return (m, 2, ``POINTS``) derivatives in the camera's vector."""
-        change = np.empty((len(self.i), 2, POINTS))
-        for k in range(POINTS):
-            step = np.zeros(len(CAMERA))
-            step[k] = NUDGE[k]
-            change[:, :, k] = self.transferred(self.camera + step) - self.transferred(self.camera - step)
-        return np.asarray(change / (2 * NUDGE))
+        return self._slopes("camera", self.camera, NUDGE[:, None] * np.eye(POINTS, len(CAMERA)))
+
+    def by_slope(self, axis: int) -> Array:
+        """Return (m, 2) derivatives in the floor's slope along x or y, for a fixed path."""
+        slope = self.parameters.sensor[[SLOPE_X, SLOPE_Y]]
+        return self._slopes("slope", slope, _SLOPE_NUDGE * np.eye(2)[axis : axis + 1])[:, :, 0]
+
+    def _slopes(self, quantity: str, at: float | Array, steps: Array) -> Array:
+        """Return (m, 2, k) derivatives of the transferred pixels in a quantity about its value ``at``, by
+        central differences with steps (k, entries), each of one entry."""
+        slopes = np.empty((len(self.i), 2, len(steps)))
+        for k, step in enumerate(steps):
+            sides = [self.transferred(**{quantity: at + side * step}) for side in (1.0, -1.0)]
+            slopes[:, :, k] = (sides[0] - sides[1]) / (2.0 * step.sum())
+        return slopes
 
     def by_warp(self) -> Array:
         """Return (m, 2, warps) derivatives in each warp, which displaces the points of both pictures."""
         elapsed = self.path.elapsed
         off_j = self._warped(self.other, elapsed[self.j])
         transferred = self._warped(self.seen, elapsed[self.i])
-        for axis in range(2):
-            nudge = _PIXEL_NUDGE * np.eye(2)[axis]
-            by_pixel = (self.transferred(off_j=nudge) - self.transferred(off_j=-nudge)) / (2 * _PIXEL_NUDGE)
-            transferred -= by_pixel[:, :, None] * off_j[:, axis, None]
-        return transferred
+        by_pixel = self._slopes("off_j", 0.0, _PIXEL_NUDGE * np.eye(2))
+        return np.asarray(transferred - np.matmul(by_pixel, off_j))
 
     def _warped(self, pixel: Array, elapsed: Array) -> Array:
         """Return (m, 2, warps) displacements of points in px for each unit of a warp."""
         bent = self.matches.lens_distortion.predicted_by_others(pixel, self.earlier)
         return np.concatenate([warp(self.matches.camera, pixel, elapsed), bent[:, :, None]], axis=2)
-
-    def by_slope(self, axis: int) -> Array:
-        """Return (m, 2) derivatives in the floor's slope along x or y, for a fixed path."""
-        slope = self.parameters.sensor[[SLOPE_X, SLOPE_Y]]
-        step = np.zeros(2)
-        step[axis] = _SLOPE_NUDGE
-        change = self.transferred(slope=slope + step) - self.transferred(slope=slope - step)
-        return np.asarray(change / (2 * _SLOPE_NUDGE))

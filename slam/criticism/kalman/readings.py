@@ -64,7 +64,7 @@ def channels_of(kind: int) -> range:
     return range(FIRST_CHANNEL[kind], FIRST_CHANNEL[kind] + WIDTH[kind])
 
 
-def by_channel(*figures: float | Sequence[float]) -> Array:
+def by_channel(*figures: float | Sequence[float] | Array) -> Array:
     """Return (channels,) from figures for each of ``INSTRUMENTS``: one for all channels, or one for each."""
     of_each = zip(figures, INSTRUMENT_CHANNELS, strict=True)
     return np.concatenate([np.broadcast_to(figure, len(channels)) for figure, channels in of_each])

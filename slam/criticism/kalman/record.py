@@ -17,12 +17,14 @@ from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
     IMU,
+    INSTRUMENTS,
     SONAR,
     VELOCITY,
     WIDTH,
     by_channel,
     place_of,
 )
+from slam.data_quality.channels import streams_of
 from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
@@ -240,18 +242,8 @@ def moving_from(record: Record, begin_s: float, end_s: float) -> Record:
 
 def _noise_std(flight: Flight) -> Array:
     """Return (channels,) the noise of one reading by the flight's own figures; 1 without the instrument."""
-    imu, gyro, accel = flight.imu, 1.0, 1.0
-    if imu is not None and len(imu.stamps_s) > 1:
-        root = float(np.median(np.diff(imu.stamps_s))) ** -0.5
-        gyro, accel = imu.gyro_noise_density * root, imu.accel_noise_density * root
-    std = by_channel(
-        gyro,
-        accel,
-        flight.attitude.noise_std_rad if flight.attitude is not None else 1.0,
-        flight.velocity.noise_std_m_s if flight.velocity is not None else 1.0,
-        flight.sonar.noise_std_m if flight.sonar is not None else 1.0,
-    )
-    return np.maximum(std, 1e-6)
+    std = dict.fromkeys(INSTRUMENTS, np.ones(1)) | {s.name: s.noise_std for s in streams_of(flight)}
+    return np.maximum(by_channel(*std.values()), 1e-6)
 
 
 def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:

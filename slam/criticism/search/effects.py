@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from slam.criticism.camera.photometric import VARIANCE_PATTERNS
-from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters
+from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, slot
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
 from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
@@ -207,26 +207,23 @@ def _tilt_limits(records: Sequence[Record], parameters: FilterParameters) -> lis
     reach = parameters.dynamics[MAX_TILT] * parameters.dynamics[GAIN]
     asked = reach * max(float(np.abs(r.stick.values[:, :2]).max()) for r in records)
     now = parameters.dynamics[TILT_LIMIT]
-    if asked < LOWEST_TILT_RAD or now < pi / 2:
-        return []
-    limits = [share * asked for share in TILT_LIMITS]
-    return [
-        Effect(
-            "tilt_limit",
-            (Perturbation(f"tilt_limit@{x:.4f}", "dynamics", TILT_LIMIT, x - now, unit=1.0),),
-            (), ("limit",), True,
-        )
-        for x in limits
-    ]  # fmt: skip
+    tries = () if asked < LOWEST_TILT_RAD or now < pi / 2 else TILT_LIMITS
+    return _at_values("tilt_limit.limit", [share * asked for share in tries], now)
 
 
 def _latencies(parameters: FilterParameters) -> list[Effect]:
     """Return the latency itself, and for a vehicle without one the values of a grid, whose sensitivities
     differ."""
     tries = LATENCIES_S if parameters.latency_s == 0.0 else ()
-    perturbations = [_moving("control_latency.T")]
-    perturbations += [Perturbation(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
-    return [Effect("control_latency", (d,), (), ("T",), True) for d in perturbations]
+    itself = Effect("control_latency", (_moving("control_latency.T"),), (), ("T",), True)
+    return [itself, *_at_values("control_latency.T", tries, 0.0)]
+
+
+def _at_values(column: str, values: Sequence[float], now: float) -> list[Effect]:
+    """Return a term at each value of a grid, by one difference from its value ``now``."""
+    name, _, parameter = column.partition(".")
+    moved = [Perturbation(f"{name}{AT}{x:.4g}", *slot(column), x - now, unit=1.0) for x in values]
+    return [Effect(name, (d,), (), (parameter,), True) for d in moved]
 
 
 def _moving(column: str) -> Perturbation:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, Run, whole
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, Signal
-from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS
+from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.fitted_parameters import NOISE_NUISANCES, FittedParameter, gain_column
 from slam.criticism.threads import in_threads
@@ -33,7 +32,7 @@ Ints = NDArray[np.int64]
 CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""
 CUT_MEAN = float(chi2.cdf(CUT, 3) + CUT * chi2.sf(CUT, 1))
-"""Mean of the lesser of e^2 and ``CUT`` for a standard normal e."""
+"""Mean of the lesser of e^2 and ``CUT`` for a standard normal e: outliers do not count as noise."""
 SEGMENT_S = 10.0
 ENOUGH_S = 200.0
 """Duration of the first flights for which the noise of healthy vehicles is changed: it shows in all alike."""
@@ -57,15 +56,6 @@ class FisherInformation:
     """Run of each flight under the parameters themselves."""
     readings: tuple[int, ...]
     """Number of segments of readings, for each flight; one more holds its pictures."""
-
-
-class _VarianceWeight(NamedTuple):
-    """Weight of squared innovations e^2, cut at ``CUT``, as evidence of the variance: (channels,)."""
-
-    share: Array
-    """2 over the variance of e^2, at most 1: less where tails are heavy."""
-    expected: Array
-    """Mean of e^2 of a Gaussian that is cut likewise, so that outliers do not count as noise."""
 
 
 def fisher_information(
@@ -128,10 +118,11 @@ def _sighted(
     return [seen.by(np.eye(len(perturbations), len(perturbations) + changes))]
 
 
-def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight) -> Iterator[LikelihoodScore]:
+def _segment_terms(run: Run, steps: Array, apart: Ints, weight: Array) -> Iterator[LikelihoodScore]:
     """Yield information, score and log likelihood of each segment of a flight.
 
-    ``steps`` (changes,) are the sizes of the changes of the noise, infinite for those that did not run."""
+    ``steps`` (changes,) are the sizes of the changes of the noise, infinite for those that did not run.
+    ``weight`` (channels,) is that of squared innovations."""
     ran = np.flatnonzero(steps < np.inf)
     for rows in run.segments(SEGMENT_S):
         d, end = rows.sensitivity.shape[1], rows.sensitivity.shape[1] + len(steps)
@@ -145,27 +136,23 @@ def _segment_terms(run: Run, steps: Array, apart: Ints, weight: _VarianceWeight)
         traces[:, d + ran] = np.where(near, rows.change_of_mean, 0.0) / steps[ran]
         traces[:, end:] = traces[:, d + apart]
         widened[:, ran] = np.where(near, wider, 0.0) / steps[ran]
-        spread = widened * weight.share[rows.channels, None]
+        spread = widened * weight[rows.channels, None]
         score = rows.white @ traces
         information = traces.T @ traces
-        excess = np.minimum(rows.white**2, CUT) - weight.expected[rows.channels]
-        score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened
+        excess = np.minimum(rows.white**2, CUT) - CUT_MEAN
+        score[d:end] += 0.5 * (excess * weight[rows.channels]) @ widened
         information[d:end, d:end] += 0.5 * spread.T @ widened
         yield LikelihoodScore(information, score, run.passed(rows.begin, rows.end).log_likelihood)
 
 
-def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> _VarianceWeight:
-    """Return the weights from the plain runs; without runs, those of a Gaussian."""
+def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> Array:
+    """Return (channels,) the weight of squared innovations e^2, cut at ``CUT``, as evidence of the variance.
+
+    It is 2 over the variance of e^2, at most 1: less where tails are heavy. Without plain runs it is 1.
+    """
     weight = np.ones(len(CHANNELS))
-    mean = np.full(len(CHANNELS), CUT_MEAN)
-    squares: list[list[Array]] = [[] for _ in CHANNELS]
-    for record, run in zip(records, plain, strict=False):
-        events, column = np.nonzero(run.status == USED)
-        channel = CHANNEL_AT[record.kinds[events], column]
-        cut = np.minimum(run.white[events, column] ** 2, CUT)
-        for k in np.unique(channel):
-            squares[k].append(cut[channel == k])
-    for k, found in enumerate(squares):
-        if found:
-            weight[k] = 1.0 / max(float(np.var(np.concatenate(found))) / 2.0, 1.0)
-    return _VarianceWeight(weight, mean)
+    for channel in range(len(CHANNELS) if plain else 0):
+        runs = [run.of_channel(record, channel) for record, run in zip(records, plain, strict=True)]
+        cut = np.concatenate([np.minimum(white[status == USED] ** 2, CUT) for _, white, status in runs])
+        weight[channel] = 1.0 / max(float(np.var(cut)) / 2.0, 1.0) if len(cut) else 1.0
+    return weight

@@ -29,28 +29,15 @@ def ranking(
 ) -> tuple[Rank, ...]:
     """Return all terms, "nothing" and "something else", by probability and by their score test alone.
 
-    ``anomalies``: the causes that single readings show.
+    ``anomalies``: the causes that single readings show; "nothing" requires that there is none of these
+    either.
     """
-    z: dict[str, float] = {}
-    for test in found.first.score_tests([], found.first.effects):
-        if test.effect.is_term:
-            z[test.effect.name] = max(z.get(test.effect.name, 0.0), test.z)
-    return ranked(z, probability, anomalies)
-
-
-def ranked(
-    z: dict[str, float], probability: dict[str, float], anomalies: Sequence[Cause]
-) -> tuple[Rank, ...]:
-    """Rank terms by their ``z``, with those that only single readings show; "nothing" requires that there is
-    none of these either."""
     seen = {cause.name: cause for cause in anomalies}
     healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))
     probability = probability | {NOTHING: healthy * probability.get(NOTHING, 0.0)}
-    z = {
-        name: seen[name].z if name in seen else 0.0
-        for name, term in CATALOGUE.items()
-        if term.in_single_readings
-    } | z
+    z = {name: seen[name].z if name in seen else 0.0 for name, t in CATALOGUE.items() if t.in_single_readings}
+    tests = [s for s in found.first.score_tests([], found.first.effects) if s.effect.is_term]
+    z |= {test.effect.name: test.z for test in sorted(tests, key=lambda s: s.z)}
     ranks = [
         Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in (*z, NOTHING, SOMETHING_ELSE)
     ]
