@@ -40,8 +40,6 @@ MOST_TERMS = 6
 STAGES = ("fit", "screen", "compare causes")
 SHORT_S = 80.0
 """Duration of the flights on which candidates are compared: they are all highly significant."""
-PART_S = 160.0
-"""Duration of the flights that suffices for highly significant terms, where there is twice as much."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +59,25 @@ class SearchResult:
     fitted with the filter run anew."""
     records: tuple[Record, ...] = ()
     """The flights as expanded: with reference runs under the AR(1) noise that was found."""
+
+    def without(self, effect: Effect) -> tuple[LikelihoodExpansion, list[Effect]]:
+        """Return the expansion that describes the flights without a chosen effect, and the effects beside it.
+
+        Without a saturation this is the first one, with no effect.
+        """
+        if effect.is_saturation:
+            return self.first, []
+        return self.last, [e for e in self.chosen if e is not effect]
+
+    def in_place(self, effect: Effect, name: str) -> list[ScoreTest]:
+        """Return the score tests of a term in place of a chosen effect, of the way of trying it that explains
+        most first."""
+        expansion, beside = self.without(effect)
+        return expansion.score_tests(beside, [e for e in expansion.effects if e.name == name])
+
+    def z_of(self, effect: Effect) -> float:
+        """Return the z of a chosen effect beside the others."""
+        return max(test.z for test in self.in_place(effect, effect.name))
 
 
 def with_term_replaced(
@@ -139,9 +156,6 @@ class _SequentialSearch:
         self.rivals: dict[str, tuple[str, ...]] = {}
         self.leads: dict[tuple[str, str], float] = {}
         self._fitted, self._greatest_z = True, 0.0
-        self._strong_z = LINEAR_Z
-        """``LINEAR_Z``, or a smaller value in proportion where the expansion is of the first parts of the
-        flights."""
         with self._fits.part():
             parameters = fit_nuisances(records, model, effects=ar1_effects(model))
         self._expand(parameters)
@@ -152,9 +166,6 @@ class _SequentialSearch:
         while True:
             significant = self._significant()
             full = len(self.chosen) == MOST_TERMS
-            if self._strong_z < LINEAR_Z and (full or not by_much(significant, self._strong_z)):
-                self._expand_all(self.expansion.parameters)
-                continue
             if not self.chosen and (both := self._hidden(significant)):
                 self.chosen, self._fitted = list(both), False
                 continue
@@ -163,9 +174,9 @@ class _SequentialSearch:
             self._greatest_z = max(self._greatest_z, significant[0].z)
             # With one term more, the leads of those before it change.
             self.leads = {}
-            if doubtful := _doubtful(significant, self._strong_z):
+            if doubtful := _doubtful(significant):
                 records = self.records
-                if in_part := significant[0].z >= self._strong_z:
+                if in_part := significant[0].z >= LINEAR_Z:
                     records = [first_seconds(record, SHORT_S / len(records)) for record in records]
                 best = best_candidate(
                     records, self._model, self.expansion, self.chosen, doubtful, self._tries
@@ -181,23 +192,13 @@ class _SequentialSearch:
             self._fitted = self._fitted and significant[0].z < CURVED_Z
 
     def expand_about(self, parameters: FilterParameters) -> None:
-        """Expand about parameters that hold the chosen terms, with nuisances fitted to them.
-
-        Where another term is highly significant at the last expansion, the first parts of long flights are
-        enough.
-        """
-        long = sum(record.duration_s for record in self.records) / PART_S
-        part = long > 2.0 and by_much(self._significant(), self._strong_z)
+        """Expand about parameters that hold the chosen terms, with nuisances fitted to them."""
         self.chosen = [c.free for c in self.chosen]
-        if not part:
-            self._expand_all(parameters)
-            return
-        records = [first_seconds(record, PART_S / len(self.records)) for record in self.records]
-        parameters = self._fit(records, parameters)
-        with self._expansions.part():
-            self.expansion = expand(records, self._model, parameters, self.chosen)
-        self.chosen = [self.expansion.own(c) for c in self.chosen]
-        self._strong_z, self._fitted = max(LINEAR_Z / np.sqrt(long), CURVED_Z), True
+        with self._fits.part():
+            free = [*self.chosen, *ar1_effects(parameters)]
+            parameters = without_small_ar1(fit_nuisances(self.records, self._model, parameters, free))
+        self._expand(parameters)
+        self._fitted = True
 
     def healthy(self, parameters: FilterParameters) -> LikelihoodExpansion:
         """Expand about parameters without terms, with nuisances fitted to them."""
@@ -219,15 +220,6 @@ class _SequentialSearch:
             with_misfit(self._limits.second, self._greatest_z) if self.chosen else self._limits.effects
         )
         return beyond(self.expansion.score_tests(self.chosen, self.expansion.effects), threshold)
-
-    def _fit(self, records: Sequence[Record], parameters: FilterParameters) -> FilterParameters:
-        with self._fits.part():
-            free = [*self.chosen, *ar1_effects(parameters)]
-            return without_small_ar1(fit_nuisances(records, self._model, parameters, free))
-
-    def _expand_all(self, parameters: FilterParameters) -> None:
-        self._expand(self._fit(self.records, parameters))
-        self._strong_z, self._fitted = LINEAR_Z, True
 
     def _hidden(self, significant: Sequence[ScoreTest]) -> Sequence[Effect] | None:
         """Return two terms in place of weakly significant ones, or of none."""
@@ -253,19 +245,14 @@ def beyond(ranked: Sequence[ScoreTest], threshold: float) -> list[ScoreTest]:
     return sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)
 
 
-def by_much(significant: Sequence[ScoreTest], z: float) -> bool:
-    """Whether any is significant, and the worthiest by ``z`` at least."""
-    return bool(significant) and significant[0].z >= z
-
-
-def _doubtful(significant: Sequence[ScoreTest], strong_z: float) -> Sequence[ScoreTest]:
+def _doubtful(significant: Sequence[ScoreTest]) -> Sequence[ScoreTest]:
     """Return the candidates, best first, that must be fitted before one is chosen.
 
     These are all where the best is highly significant or has no size yet, those as good as it where its
     effect is nonlinear, and none where one expansion decides.
     """
     best = significant[0]
-    if best.z >= strong_z or best.effect.is_profiled:
+    if best.z >= LINEAR_Z or best.effect.is_profiled:
         return significant
     alike = [s for s in significant if s.worth > best.worth - VERY_SIMILAR_NATS]
     return alike if best.z >= CURVED_Z and len({s.effect.name for s in alike}) > 1 else ()

@@ -73,7 +73,9 @@ def covariate(
         return None
     rest = [e for e in found.chosen if e is not effect]
     short = [first_seconds(record, SHORT_S / len(records)) for record in records]
-    other = _as_effect(rival, found, effect, rest)
+    # Roll-outs cannot include a term that only adds noise.
+    ways = (s.effect for s in found.in_place(effect, rival) if s.effect.perturbations or s.effect.relaxes)
+    other = next(ways, None)
 
     def refitted(effects: list[Effect]) -> FilterParameters:
         if z < LINEAR_Z and not effect.is_saturation:
@@ -110,18 +112,6 @@ def covariate_of(
     if not against or against[0].cause != cause:
         return None
     return Covariate(cause, rival, against)
-
-
-def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
-    """Return the effect of a rival that explains most in a cause's place, or None where roll-outs cannot
-    include it.
-
-    Only the first expansion describes the flights without a saturation.
-    """
-    expansion, beside = (found.first, []) if effect.is_saturation else (found.last, list(rest))
-    ways = [e for e in expansion.effects if e.name == rival and (e.perturbations or e.relaxes)]
-    best = next(iter(expansion.score_tests(beside, ways)), None)
-    return best.effect if best is not None else None
 
 
 def _against(pooled: Mapping[str, dict[tuple[str, str], Array]], cause: str) -> ChannelResiduals | None:

@@ -50,25 +50,17 @@ def confirmed_terms(records: Sequence[Record], found: SearchResult) -> SearchRes
     chosen = list(found.chosen)
     while any(e.is_term for e in chosen):
         gains = []
-        for effect in chosen:
+        tried = replace(found, chosen=tuple(chosen))
+        for effect in (e for e in chosen if e.is_term):
             rest = [e for e in chosen if e is not effect]
-            if effect.is_term and _standing_z(found, effect, rest) < PLAIN_Z:
-                tried = replace(found, chosen=tuple(chosen))
+            # No expansion about parameters with a saturation can test it beside others.
+            if not (effect.is_saturation and rest) and tried.z_of(effect) < PLAIN_Z:
                 gains.append((held_out(records, tried, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
         if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
             break
         chosen = [e for e in chosen if e is not least[1]]
     return replace(found, last=found.last if chosen else found.first, chosen=tuple(chosen))
-
-
-def _standing_z(found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> float:
-    """Return the z of a chosen term beside the others; for a saturation, that of the healthy vehicle if it is
-    alone, else infinity. No expansion about parameters with a saturation can test it."""
-    if not effect.is_saturation:
-        return found.last.score_tests(rest, [effect])[0].z
-    known = [e for e in found.first.effects if e.name == effect.name]
-    return np.inf if rest else max(s.z for s in found.first.score_tests([], known))
 
 
 def errors_of(
@@ -104,18 +96,13 @@ def causes_of(
         # Only the first expansion describes the flights without a saturation.
         own = held_out(found.records, found, rest) if rest and not effect.is_saturation else all_together
         place = list(found.chosen).index(effect)
-        expansion, beside = (found.first, []) if effect.is_saturation else (found.last, rest)
-        z = max(
-            s.z
-            for s in expansion.score_tests(beside, [e for e in expansion.effects if e.name == effect.name])
-        )
         causes.append(
             Cause(
                 name=effect.name,
                 probability=posterior.probability.get(effect.name, 0.0),
                 parameters=fitted_sizes(found.last, effect, found.chosen),
                 gain=Gain.of(own.nats, own.by, channels),
-                z=z,
+                z=found.z_of(effect),
                 lead_nats=posterior.lead_nats[place],
                 alternatives=posterior.alternatives[place],
                 rival=posterior.rivals[place],

@@ -110,7 +110,7 @@ def fit_rollouts(
     chosen, fit, without = _needed(course, chosen, fit, found.model)
     off = fit.steps - fit.steps.mean(axis=0)
     std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
-    nats = _gained(chosen, fit, without, course.independent)
+    nats = {e.name: tuple(course.nats(fit, without[e.label]).tolist()) for e in chosen if e.label in without}
     spread = dict(zip(fit.columns, std.tolist(), strict=True))
     beyond = [n for n in _FREE if _is_beyond(n, fit.parameters, found.model, spread[n.name])]
     if any(n.name == LAG_CONSTANT for n in beyond):
@@ -138,7 +138,9 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
         if extra.name in {e.name for e in chosen}:
             continue
         best_candidate = course.fitted(fit.parameters, [*chosen, extra])
-        is_probable = candidate.z > limits.second or course.nats(best_candidate, fit) > required_nats(extra)
+        is_probable = candidate.z > limits.second or course.nats(best_candidate, fit).sum() > required_nats(
+            extra
+        )
         if is_probable and best_candidate.better_than(fit):
             chosen, fit = [*chosen, extra], best_candidate
     return chosen, fit
@@ -168,21 +170,6 @@ def _needed(
             return chosen, fit, without
         least = min(idle, key=lambda e: without[e.label].residuals.sum())
         chosen, fit = [e for e in chosen if e is not least], without[least.label]
-
-
-def _gained(
-    chosen: Sequence[Effect], fit: _Fit, without: dict[str, _Fit], independent: float
-) -> dict[str, tuple[float, ...]]:
-    """Return term -> nats that it gains in each flight.
-
-    The errors are Gaussian with the variance that is left, as many as there are independent ones.
-    """
-    scale = 0.5 * independent / fit.residuals.sum()
-    return {
-        e.name: tuple((scale * (without[e.label].residuals - fit.residuals).sum(axis=1)).tolist())
-        for e in chosen
-        if e.label in without
-    }
 
 
 def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[FittedParameter]:
@@ -279,11 +266,13 @@ class _Rollouts:
         ]
         return [np.column_stack([b[k] - at for b in beside]) for k, at in enumerate(left)]
 
-    def nats(self, fit: _Fit, other: _Fit) -> float:
-        """Return the nats that held-out flights gain by one fit over another: Gaussian errors with the
-        variance that is left."""
-        residuals = float(fit.residuals.sum())
-        return 0.5 * self.independent * (float(other.residuals.sum()) - residuals) / residuals
+    def nats(self, fit: _Fit, other: _Fit) -> Array:
+        """Return (flights,) the nats that each flight, held out, gains by one fit over another.
+
+        Errors are Gaussian with the variance that is left, as many as there are independent ones.
+        """
+        gained = (other.residuals - fit.residuals).sum(axis=1)
+        return np.asarray(0.5 * self.independent * gained / fit.residuals.sum())
 
     def fitted(self, start: FilterParameters, effects: Sequence[Effect]) -> _Fit:
         """Fit all flights by Levenberg-Marquardt; then make one more step for each flight left out."""

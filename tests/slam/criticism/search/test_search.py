@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
-
-from slam.criticism.flight_checks import usable_records
-from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import referred
-from slam.criticism.search import search as searching
 from slam.criticism.search.effects import Effect, relaxed_nuisances
 from slam.criticism.search.expansion import ScoreTest
-from slam.criticism.search.search import LINEAR_Z, _doubtful, beyond, search
-from slam.criticism.search.thresholds import load_thresholds
-from slam.simulation.healthy.flights import at_lower_rates, healthy_case
-from slam.simulation.model import load_model
+from slam.criticism.search.search import _doubtful, beyond
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))
 BIAS = Effect("gyro_bias", relaxes=("x", "y", "z"))
@@ -47,7 +38,7 @@ def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen()
         return ScoreTest(Effect(name, relaxes=(name,)), nats, z)
 
     def doubtful(*some: ScoreTest) -> list[str]:
-        return [s.effect.name for s in _doubtful(some, LINEAR_Z)]
+        return [s.effect.name for s in _doubtful(some)]
 
     bias, slant = standing("sonar_bias", 12.0, 80.8), standing("sonar_slant", 11.0, 60.0)
     cushion = standing("ground_effect", 12.0, 81.1)
@@ -55,25 +46,3 @@ def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen()
     assert doubtful(bias, slant) == []
     assert doubtful(standing("sonar_bias", 5.0, 12.4), standing("ground_effect", 5.0, 12.3)) == []
     assert doubtful(standing("sonar_bias", 30.0, 450.0), slant) == ["sonar_bias", "sonar_slant"]
-
-
-@pytest.mark.slow
-def test_what_stands_out_by_far_is_found_in_part_of_long_flights_and_judged_on_all(monkeypatch):
-    healthy = at_lower_rates(load_model("nominal"))
-    ill = healthy.with_term("gyro_scale", eps=0.1).with_term("sonar_lag", T=0.15)
-    records, _ = usable_records(healthy_case(ill, 3, 2, 20.0))
-    parameters = filter_parameters_of(healthy)
-    records = [referred(record, parameters) for record in records]
-    whole_s = sum(record.duration_s for record in records)
-    expand, looked_s = searching.expand, []
-
-    def looking(records, *others):
-        looked_s.append(sum(record.duration_s for record in records))
-        return expand(records, *others)
-
-    monkeypatch.setattr(searching, "expand", looking)
-    monkeypatch.setattr(searching, "PART_S", 0.4 * whole_s)
-    found = search(records, parameters, load_thresholds())
-    assert [round(s / whole_s, 1) for s in looked_s] == [1.0, 0.4, 1.0]
-    assert {e.name for e in found.chosen} == {"gyro_scale", "sonar_lag"}
-    assert found.first.fisher.flight.size == found.last.fisher.flight.size

@@ -101,7 +101,7 @@ def test_of_what_no_chance_makes_flights_say_whether_it_enters(braking):
 
     def enters(independent):
         def nats(fit, other):
-            return independent * (other.residuals - fit.residuals)
+            return np.array([independent * (other.residuals - fit.residuals)])
 
         course = SimpleNamespace(fitted=fitted, nats=nats)
         chosen, fit = _extended(course, found, fitted(nominal, []))
