@@ -11,7 +11,6 @@ from slam.core.duplicate_flights import without_duplicates
 from slam.core.flight import Flight, with_unique_names
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.ranges_at_body import ranges_at_body
-from slam.criticism.extended import with_certainty
 from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.record import has_commands
 from slam.criticism.prepare import prepare
@@ -43,10 +42,7 @@ def criticise(
     with_commands = not flights or any(has_commands(flight) for flight in flights)
     with threadpool_limits(1), show_compilation(progress):
         found = (_with_commands if with_commands else _without_commands)(flights, nominal, progress)
-    found = replace(found, dropped=(*repeated, *found.dropped))
-    if found.extended is None:
-        return found
-    return replace(found, extended=with_certainty(found.extended, found.causes))
+    return replace(found, dropped=(*repeated, *found.dropped))
 
 
 def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:

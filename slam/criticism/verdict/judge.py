@@ -11,7 +11,7 @@ import numpy as np
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally
 from slam.criticism.cause import Cause
-from slam.criticism.extended import extended_with_causes, with_terms
+from slam.criticism.extended import extended_with_causes, with_certainty, with_terms
 from slam.criticism.flight_checks import untested_reasons
 from slam.criticism.kalman.record import Record
 from slam.criticism.next_flight import next_flight, next_motion
@@ -108,7 +108,9 @@ def judge(
             checks=checks(records, found.last),
             covariate=next(iter(drawn), None),
             dropped=tuple(prepared.mismatched),
-            extended=extended_with_causes(causes, anomalies, model, parameters, records),
+            extended=with_certainty(
+                extended_with_causes(causes, anomalies, model, parameters, records), causes
+            ),
             unseen=_models_of_others(records, model, together, best, causes, anomalies),
         )
     )
@@ -134,7 +136,7 @@ def judge_comparisons(
             criticism,
             next_flight=advised,
             covariate=next((covariate_in_comparisons(rows, found, c) for c in judged.causes[:1]), None),
-            extended=with_terms(model, judged.causes),
+            extended=with_certainty(with_terms(model, judged.causes), judged.causes),
             flights=tuple(f.name for f, known in zip(flights, rows, strict=True) if known),
             dropped=(*sensors.dropped, NO_COMMANDS),
             limits=NOT_JUDGED,
