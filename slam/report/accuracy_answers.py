@@ -113,7 +113,7 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
         f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. The scale "
         f"causes {by_scale} of it, and the same share of any other length; the places of both ends cause "
         f"{ends}, between near places less.{moves} If a tape tells more than {tape} less or more than the "
-        f"map, the map is wrong: all its lengths are off by that share. {area}"
+        f"map, one of them is wrong: nineteen times out of twenty they differ by less. {area}"
     )
 
 
