@@ -42,6 +42,13 @@ class MosaicView:
     max_off_axis_cos: float
     """Cosine of the largest angle off the optical axis. The distortion model is invalid beyond it."""
 
+    def in_field(self, depth: Float32 | Array, distance: Float32 | Array) -> Mask:
+        """Return whether the lens sees points by their depth along the optical axis and their distance.
+
+        Beyond its largest angle, the polynomial of a lens may turn back and show the picture again.
+        """
+        return np.asarray(depth > distance * np.float32(self.max_off_axis_cos - 1e-6))
+
 
 @dataclass(frozen=True)
 class Lattice:
@@ -168,9 +175,7 @@ def visible(view: MosaicView, lattice: Lattice) -> tuple[Mask, Float32, Float32]
     depth = ((a * x + c)[None] + (b * y)[:, None]).astype(np.float32)
     dx2, dy2 = (x - view.w_p_c_m[0]) ** 2 + view.height_m**2, (y - view.w_p_c_m[1]) ** 2
     distance = np.sqrt((dx2[None] + dy2[:, None]).astype(np.float32))
-    seen = (depth > distance * np.float32(view.max_off_axis_cos - 1e-6)) & (
-        distance < view.height_m / np.cos(MAX_OFF_NADIR)
-    )
+    seen = view.in_field(depth, distance) & (distance < view.height_m / np.cos(MAX_OFF_NADIR))
     # Jacobian determinant of a homography: det(H) / depth^3 (Hartley and Zisserman 2004, section 2.3).
     scale = np.float32(abs(np.linalg.det(view.pixel_H_floor)))
     resolution = np.sqrt(scale / np.where(seen, depth, np.float32(np.inf)) ** 3)

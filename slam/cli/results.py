@@ -133,7 +133,7 @@ def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
     if ground.relief_share == 0:
         return []
     before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]
-    if ground.filled_share == 1:
+    if not ground.is_measured:
         return [
             f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat, but no two pictures show "
             "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree only "

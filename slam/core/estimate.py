@@ -62,7 +62,13 @@ class GroundFacts:
     highest_m: float = 0.0
     """Lowest and highest ground over the floor."""
     height_std_m: float | None = None
-    """Median standard deviation of the measured heights; None on a flat floor."""
+    """Median standard deviation of the measured heights; None on a flat floor, or where no two pairs of
+    pictures show one height."""
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the ground is not flat and pictures or the sonar show its height."""
+        return self.relief_share > 0 and self.filled_share < 1
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -26,11 +26,11 @@ def map_large_blocks() -> None:
 
 @contextmanager
 def large_blocks_kept() -> Iterator[None]:
-    """Let large arrays reuse the memory of freed ones until the block ends, in a stage that treats pictures.
+    """Let large arrays reuse the memory of freed ones, in a stage that treats pictures.
 
     Pages that the system gives are cleared first. The pyramids of a photograph are 250 MB, and each picture
     needs arrays of the same sizes anew: their clearing took a fifth of the processor time of a map of
-    photographs. What is freed at the end goes back by `trim_heap`.
+    photographs. After the stage, `trim_heap` returns what was freed.
     """
     _set_large_size(_LARGEST_BYTES, 2 * _LARGEST_BYTES)
     try:

@@ -106,14 +106,14 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
         f"An area is known to twice the share of the scale (±{SPACE}{percent(2 * facts.scale_std)}). "
         "map.html measures any distance and area with its uncertainty."
     )
-    whole = f"±{SPACE}{length(float(np.hypot(scale_m, np.sqrt(2) * end_m)))}"
+    whole_m = float(np.hypot(scale_m, np.sqrt(2) * end_m))
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
-    tape = facts.length(2 * float(np.hypot(scale_m, np.sqrt(2) * end_m)))
     return (
-        f"Two places {facts.length(apart_m)} apart: to {whole} at most, one standard deviation. The scale "
-        f"causes {by_scale} of it, and the same share of any other length; the places of both ends cause "
-        f"{ends}, between near places less.{moves} If a tape tells more than {tape} less or more than the "
-        f"map, one of them is wrong: nineteen times out of twenty they differ by less. {area}"
+        f"Two places {facts.length(apart_m)} apart: to ±{SPACE}{length(whole_m)} at most, one standard "
+        f"deviation. The scale causes {by_scale} of it, and the same share of any other length; "
+        f"the places of both ends cause {ends}, between near places less.{moves} Nineteen times out of "
+        f"twenty, a tape differs from the map by less than {length(2 * whole_m)}: if it differs by more, one "
+        f"of them is wrong. {area}"
     )
 
 
@@ -169,7 +169,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         floor = "" if facts.relative_to else ", and so is the altitude of the floor on Earth"
         text += f" How high a keyframe is over the floor is typically known to ±{SPACE}{typical}{floor}."
     ground = estimate.ground
-    if ground is not None and ground.relief_share > 0:
+    if ground is not None and ground.is_measured:
         std = (
             f", typically to ±{SPACE}{facts.length(ground.height_std_m)} against the ground around it"
             if ground.height_std_m
@@ -180,6 +180,8 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"{percent(ground.filled_share)} of it was filled in. Trust no height where elevation.tif has no "
             "standard deviation."
         )
+    elif ground is not None and ground.relief_share > 0:
+        text += " The ground is not flat, but no two pictures show its height: trust no height of it."
     elif ground is not None:
         text += " The ground is taken as flat: the pictures show no hills."
         if estimate.elevation is not None:
@@ -255,11 +257,11 @@ def loops(estimate: Estimate, facts: Facts) -> str:
 
 
 def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
-    """Return which keyframe takes part in most of the loops; empty where none takes part in several."""
-    k, count = Counter(end for loop in loops for end in (loop.i, loop.j)).most_common(1)[0]
-    if count < 3:
+    """Return which keyframe takes part in more of the loops than any other; empty where none does."""
+    (k, count), (_, next_count) = Counter(end for loop in loops for end in (loop.i, loop.j)).most_common(2)
+    if count == next_count:
         return ""
-    return f"; keyframe {k}, {estimate.frame_names[k]}, takes part in most, {count} of them"
+    return f"; keyframe {k}, {estimate.frame_names[k]}, takes part in {count} of them, more than any other"
 
 
 def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:

@@ -94,8 +94,7 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     good = "to find things, and to measure distances and areas"
     if is_tilt_doubted(summary):
         return f"{good}; not for heights, which a warning doubts"
-    ground = estimate.ground
-    if ground is not None and ground.relief_share > 0:
+    if estimate.ground is not None and estimate.ground.is_measured:
         good = "to find things, and to measure distances, areas and heights"
     return good if facts.relative_to else f"{good}; as coordinates on Earth only as the GPS has it"
 

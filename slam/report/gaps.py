@@ -28,11 +28,11 @@ def gaps(estimate: Estimate, flight: Flight | None) -> tuple[Gap, ...]:
     if flight is None or flight.all_keyframes:
         return ()
     n, placed = len(estimate.stamps_s), np.flatnonzero(estimate.placed)
-    # Over a hover, two successive keyframes are as far apart in time as two visits.
+    # Over a hover, two successive keyframes are as far apart in time as two visits. The IMU shows no ground.
     spans = [
         (min(e.i, e.j), max(e.i, e.j))
         for e in estimate.relative_poses
-        if e.kind == "odometry" or abs(e.i - e.j) == 1
+        if e.kind == "odometry" or (e.kind == "loop" and abs(e.i - e.j) == 1)
     ]
     begin, end = np.array(spans, dtype=np.int64).reshape(-1, 2).T
     linked = np.cumsum(np.bincount(begin, minlength=n) - np.bincount(end, minlength=n)) > 0

@@ -41,19 +41,24 @@ class MeasuredGround:
         before_px, after_px = (
             tuple(m.percentile_px(percent) for percent in PERCENTS) for m in (self.over_floor, after)
         )
+        flat = GroundFacts(misregistration_px=after_px, over_floor_px=before_px)
         if self.surface is None:
-            return GroundFacts(misregistration_px=after_px, over_floor_px=before_px)
+            return flat
         shown = self.surface.source != HeightSource.UNSEEN
-        source, height = self.surface.source[shown], self.surface.height_m[shown]
+        source, height, std = (
+            of_cell[shown] for of_cell in (self.surface.source, self.surface.height_m, self.surface.std_m)
+        )
         relief = source != HeightSource.FLOOR
-        return GroundFacts(
-            misregistration_px=after_px,
-            over_floor_px=before_px,
+        if not relief.any():
+            return flat
+        known = std[relief & np.isfinite(std)]
+        return replace(
+            flat,
             relief_share=float(relief.mean()),
             filled_share=float((source == HeightSource.FILLED).sum() / relief.sum()),
             lowest_m=float(height.min()),
             highest_m=float(height.max()),
-            height_std_m=float(np.nanmedian(self.surface.std_m[shown][relief])),
+            height_std_m=float(np.median(known)) if len(known) else None,
         )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.core.estimate import LoopVerdict
+from slam.core.estimate import GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors
 from slam.core.messages import Note
@@ -147,8 +147,8 @@ def test_the_keyframe_of_most_contradictions_is_named():
     loops = tuple(LoopVerdict(3, j, "rejected", reason) for j in (30, 40, 50))
     question = "Was a place recognised again, and is that right?"
     found = answers(replace(estimate, loops=loops), flight)[question]
-    assert f"keyframe 3, {estimate.frame_names[3]}, takes part in most, 3 of them" in found
-    assert "takes part" not in answers(replace(estimate, loops=loops[:2]), flight)[question]
+    assert f"keyframe 3, {estimate.frame_names[3]}, takes part in 3 of them, more than any other" in found
+    assert "takes part" not in answers(replace(estimate, loops=loops[:1]), flight)[question]
 
 
 def test_the_first_sentence_tells_the_ground_where_there_is_a_mosaic():
@@ -158,3 +158,17 @@ def test_the_first_sentence_tells_the_ground_where_there_is_a_mosaic():
     assert "a point on the ground is typically known to" in on_ground
     assert length(0.034) in on_ground
     assert "the position of a keyframe" in sentence(facts, "ok", (np.nan, np.nan))
+
+
+def test_ground_whose_height_no_picture_shows_is_not_for_heights():
+    estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
+    use, question = "Can I use this map?", "Are the heights true?"
+    hilly = GroundFacts(
+        misregistration_px=(0.3, 0.9), over_floor_px=(2.0, 9.0), relief_share=0.4, filled_share=0.1
+    )
+    found = answers(replace(estimate, ground=hilly), flight)
+    assert "distances, areas and heights" in found[use]
+    assert "10 % of it was filled in" in found[question].replace("\N{NO-BREAK SPACE}", " ")
+    found = answers(replace(estimate, ground=replace(hilly, filled_share=1.0)), flight)
+    assert "heights" not in found[use]
+    assert "no two pictures show its height" in found[question]

@@ -132,6 +132,7 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
     assert gap.shows_nothing
     hover = next(e for e in estimate.relative_poses if (e.i, e.j) not in {(a.i, a.j) for a in apart})
     assert not gaps(replace(estimate, relative_poses=(*apart, replace(hover, kind="loop"))), flight)
+    assert gaps(replace(estimate, relative_poses=(*apart, replace(hover, kind="inertial"))), flight) == (gap,)
     assert not gaps(replace(estimate, relative_poses=apart), None)
     assert not gaps(replace(estimate, relative_poses=apart), replace(flight, all_keyframes=True))
     camera = Camera((100.0, 100.0), (159.5, 119.5), (320, 240))
