@@ -19,7 +19,7 @@ from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.explanation import explain
 from slam.criticism.verdict.judge import judge, judge_comparisons
 from slam.criticism.verdict.sentence import unusable
-from slam.criticism.without_commands.compared import explain_comparisons
+from slam.criticism.without_commands.explanation import explain_comparisons
 from slam.data_quality import without_dead_streams, without_frozen
 from slam.simulation.model import Model, load_model
 

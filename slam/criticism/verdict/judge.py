@@ -49,7 +49,7 @@ from slam.criticism.verdict.unexplained import (
     not_shown,
     untold,
 )
-from slam.criticism.without_commands.compared import (
+from slam.criticism.without_commands.explanation import (
     LIMITS,
     ComparedFlights,
     channel_errors,
