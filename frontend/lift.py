@@ -229,7 +229,7 @@ def _floor(pixel: Array, camera: Camera, roll_pitch_rad: Array) -> tuple[Array, 
     level_R_c = level_T_b[:, :3, :3] @ camera.b_T_c[:3, :3]
     xy = (pixel - np.array(camera.center_px)) / np.array(camera.focal_px)
     ray = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
-    ray = np.einsum("mab,mkb->mka", level_R_c, ray)
+    ray = ray @ level_R_c.transpose(0, 2, 1)
     down = ray / -ray[..., 2:]
     axes = level_T_b[:, None, :3, :3] @ _attitude_axes_in_body(roll_pitch_rad)[:, None]
     swing = -_cross_matrix(down) @ axes
@@ -257,15 +257,16 @@ def _solve(
     prior[:, [6, 7], [6, 7]] = trust
     for k in range(_ITERATIONS + 1):
         floor, swing = _floor(pixel_i, camera, tilt)
-        b_p = np.einsum("mba,mkb->mka", pose[:, :3, :3], floor - pose[:, None, :3, 3])
+        b_p = (floor - pose[:, None, :3, 3]) @ pose[:, :3, :3]
         c_p = b_p @ c_T_b[:3, :3].T + c_T_b[:3, 3]
         residual = (corners - (c_p[..., :2] / c_p[..., 2:] * focal + centre)).reshape(-1, 8)
         swing = pose[:, None, :3, :3].transpose(0, 1, 3, 2) @ swing
         J = _projection_jacobian(b_p, c_p, c_T_b[:3, :3], focal, swing)
-        information = np.einsum("mka,mkl,mlb->mab", J, weight, J) + prior
+        weighted = J.transpose(0, 2, 1) @ weight
+        information = weighted @ J + prior
         if k == _ITERATIONS:
             break
-        gradient = np.einsum("mka,mkl,ml->ma", J, weight, residual)
+        gradient = (weighted @ residual[..., None])[..., 0]
         gradient[:, 6:] += trust * (roll_pitch_rad - tilt)
         damping = 1e-9 * np.einsum("maa->m", information[:, :6, :6])[:, None, None] * np.eye(8)
         step = np.linalg.solve(information + damping, gradient[..., None])[..., 0]
