@@ -18,6 +18,7 @@ from frontend.camera import Camera
 from slam.core.control_points import SurveyedPoint
 from slam.core.fix_check import FixCheck, check_fixes
 from slam.core.geodesy import GeoOrigin
+from slam.core.instrument import Instrument
 from slam.core.notebook import table_html
 from slam.core.stream_source import StreamSource
 
@@ -59,7 +60,7 @@ class Frames:
 
 
 @dataclass(frozen=True)
-class Imu:
+class Imu(Instrument):
     """Inertial measurements in sensor axes (body axes after ``b_T_s``)."""
 
     stamps_s: Array
@@ -79,7 +80,7 @@ class Imu:
 
 
 @dataclass(frozen=True)
-class Sonar:
+class Sonar(Instrument):
     """Slant range along the sensor's axis (-z of the sensor)."""
 
     stamps_s: Array
@@ -98,7 +99,7 @@ class Sonar:
 
 
 @dataclass(frozen=True)
-class AttitudeSeries:
+class AttitudeSeries(Instrument):
     """Attitude as the vehicle estimates it: ``R_wb = Rz(yaw) Ry(pitch) Rx(roll)``."""
 
     stamps_s: Array
@@ -108,7 +109,7 @@ class AttitudeSeries:
 
 
 @dataclass(frozen=True)
-class Velocity:
+class Velocity(Instrument):
     """On-board optical-flow velocity in the heading frame: level axes, without yaw."""
 
     stamps_s: Array
@@ -131,7 +132,7 @@ class Command:
 
 
 @dataclass(frozen=True)
-class Scalar:
+class Scalar(Instrument):
     """A stream with one value per stamp: battery voltage [V] or barometric altitude [m]."""
 
     stamps_s: Array
@@ -150,7 +151,7 @@ class Motor:
 
 
 @dataclass(frozen=True)
-class Gps:
+class Gps(Instrument):
     """Geodetic positions, WGS 84."""
 
     stamps_s: Array

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.core.geodesy import MAX_ALTITUDE_M
+from slam.core.instrument import Instrument
 from slam.core.messages import Note
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
@@ -74,7 +76,7 @@ KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
     "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
     "focal_std_ratio", "aspect_std_ratio", "center_std", "radial_std", "tangential_std", "mount_std",
-    "readout", "scale_std", "datum_std", "antenna_std", *IMU_DENSITIES,
+    "readout", "scale_std", "datum_std", "antenna_std", "noise_assumed", *IMU_DENSITIES,
 )  # fmt: skip
 
 
@@ -126,6 +128,12 @@ class Source:
             self.sensor.check_std("noise_std", value, limit)
         return noise
 
+    @property
+    def noise_assumed(self) -> bool:
+        """Whether the noise is assumed: none is stated, or what stands there was assumed by an import."""
+        stated = any(self.sensor.has(key) for key in ("noise_std", *IMU_DENSITIES))
+        return not stated or self.sensor.text("noise_assumed", "false") == "true"
+
     def check_identity_mount(self) -> None:
         """Check T_BS of a stream that does not use it, and note a value other than the identity."""
         if not np.array_equal(self.sensor.transform(), np.eye(4)):
@@ -144,6 +152,8 @@ def build_series(folder: str, source: Source) -> Series | None:
     if len(source.table.stamps_ns) == 0:
         return None
     series = _BUILDERS[folder](source)
+    if isinstance(series, Instrument):
+        series = replace(series, noise_assumed=source.noise_assumed)
     return series if len(series.stamps_s) else None
 
 
@@ -159,7 +169,7 @@ def _imu(source: Source) -> Imu:
     )
 
 
-def _imu_densities(source: Source) -> dict[str, float]:
+def _imu_densities(source: Source) -> dict[str, Any]:
     """Return the noise densities of an IMU. Raises ``InputError`` where the noise would exceed its range.
 
     White noise of density n has the standard deviation n sqrt(rate) in each reading. A random walk of density

@@ -25,7 +25,14 @@ from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import Observations, TrackedPictures
 from slam.mapping.map import Map
-from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
+from slam.mapping.obstacles import (
+    Masks,
+    Obstacles,
+    cleared_echoes,
+    echoes_in_map,
+    find_obstacles,
+    no_masks,
+)
 from slam.mapping.stages import (
     close_loops,
     freed_calibrations,
@@ -59,8 +66,13 @@ def map_flight(
         estimate = build_estimate(context, refined, finished.shared, finished.untested)
         stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
         echoes = echoes_in_map(flight.sonar, stamps_s, poses, refined.floor_z_m)
-        elevation = echoes.map if echoes else None
-        return replace(estimate, elevation=elevation, metric=refined.metric), refined.observations
+        estimate = replace(
+            estimate,
+            elevation=echoes.map if echoes else None,
+            metric=refined.metric,
+            rejected=estimate.rejected | cleared_echoes(flight.sonar, context.flight.sonar),
+        )
+        return estimate, refined.observations
 
 
 @dataclass(frozen=True)

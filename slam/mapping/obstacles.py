@@ -34,6 +34,8 @@ SPIKE_READINGS = 5
 """Shorter runs of echoes are no obstacle."""
 NEAR_MARGIN, LOW_RANGES = 1.2, 3.0
 """Factors on the minimum range between which a missing echo may be an object that is too close."""
+OBSTACLE_ECHO = "echo from an obstacle"
+"""Reason why an echo is no height of flight."""
 FEWEST = 10
 MOST_STANDING = 0.5
 """Share of the echoes: the floor is what most of them hear, else sonar or heights of the map are at fault."""
@@ -236,6 +238,14 @@ class Obstacles:
         return replace(flight, sonar=self.sonar).with_warning(self.warning)
 
 
+def cleared_echoes(recorded: Sonar | None, used: Sonar | None) -> dict[str, int]:
+    """Return the number of recorded echoes that a map does not use, by reason; empty where it uses all."""
+    if recorded is None or used is None:
+        return {}
+    cleared = int(np.count_nonzero(np.isfinite(recorded.range_m) & np.isnan(used.range_m)))
+    return {OBSTACLE_ECHO: cleared} if cleared else {}
+
+
 def range_contradiction(echoes: Echoes, config: MaskingConfig) -> str:
     """Return a line where the ranges contradict the map's heights or each other; empty where they do not."""
     standing, measured = echoes.standing(config), int(echoes.measured.sum())
@@ -292,8 +302,9 @@ def find_obstacles(
         *(["pixels that show them are masked"] if config.pixels else []),
     ]
     warning = Note(
-        f"obstacles: {standing.sum()} of {measured} sonar echoes come from {gamma:.2f} to "
-        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor; {', and '.join(done)}"
+        f"obstacles: {standing.sum()} sonar echoes come from {gamma:.2f} to "
+        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} echoes where the "
+        f"height of flight is known, and {len(sonar.stamps_s)} readings in all; {', and '.join(done)}"
     )
     cleared = replace(sonar, range_m=np.where(standing & config.echoes, np.nan, sonar.range_m))
     return Obstacles(

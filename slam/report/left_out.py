@@ -14,7 +14,7 @@ _NO = "No: "
 """Beginning of an advice to do nothing."""
 _ONLY_IF = "Only if "
 """Beginning of an advice to do something in a case that the pilot knows."""
-_VIEW = "view of a floor point far off"
+_VIEW, _ECHO = "view of a floor point far off", "echo from an obstacle"
 _FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
 _SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
 _COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
@@ -40,6 +40,11 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
         "Single views of a point of the ground that lies elsewhere in all other pictures: it moved, or "
         "stands above the ground",
         f"{_NO}the picture itself stays.",
+    ),
+    (
+        _ECHO,
+        "Echoes of the height sensor from what stands on the ground: they are no heights over the ground",
+        f"{_NO}elevation.tif shows what stands there.",
     ),
     (
         "edge without information",
@@ -117,10 +122,11 @@ class LeftOut:
 
     @property
     def kind(self) -> str:
-        """Kind of the data that is counted: "match", "view" or "link"."""
+        """Kind of the data that is counted: "match", "view", "echo" or "link"."""
         if self.reason.startswith(_LOOP):
             return "match"
-        return "view" if self.reason.startswith(_VIEW) else "link"
+        kinds = {_VIEW: "view", _ECHO: "echo"}
+        return next((kind for begin, kind in kinds.items() if self.reason.startswith(begin)), "link")
 
 
 def verdict_of(reason: str) -> str:
@@ -167,6 +173,7 @@ def counted(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
     words = {
         "match": "matches of places",
         "view": "single views of floor points",
+        "echo": "echoes of the height sensor",
         "link": "edges" if is_graph else "pictures or links",
     }
     told = []

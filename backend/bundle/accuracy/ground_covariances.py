@@ -40,27 +40,39 @@ def ground_covariances(optimum: BundleOptimum) -> Array:
 
     Raises ``SingularMatrixError`` if a direction is open.
     """
-    problem, values = optimum.problem, optimum.values
+    problem = optimum.problem
     reduced = optimum.linearise().eliminate()
     poses = [POSE(k) for k in range(problem.measurements.count)]
-    J = over_floor_jacobians(problem, values)
-    if not problem.self_calibrates:
-        joint = reduced.joint_covariances(poses, WORLD)
-    else:
-        joint = reduced.joint_covariances(poses, WORLD, CALIBRATION(0))
-        J = np.concatenate([J, _equal_motions(optimum)], axis=2)
-    return propagated(J, joint)
+    lens = (CALIBRATION(0),) if problem.self_calibrates else ()
+    return propagated(ground_jacobians(optimum), reduced.joint_covariances(poses, WORLD, *lens))
 
 
-def _equal_motions(optimum: BundleOptimum) -> Array:
-    """Return (n, 6, q) the motions of each body that move the floor in its picture as the lens does."""
+def ground_jacobians(optimum: BundleOptimum) -> Array:
+    """Return the Jacobians (n, 6, 6 + w) of metric body poses over the floor, rotation first, right
+    perturbation, by perturbations of pose and world; (n, 6, 6 + w + q) with those of an estimated lens."""
+    J = over_floor_jacobians(optimum.problem, optimum.values)
+    if not optimum.problem.self_calibrates:
+        return J
     cameras = Cameras.of(optimum.problem, optimum.values)
     ray, of_lens = _rays(cameras.calibration, optimum.cost.observations.pixel)
+    to_body = _to_body(optimum)
+    of_lens = np.array([to_body @ _equal_motion(f_T_c, ray, of_lens) for f_T_c in cameras.f_T_c])
+    return np.concatenate([J, of_lens], axis=2)
+
+
+def ground_in_picture(optimum: BundleOptimum, k: int) -> Array:
+    """Return the Jacobian (2m, 6) of the ground at m places of the picture of keyframe k, x and y in mean
+    heights, by the right perturbation of the metric body pose."""
+    cameras = Cameras.of(optimum.problem, optimum.values)
+    ray, _ = _rays(cameras.calibration, optimum.cost.observations.pixel)
+    of_camera = _of_pose(*_ends(cameras.f_T_c[k], ray), ray)
+    return np.asarray(np.linalg.solve(_to_body(optimum).T, of_camera.T).T)
+
+
+def _to_body(optimum: BundleOptimum) -> Array:
+    """Return (6, 6) the right perturbation of a metric body pose by that of its camera in mean heights."""
     transform = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c)
-    metric = np.diag([1.0, 1.0, 1.0, *(transform.scale,) * 3])
-    return np.array(
-        [transform.adjoint @ metric @ _equal_motion(f_T_c, ray, of_lens) for f_T_c in cameras.f_T_c]
-    )
+    return np.asarray(transform.adjoint @ np.diag([1.0, 1.0, 1.0, *(transform.scale,) * 3]))
 
 
 def _rays(calibration: Array, pixel: Array) -> tuple[Array, Array]:
@@ -81,15 +93,25 @@ def _rays(calibration: Array, pixel: Array) -> tuple[Array, Array]:
 def _equal_motion(f_T_c: Array, ray: Array, of_lens: Array) -> Array:
     """Return (6, q) the right perturbations of a camera (4, 4), in mean heights, that move the floor at the
     ends of its rays as the lens does, in least squares."""
+    of_end, length = _ends(f_T_c, ray)
+    of_pose = _of_pose(of_end, length, ray)
+    by_lens = (of_end @ (length * of_lens)).reshape(len(of_pose), -1)
+    return np.asarray(np.linalg.lstsq(of_pose, by_lens, rcond=None)[0])
+
+
+def _ends(f_T_c: Array, ray: Array) -> tuple[Array, Array]:
+    """Return the Jacobians (m, 2, 3) of the floor at the ends of rays (m, 3) of a camera (4, 4) by motions of
+    these ends in camera axes, and the lengths (m, 1, 1) of the rays."""
     R, height = f_T_c[:3, :3], f_T_c[2, 3]
     direction = ray @ R.T
     # What moves the end of a ray moves the floor there after a slide along the ray, back to the floor.
     slide = np.zeros((len(ray), 2, 3))
     slide[:, 0, 0] = slide[:, 1, 1] = 1.0
     slide[:, :, 2] = -direction[:, :2] / direction[:, 2:]
-    of_end = slide @ R
-    length = (-height / direction[:, 2])[:, None, None]
+    return slide @ R, (-height / direction[:, 2])[:, None, None]
+
+
+def _of_pose(of_end: Array, length: Array, ray: Array) -> Array:
+    """Return the Jacobian (2m, 6) of the floor at the ends by the right perturbation of the camera."""
     turned = np.array([-cross_matrix(each) for each in ray])
-    of_pose = np.concatenate([of_end @ (length * turned), of_end], axis=2).reshape(-1, 6)
-    by_lens = (of_end @ (length * of_lens)).reshape(len(of_pose), -1)
-    return np.asarray(np.linalg.lstsq(of_pose, by_lens, rcond=None)[0])
+    return np.concatenate([of_end @ (length * turned), of_end], axis=2).reshape(-1, 6)

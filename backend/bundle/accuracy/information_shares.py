@@ -20,18 +20,29 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.accuracy.ground_covariances import ground_in_picture, ground_jacobians
 from backend.bundle.accuracy.ground_size import gradients
 from backend.bundle.barometer import HEIGHTS
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
-from backend.bundle.graph import WORLD, BundleProblem, metric_jacobians, metric_poses
+from backend.bundle.graph import (
+    WORLD,
+    BundleProblem,
+    metric_jacobians,
+    metric_poses,
+    origin,
+    over_floor_jacobians,
+)
 from backend.bundle.inertial.graph import IMU
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reported.graph import row_instruments
+from backend.bundle.world import WorldTransform
 from backend.preintegration.intervals import STATE_SIZE
 
 Array = NDArray[np.float64]
 
-DIRECTIONS = ("roll", "pitch", "yaw", "x", "y", "z", "scale")
+DIRECTIONS = ("roll", "pitch", "yaw", "x", "y", "z", "scale", "height", "ground")
+_POSE, _SCALE, _HEIGHT, _GROUND = slice(0, 6), 6, slice(7, 8), slice(8, 14)
+"""Columns of the gradient. The motion of the body that moves the ground in its picture has six."""
 _MEASURED = {1: "range", 2: "attitude", 3: "position", STATE_SIZE: "imu"}
 """Rows of a measured factor that holds the world variable -> instrument."""
 
@@ -53,30 +64,52 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
     """Return for each direction the share of each instrument in the variance; shares add up to 1.
 
     Directions are the pose of the keyframe farthest from the first one, translated along the world's axes and
-    rotated about the body's, and the scale of all lengths on the ground. Priors on an instrument's errors
-    belong to the instrument. What remains is ``assumed``, and the assumption that the floor is flat is
-    ``flat_floor``.
+    rotated about the body's, the scale of all lengths on the ground, the height of that keyframe over the
+    ground, and the place of the ground in its picture, x and y together, in the mean over the picture. Priors
+    on an instrument's errors belong to the instrument. What remains is ``assumed``, and the assumption that
+    the floor is flat is ``flat_floor``.
 
     Raises ``SingularMatrixError`` if a direction is open.
     """
     linear = optimum.linearise()
     reduced = linear.eliminate()
     columns = reduced.structure.columns
-    k, by_pose = _farthest(optimum)
-    gradient = np.zeros((reduced.size, len(DIRECTIONS)))
-    gradient[columns(POSE(k)), :6], gradient[columns(WORLD), :6] = by_pose[:, :6].T, by_pose[:, 6:].T
-    of_points = np.zeros((linear.seen.prior_right.size, len(DIRECTIONS)))
+    k, of_pose = _farthest(optimum)
+    gradient = np.zeros((reduced.size, _GROUND.stop))
+    keys = (POSE(k), WORLD, *((CALIBRATION(0),) if optimum.problem.self_calibrates else ()))
+    at = np.r_[tuple(columns(key) for key in keys)]
+    for quantities, J in (
+        (_POSE, of_pose),
+        (_HEIGHT, _height_jacobian(optimum, k)),
+        (_GROUND, ground_jacobians(optimum)[k]),
+    ):
+        gradient[at[: J.shape[1]], quantities] = J.T
+    of_points = np.zeros((linear.seen.prior_right.size, gradient.shape[1]))
     if optimum.problem.has_scale:
-        gradient[:, 6], of_points[:, 6] = (each[:, 0] for each in gradients(optimum, reduced))
+        gradient[:, _SCALE], of_points[:, _SCALE] = (each[:, 0] for each in gradients(optimum, reduced))
     else:  # What is held in place of a length says all.
-        gradient[columns(WORLD).start + LOG_SCALE, 6] = 1.0
+        gradient[columns(WORLD).start + LOG_SCALE, _SCALE] = 1.0
     rows = np.asarray(linear.jacobian()[0] @ np.vstack(reduced.solve(gradient, of_points)))
     pictures, floor = ["pictures"] * linear.seen.right.size, ["flat_floor"] * len(of_points)
     instrument = np.array([*pictures, *floor, *_of_pose_side(optimum)])
     names = sorted(set(instrument.tolist()))
-    variance = np.array([np.sum(rows[instrument == name] ** 2, axis=0) for name in names])
+    variance = np.array([_variances(rows[instrument == name], optimum, k) for name in names])
     shares = (variance / variance.sum(axis=0)).T
     return {d: dict(zip(names, row, strict=True)) for d, row in zip(DIRECTIONS, shares.tolist(), strict=True)}
+
+
+def _height_jacobian(optimum: BundleOptimum, k: int) -> Array:
+    """Return the Jacobian (1, 6 + w) of the height of keyframe k over the floor."""
+    problem, values = optimum.problem, optimum.values
+    c_T_b = WorldTransform(values.atVector(WORLD), problem.camera.b_T_c).c_T_b
+    f_R_b = values.atPose3(POSE(k)).compose(c_T_b).rotation().matrix()
+    return np.asarray(f_R_b[2:] @ over_floor_jacobians(problem, values)[k, 3:])
+
+
+def _variances(rows: Array, optimum: BundleOptimum, k: int) -> Array:
+    """Return the variance of each direction by the rows (r, columns of the gradient) of one instrument."""
+    of_ground = rows[:, _GROUND] @ ground_in_picture(optimum, k).T
+    return np.append(np.sum(rows[:, : _GROUND.start] ** 2, axis=0), np.sum(of_ground**2))
 
 
 def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:
@@ -84,9 +117,7 @@ def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:
     problem, values = optimum.problem, optimum.values
     w_T_b = metric_poses(problem, values)
     k = int(np.argmax(np.linalg.norm(w_T_b[:, :3, 3] - w_T_b[0, :3, 3], axis=1)))
-    # Without positions the first keyframe is the origin by definition.
-    first = np.zeros(3) if problem.measurements.placed else values.atPose3(POSE(0)).translation()
-    J = metric_jacobians(problem, values, first)[k]
+    J = metric_jacobians(problem, values, origin(problem, values))[k]
     J[3:] = w_T_b[k, :3, :3] @ J[3:]
     return k, J
 

@@ -53,7 +53,12 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         )
     std_m, accuracy = _accuracy(fixes)
     gps = Gps(
-        stamps_s[known], _column(fixes, "latitude_deg"), _column(fixes, "longitude_deg"), altitude_m, std_m
+        stamps_s[known],
+        _column(fixes, "latitude_deg"),
+        _column(fixes, "longitude_deg"),
+        altitude_m,
+        std_m,
+        noise_assumed=all(fix.std_m is None for fix in fixes),
     )
     return gps, (*remarks, *accuracy)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import Position
-from slam.core.flight import Flight, Gps
+from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         stamps_s=stamps_s,
         w_p_b_m=w_p_b_m[order],
         std_m=gps.noise_std_m,
-        stated=gps.noise_std_m != Gps.noise_std_m,
+        stated=not gps.noise_assumed,
         names=flight.picture_names(stamps_s),
         suspect=~check.consistent[known][order],
         antenna_m=gps.b_T_s[:3, 3],

@@ -156,12 +156,13 @@ class LiveRecording:
         flight = self._flight
         if flight.attitude is None and self._attitudes:
             stamps, angles = zip(*self._attitudes[begin:], strict=True)
-            flight = replace(flight, attitude=AttitudeSeries(np.array(stamps), np.array(angles)))
+            attitude = AttitudeSeries(np.array(stamps), np.array(angles), noise_assumed=True)
+            flight = replace(flight, attitude=attitude)
         if flight.sonar is None and self._ranges:
             stamps, ranges = zip(*self._ranges[begin:], strict=True)
             # The limits of the instrument are not known here: whoever gives a range has judged it.
             unlimited = Sonar(np.array(stamps), np.array(ranges), min_range_m=0.0, max_range_m=np.inf)
-            flight = replace(flight, sonar=unlimited)
+            flight = replace(flight, sonar=replace(unlimited, noise_assumed=True))
         return flight
 
 

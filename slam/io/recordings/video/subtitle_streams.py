@@ -28,6 +28,8 @@ _FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
 width or to the diagonal of the sensor, and video modes crop the picture.
 """
 _BAROMETER_STD_M = 1.0
+_ASSUMED: Mapping[str, Value] = {"noise_assumed": "true"}
+"""The subtitles state no accuracy."""
 _ZOOM_RATIO = 1.01
 """A larger ratio of the focal lengths in one video is a zoom, not rounding."""
 
@@ -67,12 +69,13 @@ def _gps(subtitles: Subtitles) -> StreamReadings:
         math.hypot(east_m / metres_per_degree_east(latitude), rounding_deg),
         up_m,
     )
-    found = _readings(subtitles, values, {"noise_std": [repr(v) for v in noise]})
+    found = _readings(subtitles, values, {"noise_std": [repr(v) for v in noise], **_ASSUMED})
     return StreamReadings(found.stamps_ns, found.values[:, :3], found.nominal, found.notes)
 
 
 def _barometer(subtitles: Subtitles) -> StreamReadings:
-    return _readings(subtitles, subtitles.column("height")[:, None], {"noise_std": [repr(_BAROMETER_STD_M)]})
+    nominal: dict[str, Value] = {"noise_std": [repr(_BAROMETER_STD_M)], **_ASSUMED}
+    return _readings(subtitles, subtitles.column("height")[:, None], nominal)
 
 
 def _attitude(subtitles: Subtitles) -> StreamReadings:
@@ -84,7 +87,7 @@ def _attitude(subtitles: Subtitles) -> StreamReadings:
     values[known] = roll_pitch_yaw_of(w_R_b)
     # A gimbal's angle that is held is a reading: the gimbal holds it.
     stamps_ns = np.round(subtitles.stamps_s[known] * 1e9).astype(np.int64)
-    noise: dict[str, Value] = {"noise_std": [repr(math.radians(v)) for v in GIMBAL_STD_DEG]}
+    noise: dict[str, Value] = {"noise_std": [repr(math.radians(v)) for v in GIMBAL_STD_DEG], **_ASSUMED}
     tilts = [tilt_deg(R) for R in w_R_b]
     tilt = float(np.median(tilts)) if tilts else 0.0
     notes = (f"the camera {tilt_remark(tilt)}",)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from backend.bundle.accuracy.ground_covariances import ground_covariances
+from backend.bundle.accuracy.ground_covariances import ground_covariances, ground_in_picture
 from backend.bundle.projections import undistorted
 from backend.bundle.refinement import Bundle, refine
 from frontend.mosaic.quality import ground_jacobian
@@ -73,3 +73,20 @@ def test_an_error_of_the_focal_length_cancels_that_of_the_height():
     height_m = found.w_T_b[4, 2, 3] - found.floor_z_m
     assert of_pose > 0.45 * 0.015 * height_m, "the height is as uncertain as the focal length"
     assert ground < 0.5 * of_pose
+
+
+def test_the_ground_in_a_picture_moves_with_the_body_as_the_mosaic_has_it():
+    made = make(replace(AT_ONE_HEIGHT, keyframes=8, points_in_view=15), 0)
+    found = refine(made.measurements, made.start, made.floor_z_m)
+    assert found.lens is not None
+    pixel, k = found.optimum.cost.observations.pixel, 4
+    sides = np.linspace(pixel.min(axis=0), pixel.max(axis=0), 5)
+    corner = undistorted(found.lens.calibration, sides[:1])[0]
+    body = over_floor(found.w_T_b, found.floor_slope_rad, found.floor_z_m)[k]
+    hat = body @ found.b_T_c
+    ray = hat[:3, :3] @ [*corner, 1.0]
+    place = hat[:3, 3] + ray * (found.floor_z_m - hat[2, 3]) / ray[2]
+    J = ground_jacobian(place, hat[:3, 3], body[:3, 3]) @ np.kron(np.eye(2), body[:3, :3])
+    in_heights = ground_in_picture(found.optimum, k)[:2]
+    height_m = np.linalg.norm(J[:, 3:]) / np.linalg.norm(in_heights[:, 3:])
+    np.testing.assert_allclose(height_m * in_heights, J, rtol=1e-6, atol=1e-6)

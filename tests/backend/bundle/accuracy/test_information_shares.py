@@ -6,9 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gtsam.symbol_shorthand import X as POSE
 
+from backend.bundle.accuracy.ground_covariances import ground_in_picture, ground_jacobians
 from backend.bundle.accuracy.ground_size import gradients
 from backend.bundle.accuracy.information_shares import DIRECTIONS, information_shares
+from backend.bundle.graph import WORLD
 from backend.bundle.refinement import refine
 from tests.backend.bundle.inertial.made_inertial import InertialScene
 from tests.backend.bundle.inertial.made_inertial import make as make_inertial
@@ -60,3 +63,29 @@ def test_the_share_of_the_pictures_is_that_of_the_dense_system():
     row = A @ np.linalg.solve(A.T @ A, gradient)
     pictures = np.sum(row[: linear.seen.right.size] ** 2) / np.sum(row**2)
     assert information_shares(optimum)["scale"]["pictures"] == pytest.approx(pictures, rel=1e-4)
+
+
+def test_the_place_of_the_ground_hangs_on_the_tilt_of_the_camera_too():
+    """Exact positions leave the camera's tilt to the pictures, and with it the ground below."""
+    found = shares_of(replace(SCENE, position_std_m=(0.001, 0.001)))
+    assert found["ground"]["pictures"] > found["x"]["pictures"]
+
+
+def test_the_height_over_the_ground_is_that_of_the_range():
+    assert shares_of(SCENE)["height"]["range"] > 0.9
+
+
+def test_the_share_of_the_ground_is_that_of_its_variance_in_the_dense_system():
+    made = make(SCENE, 0)
+    optimum = refine(made.measurements, made.start).optimum
+    found = information_shares(optimum)["ground"]
+    linear = optimum.linearise()
+    A, columns = linear.jacobian()[0].toarray(), linear.eliminate().structure.columns
+    # Without positions the keyframe farthest from the first one is found by the result.
+    k = int(np.argmax(np.linalg.norm(made.w_T_b[:, :3, 3] - made.w_T_b[0, :3, 3], axis=1)))
+    J = ground_in_picture(optimum, k) @ ground_jacobians(optimum)[k]
+    gradient = np.zeros((A.shape[1], len(J)))
+    gradient[np.r_[columns(POSE(k)), columns(WORLD)]] = J.T
+    rows = A @ np.linalg.solve(A.T @ A, gradient)
+    pictures = np.sum(rows[: linear.seen.right.size] ** 2) / np.sum(rows**2)
+    assert found["pictures"] == pytest.approx(pictures, rel=1e-4)
