@@ -11,6 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+CHECKED_BY_ONE_DISTANCE = "One distance measured on the ground checks them."
+"""End of a sentence about lengths that a single instrument tells."""
+
 
 class Note(str):
     """A message that needs no action; see the module."""

@@ -1,4 +1,4 @@
-"""Answers about the accuracy of a map: places, distances, scale, heights, loops and faults of a mosaic."""
+"""Answers about the accuracy of a map: places, distances, scale, loops and faults of a mosaic."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
-from slam.report.facts import Facts, heights_over_floor, largest_height_std
+from slam.report.advice import in_words, limit
+from slam.report.checked_lengths import basis
+from slam.report.facts import Facts
 from slam.report.left_out import is_contradicted
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -25,7 +27,7 @@ _EXAMPLE_M = 10.0
 """Length of the example; a map smaller than this takes its own size."""
 
 
-def place(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
+def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     """Return how accurate a point of the mosaic is, and how accurate a keyframe."""
     if not np.isfinite(facts.sigma_median_m):
         return "Not known: no uncertainty could be computed for most of it."
@@ -45,18 +47,24 @@ def place(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
             text += (
                 " The ground is less certain than the camera, because its place on the map also depends on "
                 "the camera's tilt, its height over the ground and its lens, the more the farther the ground "
-                "lies from the middle of a picture."
+                f"lies from the middle of a picture{_cause(estimate)}."
             )
     text += " Two times out of three the error is smaller; an error three times as large is rare."
     if not facts.relative_to and not facts.controlled and np.isfinite(facts.gps_std_m):
         text += (
             " This is how well the fixes of the GPS agree with each other. It does not count a shift that "
-            "all of them share, which may be as large as what is stated or assumed for one fix, "
-            f"±{SPACE}{facts.length(facts.gps_std_m)}."
+            "all of them share, which may be as large as what is "
+            f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.length(facts.gps_std_m)}."
         )
     return text + (
         " It does not count what “Check this first” above names." if summary.status != "ok" else ""
     )
+
+
+def _cause(estimate: Estimate) -> str:
+    """Return what causes most of the uncertainty of the ground; empty where it is not known."""
+    found = limit(estimate.information_shares, ("ground",))
+    return "" if found is None else f"; {percent(found[1])} of what is left comes from {in_words(found[0])}"
 
 
 def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
@@ -102,8 +110,13 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
         return f"A distance between two far places to about {ends}, one between near places better."
     scale_m = facts.scale_std * apart_m
     by_scale = f"±{SPACE}{length(scale_m)} ({percent(facts.scale_std)})"
+    ends_share = float(np.sqrt(2) * end_m / apart_m)  # of a square: each corner moves half of a diagonal
+    side = facts.length(apart_m)
     area = (
-        f"An area is known to twice the share of the scale (±{SPACE}{percent(2 * facts.scale_std)}). "
+        f"The area of a square of {side} x {side} is known to "
+        f"±{SPACE}{percent(float(np.hypot(2 * facts.scale_std, ends_share)))} at most: ±{SPACE}"
+        f"{percent(2 * facts.scale_std)} by the scale, twice its share of a length, and "
+        f"±{SPACE}{percent(ends_share)} by the places of the corners, which count less on larger areas. "
         "map.html measures any distance and area with its uncertainty."
     )
     whole_m = float(np.hypot(scale_m, np.sqrt(2) * end_m))
@@ -126,7 +139,7 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     known = f"to ±{SPACE}{percent(facts.scale_std)}" if facts.scale_std else "with an unknown uncertainty"
     upper = f"{known[0].upper()}{known[1:]}"
     if estimate.accuracy_basis:
-        return f"{upper}, if the {facts.scale_source} is right. {_IF_WRONG} {estimate.accuracy_basis}"
+        return f"{upper}, if the {facts.scale_source} is right. {_IF_WRONG} {basis(estimate.accuracy_basis)}"
     if summary.status != "ok":
         return f"By {facts.scale_source}, {known}; but read “Check this first” above."
     if " and " not in facts.scale_source:
@@ -157,73 +170,6 @@ def _beside(estimate: Estimate) -> str:
         f"instruments, which were known to ±{SPACE}{percent(found.others_std)}: no more than these "
         "uncertainties explain. The map weighs both by them."
     )
-
-
-def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
-    """Return from where heights count, how accurate they are, and what measured the ground."""
-    tilted = is_tilt_doubted(summary)
-    text = f"{_heights_verdict(facts, summary.status, tilted)} Heights {facts.datum}."
-    std_m = heights_over_floor(estimate)[1]
-    if np.isfinite(std_m).any():
-        typical = facts.length(float(np.nanmedian(std_m)))
-        floor = "" if facts.relative_to else ", and so is the altitude of the floor on Earth"
-        text += f" How high a keyframe is over the floor is typically known to ±{SPACE}{typical}{floor}."
-    ground = estimate.ground
-    if ground is not None and ground.is_measured:
-        std = (
-            f", typically to ±{SPACE}{facts.length(ground.height_std_m)} against the ground around it"
-            if ground.height_std_m
-            else ""
-        )
-        text += (
-            f" The ground is not flat: its height over the floor was measured from the pictures{std}; "
-            f"{percent(ground.filled_share)} of it was filled in. Trust no height where elevation.tif has no "
-            "standard deviation."
-        )
-    elif ground is not None and ground.relief_share > 0:
-        text += " The ground is not flat, but no two pictures show its height: trust no height of it."
-    elif ground is not None:
-        text += " The ground is taken as flat: the pictures show no hills."
-        if estimate.elevation is not None:
-            text += " What the height sensor found standing on it is in elevation.tif."
-    if np.isfinite(worst_m := largest_height_std(estimate)):
-        against = f"{facts.against[0].upper()}{facts.against[1:].rstrip(',')}"
-        counted = "the tilt" if facts.relative_to else "altitude and tilt"
-        text += (
-            f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is "
-            f"least certain: this counts {counted} of the whole map."
-        )
-    if tilted:
-        text += f" A warning below names attitude0: the whole map may lean by more{_raised(estimate, facts)}."
-    return text
-
-
-def _raised(estimate: Estimate, facts: Facts) -> str:
-    """Return what a tilt of the map does to heights: that of the attitude sensor, or else a degree."""
-    found = estimate.instruments.attitude
-    tilt_rad = float(np.linalg.norm(found.offset_rad)) if found is not None else float(np.radians(1.0))
-    across_m = max(facts.extent_m)
-    return (
-        f": {np.degrees(tilt_rad):.1f}° raise one end of the path by "
-        f"{facts.length(np.tan(tilt_rad) * across_m)} against the other, {facts.length(across_m)} away"
-    )
-
-
-def is_tilt_doubted(summary: Summary) -> bool:
-    """Return whether a warning doubts how level the map is."""
-    return any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings)
-
-
-def _heights_verdict(facts: Facts, status: str, tilted: bool) -> str:
-    if not facts.metric:
-        return "Only in ratio to each other, because the map has no metres."
-    if status != "ok":
-        return "Only after you have checked what “Check this first” above names."
-    if tilted:
-        return "Near each other, yes; across the map, no: whether it leans as a whole is doubted."
-    if facts.relative_to or facts.controlled:
-        return "Yes, within the figures that follow."
-    return "Over the ground, yes, within the figures that follow. As altitudes, only as the GPS counts them."
 
 
 def loops(estimate: Estimate, facts: Facts) -> str:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind
 from slam.core.units import percent
-from slam.report.facts import Facts
+from slam.report.checked_lengths import unless_checked
+from slam.report.facts import Facts, heights_over_floor
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -17,7 +20,7 @@ if TYPE_CHECKING:
 WORDS: Mapping[str, str] = {
     "range": "the height sensor",
     "pictures": "the pictures themselves",
-    "flat_floor": "how flat the ground is",
+    "flat_floor": "how uneven the ground is",
     "attitude": "the attitude sensor",
     "position": "the GPS",
     "control": "the control points",
@@ -30,18 +33,23 @@ WORDS: Mapping[str, str] = {
 _CARRIER_PHASE_M = 0.1
 """Receivers that state less have corrections of the carrier phase (RTK, PPK), and errors of centimetres.
 Without it, corrections leave half a metre at least (Groves, Principles of GNSS, 2013, chapter 10)."""
-_LENGTHS = ("scale",)
+_GROUND, _CAMERA, _LENGTHS, _HEIGHT = ("ground",), ("x", "y"), ("scale",), ("height",)
 _STEPS: Mapping[str, str] = {
     "pictures": "fly lower, with more overlap, or with a sharper camera",
     "flat_floor": "fly higher above the uneven ground, or map it in parts",
     "attitude": "calibrate its level, or fly the same rows in both directions",
     "control": "mark more control points, spread to the corners of the ground",
-    "imu": "calibrate the gain of the accelerometer (at rest on each of its six sides), or measure one "
-    "distance on the ground and compare it with map.html",
+    "imu": "calibrate the gain of the accelerometer (at rest on each of its six sides)"
+    + unless_checked(", or measure one distance on the ground and compare it with map.html"),
     "velocity": "avoid stretches of floor without texture, or record the IMU",
     "barometer": "climb and descend more, or add a height sensor or GPS",
     "assumed": "record the instrument that measures them, or state them with their accuracy in sensor.yaml",
 }
+
+
+_PLACE = "the place of a camera"
+_SAME_SIZE = np.sqrt(0.5), np.sqrt(2.0)
+"""Ratios of two deviations between which one may be the main cause of the other: half of its variance."""
 
 
 def limit(
@@ -60,13 +68,18 @@ def limit(
     return name, mean[name]
 
 
-def limit_sentence(shares: Mapping[str, Mapping[str, float]], metric: bool = True) -> str:
+def limit_sentence(
+    shares: Mapping[str, Mapping[str, float]], metric: bool = True, on_ground: bool = False
+) -> str:
     """Return what limits the accuracy of places and lengths of a map, in one sentence; empty where it is not
     known.
 
-    Without metres nothing is said of lengths.
+    ``on_ground``: the places are those of the ground on a mosaic, and else those of the camera. Without
+    metres nothing is said of lengths.
     """
-    found, of_lengths = limit(shares), limit(shares, _LENGTHS) if metric else None
+    of_ground = limit(shares, _GROUND) if on_ground else None
+    found, place = (of_ground, "a point on the ground") if of_ground else (limit(shares, _CAMERA), _PLACE)
+    of_lengths = limit(shares, _LENGTHS) if metric else None
     if found is None:
         return ""
     name, share = found
@@ -74,10 +87,25 @@ def limit_sentence(shares: Mapping[str, Mapping[str, float]], metric: bool = Tru
     if of_lengths is None or of_lengths[0] == name:
         return f"What limits this: {in_words(name)}, the cause of {left}."
     lengths = f"{in_words(of_lengths[0])}, the cause of {percent(of_lengths[1])} of theirs"
-    return (
-        f"What limits this: for the place of a camera {in_words(name)}, the cause of {left}; for lengths "
-        f"{lengths}."
-    )
+    return f"What limits this: for {place} {in_words(name)}, the cause of {left}; for lengths {lengths}."
+
+
+def further_limits(shares: Mapping[str, Mapping[str, float]], metric: bool, on_ground: bool) -> str:
+    """Return what else than the limit of places limits the height and the place of a camera, in one sentence;
+    the rest of `limit_sentence`."""
+    first = limit(shares, _GROUND if on_ground and _GROUND[0] in shares else _CAMERA)
+    others: list[tuple[str, tuple[str, ...]]] = []
+    others += [("the height of a camera over the ground", _HEIGHT)] if metric else []
+    if on_ground and _GROUND[0] in shares:
+        others.append((_PLACE, _CAMERA))
+    found = [(what, limit(shares, axes)) for what, axes in others]
+    told = [
+        f"for {what} {in_words(by[0])} ({percent(by[1])})"
+        for what, by in found
+        if by is not None and first is not None and by[0] != first[0]
+    ]
+    text = "; ".join(told)
+    return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
 def in_words(name: str) -> str:
@@ -111,26 +139,59 @@ def next_steps(
         steps.append(f"cross or repeat an earlier part of the path, so that {why}")
     if not facts.metric:
         steps.append("record a height sensor or GPS, which give lengths in metres")
-    of_lengths = _limited_by_lengths(facts, mosaic)
-    found = limit(estimate.information_shares, _LENGTHS if of_lengths else ("x", "y"))
-    if found is not None and (step := _step(found[0], facts, estimate, of_lengths)):
+    on_ground = mosaic is not None and _GROUND[0] in estimate.information_shares
+    found = limit(estimate.information_shares, _GROUND if on_ground else _CAMERA)
+    if found is not None and (step := _step(found[0], facts)):
         steps.append(f"to be more accurate than now, {step}")
+    if lens_step := _lens_step(estimate):
+        steps.append(lens_step)
     if ground_missing:
         steps.append("cross the missing ground higher, with more light, or with marks on it")
     return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
 
 
-def _limited_by_lengths(facts: Facts, mosaic: MosaicFacts | None) -> bool:
-    return facts.metric and mosaic is not None and mosaic.typical_std_m > facts.sigma_median_m
+def focal_std_ratio(estimate: Estimate) -> float:
+    """Return the relative standard deviation of an estimated focal length; 0 where it is held."""
+    numbers = estimate.instruments.lens or {}
+    ratios = [numbers[name].std / numbers[name].value for name in ("fx", "fy") if name in numbers]
+    return max((ratio for ratio in ratios if np.isfinite(ratio)), default=0.0)
 
 
-def _step(name: str, facts: Facts, estimate: Estimate, of_lengths: bool) -> str:
+def hangs_on_lens(estimate: Estimate) -> tuple[str, ...]:
+    """Return which of lengths and heights hang on the focal length: the pictures limit them, and they are as
+    uncertain as it is."""
+    lens = focal_std_ratio(estimate)
+    if not lens:
+        return ()
+    height_m, std_m = heights_over_floor(estimate)
+    known = np.isfinite(std_m) & (height_m > 0)
+    of_heights = float(np.median(std_m[known] / height_m[known])) if known.any() else 0.0
+    found = []
+    for what, axes, std in (
+        ("lengths", _LENGTHS, estimate.scale_std or 0.0),
+        ("heights over the ground", _HEIGHT, of_heights),
+    ):
+        of_all = limit(estimate.information_shares, axes)
+        if of_all is not None and of_all[0] == "pictures" and std > 0:
+            found += [what] * int(_SAME_SIZE[0] < lens / std < _SAME_SIZE[1])
+    return tuple(found)
+
+
+def _lens_step(estimate: Estimate) -> str:
+    """Return what makes the focal length better known, where lengths or heights hang on it."""
+    limited = hangs_on_lens(estimate)
+    if not limited:
+        return ""
+    told = estimate.instruments.lens or {}
+    whence = "by the pictures" if told["fx"].estimated else "mostly by what was told before the flight"
+    return (
+        f"for truer {' and '.join(limited)}, calibrate the camera, or fly part of the ground at another "
+        f"height: its focal length is known to {percent(focal_std_ratio(estimate))}, {whence}"
+    )
+
+
+def _step(name: str, facts: Facts) -> str:
     """Return what improves the instrument that limits a map, by what is at hand."""
-    if name == "pictures" and of_lengths and estimate.instruments.lens:
-        return (
-            "calibrate the camera, or fly part of the ground at another height: the pictures themselves tell "
-            "the camera's focal length, and lengths depend on it"
-        )
     if name == "position":
         return _better_positions(facts)
     if name == "range":
@@ -146,13 +207,17 @@ def _better_positions(facts: Facts) -> str:
 
 
 def _better_ranges(facts: Facts) -> str:
-    measured = "measure one distance on the ground and compare it with map.html"
     if facts.range_exact:
         return (
             "fly longer over the same ground, so that the scatter of the height sensor's readings averages "
-            f"out; and {measured}, because its gain and zero are taken as exact"
+            "out"
+            + unless_checked(
+                "; and measure one distance on the ground and compare it with map.html, because its gain and "
+                "zero are taken as exact"
+            )
         )
     return (
-        f"{measured}; or hold the drone at two heights measured by tape, and state gain and zero of the "
-        "height sensor in sensor.yaml"
+        unless_checked("measure one distance on the ground and compare it with map.html; or ")
+        + "hold the drone at two heights measured by tape, and state gain and zero of the height sensor in "
+        "its sensor.yaml"
     )

@@ -7,30 +7,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
-from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind, reasons_of
-from slam.core.units import SPACE, unit
+from slam.core.units import SPACE
 from slam.report.accuracy_answers import (
     distance,
-    heights,
-    is_tilt_doubted,
     least_certain,
     loops,
     not_as_it_is,
     place,
     scale,
 )
-from slam.report.advice import limit_sentence, next_steps
+from slam.report.advice import WORDS, further_limits, limit_sentence, next_steps
+from slam.report.checked_lengths import basis, unless_checked
 from slam.report.facts import Facts
+from slam.report.failures import failed, missing, too_bare
+from slam.report.height_answers import heights, is_tilt_doubted
 from slam.report.left_out import counted, left_out
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
-
-_MOST_GAPS = 3
-"""Stretches without pictures that are named."""
 
 
 def pilots_answers(
@@ -46,14 +43,14 @@ def pilots_answers(
     rows = [
         Item("Can I use this map?", _usable(estimate, facts, summary)),
         Item("What does the status promise, and what not?", _promise(estimate, summary, facts)),
-        Item("How accurate is a place on it?", place(facts, summary, mosaic)),
+        Item("How accurate is a place on it?", place(estimate, facts, summary, mosaic)),
         Item("How far can I trust a distance or an area?", distance(estimate, facts, mosaic)),
         Item("Where is it least certain?", least_certain(estimate, facts, mosaic)),
         Item("Is the scale right, and by which instrument?", scale(estimate, facts, summary)),
-        Item("What limits the accuracy?", _limit(estimate, facts)),
+        Item("What limits the accuracy?", _limit(estimate, facts, mosaic)),
         Item("How do I make the next map better?", _next(estimate, facts, summary, mosaic)),
-        Item("What failed?", _failed(estimate, facts, summary)),
-        Item("Is any of the ground missing?", _missing(estimate, facts, summary)),
+        Item("What failed?", failed(estimate, facts, summary)),
+        Item("Is any of the ground missing?", missing(estimate, facts, summary, mosaic)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
         Item("What was left out, and do I have to act?", _left_out(facts, summary)),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
@@ -76,7 +73,10 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     notes = _counted(len(found.notes), "note", "notes", "needs no action", "need no action")
     told = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
-        alone = "; but no second instrument checks its accuracy (“Is the scale right?” below)"
+        alone = unless_checked(
+            "; but no second instrument checks its accuracy (“Is the scale right?” below)",
+            "; only known distances on the ground check its lengths (“How far is it from the truth?” below)",
+        )
         doubt = alone if estimate.accuracy_basis else ""
         return (
             f"Yes, {_purpose(estimate, facts, summary)}{doubt}. The measurements that the map uses agree "
@@ -91,11 +91,14 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return "for the places of its poses"
     if not facts.metric:
         return "to find things and to compare lengths with each other; not in metres"
-    good = "to find things, and to measure distances and areas"
+    good, ground = "to find things, and to measure distances and areas", estimate.ground
     if is_tilt_doubted(summary):
         return f"{good}; not for heights, which a warning doubts"
-    if estimate.ground is not None and estimate.ground.is_measured:
-        good = "to find things, and to measure distances, areas and heights"
+    if ground is not None and ground.is_measured:
+        good = "to find things, and to measure distances, areas and differences in height"
+    elif ground is not None:
+        flat = "not for heights, which no two pictures show" if ground.relief_share else "the ground is flat"
+        good = f"{good}; {flat}"
     return good if facts.relative_to else f"{good}; as coordinates on Earth only as the GPS has it"
 
 
@@ -110,11 +113,15 @@ def _counted(count: int, one: str, many: str, after_one: str, after_many: str) -
 def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
     if facts.is_graph:
         return ""
-    alone = f" It cannot see an error of an instrument that nothing checks: {estimate.accuracy_basis}"
+    alone = f" It cannot see an error of an instrument that nothing checks: {basis(estimate.accuracy_basis)}"
     unseen = (
         alone
         if estimate.accuracy_basis
-        else " It cannot see an error that all instruments share; one distance measured on the ground would."
+        else " It cannot see an error that all instruments share; "
+        + unless_checked(
+            "one distance measured on the ground would.",
+            "known distances on the ground do (“How far is it from the truth?” below).",
+        )
     )
     warned = by_kind(summary.warnings).warnings
     doubted = " What a warning on this page names is excepted." if warned else ""
@@ -140,78 +147,25 @@ def _whereabouts(facts: Facts, mosaic: MosaicFacts | None) -> str:
     )
 
 
-def _limit(estimate: Estimate, facts: Facts) -> str:
-    told = limit_sentence(estimate.information_shares, facts.metric).removeprefix("What limits this: ")
+def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
+    shares, on_ground = estimate.information_shares, mosaic is not None
+    told = limit_sentence(shares, facts.metric, on_ground).removeprefix("What limits this: ")
     if not told:
         return ""
-    return f"{told[0].upper()}{told[1:]} The table of instruments below has all shares."
+    further = further_limits(shares, facts.metric, on_ground)
+    meant = (
+        "What the pictures themselves tell is the tilt of the camera, by how exactly they fit each other, "
+        "and its focal length, unless that was known before."
+        if WORDS["pictures"] in f"{told} {further}".lower()
+        else ""
+    )
+    parts = (f"{told[0].upper()}{told[1:]}", further, meant, "The table of instruments below has all shares.")
+    return " ".join(part for part in parts if part)
 
 
 def _next(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
-    missing = any(gap.shows_nothing for gap in facts.gaps) or bool(_bare(facts, summary))
-    return next_steps(estimate, facts, summary, missing, mosaic)
-
-
-def _bare(facts: Facts, summary: Summary) -> int:
-    """Return the number of pictures that show nothing, if they are worth telling."""
-    bare = sum(summary.rejected.get(reason, 0) for reason in SHOW_NOTHING)
-    return bare if bare > NOTABLE_SHARE * facts.frames else 0
-
-
-def _missing(estimate: Estimate, facts: Facts, summary: Summary) -> str:
-    thing = "poses" if facts.is_graph else "keyframes"
-    told = []
-    long = [gap for gap in facts.gaps if gap.shows_nothing]
-    for gap in long[:_MOST_GAPS]:
-        (x0, y0), (x1, y1) = (estimate.w_T_b[k, :2, 3].tolist() for k in (gap.i, gap.j))
-        told.append(f"{facts.length(gap.length_m)} from ({x0:.3g}, {y0:.3g}) to ({x1:.3g}, {y1:.3g})")
-    if told:
-        more = f", and {len(long) - len(told)} more" if len(long) > len(told) else ""
-        told = [
-            f"no usable picture was taken along {' and '.join(told)}{more} of the path (x, y in "
-            f"{unit(facts.metric)}; dotted in the picture of the path); the pictures at both ends still show "
-            "some of the ground between"
-        ]
-    if bare := _bare(facts, summary):
-        told.append(f"{bare} of {facts.frames} pictures show too little, and the warnings say when")
-    if facts.placed < facts.keyframes or facts.maps > 1:
-        parts = f", in {facts.maps} separate maps" if facts.maps > 1 else ""
-        rest = "; the warnings name the rest" if facts.placed < facts.keyframes else ""
-        told.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
-    if told:
-        return f"Yes: {'; '.join(told)}."
-    if facts.is_graph:
-        return f"No: all {facts.keyframes} poses lie on one map."
-    stretch = (
-        "the stretches without usable pictures (dotted in the picture of the path) are shorter than a picture"
-        if facts.gaps
-        else "no stretch of the path is without pictures"
-    )
-    return f"No: all {facts.keyframes} {thing} lie on one map, and {stretch}."
-
-
-def _failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
-    told = []
-    if summary.status != "ok":
-        told.append("what “Check this first” above names")
-    if unplaced := facts.keyframes - facts.placed:
-        told.append(f"{unplaced} {'poses' if facts.is_graph else 'keyframes'} could not be placed")
-    if lost := summary.rejected.get(TRACKING_LOST, 0):
-        times = "once" if lost == 1 else f"{lost} times"
-        where = " where the path is dotted" if facts.gaps else ""
-        whole = "; the map is in one piece all the same" if facts.maps == 1 else ""
-        told.append(
-            f"{times} a picture had nothing in common with the one before, and tracking began anew{where}"
-            f"{whole}"
-        )
-    if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
-        are = "keyframe is" if number == 1 else "keyframes are"
-        told.append(f"{number} {are} not in the mosaic (summary.json says why)")
-    if told:
-        return f"{told[0][0].upper()}{'; '.join(told)[1:]}."
-    on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
-    warned = by_kind(summary.warnings).warnings
-    return f"Nothing{'; the warnings name what to check' if warned else ''}.{on_purpose}"
+    missed = any(gap.shows_nothing for gap in facts.gaps) or bool(too_bare(facts, summary))
+    return next_steps(estimate, facts, summary, missed, mosaic)
 
 
 def _left_out(facts: Facts, summary: Summary) -> str:
@@ -252,7 +206,7 @@ def _hand_on(facts: Facts, mosaic: MosaicFacts | None) -> str:
     if not facts.controlled:
         told.append("and that the place on Earth is that of the GPS")
     stated = (
-        f" Its fixes are stated or assumed to be good to ±{SPACE}{facts.length(facts.gps_std_m)} east "
+        f" Its fixes are {facts.gps_accuracy} to be good to ±{SPACE}{facts.length(facts.gps_std_m)} east "
         "and north each; an error that all of them share moves the whole map."
         if np.isfinite(facts.gps_std_m) and not facts.controlled
         else ""

@@ -1,7 +1,7 @@
 """Puts the result of ``slam evaluate`` into a report that was written before.
 
-The page holds what an evaluation tells between pairs of comments. What stands between them is replaced, and
-all else stays byte for byte.
+The page holds what an evaluation tells between pairs of comments. What stands between them is replaced, what
+asked for known distances is exchanged (`slam.report.checked_lengths`), and all else stays byte for byte.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from slam.report.checked_lengths import settled
 from slam.report.output_files import output_files
 from slam.report.page import render_part
 
@@ -29,4 +30,4 @@ def with_evaluation(page: str, evaluated: Evaluated, folder: Path) -> str | None
         if found is None:
             return None
         page = f"{page[: found.start()]}{begin}{render_part(name, content)}{end}{page[found.end() :]}"
-    return page
+    return settled(page, evaluated.checks_lengths)

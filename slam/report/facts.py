@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.estimate import Estimate
+from slam.core.instrument import Instrument
 from slam.core.units import SPACE, length, percent
 from slam.evaluation.trajectory import gauge
 from slam.report.coordinates import datum_text, plane_text
@@ -59,7 +60,9 @@ class Facts:
     """Stretches of the path that no usable picture shows."""
     is_graph: bool
     gps_std_m: float = float("nan")
-    """Horizontal standard deviation of a fix, as the receiver states it or as assumed; NaN without GPS."""
+    """Horizontal standard deviation of a fix; NaN without GPS."""
+    gps_accuracy: str = "stated"
+    """Whether that deviation is "stated" or "assumed"."""
     range_exact: bool = False
     """Whether gain and zero of the height sensor are taken as exact."""
     controlled: bool = False
@@ -123,6 +126,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         gaps=gaps(estimate, flight),
         is_graph=flight is None,
         gps_std_m=_gps_std_m(flight),
+        gps_accuracy=whence(flight.gps) if flight is not None and flight.gps is not None else "stated",
         range_exact=_range_exact(flight),
         controlled=_controlled(estimate),
         plane="" if flight is None else plane_text(estimate),
@@ -135,6 +139,11 @@ def _gps_std_m(flight: Flight | None) -> float:
     if flight is None or flight.gps is None:
         return float("nan")
     return float(np.hypot(*flight.gps.noise_std_m[:2]) / np.sqrt(2))
+
+
+def whence(series: Instrument) -> str:
+    """Return whether the noise of an instrument is stated or assumed, in a word."""
+    return "assumed" if series.noise_assumed else "stated"
 
 
 def _range_exact(flight: Flight | None) -> bool:

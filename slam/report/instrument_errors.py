@@ -44,22 +44,14 @@ def mount_text(found: MountTilt | None) -> str:
     return f"roll {roll}, pitch {pitch} ±{SPACE}{degrees(found.std_rad):.2f}°"
 
 
-def lens_text(found: Mapping[str, LensNumber] | None) -> str:
-    """Return the numbers of the lens that the flight determines, in words."""
+def lens_text(found: Mapping[str, LensNumber] | None, estimated: bool = True) -> str:
+    """Return the numbers of the lens that the flight determines, in words, or if not ``estimated`` those that
+    are known mostly by what was told before it."""
     return ", ".join(
         f"{name} {_rounded(n.value, n.std)} ±{SPACE}{n.std:.2g} (before the flight: "
-        f"{_rounded(n.told, n.std)})"
+        f"{_rounded(n.told, n.std)}{'' if estimated else f' ±{SPACE}{n.told_std:.2g}'})"
         for name, n in (found or {}).items()
-        if n.estimated
-    )
-
-
-def held_lens_text(found: Mapping[str, LensNumber] | None) -> str:
-    """Return the numbers of the lens that the flight does not determine, in words."""
-    return ", ".join(
-        f"{name} {n.told:.5g} ±{SPACE}{n.told_std:.2g}"
-        for name, n in (found or {}).items()
-        if not n.estimated
+        if n.estimated == estimated
     )
 
 

@@ -10,24 +10,26 @@ import numpy as np
 
 from slam.core.estimate import Estimate
 from slam.core.figure_table import FigureTable
+from slam.core.instrument import Instrument
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.advice import WORDS
+from slam.report.facts import whence
 
 if TYPE_CHECKING:
     from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Sonar, Velocity
 
 _TITLE = (
-    "Instruments. The last four columns say how much of the uncertainty that is left each of them causes (in "
-    "the variance, at the keyframe farthest from the start; each column adds up to 100 %). The one with the "
-    "largest share is the one to improve. A small share means that more accurate instruments outweigh it, or "
-    "that it is more accurate than the map needs"
+    "Instruments. The columns behind “used?” say how much of the uncertainty that is left each of them "
+    "causes (in the variance, at the keyframe farthest from the start; each adds up to 100 %). The one with "
+    "the largest share is the one to improve. A small share means that more accurate instruments outweigh "
+    "it, or that it is more accurate than the map needs"
 )
 _COLUMNS = (
-    "instrument", "readings", "one reading states or is assumed to be good to", "used?", "place (x, y)",
-    "height (z)", "heading", "lengths",
+    "instrument", "readings", "one reading is good to", "used?", "place of the ground", "lengths",
+    "height over the ground", "camera's x and y", "camera's z", "camera's heading",
 )  # fmt: skip
-_DIRECTIONS = (("x", "y"), ("z",), ("yaw",), ("scale",))
+_DIRECTIONS = (("ground",), ("scale",), ("height",), ("x", "y"), ("z",), ("yaw",))
 NOT_USED = "no: others are more accurate"
 _NOTABLE = 0.005
 """Share that is rounded to 1 %: without readings, a smaller one is not listed."""
@@ -109,9 +111,11 @@ def _readings(flight: Flight, name: str) -> tuple[str, str]:
     """Return the number of readings, and how accurate one of them is, as stated or assumed."""
     stream = _STREAMS.get(name)
     series = getattr(flight, stream.field) if stream else None
-    return (
-        ("", "") if stream is None or series is None else (str(len(series.stamps_s)), stream.stated(series))
-    )
+    if stream is None or series is None:
+        return "", ""
+    std = stream.stated(series)
+    by_whom = f" ({whence(series)})" if std and isinstance(series, Instrument) else ""
+    return str(len(series.stamps_s)), f"{std}{by_whom}"
 
 
 def _use(estimate: Estimate, name: str, used: bool) -> str:

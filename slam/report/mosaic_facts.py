@@ -28,6 +28,15 @@ class MosaicFacts:
     """Ground with the largest difference."""
     seam_typical: float = float("nan")
     """Median difference."""
+    covered_share: float = float("nan")
+    """Share of the rectangle of the mosaic that pictures show."""
+    holes: int = 0
+    """Number of places inside that no picture shows."""
+    hole_area_m2: float = 0.0
+    """Area of all holes together."""
+    hole_x_m: float = float("nan")
+    hole_y_m: float = float("nan")
+    """Middle of the largest hole."""
 
 
 def mosaic_facts(picture: Path | None, quality: Path | None) -> MosaicFacts | None:
@@ -40,9 +49,9 @@ def mosaic_facts(picture: Path | None, quality: Path | None) -> MosaicFacts | No
         return None
     import rasterio
 
-    from slam.report.rasters.quality import ground_accuracy  # rasters load OpenCV and GDAL
+    from slam.report.rasters.quality import quality_figures  # rasters load OpenCV and GDAL
 
     with rasterio.open(files[0]) as source:
         size, pixel_m = (source.width, source.height), float(source.transform.a)
-    found = ground_accuracy(files[1])
+    found = quality_figures(files[1])
     return MosaicFacts(pixel_m, *size, **found._asdict())

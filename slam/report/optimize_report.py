@@ -16,6 +16,7 @@ from slam.core.version import VERSION
 from slam.report.accuracy import NOT_EVALUATED, Evaluated
 from slam.report.advice import limit_sentence
 from slam.report.answers import pilots_answers
+from slam.report.checked_lengths import basis, settled
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_text,
@@ -24,7 +25,6 @@ from slam.report.instrument_errors import (
     attitude_text,
     barometer_text,
     heading_text,
-    held_lens_text,
     lag_text,
     lengths_text,
     lens_text,
@@ -37,6 +37,7 @@ from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, bounds_of, thumbnail, trajectory_picture
+from slam.report.streams import STREAM_WORDS
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -102,7 +103,7 @@ def render(
     ground = mosaic_facts(mosaics.after, mosaics.quality)
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     before = "as given" if facts.is_graph else "chain alone"
-    return render_page(
+    page = render_page(
         "page.html.j2",
         name=estimate.name,
         version=VERSION,
@@ -115,7 +116,7 @@ def render(
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
         notes=tuple(map(sentences, kinds.notes)),
-        limit=limit_sentence(estimate.information_shares, facts.metric),
+        limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
         answers=pilots_answers(estimate, summary, facts, ground),
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
@@ -137,6 +138,7 @@ def render(
         streams=_streams(summary),
         files={file.name: file for file in output_files(folder)},
     )
+    return settled(page, accuracy.evaluated.checks_lengths)
 
 
 def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
@@ -165,14 +167,14 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Links between neighbours", str(summary.odometry_edges)),
         Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
         Item("Lengths come from", facts.scale_source),
-        Item("Accuracy", estimate.accuracy_basis),
+        Item("Accuracy", basis(estimate.accuracy_basis)),
         Item("Gain of the height sensor", facts.sensor_gain),
         Item("Zero of the height sensor", facts.sensor_zero),
         Item("Attitude sensor against the map", attitude_text(estimate.instruments.attitude)),
         Item("Attitude sensor's heading drifts by", heading_text(estimate.instruments.attitude)),
         Item("Camera's mount is off by", mount_text(estimate.instruments.mount)),
         Item("Lens, estimated", lens_text(estimate.instruments.lens)),
-        Item("Lens, not determined and held", held_lens_text(estimate.instruments.lens)),
+        Item("Lens, known mostly from before the flight", lens_text(estimate.instruments.lens, False)),
         Item("GPS antenna's place on the body, estimated", antenna_text(estimate.instruments.antenna)),
         Item("Accelerometer's offset", accelerometer_text(estimate.instruments.accelerometer)),
         Item("Accelerometer's place on the body", arm_text(estimate.instruments.accelerometer)),
@@ -203,22 +205,10 @@ def _optimum(estimate: Estimate) -> str:
 _FLIGHT_ONLY = ("Keyframes, of pictures read", "Flight time")
 
 
-_STREAM_WORDS = {
-    "cam0": "the camera",
-    "imu0": "gyro and accelerometer",
-    "attitude0": "the attitude sensor (roll, pitch and heading)",
-    "sonar0": "the height sensor",
-    "gps0": "the GPS",
-    "velocity0": "the vehicle's own velocity",
-    "barometer0": "the barometer",
-}
-"""Name of a stream in messages -> in words."""
-
-
 def _streams(summary: Summary) -> tuple[Item, ...]:
     """Return the streams that a message names, with their words."""
     named = " ".join((summary.status, *summary.warnings))
-    return tuple(Item(name, words) for name, words in _STREAM_WORDS.items() if name in named)
+    return tuple(Item(name, words) for name, words in STREAM_WORDS.items() if name in named)
 
 
 def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:

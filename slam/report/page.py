@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from slam.core.errors import one_line
+from slam.report.checked_lengths import as_html
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -33,9 +34,11 @@ def render_part(name: str, content: object) -> str:
 def _environment() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    return Environment(
+    environment = Environment(
         loader=PackageLoader("slam.report", "."), autoescape=True, undefined=StrictUndefined, finalize=_shown
     )
+    environment.filters["asked"] = as_html
+    return environment
 
 
 def _shown(value: object) -> object:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from slam.core.flight import Flight
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.names import enumerated
 from slam.mapping.map import Map
 
@@ -37,7 +38,7 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     what = "Place, lengths" if map_.georeferenced else "Lengths"
     return (
         f"{what} and their accuracy rest on {source} alone; no second instrument checks them"
-        f"{_assumed(flight, map_)}. One distance measured on the ground checks them."
+        f"{_assumed(flight, map_)}. {CHECKED_BY_ONE_DISTANCE}"
     )
 
 

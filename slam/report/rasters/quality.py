@@ -13,7 +13,7 @@ from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.quality import MosaicQuality, mosaic_quality
 from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
-from slam.core.units import unit
+from slam.core.units import SPACE, length, unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 
@@ -22,8 +22,13 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
-_POSITION_BAND, _SEAM_BAND = 2, 3
-"""Bands of the position's standard deviation and of the difference in brightness, counted from 1."""
+_PICTURES_BAND, _POSITION_BAND, _SEAM_BAND = 1, 2, 3
+"""Bands of the number of pictures, of the position's standard deviation and of the difference in brightness,
+counted from 1."""
+
+
+_WIDTH_IN, _LETTERS_PT = 9.0, 10
+"""Width of the picture: letters are as large on a page of 18 cm as small print, and larger on a screen."""
 
 
 def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path: Path) -> None:
@@ -46,8 +51,8 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
     write_whole(path.with_suffix(".png"), quality_picture(quality, grid, estimate.metric))
 
 
-class GroundAccuracy(NamedTuple):
-    """Accuracy of the ground on a mosaic; NaN where it is not known."""
+class QualityFigures(NamedTuple):
+    """What the quality of a mosaic is in figures; NaN where it is not known."""
 
     typical_std_m: float
     """Median over the ground of the standard deviation of a position."""
@@ -62,15 +67,41 @@ class GroundAccuracy(NamedTuple):
     """Ground with the largest difference."""
     seam_typical: float
     """Median difference."""
+    covered_share: float
+    """Share of the cells that a picture shows."""
+    holes: int
+    """Number of empty areas that ground surrounds on all sides."""
+    hole_area_m2: float
+    hole_x_m: float
+    hole_y_m: float
+    """Middle of the largest hole."""
 
 
-def ground_accuracy(path: Path) -> GroundAccuracy:
-    """Return the accuracy of the ground by a file of `write_quality`."""
+def quality_figures(path: Path) -> QualityFigures:
+    """Return the figures of a file of `write_quality`."""
     import rasterio
 
     with rasterio.open(path) as source:
-        std_m, seam, at = source.read(_POSITION_BAND), source.read(_SEAM_BAND), source.transform
-    return GroundAccuracy(_median(std_m), *_largest(std_m, at), *_largest(seam, at), _median(seam))
+        pictures, std_m, seam = (source.read(band) for band in (_PICTURES_BAND, _POSITION_BAND, _SEAM_BAND))
+        at = source.transform
+    shown = np.isfinite(pictures)
+    covered = float(np.mean(shown))
+    count, area_m2, x_m, y_m = _holes(shown, at)
+    largest = *_largest(std_m, at), *_largest(seam, at)
+    return QualityFigures(_median(std_m), *largest, _median(seam), covered, count, area_m2, x_m, y_m)
+
+
+def _holes(shown: NDArray[np.bool_], at: Affine) -> tuple[int, float, float, float]:
+    """Return number and area of the holes of (rows, cols), and x and y of the middle of the largest."""
+    from scipy.ndimage import binary_fill_holes, center_of_mass, label  # a long import, for this alone
+
+    holes, count = label(binary_fill_holes(shown) & ~shown)
+    if not count:
+        return 0, 0.0, float("nan"), float("nan")
+    largest = int(np.argmax(np.bincount(holes.ravel())[1:])) + 1
+    row, col = center_of_mass(holes == largest)
+    x, y = at @ (float(col) + 0.5, float(row) + 0.5)
+    return int(count), float(np.count_nonzero(holes) * abs(at.a * at.e)), float(x), float(y)
 
 
 def _median(values: NDArray[np.float32]) -> float:
@@ -101,25 +132,33 @@ def quality_figure(quality: MosaicQuality, grid: Grid, metric: bool = True) -> F
     # A share has the same colours on every page. The root tells small shares apart, which are the rule.
     shares = PowerNorm(0.5, vmin=0, vmax=100, clip=True)
     panels: tuple[tuple[str, NDArray[np.float32], str, Normalize], ...] = (
-        ("Pictures that see it (grey: none)", quality.pictures, "viridis", _to_largest(quality.pictures)),
-        (f"Position, one standard deviation [{unit_shown}]", position, "magma_r", _to_largest(position)),
+        ("Pictures that see it\n(grey: none)", quality.pictures, "viridis", _to_largest(quality.pictures)),
         (
-            "Brightness of two pictures differs by [%] (grey: no two)",
+            f"Uncertainty of its position\n1σ, x and y together [{unit_shown}]",
+            position,
+            "magma_r",
+            _to_largest(position),
+        ),
+        (
+            "Brightness of two pictures\ndiffers by [%] (grey: no two)",
             100 * quality.seam_share,
             "magma_r",
             shares,
         ),
     )
-    tall = float(np.clip(4.4 * grid.height / grid.width, 1.8, 8.0))
-    figure = Figure(figsize=(14.0, tall + 1.3), dpi=110, layout="constrained")
+    tall = float(np.clip(0.3 * _WIDTH_IN * grid.height / grid.width, 1.4, 0.6 * _WIDTH_IN))
+    figure = Figure(figsize=(_WIDTH_IN, tall + 1.2), dpi=160, layout="constrained")
     x, y = ground_labels(grid.origin is not None, metric)
     for axes, (title, values, colours, norm) in zip(figure.subplots(1, 3), panels, strict=True):
         axes.set_facecolor(UNMEASURED)
         drawn = axes.imshow(values, cmap=colours, extent=grid.extent_m, norm=norm, interpolation="nearest")
-        axes.set_title(title, fontsize=10)
-        axes.set_xlabel(x)
-        figure.colorbar(drawn, ax=axes, fraction=0.046 * grid.height / grid.width, pad=0.03)
-    figure.axes[0].set_ylabel(y)
+        axes.set_title(title, fontsize=_LETTERS_PT)
+        axes.set_xlabel(x, fontsize=_LETTERS_PT)
+        bar = figure.colorbar(drawn, ax=axes, fraction=0.046 * grid.height / grid.width, pad=0.03)
+        for each in (axes, bar.ax):
+            each.tick_params(labelsize=_LETTERS_PT - 1)
+        axes.locator_params(nbins=5)
+    figure.axes[0].set_ylabel(y, fontsize=_LETTERS_PT)
     return figure
 
 
@@ -132,5 +171,7 @@ def _to_largest(values: NDArray[np.float32]) -> Normalize:
 
 
 def _readable(std_m: NDArray[np.float32]) -> tuple[str, float]:
-    typical = float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else 1.0
-    return ("mm", 1e3) if typical < 0.01 else ("cm", 1e2) if typical < 1 else ("m", 1.0)
+    """Return the unit in which the largest value is told elsewhere, and its number in a metre."""
+    worst = float(np.nanmax(std_m)) if np.isfinite(std_m).any() else 1.0
+    shown = length(worst).split(SPACE)[-1]
+    return shown, {"mm": 1e3, "m": 1.0, "km": 1e-3}[shown]

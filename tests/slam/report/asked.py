@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from slam.core.summary import summarise
 from slam.report.answers import pilots_answers
+from slam.report.checked_lengths import as_asked
 from slam.report.facts import gather
 
 AGAIN = "Was a place recognised again, and is that right?"
@@ -11,4 +12,4 @@ AGAIN = "Was a place recognised again, and is that right?"
 
 def answers(estimate, flight):
     found = pilots_answers(estimate, summarise(estimate), gather(estimate, flight))
-    return {item.label: item.value for item in found}
+    return {item.label: as_asked(item.value) for item in found}

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.core.estimate import GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
-from slam.core.instrument_errors import AttitudeErrors
+from slam.core.instrument_errors import AttitudeErrors, LensNumber
 from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
@@ -125,10 +125,9 @@ def test_an_accuracy_by_the_gps_does_not_count_a_shift_of_all_its_fixes():
         return next(row.value for row in rows if row.label == question)
 
     assert "on Earth, as the GPS has it, one standard deviation" in told(facts)
-    assert (
-        f"may be as large as what is stated or assumed for one fix, ±\N{NO-BREAK SPACE}{length(5.0)}"
-        in told(facts)
-    )
+    of_one_fix = f"for one fix, ±\N{NO-BREAK SPACE}{length(5.0)}"
+    assert f"may be as large as what is stated {of_one_fix}" in told(facts)
+    assert f"is assumed {of_one_fix}" in told(replace(facts, gps_accuracy="assumed"))
     assert "GPS" not in told(replace(facts, controlled=True)), "control points hold the map"
 
 
@@ -167,8 +166,65 @@ def test_ground_whose_height_no_picture_shows_is_not_for_heights():
         misregistration_px=(0.3, 0.9), over_floor_px=(2.0, 9.0), relief_share=0.4, filled_share=0.1
     )
     found = answers(replace(estimate, ground=hilly), flight)
-    assert "distances, areas and heights" in found[use]
+    assert "distances, areas and differences in height" in found[use]
     assert "10 % of it was filled in" in found[question].replace("\N{NO-BREAK SPACE}", " ")
     found = answers(replace(estimate, ground=replace(hilly, filled_share=1.0)), flight)
-    assert "heights" not in found[use]
+    assert "not for heights" in found[use]
     assert "no two pictures show its height" in found[question]
+    flat = replace(hilly, relief_share=0.0, filled_share=0.0)
+    assert "the ground is flat" in answers(replace(estimate, ground=flat), flight)[use]
+
+
+def test_a_camera_that_is_known_better_than_its_height_over_the_ground_says_why():
+    """Positions measure the camera; the ground is seen from there through an uncertain lens."""
+    question = "Are the heights true?"
+    estimate, flight = made_estimate(), made_flight()
+    height_m = float(np.median(estimate.w_T_b[:, 2, 3])) - estimate.floor_z_m
+    lens = {
+        "fx": LensNumber(1000.0, 6.0, 1000.0, 7.0, False),
+        "fy": LensNumber(1000.0, 6.0, 1000.0, 7.0, False),
+    }
+    by_lens = replace(
+        estimate,
+        origin=GeoOrigin(52.1, 4.3, 10.0),
+        information_shares={"height": {"pictures": 0.9, "position": 0.1}},
+        instruments=replace(estimate.instruments, lens=lens),
+        covariances=np.tile(1e-8 * np.eye(6), (len(estimate.stamps_s), 1, 1)),
+        over_floor_covariances=np.tile(np.eye(6) * (0.006 * height_m) ** 2, (len(estimate.stamps_s), 1, 1)),
+    )
+    found = answers(by_lens, flight)[question].replace("\N{NO-BREAK SPACE}", " ")
+    assert "focal length is known to 0.6 % only, and heights hang on it" in found
+    assert "because the GPS measured the camera itself" in found
+    advice = answers(by_lens, flight)["How do I make the next map better?"]
+    assert "For truer heights over the ground, calibrate the camera" in advice
+    assert "lengths" not in advice, "the scale is known otherwise"
+    held = replace(by_lens, instruments=replace(estimate.instruments, lens=None))
+    found = answers(held, flight)[question].replace("\N{NO-BREAK SPACE}", " ")
+    assert "focal length" not in found
+    assert "90 % of what is left comes from the pictures themselves" in found
+
+
+def test_an_area_counts_its_corners():
+    question = "How far can I trust a distance or an area?"
+    estimate, flight = made_estimate(), made_flight()
+    facts, mosaic = gather(estimate, flight), MosaicFacts(0.004, 800, 600, 0.05, 0.09, 3.0, -1.5)
+    rows = pilots_answers(estimate, summarise(estimate), facts, mosaic)
+    told = next(row.value for row in rows if row.label == question)
+    side_m = max(facts.extent_m)
+    assert percent(np.sqrt(2) * 0.05 / side_m) in told
+    assert percent(np.hypot(2 * facts.scale_std, np.sqrt(2) * 0.05 / side_m)) in told
+
+
+def test_what_limits_the_ground_is_named_where_the_ground_is_told():
+    estimate, flight = made_estimate(), made_flight()
+    shares = {"x": {"position": 0.9, "flat_floor": 0.1}, "ground": {"position": 0.2, "flat_floor": 0.8}}
+    by_ground = replace(estimate, information_shares=shares)
+    facts = gather(by_ground, flight)
+    mosaic = MosaicFacts(0.004, 800, 600, 10 * facts.sigma_median_m, 1.0, 3.0, -1.5)
+    rows = {row.label: row.value for row in pilots_answers(by_ground, summarise(by_ground), facts, mosaic)}
+    assert rows["What limits the accuracy?"].startswith("How uneven the ground is, the cause of 80")
+    assert "for the place of a camera the GPS" in rows["What limits the accuracy?"].lower().replace(
+        "gps", "GPS"
+    )
+    assert "comes from how uneven the ground is" in rows["How accurate is a place on it?"]
+    assert answers(by_ground, flight)["What limits the accuracy?"].startswith("The GPS")

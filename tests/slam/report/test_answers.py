@@ -14,6 +14,7 @@ from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import AttitudeSeries, GeoOrigin
 from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.accuracy import Evaluated
@@ -50,7 +51,7 @@ def test_ten_questions_have_their_answers_on_the_page():
     assert set(ASKED) <= set(found)
     told = Accuracy(evaluated=Evaluated("Typically 3 mm by the truth."))
     page = html.unescape(render(estimate, summarise(estimate), flight, accuracy=told))
-    page = page.replace("<b>", "").replace("</b>", "")
+    page = re.sub("</?b>|<!--.*?-->", "", page)
     assert all(question in page and answer in page for question, answer in found.items())
     assert "How far is it from the truth?" in page
     assert told.evaluated.words in page
@@ -169,9 +170,9 @@ def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
     assert "measure control points" in advice(corrected)
     assert "mark more control points" in advice(replace(corrected, controlled=True))
     by_range = replace(estimate, information_shares=SHARES)
-    assert "gain and zero of the height sensor in sensor.yaml" in advice(facts, by_range)
+    assert "gain and zero of the height sensor in its sensor.yaml" in advice(facts, by_range)
     exact = advice(replace(facts, range_exact=True), by_range)
-    assert "in sensor.yaml" not in exact, "what is taken as exact is stated there already"
+    assert "sensor.yaml" not in exact, "what is taken as exact is stated there already"
     doubted = replace(by_gps, status="gps0: off")
     assert advice(plain, doubted, summarise(doubted)).startswith("First do what “Check this first” says")
 
@@ -200,7 +201,12 @@ def test_what_failed_is_told():
     assert answers(estimate, flight)["What failed?"] == f"Nothing. {purpose}"
     assert answers(replace(estimate, rejected={}), flight)["What failed?"] == "Nothing."
     noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
-    assert answers(noted, flight)["What failed?"] == f"Nothing; the warnings name what to check. {purpose}"
+    found = answers(noted, flight)["What failed?"]
+    assert found.startswith("No picture and no keyframe, but an instrument may have.")
+    assert "the attitude sensor (roll, pitch and heading) is tilted by 4.8 degrees." in found
+    of_camera = replace(estimate, warnings=("cam0: 3 of 9 pictures are left out",))
+    told = answers(of_camera, flight)["What failed?"]
+    assert told == f"Nothing; the warnings name what to check. {purpose}"
     question = "How accurate is a place on it?"
     assert "does not count" not in answers(noted, flight)[question]
     assert (
@@ -249,20 +255,24 @@ def test_streams_that_a_message_names_are_explained():
 
 
 def test_places_and_lengths_have_limits_of_their_own():
-    shares = {"x": {"position": 0.9, "pictures": 0.1}, "scale": {"position": 0.2, "pictures": 0.8}}
+    shares = {
+        "x": {"position": 0.9, "pictures": 0.1},
+        "scale": {"position": 0.2, "pictures": 0.8},
+        "ground": {"position": 0.3, "pictures": 0.7},
+    }
     told = limit_sentence(shares)
     assert told.index("the GPS") < told.index("the pictures")
     assert "pictures" not in limit_sentence(shares, metric=False)
     estimate, flight = replace(made_estimate(), status="ok", information_shares=shares), made_flight()
     facts, summary = gather(estimate, flight), summarise(estimate)
 
-    def advice(typical_std_m):
-        mosaic = MosaicFacts(0.004, 800, 600, typical_std_m, 2 * typical_std_m, 3.0, -1.5)
+    def advice(mosaic):
         rows = pilots_answers(estimate, summary, facts, mosaic)
         return next(row.value for row in rows if row.label == "How do I make the next map better?")
 
-    assert "control points" in advice(0.5 * facts.sigma_median_m)
-    assert "fly lower" in advice(5 * facts.sigma_median_m), "the ground is less accurate than the cameras"
+    assert "control points" in advice(None)
+    mosaic = MosaicFacts(0.004, 800, 600, 0.02, 0.04, 3.0, -1.5)
+    assert "fly lower" in advice(mosaic), "the ground has a limit of its own"
 
 
 def test_whether_coordinates_can_be_handed_on():
@@ -278,3 +288,37 @@ def test_whether_coordinates_can_be_handed_on():
     controlled = replace(facts, controlled=True)
     told = {item.label: item.value for item in pilots_answers(on_earth, summarise(on_earth), controlled)}
     assert "GPS" not in told[question], "control points hold the map"
+
+
+def test_white_ground_inside_of_a_mosaic_is_missing_and_its_edge_is_told():
+    question = "Is any of the ground missing?"
+    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    whole = MosaicFacts(0.004, 800, 600, 0.02, 0.04, 3.0, -1.5, covered_share=0.7)
+
+    def told(mosaic):
+        rows = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic)
+        return next(row.value for row in rows if row.label == question).replace("\N{NO-BREAK SPACE}", " ")
+
+    assert told(whole).startswith("No: all")
+    assert "the mosaic has no hole" in told(whole)
+    assert "70 % of the rectangle" in told(whole)
+    torn = replace(whole, holes=2, hole_area_m2=0.25, hole_x_m=1.5, hole_y_m=-2.0)
+    assert told(torn).startswith(
+        "Yes: the mosaic has 2 holes, 0.25 m² in all, the largest around x = 1.50 m, y"
+    )
+
+
+def test_known_distances_that_were_compared_are_not_asked_for():
+    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    alone = replace(estimate, accuracy_basis=f"Lengths rest on one sensor. {CHECKED_BY_ONE_DISTANCE}")
+    summary = summarise(alone)
+
+    def shown(checks_lengths):
+        told = Accuracy(evaluated=Evaluated("3 mm", checks_lengths=checks_lengths))
+        return re.sub("<!--.*?-->", "", html.unescape(render(alone, summary, flight, accuracy=told)))
+
+    assert CHECKED_BY_ONE_DISTANCE in shown(False)
+    assert "no second instrument checks its accuracy" in shown(False)
+    assert CHECKED_BY_ONE_DISTANCE not in shown(True)
+    assert "Known distances on the ground have checked them" in shown(True)
+    assert "no second instrument checks its accuracy" not in shown(True)

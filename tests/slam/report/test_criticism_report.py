@@ -77,7 +77,7 @@ def test_the_page_shows_what_the_map_gains() -> None:
     assert "position error, start and heading aligned 0.19 m 0.65 mm" in text
     assert "scale error of the map 6.04 % 0.00 %" in text
     assert "landmarks 5.90 % –" in text
-    assert "6 is right 1.6e+03 4.6" in text
+    assert "right? NEES, 6 if so 1.6e+03 4.6" in text
     assert "The gain in the map" not in render_criticism(made(), [])
 
 

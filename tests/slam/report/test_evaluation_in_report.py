@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 from slam.core.figure_table import FigureTable
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.report.accuracy import Evaluated
 from slam.report.evaluation_in_report import with_evaluation
@@ -10,11 +14,11 @@ from slam.report.optimize_report import Accuracy, render
 from tests.slam.made_estimate import made_estimate, made_flight
 
 TABLE = FigureTable("Against the reference", (), (("error <of> a map", "3 mm"),))
-TOLD = Evaluated("Typically 3 mm & more.", (TABLE,))
+TOLD = Evaluated("Typically 3 mm & more.", (TABLE,), checks_lengths=True)
 
 
 def test_the_page_is_that_of_a_map_that_was_evaluated_at_once(tmp_path):
-    estimate, flight = made_estimate(), made_flight()
+    estimate, flight = replace(made_estimate(), accuracy_basis=CHECKED_BY_ONE_DISTANCE), made_flight()
     (tmp_path / "loops.csv").touch()
     summary = summarise(estimate)
     before = render(estimate, summary, flight, folder=tmp_path)
@@ -25,6 +29,10 @@ def test_the_page_is_that_of_a_map_that_was_evaluated_at_once(tmp_path):
     assert later == at_once
     assert with_evaluation(later, TOLD, tmp_path) == later
     assert "error &lt;of&gt; a map" in later
+    shown = re.sub("<!--.*?-->", "", later)
+    assert CHECKED_BY_ONE_DISTANCE not in shown
+    by_gps = replace(TOLD, checks_lengths=False)
+    assert CHECKED_BY_ONE_DISTANCE in re.sub("<!--.*?-->", "", with_evaluation(later, by_gps, tmp_path))
 
 
 def test_a_page_of_an_earlier_version_has_no_place_for_it(tmp_path):

@@ -12,9 +12,14 @@ from slam.core.units import length, percent
 from slam.report.instrument_table import NOT_USED, instrument_table
 from tests.slam.made_estimate import made_estimate, made_flight
 
-SHARES = {"x": {"range": 0.7, "position": 0.3}, "y": {"range": 0.5, "position": 0.5}, "scale": {"range": 1.0}}
+SHARES = {
+    "x": {"range": 0.7, "position": 0.3},
+    "y": {"range": 0.5, "position": 0.5},
+    "scale": {"range": 1.0},
+    "ground": {"range": 0.2, "position": 0.8},
+}
 
-STATED = "one reading states or is assumed to be good to"
+STATED = "one reading is good to"
 
 
 def rows_of(estimate, flight):
@@ -32,15 +37,23 @@ def test_each_instrument_states_its_accuracy_its_use_and_its_shares():
     flight = flown()
     estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
     found = rows_of(estimate, flight)
-    assert found["the GPS"][STATED] == f"{length(np.sqrt(2.5))}, height {length(4.0)}"
+    assert found["the GPS"][STATED] == f"{length(np.sqrt(2.5))}, height {length(4.0)} (stated)"
     sonar = found["the height sensor"][STATED]
     assert sonar.startswith(length(flight.sonar.noise_std_m))
     assert f"gain {percent(flight.sonar.scale_std)}" in sonar
     assert found["the GPS"]["used?"] == "yes"
-    assert found["the height sensor"]["place (x, y)"] == "60 %"
+    assert found["the height sensor"]["camera's x and y"] == "60 %"
+    assert found["the GPS"]["place of the ground"] == "80 %"
     assert found["the height sensor"]["lengths"] == "100 %"
     assert found["the barometer"]["used?"] == NOT_USED
-    assert found["the barometer"]["place (x, y)"] == ""
+    assert found["the barometer"]["place of the ground"] == ""
+
+
+def test_an_assumed_accuracy_is_told_as_assumed():
+    flight = flown()
+    assumed = replace(flight, gps=replace(flight.gps, noise_assumed=True))
+    estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
+    assert rows_of(estimate, assumed)["the GPS"][STATED].endswith("(assumed)")
 
 
 def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names_is_not():

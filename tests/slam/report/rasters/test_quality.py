@@ -6,7 +6,7 @@ import numpy as np
 
 from frontend.mosaic.quality import MosaicQuality
 from slam.io.geotiff import Grid, write_bands
-from slam.report.rasters.quality import ground_accuracy, quality_figure
+from slam.report.rasters.quality import quality_figure, quality_figures
 
 
 def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
@@ -14,15 +14,28 @@ def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
     path, grid = tmp_path / "mosaic_quality.tif", Grid(-1.0, 4.0, 0.1, 60, 40)
     others = np.full((40, 60), 9.0, np.float32)
     write_bands(path, grid, {"pictures": others, "position": std_m, "seam": others})
-    assert np.isnan(ground_accuracy(path)[:4]).all()
+    assert np.isnan(quality_figures(path)[:4]).all()
     std_m[5:20, 10:50] = 0.01
     std_m[7, 30] = 0.03
     seam = np.where(np.isfinite(std_m), np.float32(0.02), np.float32(np.nan))
     seam[12, 20] = 0.5
     write_bands(path, grid, {"pictures": others, "position": std_m, "seam": seam})
-    found = ground_accuracy(path)
+    found = quality_figures(path)
     np.testing.assert_allclose(found[:4], (0.01, 0.03, -1.0 + 3.05, 4.0 - 0.75), rtol=1e-6)
-    np.testing.assert_allclose(found[4:], (0.5, -1.0 + 2.05, 4.0 - 1.25, 0.02), rtol=1e-6)
+    np.testing.assert_allclose(found[4:8], (0.5, -1.0 + 2.05, 4.0 - 1.25, 0.02), rtol=1e-6)
+
+
+def test_white_areas_inside_of_a_mosaic_are_holes_and_those_around_it_are_its_edge(tmp_path):
+    pictures = np.full((40, 60), np.nan, np.float32)
+    pictures[5:35, 10:50] = 3.0
+    pictures[10:12, 20:25], pictures[30, 40], pictures[5:9, 11] = np.nan, np.nan, np.nan
+    path, grid = tmp_path / "mosaic_quality.tif", Grid(-1.0, 4.0, 0.1, 60, 40)
+    write_bands(path, grid, {"pictures": pictures, "position": pictures, "seam": pictures})
+    found = quality_figures(path)
+    assert found.covered_share == np.mean(np.isfinite(pictures))
+    assert found.holes == 2, "the third one is open to the edge"
+    np.testing.assert_allclose(found.hole_area_m2, 0.11)
+    np.testing.assert_allclose((found.hole_x_m, found.hole_y_m), (-1.0 + 2.25, 4.0 - 1.1))
 
 
 def test_the_darkest_ground_is_the_one_that_the_report_states_and_shares_look_alike_on_every_page():

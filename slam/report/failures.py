@@ -1,0 +1,140 @@
+"""Answers about what a map lacks: what failed, and which ground is missing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from slam.core.estimate import Estimate
+from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
+from slam.core.messages import by_kind
+from slam.core.units import percent, unit
+from slam.report.facts import Facts
+from slam.report.mosaic_facts import MosaicFacts
+from slam.report.streams import STREAM_WORDS
+
+if TYPE_CHECKING:
+    from slam.core.summary import Summary
+
+_MOST_GAPS = 3
+"""Stretches without pictures that are named."""
+
+
+def too_bare(facts: Facts, summary: Summary) -> int:
+    """Return the number of pictures that show nothing, if they are worth telling."""
+    bare = sum(summary.rejected.get(reason, 0) for reason in SHOW_NOTHING)
+    return bare if bare > NOTABLE_SHARE * facts.frames else 0
+
+
+def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
+    """Return which ground the map lacks: on the path, inside the mosaic, around it, and of its heights."""
+    thing = "poses" if facts.is_graph else "keyframes"
+    told = _stretches(estimate, facts)
+    if bare := too_bare(facts, summary):
+        told.append(f"{bare} of {facts.frames} pictures show too little, and the warnings say when")
+    if facts.placed < facts.keyframes or facts.maps > 1:
+        parts = f", in {facts.maps} separate maps" if facts.maps > 1 else ""
+        rest = "; the warnings name the rest" if facts.placed < facts.keyframes else ""
+        told.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
+    if mosaic is not None and mosaic.holes:
+        told.append(_holes(mosaic, facts))
+    if told:
+        return f"Yes: {'; '.join(told)}.{_edge(mosaic)}{_without_height(estimate)}"
+    if facts.is_graph:
+        return f"No: all {facts.keyframes} poses lie on one map."
+    stretch = (
+        "the stretches without usable pictures (dotted in the picture of the path) are shorter than a picture"
+        if facts.gaps
+        else "no stretch of the path is without pictures"
+    )
+    whole = ", and the mosaic has no hole" if mosaic is not None else ""
+    return (
+        f"No: all {facts.keyframes} {thing} lie on one map, {'and ' if not whole else ''}{stretch}{whole}."
+        f"{_edge(mosaic)}{_without_height(estimate)}"
+    )
+
+
+def _stretches(estimate: Estimate, facts: Facts) -> list[str]:
+    long = [gap for gap in facts.gaps if gap.shows_nothing]
+    told = []
+    for gap in long[:_MOST_GAPS]:
+        (x0, y0), (x1, y1) = (estimate.w_T_b[k, :2, 3].tolist() for k in (gap.i, gap.j))
+        told.append(f"{facts.length(gap.length_m)} from ({x0:.3g}, {y0:.3g}) to ({x1:.3g}, {y1:.3g})")
+    if not told:
+        return []
+    more = f", and {len(long) - len(told)} more" if len(long) > len(told) else ""
+    return [
+        f"no usable picture was taken along {' and '.join(told)}{more} of the path (x, y in "
+        f"{unit(facts.metric)}; dotted in the picture of the path); the pictures at both ends still show "
+        "some of the ground between"
+    ]
+
+
+def _holes(mosaic: MosaicFacts, facts: Facts) -> str:
+    """Return the white areas inside of a mosaic."""
+    m = unit(facts.metric)
+    count = "one hole" if mosaic.holes == 1 else f"{mosaic.holes} holes"
+    where = f"{'' if mosaic.holes == 1 else 'the largest '}around x = {mosaic.hole_x_m:.2f} {m}, y = "
+    return (
+        f"the mosaic has {count}, {mosaic.hole_area_m2:.2g} {m}² in all, {where}{mosaic.hole_y_m:.2f} {m}: "
+        "no picture shows this ground, or higher ground hides it"
+    )
+
+
+def _edge(mosaic: MosaicFacts | None) -> str:
+    """Return how much of the rectangle of a mosaic is ground."""
+    if mosaic is None or not mosaic.covered_share > 0:
+        return ""
+    return (
+        f" The map ends where the pictures end, so its edge is frayed: {percent(mosaic.covered_share)} of "
+        "the rectangle of the mosaic is ground, and the rest, which no picture shows, is white."
+    )
+
+
+def _without_height(estimate: Estimate) -> str:
+    ground = estimate.ground
+    if ground is None or not ground.is_measured or not ground.filled_share:
+        return ""
+    return (
+        f" All of this ground is in the picture, but the height of {percent(ground.filled_share)} of it was "
+        "not measured (“Are the heights true?” below)."
+    )
+
+
+def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    """Return what went wrong: parts of the map, and instruments that a warning doubts."""
+    told = []
+    if summary.status != "ok":
+        told.append("what “Check this first” above names")
+    if unplaced := facts.keyframes - facts.placed:
+        told.append(f"{unplaced} {'poses' if facts.is_graph else 'keyframes'} could not be placed")
+    if lost := summary.rejected.get(TRACKING_LOST, 0):
+        times = "once" if lost == 1 else f"{lost} times"
+        where = " where the path is dotted" if facts.gaps else ""
+        whole = "; the map is in one piece all the same" if facts.maps == 1 else ""
+        told.append(
+            f"{times} a picture had nothing in common with the one before, and tracking began anew{where}"
+            f"{whole}"
+        )
+    if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
+        are = "keyframe is" if number == 1 else "keyframes are"
+        told.append(f"{number} {are} not in the mosaic (summary.json says why)")
+    doubted = _doubted(summary)
+    on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
+    if told:
+        text = "; ".join(told)
+        return f"{text[0].upper()}{text[1:]}.{doubted}"
+    if doubted:
+        return f"No picture and no keyframe, but an instrument may have.{doubted}{on_purpose}"
+    warned = by_kind(summary.warnings).warnings
+    return f"Nothing{'; the warnings name what to check' if warned else ''}.{on_purpose}"
+
+
+def _doubted(summary: Summary) -> str:
+    """Return the instruments that warnings doubt, and why, with a space in front; empty without any."""
+    told = []
+    for line in by_kind(summary.warnings).warnings:
+        stream = line.split(maxsplit=1)[0].rstrip(":") if line.strip() else ""
+        if stream in STREAM_WORDS and stream != "cam0" and line not in summary.status:
+            found = line.split(";")[0].removeprefix(stream).lstrip(": ")
+            told.append(f"{STREAM_WORDS[stream]} {found}")
+    return f" A warning below says: {'; '.join(told)}." if told else ""

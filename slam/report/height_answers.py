@@ -1,0 +1,124 @@
+"""Answers about the heights of a map: where they begin, how accurate they are, and what measured them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam.core.estimate import Estimate
+from slam.core.messages import by_kind
+from slam.core.units import SPACE, percent
+from slam.report.advice import focal_std_ratio, hangs_on_lens, in_words, limit
+from slam.report.facts import Facts, heights_over_floor, largest_height_std
+
+if TYPE_CHECKING:
+    from slam.core.summary import Summary
+
+
+def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    """Return from where heights count, how accurate they are, and what measured the ground."""
+    tilted = is_tilt_doubted(summary)
+    text = f"{_verdict(facts, summary.status, tilted)} Heights {facts.datum}."
+    text += _of_ground(estimate, facts)
+    over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
+    if np.isfinite(over_m):
+        text += (
+            f" How high a camera is over the floor is typically known to ±{SPACE}{facts.length(over_m)}"
+            f"{_cause(estimate)}."
+        )
+        if not facts.relative_to:
+            text += " The altitude of the ground on Earth is known no better than that: it moves as a whole."
+    if np.isfinite(worst_m):
+        text += _of_camera(facts, over_m, worst_m)
+    if tilted:
+        text += f" A warning below names attitude0: the whole map may lean by more{_raised(estimate, facts)}."
+    return text
+
+
+def typical_height_std(estimate: Estimate) -> float:
+    """Return the median standard deviation of the height of a keyframe over the floor; NaN without any."""
+    std_m = heights_over_floor(estimate)[1]
+    return float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else float("nan")
+
+
+def _of_ground(estimate: Estimate, facts: Facts) -> str:
+    ground = estimate.ground
+    if ground is None:
+        return ""
+    if ground.is_measured:
+        std = (
+            f", typically to ±{SPACE}{facts.length(ground.height_std_m)} against the ground around it: this "
+            "is the accuracy of a difference in height on the ground"
+            if ground.height_std_m
+            else ""
+        )
+        return (
+            " The ground is not flat: its height over the floor, the level plane that fits it best, was "
+            f"measured from the pictures{std}. {percent(ground.filled_share)} of it was filled in from "
+            "around. Trust no height where elevation.tif has no standard deviation."
+        )
+    if ground.relief_share > 0:
+        return " The ground is not flat, but no two pictures show its height: trust no height of it."
+    text = " The ground is taken as flat: the pictures show no hills, so it has no heights to measure."
+    if estimate.elevation is not None:
+        text += " What the height sensor found standing on it is in elevation.tif."
+    return text
+
+
+def _cause(estimate: Estimate) -> str:
+    """Return what causes the error of heights over the floor; empty where it is not known."""
+    found = limit(estimate.information_shares, ("height",))
+    if found is None:
+        return ""
+    if hangs_on_lens(estimate):
+        lens = percent(focal_std_ratio(estimate))
+        return f", because the camera's focal length is known to {lens} only, and heights hang on it"
+    return f"; {percent(found[1])} of what is left comes from {in_words(found[0])}"
+
+
+def _of_camera(facts: Facts, over_m: float, worst_m: float) -> str:
+    """Return how accurate the height of a camera is in the world, beside that over the floor."""
+    against = f"{facts.against[0].upper()}{facts.against[1:].rstrip(',')}"
+    counted = "the tilt" if facts.relative_to else "altitude and tilt"
+    text = (
+        f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is least "
+        f"certain: this counts {counted} of the whole map."
+    )
+    if not worst_m < over_m:
+        return text
+    why = (
+        "the error of the level of the floor, which all keyframes share, is no part of it"
+        if facts.relative_to
+        else f"{'control points' if facts.controlled else 'the GPS'} measured the camera itself, and the "
+        "ground is seen from there"
+    )
+    return f"{text} It is less than the height over the floor has, because {why}."
+
+
+def _raised(estimate: Estimate, facts: Facts) -> str:
+    """Return what a tilt of the map does to heights: that of the attitude sensor, or else a degree."""
+    found = estimate.instruments.attitude
+    tilt_rad = float(np.linalg.norm(found.offset_rad)) if found is not None else float(np.radians(1.0))
+    across_m = max(facts.extent_m)
+    return (
+        f": {np.degrees(tilt_rad):.1f}° raise one end of the path by "
+        f"{facts.length(np.tan(tilt_rad) * across_m)} against the other, {facts.length(across_m)} away"
+    )
+
+
+def is_tilt_doubted(summary: Summary) -> bool:
+    """Return whether a warning doubts how level the map is."""
+    return any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings)
+
+
+def _verdict(facts: Facts, status: str, tilted: bool) -> str:
+    if not facts.metric:
+        return "Only in ratio to each other, because the map has no metres."
+    if status != "ok":
+        return "Only after you have checked what “Check this first” above names."
+    if tilted:
+        return "Near each other, yes; across the map, no: whether it leans as a whole is doubted."
+    if facts.relative_to or facts.controlled:
+        return "Yes, within the figures that follow."
+    return "Over the ground, yes, within the figures that follow. As altitudes, only as the GPS counts them."
