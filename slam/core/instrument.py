@@ -1,4 +1,4 @@
-"""What the readings of every instrument have in common."""
+"""Properties that the readings of every instrument have."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
 
 
 class QualityFigures(NamedTuple):
-    """What the quality of a mosaic is in figures; NaN where it is not known."""
+    """Figures of the quality of a mosaic; NaN where it is not known."""
 
     typical_std_m: float
     """Median over the ground of the standard deviation of a position."""
