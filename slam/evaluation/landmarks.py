@@ -137,6 +137,18 @@ def landmark_places(
     return {name: _mean(sightings.loops_m) for name, sightings in found.items()}
 
 
+def landmarks_on_map(
+    estimate: Estimate, flight: Flight, association: Association
+) -> dict[str, tuple[float, float]]:
+    """Return x and y of each landmark where the estimate's own map has it, without alignment.
+
+    The result is empty without landmarks, truth or a camera, and has no landmark that was not seen.
+    """
+    own = AlignedMap(estimate.over_floor_T_b[association.keyframe], estimate.floor_z_m)
+    places = landmark_places(estimate, flight, association, AlignedMaps(own, own, own))
+    return {name: (float(w[0]), float(w[1])) for name, w in places.items() if np.isfinite(w).all()}
+
+
 def _sightings(
     estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
 ) -> dict[str, _Sightings]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from slam.evaluation.landmarks import over_papers_ground
 from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe
     from slam.evaluation.map_gain import MapGain
@@ -36,6 +36,8 @@ class Evaluated:
     tables: tuple[FigureTable, ...] = ()
     checks_lengths: bool = False
     """Whether known distances on the ground were compared with those on the map."""
+    landmarks_m: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Name of each landmark that was compared -> its x and y on the map."""
 
 
 NOT_EVALUATED = Evaluated()
@@ -46,7 +48,9 @@ def evaluated(evaluation: Evaluation) -> Evaluated:
     """Return the comparison: the errors of a map, and whether its uncertainty and its loops are right."""
     told = (_map_against_truth(evaluation), _loops_against_truth(evaluation))
     known = evaluation.metric and any(np.isfinite(row.error_m.loops) for row in evaluation.landmarks)
-    return Evaluated(" ".join(filter(None, told)), accuracy_tables(evaluation), known)
+    return Evaluated(
+        " ".join(filter(None, told)), accuracy_tables(evaluation), known, evaluation.landmarks_on_map_m
+    )
 
 
 def _loops_against_truth(evaluation: Evaluation) -> str:

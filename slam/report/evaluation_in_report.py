@@ -1,7 +1,8 @@
 """Puts the result of ``slam evaluate`` into a report that was written before.
 
 The page holds what an evaluation tells between pairs of comments. What stands between them is replaced, what
-asked for known distances is exchanged (`slam.report.checked_lengths`), and all else stays byte for byte.
+asked for known distances is exchanged (`slam.report.checked_lengths`), the picture of the map is drawn again
+where there are landmarks on it, and all else stays byte for byte.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slam.report.checked_lengths import settled
+from slam.report.map_picture import map_picture
+from slam.report.mosaic_marks import MapMarks
 from slam.report.output_files import output_files
 from slam.report.page import render_part
 
@@ -19,15 +22,36 @@ if TYPE_CHECKING:
 
 _PARTS = ("evaluation_answer", "evaluation_tables", "file_list")
 """Macros of parts.html.j2 whose output the page holds between comments of the same name."""
+_LANDMARKS = "landmark_words"
+"""The macro whose output tells of landmarks on the map, and which a page without a mosaic lacks."""
+_MAP = re.compile('(<img [^>]*data-unit="([^"]*)" data-axes="([^"]*)"[^>]* src=")[^"]*')
 
 
 def with_evaluation(page: str, evaluated: Evaluated, folder: Path) -> str | None:
     """Return the page of a map in ``folder`` with an evaluation; None where the page has no place for it."""
     for name in _PARTS:
         content = output_files(folder) if name == "file_list" else evaluated
-        begin, end = (f"<!-- {mark}{name} -->" for mark in ("", "/"))
-        found = re.search(f"{begin}.*?{end}", page, re.DOTALL)
-        if found is None:
+        changed = _with_part(page, name, content)
+        if changed is None:
             return None
-        page = f"{page[: found.start()]}{begin}{render_part(name, content)}{end}{page[found.end() :]}"
-    return settled(page, evaluated.checks_lengths)
+        page = changed
+    return settled(_with_landmarks(page, evaluated, folder), evaluated.checks_lengths)
+
+
+def _with_part(page: str, name: str, content: object) -> str | None:
+    begin, end = (f"<!-- {mark}{name} -->" for mark in ("", "/"))
+    found = re.search(f"{begin}.*?{end}", page, re.DOTALL)
+    if found is None:
+        return None
+    return f"{page[: found.start()]}{begin}{render_part(name, content)}{end}{page[found.end() :]}"
+
+
+def _with_landmarks(page: str, evaluated: Evaluated, folder: Path) -> str:
+    """Return the page with the landmarks of the evaluation on the picture of the map, in place of earlier
+    ones."""
+    changed, image = _with_part(page, _LANDMARKS, evaluated), _MAP.search(page)
+    if image is None or changed is None or changed == page:
+        return page
+    marks = MapMarks(image[2], image[3] == "earth")
+    drawn = map_picture(folder / "mosaic.png", marks, evaluated)
+    return page if drawn is None else _MAP.sub(lambda found: f"{found[1]}{drawn}", changed, count=1)

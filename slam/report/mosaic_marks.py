@@ -1,6 +1,9 @@
-"""Scale bar and directions below the picture of a mosaic."""
+"""Marks on the picture of a mosaic: landmarks on it, scale bar and directions below it."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -13,6 +16,40 @@ _STRIP_SHARE, _LEAST_STRIP_PX = 0.05, 28
 _BAR_SHARE = 0.3
 """Longest bar over the width of the picture."""
 _BLACK, _WHITE = (31, 35, 40), 255
+_LETTER_SHARE = 0.035
+"""Height of the letters of a landmark over the width of the picture, which is shown half a page wide."""
+
+
+@dataclass(frozen=True)
+class MapMarks:
+    """Marks for the picture of a mosaic."""
+
+    unit: str
+    """Unit of lengths."""
+    on_earth: bool
+    """Whether x is east and y is north."""
+    landmarks: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Name of each landmark -> its x and y on the map."""
+
+
+def with_landmarks(
+    pixels: Image, pixel_m: float, corner: tuple[float, float], landmarks: Mapping[str, tuple[float, float]]
+) -> Image:
+    """Return a north-up picture (h, w, 3) with a ring and a name at each landmark.
+
+    ``corner``: x and y of its upper left corner; ``pixel_m``: the side of a pixel.
+    """
+    marked = pixels.copy()
+    width = marked.shape[1]
+    size, thick = _LETTER_SHARE * width / 21, max(1, round(width / 500))  # capitals are 21 pixels high
+    radius = max(2, round(0.4 * _LETTER_SHARE * width))
+    for name, (x, y) in landmarks.items():
+        at = round((x - corner[0]) / pixel_m), round((corner[1] - y) / pixel_m)
+        beside = at[0] + round(1.3 * radius), at[1] - round(0.6 * radius)
+        for color, wide in (((_WHITE,) * 3, 4 * thick), (_BLACK, 2 * thick)):
+            cv2.circle(marked, at, radius, color, wide, cv2.LINE_AA)
+            cv2.putText(marked, name, beside, cv2.FONT_HERSHEY_SIMPLEX, size, color, wide, cv2.LINE_AA)
+    return marked
 
 
 def with_marks(pixels: Image, pixel_m: float, unit: str, on_earth: bool) -> Image:

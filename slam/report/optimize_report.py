@@ -33,10 +33,12 @@ from slam.report.instrument_errors import (
 )
 from slam.report.instrument_table import instrument_table
 from slam.report.left_out import is_contradicted, left_out, reason_in_words, verdict_of
+from slam.report.map_picture import map_picture, picture
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
+from slam.report.mosaic_marks import MapMarks
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
-from slam.report.pictures import altitude_picture, bounds_of, thumbnail, trajectory_picture
+from slam.report.pictures import altitude_picture, bounds_of, trajectory_picture
 from slam.report.streams import STREAM_WORDS
 
 if TYPE_CHECKING:
@@ -99,7 +101,7 @@ def render(
     """Return the page as HTML; ``folder`` is where it will lie, for links to the files there."""
     facts = gather(estimate, flight)
     drawable = facts.placed > 0
-    marks = unit(facts.metric), estimate.origin is not None
+    marks = MapMarks(unit(facts.metric), estimate.origin is not None)
     ground = mosaic_facts(mosaics.after, mosaics.quality)
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     before = "as given" if facts.is_graph else "chain alone"
@@ -108,7 +110,8 @@ def render(
         name=estimate.name,
         version=VERSION,
         facts=facts,
-        unit=unit(facts.metric),
+        unit=marks.unit,
+        on_earth=marks.on_earth,
         sentence=sentence(
             facts, summary.status, None if ground is None else (ground.typical_std_m, ground.worst_std_m)
         ),
@@ -120,11 +123,11 @@ def render(
         answers=pilots_answers(estimate, summary, facts, ground),
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
-        mosaic=_embedded(mosaics.after, marks),
-        chain_mosaic=_embedded(mosaics.before, marks),
+        mosaic=map_picture(mosaics.after, marks, accuracy.evaluated),
+        chain_mosaic=picture(mosaics.before, marks),
         widths=_widths(mosaics),
         covered=[_covered(path, unit(facts.metric)) for path in (mosaics.before, mosaics.after)],
-        quality=_embedded(mosaics.quality),
+        quality=picture(mosaics.quality),
         trajectory=embedded(trajectory_picture(estimate, before, facts.gaps)) if drawable else None,
         altitude=embedded(altitude_picture(estimate, facts.gaps))
         if drawable and not facts.is_graph
@@ -244,10 +247,3 @@ def _covered(path: Path | None, unit_name: str) -> str:
         f" From the left edge to the right one x = {area.left:.1f} to {area.right:.1f} {unit_name}, from the"
         f" lower edge to the upper one y = {area.bottom:.1f} to {area.top:.1f} {unit_name}."
     )
-
-
-def _embedded(path: Path | None, marks: tuple[str, bool] | None = None) -> str | None:
-    if path is None or not path.exists():
-        return None
-    placed = path.with_suffix(".pgw").exists()
-    return embedded(thumbnail(path, marks=marks if placed else None), "jpeg")

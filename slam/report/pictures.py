@@ -29,7 +29,7 @@ from slam.core.units import length, unit
 from slam.report.facts import chain_on_result, heights_over_floor, is_placed
 from slam.report.gaps import Gap
 from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted
-from slam.report.mosaic_marks import with_marks
+from slam.report.mosaic_marks import MapMarks, with_landmarks, with_marks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -109,11 +109,10 @@ def bounds_of(path: Path) -> BoundingBox:
             return source.bounds
 
 
-def thumbnail(path: Path, most_px: int = 2000, marks: tuple[str, bool] | None = None) -> bytes:
+def thumbnail(path: Path, most_px: int = 2000, marks: MapMarks | None = None) -> bytes:
     """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become white.
 
-    ``marks``: the unit of lengths, and whether the picture is on Earth, for a scale bar and arrows below it;
-    the picture then needs a world file.
+    ``marks``: landmarks on it, and a scale bar and arrows below it; the picture then needs a world file.
     """
     from PIL import Image
     from rasterio.env import Env
@@ -124,7 +123,10 @@ def thumbnail(path: Path, most_px: int = 2000, marks: tuple[str, bool] | None = 
         pixels = np.concatenate(list(_shrunk(path, most_px)))
     if marks is not None:
         area = bounds_of(path)
-        pixels = with_marks(pixels, (area.right - area.left) / pixels.shape[1], *marks)
+        pixel_m = (area.right - area.left) / pixels.shape[1]
+        if marks.landmarks:
+            pixels = with_landmarks(pixels, pixel_m, (area.left, area.top), marks.landmarks)
+        pixels = with_marks(pixels, pixel_m, marks.unit, marks.on_earth)
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "JPEG", quality=88)
     return stream.getvalue()

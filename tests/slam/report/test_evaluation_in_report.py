@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import cv2
+import numpy as np
+
 from slam.core.figure_table import FigureTable
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.report.accuracy import Evaluated
 from slam.report.evaluation_in_report import with_evaluation
-from slam.report.optimize_report import Accuracy, render
+from slam.report.optimize_report import Accuracy, Mosaics, render
 from tests.slam.made_estimate import made_estimate, made_flight
 
 TABLE = FigureTable("Against the reference", (), (("error <of> a map", "3 mm"),))
@@ -37,3 +40,19 @@ def test_the_page_is_that_of_a_map_that_was_evaluated_at_once(tmp_path):
 
 def test_a_page_of_an_earlier_version_has_no_place_for_it(tmp_path):
     assert with_evaluation("<html></html>", TOLD, tmp_path) is None
+
+
+def test_landmarks_are_drawn_on_the_map_of_a_report_that_was_written_before(tmp_path):
+    estimate, flight = made_estimate(), made_flight()
+    pixels = np.full((300, 400, 3), 90, np.uint8)
+    cv2.imwrite(str(tmp_path / "mosaic.png"), pixels)
+    (tmp_path / "mosaic.pgw").write_text("0.01\n0\n0\n-0.01\n-1.995\n1.495\n")
+    summary, mosaics = summarise(estimate), Mosaics(after=tmp_path / "mosaic.png")
+    before = render(estimate, summary, flight, mosaics, folder=tmp_path)
+    told = replace(TOLD, landmarks_m={"A": (0.0, 0.0)})
+    at_once = render(estimate, summary, flight, mosaics, Accuracy(evaluated=told), tmp_path)
+    later = with_evaluation(before, told, tmp_path)
+    assert later == at_once != before
+    assert "Rings with letters" in later
+    plain = Evaluated()
+    assert with_evaluation(later, plain, tmp_path) == before

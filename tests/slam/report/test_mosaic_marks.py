@@ -1,11 +1,11 @@
-"""Scale bar and directions below the picture of a mosaic."""
+"""Landmarks on, and scale bar and directions below the picture of a mosaic."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from slam.report.mosaic_marks import bar_length, with_marks
+from slam.report.mosaic_marks import bar_length, with_landmarks, with_marks
 
 
 @pytest.mark.parametrize(("longest", "bar"), [(3.0, 2.0), (0.99, 0.5), (5.0, 5.0), (73.0, 50.0), (1.0, 1.0)])
@@ -31,3 +31,13 @@ def test_the_arrows_are_east_and_north_on_earth():
     local, earth = (with_marks(picture, 0.1, "m", on_earth=on_earth) for on_earth in (False, True))
     assert (local[100:, :400] == earth[100:, :400]).all()
     assert (local[100:, 400:] != earth[100:, 400:]).any()
+
+
+def test_a_landmark_is_where_its_coordinates_say():
+    picture = np.full((300, 500, 3), 128, np.uint8)
+    marked = with_landmarks(picture, 0.01, (2.0, 7.0), {"A": (4.0, 5.5)})
+    rows, cols = np.nonzero((marked != 128).any(axis=2))
+    assert (marked[150, 200] == 128).all(), "the ring leaves its middle free"
+    assert (rows.min() + rows.max()) / 2 == pytest.approx(150, abs=6)
+    assert cols.min() == pytest.approx(200, abs=15)
+    assert (picture == 128).all()
