@@ -83,11 +83,11 @@ def limit_sentence(
     if found is None:
         return ""
     name, share = found
-    left = f"{percent(share)} of the uncertainty that is left"
+    left = f"{in_words(name)} ({percent(share)} of the uncertainty that is left)"
     if of_lengths is None or of_lengths[0] == name:
-        return f"What limits this: {in_words(name)}, the cause of {left}."
-    lengths = f"{in_words(of_lengths[0])}, the cause of {percent(of_lengths[1])} of theirs"
-    return f"What limits this: for {place} {in_words(name)}, the cause of {left}; for lengths {lengths}."
+        return f"What limits this: {left}."
+    lengths = f"{in_words(of_lengths[0])} ({percent(of_lengths[1])})"
+    return f"What limits this: for {place}, {left}; for lengths, {lengths}."
 
 
 def further_limits(shares: Mapping[str, Mapping[str, float]], metric: bool, on_ground: bool) -> str:
@@ -100,7 +100,7 @@ def further_limits(shares: Mapping[str, Mapping[str, float]], metric: bool, on_g
         others.append((_PLACE, _CAMERA))
     found = [(what, limit(shares, axes)) for what, axes in others]
     told = [
-        f"for {what} {in_words(by[0])} ({percent(by[1])})"
+        f"for {what}, {in_words(by[0])} ({percent(by[1])})"
         for what, by in found
         if by is not None and first is not None and by[0] != first[0]
     ]

@@ -222,9 +222,7 @@ def test_what_limits_the_ground_is_named_where_the_ground_is_told():
     facts = gather(by_ground, flight)
     mosaic = MosaicFacts(0.004, 800, 600, 10 * facts.sigma_median_m, 1.0, 3.0, -1.5)
     rows = {row.label: row.value for row in pilots_answers(by_ground, summarise(by_ground), facts, mosaic)}
-    assert rows["What limits the accuracy?"].startswith("How uneven the ground is, the cause of 80")
-    assert "for the place of a camera the GPS" in rows["What limits the accuracy?"].lower().replace(
-        "gps", "GPS"
-    )
+    assert rows["What limits the accuracy?"].startswith("How uneven the ground is (80")
+    assert "For the place of a camera, the GPS" in rows["What limits the accuracy?"]
     assert "comes from how uneven the ground is" in rows["How accurate is a place on it?"]
     assert answers(by_ground, flight)["What limits the accuracy?"].startswith("The GPS")
