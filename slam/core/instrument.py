@@ -7,8 +7,14 @@ from dataclasses import KW_ONLY, dataclass
 
 @dataclass(frozen=True)
 class Instrument:
-    """A series of readings whose noise is known, or assumed."""
+    """A series of readings, and which of its accuracies are assumed."""
 
     _: KW_ONLY
-    noise_assumed: bool = False
-    """Whether the standard deviations are assumed, because the recording states none."""
+    assumed: tuple[str, ...] = ()
+    """Keys of ``sensor.yaml`` whose values are assumed, because the recording does not state them: the noise
+    of one reading, ``noise_std``, and the errors that all share, ``scale_std`` and ``datum_std``."""
+
+    @property
+    def noise_assumed(self) -> bool:
+        """Whether the noise of one reading is assumed."""
+        return "noise_std" in self.assumed

@@ -102,7 +102,7 @@ def _write_series(series: Series, name: str, folder: Path, epoch_ns: int, commen
         for stamp, row in zip(stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
             file.write(f"{stamp},{','.join(repr(v) if math.isfinite(v) else '' for v in row)}\n")
     mount = series.b_T_s if isinstance(series, Imu | Sonar | Gps) else np.eye(4)
-    assumed = {"noise_assumed": "true"} if isinstance(series, Instrument) and series.noise_assumed else {}
+    assumed = {"assumed": list(series.assumed)} if isinstance(series, Instrument) and series.assumed else {}
     entries = _commented({**_sensor_entries(series), **assumed}, comment)
     _write_sensor(folder, name[:-1], mount, series.stamps_s, entries)
 

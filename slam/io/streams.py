@@ -17,6 +17,7 @@ from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, S
 from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.core.instrument import Instrument
 from slam.core.messages import Note
+from slam.io.assumed import assumed_keys
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
 from slam.io.plausibility import GYRO_LIMIT_RAD_S
@@ -76,7 +77,7 @@ KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
     "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
     "focal_std_ratio", "aspect_std_ratio", "center_std", "radial_std", "tangential_std", "mount_std",
-    "readout", "scale_std", "datum_std", "antenna_std", "noise_assumed", *IMU_DENSITIES,
+    "readout", "scale_std", "datum_std", "antenna_std", "assumed", *IMU_DENSITIES,
 )  # fmt: skip
 
 
@@ -128,12 +129,6 @@ class Source:
             self.sensor.check_std("noise_std", value, limit)
         return noise
 
-    @property
-    def noise_assumed(self) -> bool:
-        """Whether the noise is assumed: none is stated, or what stands there was assumed by an import."""
-        stated = any(self.sensor.has(key) for key in ("noise_std", *IMU_DENSITIES))
-        return not stated or self.sensor.text("noise_assumed", "false") == "true"
-
     def check_identity_mount(self) -> None:
         """Check T_BS of a stream that does not use it, and note a value other than the identity."""
         if not np.array_equal(self.sensor.transform(), np.eye(4)):
@@ -153,7 +148,7 @@ def build_series(folder: str, source: Source) -> Series | None:
         return None
     series = _BUILDERS[folder](source)
     if isinstance(series, Instrument):
-        series = replace(series, noise_assumed=source.noise_assumed)
+        series = replace(series, assumed=assumed_keys(folder, source.sensor))
     return series if len(series.stamps_s) else None
 
 

@@ -309,16 +309,19 @@ def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]
     found = estimate.range_errors
     if flight is None or flight.sonar is None or found is None:
         return "", ""
+    assumed = flight.sonar.assumed
 
-    def described(value: str, prior_std: float, determined: bool) -> str:
+    def described(value: str, prior_std: float, determined: bool, key: str) -> str:
         if prior_std == 0:
             return "exact, according to its sensor.yaml"
-        return value if determined else f"{value}, as assumed: this flight does not determine it"
+        how = "assumed" if key in assumed else "stated"
+        return value if determined else f"{value}, as {how}: this flight does not determine it"
 
     gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.3f}"
     zero = f"{1e3 * found.zero_m:+.1f} ±{SPACE}{1e3 * found.zero_std_m:.1f}{SPACE}mm"
     priors = flight.sonar.scale_std, flight.sonar.datum_std_m
-    gain, zero = map(described, (gain, zero), priors, found.determined(*priors))
+    keys = ("scale_std", "datum_std")
+    gain, zero = map(described, (gain, zero), priors, found.determined(*priors), keys)
     return gain, zero
 
 

@@ -124,7 +124,7 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         text = "; ".join(told)
         return f"{text[0].upper()}{text[1:]}.{doubted}"
     if doubted:
-        return f"No picture and no keyframe, but an instrument may have.{doubted}{on_purpose}"
+        return f"No part of the map, but warnings below doubt an instrument.{doubted}{on_purpose}"
     warned = by_kind(summary.warnings).warnings
     return f"Nothing{'; the warnings name what to check' if warned else ''}.{on_purpose}"
 
@@ -134,7 +134,8 @@ def _doubted(summary: Summary) -> str:
     told = []
     for line in by_kind(summary.warnings).warnings:
         stream = line.split(maxsplit=1)[0].rstrip(":") if line.strip() else ""
-        if stream in STREAM_WORDS and stream != "cam0" and line not in summary.status:
+        if stream in STREAM_WORDS and line not in summary.status:
             found = line.split(";")[0].removeprefix(stream).lstrip(": ")
-            told.append(f"{STREAM_WORDS[stream]} {found}")
-    return f" A warning below says: {'; '.join(told)}." if told else ""
+            colon = ":" if line.startswith(f"{stream}:") else ""
+            told.append(f"{STREAM_WORDS[stream]}{colon} {found}")
+    return "".join(f" {text[0].upper()}{text[1:]}." for text in told)

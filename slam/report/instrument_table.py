@@ -14,7 +14,6 @@ from slam.core.instrument import Instrument
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.advice import WORDS
-from slam.report.facts import whence
 
 if TYPE_CHECKING:
     from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Sonar, Velocity
@@ -47,35 +46,42 @@ class _Stream(NamedTuple):
 
 
 def _of_range(sonar: Sonar) -> str:
-    shared = [f"gain {percent(sonar.scale_std)}"] if sonar.scale_std else []
-    shared += [f"zero {length(sonar.datum_std_m)}"] if sonar.datum_std_m else []
-    common = f"; {', '.join(shared)} for all together" if shared else ""
-    return f"{length(sonar.noise_std_m)}{common}"
+    shared = [f"gain {percent(sonar.scale_std)}{_told(sonar, 'scale_std')}"] if sonar.scale_std else []
+    shared += [f"zero {length(sonar.datum_std_m)}{_told(sonar, 'datum_std')}"] if sonar.datum_std_m else []
+    common = f"; for all together {', '.join(shared)}" if shared else ""
+    return f"{length(sonar.noise_std_m)}{_told(sonar)}{common}"
+
+
+def _told(series: Instrument, key: str = "noise_std") -> str:
+    """Return whether an accuracy is stated or assumed, in brackets."""
+    return " (assumed)" if key in series.assumed else " (stated)"
 
 
 def _of_position(gps: Gps) -> str:
     east, north, up = gps.noise_std_m
-    return f"{length(float(np.hypot(east, north) / np.sqrt(2)))}, height {length(up)}"
+    return f"{length(float(np.hypot(east, north) / np.sqrt(2)))}, height {length(up)}{_told(gps)}"
 
 
 def _of_attitude(attitude: AttitudeSeries) -> str:
     roll, pitch, yaw = map(degrees, attitude.noise_std_rad)
-    return f"{max(roll, pitch):.2g}°, heading {yaw:.2g}°"
+    return f"{max(roll, pitch):.2g}°, heading {yaw:.2g}°{_told(attitude)}"
 
 
 def _of_velocity(velocity: Velocity) -> str:
-    gain = f"; gain {percent(velocity.scale_std)} for all together" if velocity.scale_std else ""
-    return f"{max(velocity.noise_std_m_s):.2g}{SPACE}m/s{gain}"
+    told = _told(velocity, "scale_std")
+    gain = f"; for all together gain {percent(velocity.scale_std)}{told}" if velocity.scale_std else ""
+    return f"{max(velocity.noise_std_m_s):.2g}{SPACE}m/s{_told(velocity)}{gain}"
 
 
 def _of_imu(imu: Imu) -> str:
     return (
         f"{degrees(imu.gyro_noise_density):.2g}°/s and {imu.accel_noise_density:.2g}{SPACE}m/s² at 1{SPACE}Hz"
+        f"{_told(imu)}"
     )
 
 
 def _of_barometer(barometer: Scalar) -> str:
-    return length(barometer.noise_std) if barometer.noise_std else ""
+    return f"{length(barometer.noise_std)}{_told(barometer)}" if barometer.noise_std else ""
 
 
 _STREAMS: Mapping[str, _Stream] = {
@@ -111,11 +117,9 @@ def _readings(flight: Flight, name: str) -> tuple[str, str]:
     """Return the number of readings, and how accurate one of them is, as stated or assumed."""
     stream = _STREAMS.get(name)
     series = getattr(flight, stream.field) if stream else None
-    if stream is None or series is None:
-        return "", ""
-    std = stream.stated(series)
-    by_whom = f" ({whence(series)})" if std and isinstance(series, Instrument) else ""
-    return str(len(series.stamps_s)), f"{std}{by_whom}"
+    return (
+        ("", "") if stream is None or series is None else (str(len(series.stamps_s)), stream.stated(series))
+    )
 
 
 def _use(estimate: Estimate, name: str, used: bool) -> str:

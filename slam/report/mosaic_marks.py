@@ -46,7 +46,7 @@ def with_landmarks(
     for name, (x, y) in landmarks.items():
         at = round((x - corner[0]) / pixel_m), round((corner[1] - y) / pixel_m)
         beside = at[0] + round(1.3 * radius), at[1] - round(0.6 * radius)
-        for color, wide in (((_WHITE,) * 3, 4 * thick), (_BLACK, 2 * thick)):
+        for color, wide in (((_WHITE,) * 3, 5 * thick), (_BLACK, thick + 1)):
             cv2.circle(marked, at, radius, color, wide, cv2.LINE_AA)
             cv2.putText(marked, name, beside, cv2.FONT_HERSHEY_SIMPLEX, size, color, wide, cv2.LINE_AA)
     return marked

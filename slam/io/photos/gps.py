@@ -58,7 +58,7 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         _column(fixes, "longitude_deg"),
         altitude_m,
         std_m,
-        noise_assumed=all(fix.std_m is None for fix in fixes),
+        assumed=("noise_std",) if all(fix.std_m is None for fix in fixes) else (),
     )
     return gps, (*remarks, *accuracy)
 

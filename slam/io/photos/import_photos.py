@@ -140,13 +140,13 @@ def _attitude(
     angles = roll_pitch_yaw_of(np.array([p.w_R_b for p in photos if p.w_R_b is not None]))
     roll, pitch, yaw = np.radians(source.std_deg)
     std_rad = float(roll), float(pitch), float(yaw)
-    return AttitudeSeries(stamps_s[known], angles, std_rad, noise_assumed=True)
+    return AttitudeSeries(stamps_s[known], angles, std_rad, assumed=("noise_std",))
 
 
 def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar | None:
     known = [k for k, t in enumerate(tags) if t.position.height_above_takeoff_m is not None]
     height_m = np.array([tags[k].position.height_above_takeoff_m for k in known], dtype=float)
-    return Scalar(stamps_s[known], height_m, _BAROMETER_STD_M, noise_assumed=True) if known else None
+    return Scalar(stamps_s[known], height_m, _BAROMETER_STD_M, assumed=("noise_std",)) if known else None
 
 
 def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str, ...]]:

@@ -153,7 +153,7 @@ RULES: tuple[FieldRule, ...] = (
         ("gimbal_heading", "gimbal_pitch", "gimbal_roll"),
         _gimbal,
         "gimbal; heading clockwise from north, pitch -90 degrees straight down",
-        lambda fields: {"noise_std": [repr(v * _DEG) for v in GIMBAL_STD_DEG], "noise_assumed": "true"},
+        lambda fields: {"noise_std": [repr(v * _DEG) for v in GIMBAL_STD_DEG], "assumed": ["noise_std"]},
     ),
     FieldRule(
         "attitude0", KIND, ("roll", "pitch", "heading"), _aviation, "heading clockwise from north, pitch up"

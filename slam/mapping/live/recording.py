@@ -156,13 +156,15 @@ class LiveRecording:
         flight = self._flight
         if flight.attitude is None and self._attitudes:
             stamps, angles = zip(*self._attitudes[begin:], strict=True)
-            attitude = AttitudeSeries(np.array(stamps), np.array(angles), noise_assumed=True)
+            attitude = AttitudeSeries(np.array(stamps), np.array(angles), assumed=("noise_std",))
             flight = replace(flight, attitude=attitude)
         if flight.sonar is None and self._ranges:
             stamps, ranges = zip(*self._ranges[begin:], strict=True)
             # The limits of the instrument are not known here: whoever gives a range has judged it.
             unlimited = Sonar(np.array(stamps), np.array(ranges), min_range_m=0.0, max_range_m=np.inf)
-            flight = replace(flight, sonar=replace(unlimited, noise_assumed=True))
+            flight = replace(
+                flight, sonar=replace(unlimited, assumed=("noise_std", "scale_std", "datum_std"))
+            )
         return flight
 
 

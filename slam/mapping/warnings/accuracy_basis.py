@@ -52,18 +52,20 @@ def _assumed(flight: Flight, map_: Map) -> str:
         return ""
     gain, zero = flight.sonar.scale_std, flight.sonar.datum_std_m
     gain_determined, zero_determined = found.determined(gain, zero)
-    exact, assumed = list[str](), list[str]()
-    for name, known, std, stated in (
-        ("its gain", gain_determined, gain, f"± {100 * gain:.2g} %"),
-        ("its zero", zero_determined, zero, f"± {1e3 * zero:.2g} mm"),
+    exact, assumed, told = list[str](), list[str](), list[str]()
+    for name, known, std, size, key in (
+        ("its gain", gain_determined, gain, f"± {100 * gain:.2g} %", "scale_std"),
+        ("its zero", zero_determined, zero, f"± {1e3 * zero:.2g} mm", "datum_std"),
     ):
-        if not known:
-            (assumed if std else exact).append(f"{name} ({stated})" if std else name)
+        if not known and std:
+            (assumed if key in flight.sonar.assumed else told).append(f"{name} ({size})")
+        elif not known:
+            exact.append(name)
     if map_.camera.focal_std_ratio == 0:
         exact.append("the camera's focal length")
     clauses = [
         f"{enumerated(names)} {'are' if len(names) > 1 else 'is'} {how}"
-        for names, how in ((assumed, "assumed"), (exact, "taken as exact"))
+        for names, how in ((assumed, "assumed"), (told, "as stated"), (exact, "taken as exact"))
         if names
     ]
     return f", and {', and '.join(clauses)}" if clauses else ""

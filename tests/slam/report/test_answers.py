@@ -202,10 +202,10 @@ def test_what_failed_is_told():
     assert answers(replace(estimate, rejected={}), flight)["What failed?"] == "Nothing."
     noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
     found = answers(noted, flight)["What failed?"]
-    assert found.startswith("No picture and no keyframe, but an instrument may have.")
-    assert "the attitude sensor (roll, pitch and heading) is tilted by 4.8 degrees." in found
-    of_camera = replace(estimate, warnings=("cam0: 3 of 9 pictures are left out",))
-    told = answers(of_camera, flight)["What failed?"]
+    assert found.startswith("No part of the map, but warnings below doubt an instrument.")
+    assert "The attitude sensor (roll, pitch and heading) is tilted by 4.8 degrees." in found
+    other = replace(estimate, warnings=("one picture is damaged",))
+    told = answers(other, flight)["What failed?"]
     assert told == f"Nothing; the warnings name what to check. {purpose}"
     question = "How accurate is a place on it?"
     assert "does not count" not in answers(noted, flight)[question]

@@ -51,7 +51,7 @@ def test_each_instrument_states_its_accuracy_its_use_and_its_shares():
 
 def test_an_assumed_accuracy_is_told_as_assumed():
     flight = flown()
-    assumed = replace(flight, gps=replace(flight.gps, noise_assumed=True))
+    assumed = replace(flight, gps=replace(flight.gps, assumed=("noise_std",)))
     estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
     assert rows_of(estimate, assumed)["the GPS"][STATED].endswith("(assumed)")
 

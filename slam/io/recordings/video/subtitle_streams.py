@@ -28,7 +28,7 @@ _FOCAL_STD_RATIO, _RADIAL_STD = 0.1, 0.1
 width or to the diagonal of the sensor, and video modes crop the picture.
 """
 _BAROMETER_STD_M = 1.0
-_ASSUMED: Mapping[str, Value] = {"noise_assumed": "true"}
+_ASSUMED: Mapping[str, Value] = {"assumed": ["noise_std"]}
 """The subtitles state no accuracy."""
 _ZOOM_RATIO = 1.01
 """A larger ratio of the focal lengths in one video is a zoom, not rounding."""
