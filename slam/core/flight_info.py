@@ -223,7 +223,7 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
         lines += imu_anomalies(flight.imu)
     if flight.velocity is not None:
         lines += velocity_anomalies(flight.velocity)
-    lines += _gps_anomalies(flight)
+    lines += fix_anomalies(flight)
     lines += [
         f"{name}: its noise is given as zero, which no sensor has; write its own into sensor.yaml"
         for name in _noiseless(flight)
@@ -275,7 +275,7 @@ def _attitude_anomalies(attitude: AttitudeSeries) -> list[str]:
     return lines
 
 
-def _gps_anomalies(flight: Flight) -> list[str]:
+def fix_anomalies(flight: Flight) -> list[str]:
     """Return the fixes that contradict the other fixes, by picture or time."""
     check = flight.fix_check()
     if check is None or flight.gps is None:
@@ -297,7 +297,7 @@ def _gps_anomalies(flight: Flight) -> list[str]:
                 ],
                 MOST_LISTED_FIXES,
             )
-            lines.append(f"gps0: {len(which)} of {len(names)} fixes {verb} {why}: {fixes}")
+            lines.append(f"gps0: {len(which)} of {len(names)} fixes {verb} {why}: {fixes}; check them")
     return lines
 
 

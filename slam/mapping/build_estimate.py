@@ -214,6 +214,8 @@ def _rejected_counts(map_: Map, loops: tuple[LoopVerdict, ...]) -> dict[str, int
     rejected.update(Counter(f"loop: {reason_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
     if map_.bundle is not None and map_.bundle.dropped_observations:
         rejected["view of a floor point far off"] = map_.bundle.dropped_observations
+    if map_.fixes_left_out:
+        rejected["fix contradicts the others"] = len(map_.fixes_left_out)
     return dict(rejected)
 
 

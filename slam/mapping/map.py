@@ -53,6 +53,8 @@ class Map:
     """Each makes the status other than ok."""
     remarks: tuple[str, ...] = ()
     """Measurements that were left out without harm to the result."""
+    fixes_left_out: tuple[str, ...] = ()
+    """Names of the GPS fixes that contradict the pictures and the other fixes, and are not used."""
     stated_accuracy: tuple[Contradiction, ...] = ()
     """Parts whose GPS fixes differ by far more than the receiver states; the status is not ok."""
     control: ControlReport | None = None

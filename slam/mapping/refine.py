@@ -105,6 +105,7 @@ def refine_map(
             *(control_warnings(main.control) if main and main.control else ()),
         ),
         remarks=tuple(line for part in parts for line in part.remarks),
+        fixes_left_out=tuple(name for part in parts for name in part.fixes_left_out),
         stated_accuracy=tuple(found for part in parts for found in part.stated_accuracy),
         control=main.control if main else None,
         height_std_m=tuple(part.height_std_m for part in parts),
@@ -203,6 +204,7 @@ class _Evidence:
             placed,
             warnings=(*placed.warnings, *messages.warnings),
             remarks=(*placed.remarks, *messages.remarks),
+            fixes_left_out=messages.left_out,
             stated_accuracy=tuple(fixes.contradictions(agreement, placed.w_T_b)),
         )
 

@@ -15,6 +15,7 @@ _NO = "No: "
 _ONLY_IF = "Only if "
 """Beginning of an advice to do something in a case that the pilot knows."""
 _VIEW, _ECHO = "view of a floor point far off", "echo from an obstacle"
+_FIX = "fix contradicts the others"
 _FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
 _SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
 _COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
@@ -45,6 +46,11 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
         _ECHO,
         "Echoes of the height sensor from what stands on the ground: they are no heights over the ground",
         f"{_NO}elevation.tif shows what stands there.",
+    ),
+    (
+        _FIX,
+        "Positions of the GPS that contradict the pictures and the other positions",
+        f"{_NO}the others place the map.",
     ),
     (
         "edge without information",
@@ -122,10 +128,10 @@ class LeftOut:
 
     @property
     def kind(self) -> str:
-        """Kind of the data that is counted: "match", "view", "echo" or "link"."""
+        """Kind of the data that is counted: "match", "view", "echo", "fix" or "link"."""
         if self.reason.startswith(_LOOP):
             return "match"
-        kinds = {_VIEW: "view", _ECHO: "echo"}
+        kinds = {_VIEW: "view", _ECHO: "echo", _FIX: "fix"}
         return next((kind for begin, kind in kinds.items() if self.reason.startswith(begin)), "link")
 
 
@@ -174,6 +180,7 @@ def counted(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
         "match": "matches of places",
         "view": "single views of floor points",
         "echo": "echoes of the height sensor",
+        "fix": "positions of the GPS",
         "link": "edges" if is_graph else "pictures or links",
     }
     told = []

@@ -32,6 +32,8 @@ class FixMessages:
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     """The result may be wrong."""
+    left_out: tuple[str, ...] = ()
+    """Names of the fixes that are not used."""
 
 
 def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
@@ -71,7 +73,7 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
         *_used_suspects(fixes, agreement, covered),
         *_jumps(fixes, agreement, covered),
     ]
-    return FixMessages(tuple(remarks), tuple(warnings))
+    return FixMessages(tuple(remarks), tuple(warnings), tuple(fixes.names[k] for k in bad.tolist()))
 
 
 def _too_many(outliers: int, count: int) -> bool:

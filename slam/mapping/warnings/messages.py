@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from slam.core.flight import Flight
-from slam.core.flight_info import describe, missing_for_map
+from slam.core.flight_info import describe, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.core.messages import Note, by_kind
@@ -33,7 +33,7 @@ from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
 from slam.mapping.warnings.contradictions import contradictions
-from slam.mapping.warnings.gravity_reading import gravity_line
+from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
@@ -84,7 +84,7 @@ def messages(
     lines = (
         *reasons,
         *flight.warnings,
-        *(gravity.judged if line == gravity.raw else line for line in describe(flight).anomalies),
+        *anomalies(context, map_, gravity),
         *missing_for_map(flight),
         *not_placed_warnings(not_placed),
         *lost_picture_warnings(flight, observations),
@@ -101,6 +101,21 @@ def messages(
     # A line of the flight or of an instrument may be a reason too.
     sorted_lines = by_kind(dict.fromkeys(line for line in lines if line))
     return Messages("; ".join(reasons) or "ok", (*sorted_lines.warnings, *sorted_lines.notes))
+
+
+def anomalies(context: Context, map_: Map, gravity: GravityLine) -> Iterator[str]:
+    """Yield the anomalies of the streams: judged by the map, and as notes where it has dealt with them."""
+    flight = context.flight
+    check, dealt_with = flight.fix_check(), list[str]()
+    if check is not None and flight.gps is not None:
+        names = flight.picture_names(flight.gps.stamps_s)
+        suspect = {names[k] for k in np.flatnonzero(~check.consistent).tolist()}
+        dealt_with = fix_anomalies(flight) if suspect <= set(map_.fixes_left_out) else []
+    for line in describe(flight).anomalies:
+        if line == gravity.raw:
+            yield gravity.judged
+        else:
+            yield Note(line) if line in dealt_with else line
 
 
 def _graph_lines(map_: Map) -> list[str]:

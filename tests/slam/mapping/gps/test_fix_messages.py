@@ -44,6 +44,7 @@ def test_few_outliers_are_named_and_do_no_harm():
     (line,) = messages.remarks
     assert "2 of 12 fixes" in line
     assert "P03.jpg (443 m), P07.jpg (20.0 km)" in plain(line)
+    assert messages.left_out == ("P03.jpg", "P07.jpg")
 
 
 def test_more_than_thirty_percent_may_be_the_right_ones():

@@ -7,7 +7,7 @@ import pytest
 from backend.pose_graph.solution import RangeErrors
 from slam.mapping.warnings.accuracy_basis import accuracy_basis
 
-SONAR = SimpleNamespace(scale_std=0.05, datum_std_m=0.02)
+SHARED = ("scale_std", "datum_std")
 
 
 def basis(
@@ -19,6 +19,7 @@ def basis(
     gain_std=0.05,
     zero_std_m=0.02,
     focal_std_ratio=0.01,
+    assumed=SHARED,
 ):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
     measured = SimpleNamespace(positions=("fix",) if gps else (), control=())
@@ -33,7 +34,8 @@ def basis(
         camera=SimpleNamespace(focal_std_ratio=focal_std_ratio),
         inertial=SimpleNamespace(helps=True) if accelerometer else None,
     )
-    return accuracy_basis(SimpleNamespace(sonar=SONAR if sonar else None), map_)
+    readings = SimpleNamespace(scale_std=0.05, datum_std_m=0.02, assumed=assumed)
+    return accuracy_basis(SimpleNamespace(sonar=readings if sonar else None), map_)
 
 
 def test_the_only_instrument_is_named():
@@ -62,6 +64,8 @@ def test_nothing_is_stated_without_an_instrument_or_with_two(used):
 def test_values_that_the_flight_does_not_determine_are_assumed(gain_std, zero_std_m, assumed):
     advice = " One distance measured on the ground checks them."
     assert basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m).endswith(assumed + advice)
+    stated = basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m, assumed=())
+    assert stated.endswith(assumed.replace("assumed", "as stated") + advice)
 
 
 def test_a_focal_length_that_is_held_is_named():

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from slam import optimize
-from slam.core.flight import Sonar
+from slam.core.flight import Gps, Sonar
+from slam.core.messages import is_note
 from slam.core.stream_anomalies import stuck_ranges
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
-from slam.mapping.warnings.messages import MOST_STUCK
+from slam.mapping.warnings.messages import MOST_STUCK, anomalies
 from tests.slam.small_flight import flown
 
 
@@ -36,6 +38,26 @@ def test_a_sonar_that_is_stuck_for_half_of_a_flight_carries_the_scale(stuck: int
 def test_ground_and_mounts_lean_only_so_far(tilt_rad: float, std_rad: float, too_large: bool) -> None:
     found = AttitudeFloorTilt(np.array([tilt_rad, 0.0]), np.array([tilt_rad, 0.0]), std_rad, std_rad, 0.001)
     assert found.is_too_large == too_large
+
+
+def test_a_suspect_fix_that_the_map_leaves_out_needs_no_action() -> None:
+    n = 12
+    east_deg = 1e-5 * np.arange(n)
+    east_deg[5] += 0.1
+    gps = Gps(2.0 * np.arange(n), np.full(n, 52.0), 4.0 + east_deg, np.zeros(n), (1.0, 1.0, 2.0))
+    flight = replace(flown(0), gps=gps)
+    suspect = tuple(flight.picture_names(gps.stamps_s))[5]
+
+    def of_fixes(*left_out: str) -> list[str]:
+        context, map_ = SimpleNamespace(flight=flight), SimpleNamespace(fixes_left_out=left_out)
+        lines = anomalies(context, map_, SimpleNamespace(raw="", judged=""))
+        return [line for line in lines if "farther from the others" in line]
+
+    (warning,), (note,) = of_fixes(), of_fixes(suspect)
+    assert not is_note(warning)
+    assert warning.endswith("check them")
+    assert is_note(note)
+    assert note == warning
 
 
 @pytest.mark.slow
