@@ -24,6 +24,7 @@ from slam.criticism.kalman.prepare import (
     history_for,
     initial_state,
     noise_changes_for,
+    observable_noise,
     outputs_for,
     workspace_for,
 )
@@ -137,6 +138,7 @@ class Run:
         keeps_history: bool = False,
     ) -> None:
         """``changed`` are parameters with slightly different noise; see ``noise_changes``."""
+        parameters, *changed = (observable_noise(record, p) for p in (parameters, *changed))
         gusty = any(p.hold[GUST_STD] > 0 for p in (parameters, *changed))
         n = STATES_WITH_GUSTS if gusty else STATES
         m = len(perturbations)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,14 +36,25 @@ from slam.criticism.kalman.transition import (
     NOISES,
     POLE,
     TILT_TIME,
+    TURN_STD,
     TURN_TIME,
     W_TIME,
     decay,
     process_noise,
 )
+from slam.simulation.dynamics import YAW, YAW_RATE
 
 SHORT_S, ENDLESS_S = 1e-5, 1e6
 """Durations over which a noise only grows by its process noise, and over which it forgets its past."""
+
+
+def observable_noise(record: Record, parameters: FilterParameters) -> FilterParameters:
+    """Return the parameters without process noise of the heading, if no instrument shows it."""
+    if record.shows_heading:
+        return parameters
+    hold = parameters.hold.copy()
+    hold[TURN_STD] = 0.0
+    return replace(parameters, hold=hold)
 
 
 def filter_inputs(
@@ -74,6 +86,8 @@ def initial_state(
     state, p = np.zeros(states), np.zeros((states, states))
     state[:MOVING] = record.start
     p[np.arange(MOVING), np.arange(MOVING)] = record.start_std**2
+    if not record.shows_heading:
+        p[[YAW, YAW_RATE], [YAW, YAW_RATE]] = 0.0
     p[TARGET:, TARGET:] = _process_noise(parameters.hold, ENDLESS_S, states)[TARGET:, TARGET:]
     return KalmanState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
 

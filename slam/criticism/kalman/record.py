@@ -79,6 +79,15 @@ class Record:
     """Feature matches between its pictures."""
 
     @property
+    def shows_heading(self) -> bool:
+        """Whether an instrument shows the heading: a gyro, an attitude or pictures.
+
+        Speeds of the body do not depend on it. A heading that they alone would correct breaks the symmetry of
+        left and right by rounding errors.
+        """
+        return self.matches is not None or any(self.has(CHANNELS.index(c)) for c in ("gyro_z", "yaw"))
+
+    @property
     def duration_s(self) -> float:
         """Time from second 0 to the last event, in seconds."""
         return float(self.times_s[-1])
