@@ -116,6 +116,10 @@ class FittedParameter:
         """Return the filter parameters after a step of x, within the limits of the equations."""
         return self.at(parameters, self.value_in(parameters) + step if self.grid is None else self.grid)
 
+    def difference(self, parameters: FilterParameters) -> float:
+        """Return the step for its derivative, backward where x is at its greatest value."""
+        return self.step if self.value_in(parameters) + self.step <= self.most else -self.step
+
     def bounded(self, step: float, parameters: FilterParameters) -> float:
         """Return a step cut to the longest."""
         most = LARGEST_SHARE * abs(self.value_in(parameters)) if self.relative else self.longest

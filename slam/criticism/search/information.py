@@ -80,11 +80,12 @@ def fisher_information(
 
     def one(k: int) -> tuple[list[LikelihoodScore], FilterPass]:
         steps = np.array(
-            [np.inf if c in NOISE_NUISANCES and before_s[k] >= ENOUGH_S else c.step for c in changes]
+            [
+                np.inf if c in NOISE_NUISANCES and before_s[k] >= ENOUGH_S else c.difference(parameters)
+                for c in changes
+            ]
         )
-        changed = [
-            c.stepped(parameters, c.step) for c, step in zip(changes, steps, strict=True) if step < np.inf
-        ]
+        changed = [c.stepped(parameters, step) for c, step in zip(changes, steps, strict=True) if step < np.inf]
         run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
         rows = list(_segment_terms(run, steps, apart, weight))
         return rows + _sighted(records[k], parameters, perturbations, len(changes) + len(apart)), run.passed()

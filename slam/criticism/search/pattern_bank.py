@@ -66,6 +66,7 @@ def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
     found += [
         Perturbation(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
         for name in FORCED
+        if name != "yaw_rate" or any(r.shows_heading for r in records)
         for signal in ON_FORCES
         if signal != "stick_turn" or not any_holds_heading(records)
     ]

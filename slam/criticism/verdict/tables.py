@@ -41,7 +41,7 @@ def ranking(
     ranks = [
         Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in (*z, NOTHING, SOMETHING_ELSE)
     ]
-    return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z)))
+    return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z, r.name)))
 
 
 def fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:
