@@ -84,7 +84,7 @@ class Effect:
     def without(self, parameters: FilterParameters) -> FilterParameters:
         """Return the parameters without it; a nuisance beyond its range keeps its value."""
         for column in (*(fitted_parameter(d.name) for d in self.free.perturbations), *self.changes):
-            parameters = column.stepped(parameters, -column.size_in(parameters))
+            parameters = column.without_effect(parameters)
         return parameters
 
     def repeats(self, other: Effect) -> bool:

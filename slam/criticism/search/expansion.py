@@ -111,10 +111,11 @@ def expand(
     perturbations = [*MEAN_PERTURBATIONS, *moved, *patterns]
     changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
     fisher = fisher_information(records, parameters, perturbations, changes, signals, plain, GAIN_CORRECTED)
-    values = {
-        c: fitted_parameter(c).size_in(parameters) for e in effects for c in e.columns if c not in e.relaxes
-    }
-    values = {c: v for c, v in values.items() if v != 0.0}
+    # A value of a grid is tried only where the parameters hold none.
+    tried = [
+        fitted_parameter(c) for e in effects if not e.is_profiled for c in e.columns if c not in e.relaxes
+    ]
+    values = {f.name: size for f in tried if (size := f.size_in(parameters)) != 0.0}
     return LikelihoodExpansion(
         parameters=parameters,
         fisher=fisher,

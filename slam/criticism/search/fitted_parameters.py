@@ -120,6 +120,13 @@ class FittedParameter:
         """Return the step for its derivative, backward where x is at its greatest value."""
         return self.step if self.value_in(parameters) + self.step <= self.most else -self.step
 
+    def without_effect(self, parameters: FilterParameters) -> FilterParameters:
+        """Return the filter parameters with x exactly at its neutral value: a step of minus its size would
+        leave a rounding error, and the kernels ask whether an effect is there at all."""
+        if self.size_in(parameters) == 0.0:
+            return parameters
+        return self.at(parameters, self._origin(parameters))
+
     def bounded(self, step: float, parameters: FilterParameters) -> float:
         """Return a step cut to the longest."""
         most = LARGEST_SHARE * abs(self.value_in(parameters)) if self.relative else self.longest

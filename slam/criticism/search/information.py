@@ -85,7 +85,9 @@ def fisher_information(
                 for c in changes
             ]
         )
-        changed = [c.stepped(parameters, step) for c, step in zip(changes, steps, strict=True) if step < np.inf]
+        changed = [
+            c.stepped(parameters, step) for c, step in zip(changes, steps, strict=True) if step < np.inf
+        ]
         run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
         rows = list(_segment_terms(run, steps, apart, weight))
         return rows + _sighted(records[k], parameters, perturbations, len(changes) + len(apart)), run.passed()

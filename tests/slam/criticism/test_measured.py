@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -110,3 +111,36 @@ def test_the_flow_camera_s_gyro_is_off_and_its_flight_is_not_judged_as_motion():
     assert "gyro_bias" in names
     assert names & {"accel_bias", "accel_scale"}
     assert not names & {"quadratic_drag", "control_latency", "steady_wind"}
+
+
+def rounded(stream, rng):
+    """The stream with relative errors of 1e-12 in its readings, or None."""
+    if stream is None:
+        return None
+    names = [f.name for f in fields(stream) if f.name in ("roll_pitch_yaw_rad", "v_m_s", "range_m")]
+    values = {name: getattr(stream, name) for name in names}
+    return replace(stream, **{k: v * (1.0 + 1e-12 * rng.standard_normal(v.shape)) for k, v in values.items()})
+
+
+def answer(flights):
+    """Verdict, causes, set and remainder in words, and probabilities and sizes."""
+    found = criticise(flights)
+    words = found.verdict, found.equivalence_set, [cause.name for cause in found.causes], found.remainder
+    sizes = [p.value for cause in found.causes for p in cause.parameters.values()]
+    return words, [*sizes, *(cause.probability for cause in found.causes)]
+
+
+STEPS = [f"ardrone2-steps/{run}" for run in ("forward-1", "forward-3", "left-2", "left-3", "yaw-1", "yaw-2")]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", [STEPS, ["imav2011-figure9"]], ids=["steps", "figure9"])
+def test_rounding_errors_change_no_answer(names):
+    flights = [read_flight(Path(str(DATA)) / "flights" / name) for name in names]
+    rng = np.random.default_rng(1)
+    streams = ("attitude", "velocity", "sonar")
+    changed = [replace(f, **{name: rounded(getattr(f, name), rng) for name in streams}) for f in flights]
+    words, sizes = answer(flights)
+    words_then, sizes_then = answer(changed)
+    assert words_then == words
+    assert sizes_then == pytest.approx(sizes, rel=1e-6, abs=1e-6)

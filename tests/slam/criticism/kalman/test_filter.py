@@ -19,6 +19,7 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import PICTURES, RADIUS_M, effects_for
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES
+from slam.simulation.dynamics import YAW
 from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -66,6 +67,23 @@ def test_jitter_makes_gyros_scatter_no_more_than_modelled():
     for c in range(3):
         white = run.white[rows, c][run.status[rows, c] == USED]
         assert 0.8 < float(np.mean(white**2)) < 1.25, CHANNELS[c]
+
+
+@pytest.mark.parametrize("shown", [True, False])
+def test_a_heading_that_no_instrument_shows_is_held(shown):
+    """A speed ahead alone tells nothing of left and right: rounding errors must not decide between them."""
+    vehicle = at_lower_rates(load_model("nominal"))
+    flight = simulate_flight(vehicle, stick_for(TILTS), 7)
+    assert flight.velocity is not None
+    ahead = flight.velocity.v_m_s * np.array([1.0, np.nan])
+    flight = replace(
+        flight, imu=None, sonar=None, attitude=flight.attitude if shown else None,
+        velocity=replace(flight.velocity, v_m_s=ahead),
+    )  # fmt: skip
+    record = record_of(flight)
+    assert record.shows_heading == shown
+    turned = whole(record, filter_parameters_of(vehicle)).states[:, YAW]
+    assert (np.ptp(turned) > 0.0) == shown
 
 
 def test_a_wrong_noise_is_seen():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.search.fitted_parameters import NUISANCES, fitted_parameter
+from slam.criticism.search.fitted_parameters import AR1_COEFFICIENTS, NUISANCES, fitted_parameter
 from slam.simulation.model import load_model
 from slam.simulation.terms import CATALOGUE
 
@@ -61,3 +61,20 @@ def test_gusts_of_another_time_are_not_these():
 
 def test_gain_corrections_are_no_parameters():
     assert fitted_parameter("weight of gyro_noise").stepped(NOMINAL, 0.3) is NOMINAL
+
+
+@pytest.mark.parametrize("name", ["tilt_limit.limit", "control_latency.T", "sonar_slant.c"])
+def test_a_removed_effect_leaves_no_rounding_error(name):
+    column = fitted_parameter(name)
+    changed = NOMINAL
+    for step in (-1.3, 0.017, 0.0703):
+        changed = column.stepped(changed, step)
+    assert column.size_in(changed) != 0.0
+    assert column.size_in(column.without_effect(changed)) == 0.0
+
+
+def test_the_derivative_at_the_greatest_value_is_backward():
+    coefficient = AR1_COEFFICIENTS[0]
+    for x in (0.0, 0.5, coefficient.most):
+        at = coefficient.at(NOMINAL, x)
+        assert coefficient.stepped(at, coefficient.difference(at)).noise_correlation[0] != x
