@@ -1,13 +1,14 @@
-"""Preparation of the records for the search: thresholds, filter runs, and readings that must be taken out."""
+"""Preparation of flights for the search: records, thresholds, filter runs, readings that are taken out."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally
 from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
-from slam.criticism.flight_checks import is_out_of_model, with_coarser_noise
+from slam.criticism.flight_checks import is_out_of_model, usable_records, with_coarser_noise
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.record import Record, any_holds_heading
@@ -32,14 +33,17 @@ class PreparedFlights:
     records: list[Record]
     nominal: FilterParameters
     limits: Thresholds
-    mismatched: list[str]
-    """Descriptions of the pictures that were left out."""
+    dropped: tuple[str, ...]
+    """Flights, streams and pictures that are not judged, with the reason, one line each."""
     anomalies: list[ReadingAnomaly]
     """Anomalies of single readings that were found before any filter ran."""
 
 
-def prepare(records: Sequence[Record], model: Model, progress: Progress) -> PreparedFlights:
-    """Return the inputs of the search from the records of flights that can be judged."""
+def prepare(flights: Sequence[Flight], model: Model, progress: Progress) -> PreparedFlights:
+    """Return the inputs of the search from the flights that can be judged; no records where none can."""
+    records, dropped = usable_records(flights, progress)
+    if not records:
+        return PreparedFlights([], filter_parameters_of(model), load_thresholds(), tuple(dropped), [])
     limits = load_thresholds(pictures=any(record.matches is not None for record in records))
     nominal = replace(filter_parameters_of(model), out_of_model=is_out_of_model(records, model))
     if nominal.out_of_model:
@@ -54,7 +58,7 @@ def prepare(records: Sequence[Record], model: Model, progress: Progress) -> Prep
     if not nominal.out_of_model and not are_quantised(records):
         records, steps = without_boxes(records, nominal)
         anomalies = [*anomalies, *steps]
-    return PreparedFlights(list(records), nominal, limits, mismatched, anomalies)
+    return PreparedFlights(list(records), nominal, limits, (*dropped, *mismatched), anomalies)
 
 
 def _filtered(

@@ -11,7 +11,6 @@ from slam.core.duplicate_flights import without_duplicates
 from slam.core.flight import Flight, with_unique_names
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.ranges_at_body import ranges_at_body
-from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.record import has_commands
 from slam.criticism.prepare import prepare
 from slam.criticism.search.search import search
@@ -48,14 +47,11 @@ def criticise(
 def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """Return the verdict on flights with command logs."""
     flights, readings = without_frozen(flights)
-    records, dropped = usable_records(flights, progress)
-    names = tuple(record.name for record in records)
-    if not records:
-        return unusable(dropped or ["no flights"], dropped)
-    prepared = prepare(records, model, progress)
+    prepared = prepare(flights, model, progress)
+    if not prepared.records:
+        return unusable(prepared.dropped or ["no flights"], prepared.dropped)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
-    criticism = judge(prepared, explain(found, progress), readings, model, progress)
-    return replace(criticism, flights=names, dropped=(*dropped, *criticism.dropped))
+    return judge(prepared, explain(found, progress), readings, model, progress)
 
 
 def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:

@@ -19,11 +19,13 @@ from slam.criticism.camera.camera_path import CameraPath, camera_path
 from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens import NUDGE, WARP_TOLERANCE, floor_of, pixels_of, warp
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
+from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.filter_parameters import CAMERA, OFFSET, POINTS, READOUT, FilterParameters
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.smoothing import SmoothedPath
+from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -261,3 +263,32 @@ class _Scene:
         """Return (m, 2, warps) displacements of points in px for each unit of a warp."""
         bent = self.matches.lens_distortion.predicted_by_others(pixel, self.earlier)
         return np.concatenate([warp(self.matches.camera, pixel, elapsed), bent[:, :, None]], axis=2)
+
+
+def reprojection_errors(
+    records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
+) -> tuple[ChannelError, ...]:
+    """Return root mean square errors over all matches of the flights with pictures, before and after; empty
+    where none has any."""
+    seen = [k for k, record in enumerate(records) if record.matches is not None]
+    if not seen:
+        return ()
+    tried = [(k, side[k]) for side in (before, after) for k in seen]
+    squares = in_threads(lambda it: _square_px(records[it[0]], it[1]), tried)
+    rms = [
+        float(np.sqrt(np.average([s for s, _ in side], weights=[m for _, m in side])))
+        for side in (squares[: len(seen)], squares[len(seen) :])
+        if sum(m for _, m in side) > 0
+    ]
+    if len(rms) < 2:
+        return ()
+    return (ChannelError("reprojection", "px", NOT_AHEAD_S, rms[0], rms[1]),)
+
+
+def _square_px(record: Record, parameters: FilterParameters) -> tuple[float, int]:
+    """Return the mean square error of one coordinate of a match, and the number of coordinates."""
+    assert record.matches is not None
+    found = reprojection_score(record, record.matches, parameters, ())
+    # Residuals are weighed by their own noise, which differs little from match to match.
+    noise = float(np.mean(record.matches.std_px**2))
+    return found.chi_square / max(found.rows, 1) * noise, found.rows

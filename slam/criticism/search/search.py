@@ -16,11 +16,10 @@ from slam.core.progress import Progress, Tally, silent
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import recoloured
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.candidates import best_candidate
 from slam.criticism.search.correlated_noise import ar1_effects, with_ar1_noise, without_small_ar1
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
-from slam.criticism.search.fitting import first_seconds, fit_nuisances, refit
+from slam.criticism.search.fitting import best_candidate, first_seconds, fit_nuisances, refit
 from slam.criticism.search.pairs import mask_each_other, masked_pair
 from slam.criticism.search.thresholds import (
     VERY_SIMILAR_NATS,

@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.readings import BEYOND_IMU, CHANNEL_UNITS, CHANNELS
+from slam.criticism.kalman.readings import CHANNEL_UNITS, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import first_seconds, refit
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, SearchResult
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.held_out import fitted_parameters
-from slam.criticism.verdict.rollouts import rollout_residuals
+from slam.criticism.verdict.rollouts import pooled_residuals
 
 Array = NDArray[np.float64]
 
@@ -87,15 +87,12 @@ def covariate(
         models[rival] = refitted([*rest, other])
     states = in_threads(lambda record: whole(record, parameters).states, short)
     residuals = {
-        name: [rollout_residuals(r, s, with_cause, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
+        name: pooled_residuals(short, states, [with_cause] * len(short), AHEAD_S, 1.0)
         for name, with_cause in models.items()
     }
     pooled = {
-        name: {
-            (CHANNELS[c], CHANNEL_UNITS[c]): np.concatenate([flight[c] for flight in flights])
-            for c in BEYOND_IMU
-        }
-        for name, flights in residuals.items()
+        name: {(CHANNELS[c], CHANNEL_UNITS[c]): errors for c, errors in of.items()}
+        for name, of in residuals.items()
     }
     return covariate_of(pooled, cause, rival if other is not None else "")
 

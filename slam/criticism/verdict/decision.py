@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
 from slam.criticism.kalman.filter_parameters import POINTS
 from slam.criticism.kalman.record import Record
@@ -19,7 +20,6 @@ from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Verdict
 from slam.criticism.verdict.held_out import HeldOut, held_out
 from slam.criticism.verdict.posterior import SOMETHING_ELSE, Posterior, required_nats
-from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.criticism.verdict.rollouts import rollout_errors
 from slam.simulation.terms import CATALOGUE
@@ -175,7 +175,8 @@ def fitted_sizes(
     found = {}
     for k, name in enumerate(effect.parameters):
         half = wide * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
-        values = [_value(expansion, effect, k, float(step[k]) + side * half) for side in (0, -1, 1)]
+        at = float(step[k]) + expansion.quadratic.current.get(effect.columns[k], 0.0)
+        values = [catalogue_value(effect, k, side * half, expansion.parameters, at) for side in (0, -1, 1)]
         found[name] = _interval(effect, name, values)
     return found
 
@@ -205,12 +206,6 @@ def _interval(effect: Effect, name: str, values: Sequence[float]) -> Interval:
         value, parameter.unit,
         value - float(np.hypot(value - low, own)), value + float(np.hypot(high - value, own)),
     )  # fmt: skip
-
-
-def _value(expansion: LikelihoodExpansion, effect: Effect, k: int, step: float) -> float:
-    return catalogue_value(
-        effect, k, step, expansion.parameters, expansion.quadratic.current.get(effect.columns[k], 0.0)
-    )
 
 
 def decide(

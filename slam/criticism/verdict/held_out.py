@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,15 +56,6 @@ def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
     return np.arange(len(flight)) % max(min(len(flight), 6), 1), "segment"
 
 
-class _Predicted(NamedTuple):
-    """Prediction of some segments from the others."""
-
-    nats: float
-    """Log likelihood above the expansion's parameters, averaged over the uncertainty of the others."""
-    parameters: FilterParameters
-    """Most probable parameters by the others."""
-
-
 def held_out(records: Sequence[Record], found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
     """Return the gain of the chosen terms over ``without`` (by default over none of them)."""
     last = found.last
@@ -78,14 +68,14 @@ def held_out(records: Sequence[Record], found: SearchResult, without: Sequence[E
         own, others = part == k, part != k
         if not others.any():
             others = own
-        plain = _prediction(base, begin, own, others)
-        known = _prediction(last, found.chosen, own, others)
-        gain = known.nats + known_nats[own].sum() - plain.nats - plain_nats[own].sum()
+        before_nats, before = _prediction(base, begin, own, others)
+        after_nats, after = _prediction(last, found.chosen, own, others)
+        gain = after_nats + known_nats[own].sum() - before_nats - plain_nats[own].sum()
         if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in records):
-            gain = _gain_rerun(records, last, own, plain.parameters, known.parameters)
+            gain = _gain_rerun(records, last, own, before, after)
         nats.append(gain)
         for f in np.unique(last.fisher.flight[own]):
-            fitted_by_others[int(f)] = plain.parameters, known.parameters
+            fitted_by_others[int(f)] = before, after
     flights = sorted(fitted_by_others)
     return HeldOut(
         np.array(nats), by,
@@ -98,11 +88,12 @@ def _prediction(
     effects: Sequence[Effect],
     own: NDArray[np.bool_],
     others: NDArray[np.bool_],
-) -> _Predicted:
-    """Return the prediction of some segments (``own``) by a fit on ``others``."""
+) -> tuple[float, FilterParameters]:
+    """Return the log likelihood of the segments ``own`` above the expansion's parameters, averaged over the
+    uncertainty of a fit on ``others``, and the most probable parameters by these."""
     fitted = expansion.over(others).maximise(effects, _prior_std(expansion, effects))
     judged = expansion.over(own)
-    return _Predicted(judged.predicted(fitted), with_step(expansion, fitted.whole, effects))
+    return judged.predicted(fitted), with_step(expansion, fitted.whole, effects)
 
 
 def _gain_rerun(

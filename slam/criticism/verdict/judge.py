@@ -10,6 +10,7 @@ import numpy as np
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally
+from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause
 from slam.criticism.extended import extended_with_causes, with_certainty, with_terms
 from slam.criticism.flight_checks import untested_reasons
@@ -35,11 +36,17 @@ from slam.criticism.verdict.decision import (
 )
 from slam.criticism.verdict.explanation import Explanation
 from slam.criticism.verdict.held_out import HeldOut, held_out
-from slam.criticism.verdict.power import confusable, detectable, within_reach
-from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.rollout_fit import RolloutFit
 from slam.criticism.verdict.sentence import unusable, with_sentences
-from slam.criticism.verdict.tables import checks, fitted_nuisances, noise_correlations, ranking
+from slam.criticism.verdict.tables import (
+    checks,
+    confusable,
+    detectable,
+    fitted_nuisances,
+    noise_correlations,
+    ranking,
+    within_reach,
+)
 from slam.criticism.verdict.unexplained import (
     axes_of,
     left_over,
@@ -76,6 +83,7 @@ def judge(
     """Return the criticism of a model by flights with command logs and stream anomalies ``readings``."""
     found, posterior, parameters = explanation.found, explanation.posterior, explanation.parameters
     records, limits, doubts, best = found.records, prepared.limits, explanation.doubts, explanation.best
+    names = tuple(record.name for record in records)
     anomalies = [*prepared.anomalies, *reading_anomalies(records, found.last.fisher.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
@@ -89,8 +97,9 @@ def judge(
     if criticism.verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
         reasons = untested_reasons(records, list(within_reach(seen)))
         return replace(
-            unusable(reasons, prepared.mismatched, "Fly longer, or record more."),
-            detectable=seen, threshold=limits.effects, threshold_means=limits.meaning, model=model,
+            unusable(reasons, prepared.dropped, "Fly longer, or record more."),
+            flights=names, detectable=seen, threshold=limits.effects, threshold_means=limits.meaning,
+            model=model,
         )  # fmt: skip
     remainder = [criticism.remainder]
     if criticism.verdict == "unknown" and not causes:
@@ -107,7 +116,8 @@ def judge(
             noise_correlation=noise_correlations(parameters),
             checks=checks(records, found.last),
             covariate=next(iter(drawn), None),
-            dropped=tuple(prepared.mismatched),
+            flights=names,
+            dropped=prepared.dropped,
             extended=with_certainty(
                 extended_with_causes(causes, anomalies, model, parameters, records), causes
             ),

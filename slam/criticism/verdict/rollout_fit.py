@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, FittedParameter, fitted_parameter
@@ -26,7 +25,7 @@ from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import required_nats
-from slam.criticism.verdict.rollouts import rollout_residuals
+from slam.criticism.verdict.rollouts import pooled_residuals, rollout_residuals
 
 Array = NDArray[np.float64]
 
@@ -221,8 +220,7 @@ class _Rollouts:
         self._records, self._model = records, model
         self._rounds = Tally(progress, "fit roll-outs")
         self._states = in_threads(lambda record: whole(record, parameters).states, records)
-        errors = [self._rollout_errors(k, healthy) for k in range(len(records))]
-        pooled = {c: np.concatenate([flight[c] for flight in errors]) for c in BEYOND_IMU}
+        pooled = pooled_residuals(records, self._states, [healthy] * len(records), AHEAD_S, 1.0)
         seen = {c: m for c, m in pooled.items() if len(m)}
         spans = [record.duration_s // APART_S for record in records]
         self.independent = len(seen) * float(sum(spans))
@@ -230,16 +228,10 @@ class _Rollouts:
         # Each channel weighs as much as any other, whatever its unit.
         self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
 
-    def _rollout_errors(self, flight: int, parameters: FilterParameters) -> dict[int, Array]:
-        return rollout_residuals(self._records[flight], self._states[flight], parameters, AHEAD_S, 1.0)
-
-    def _scaled_errors(self, flight: int, parameters: FilterParameters) -> Array:
+    def _by_channel(self, flight: int, parameters: FilterParameters) -> list[Array]:
         """Return the errors of a flight's roll-outs, scaled so that the squares of all flights sum to 1 for a
         healthy vehicle."""
-        return np.concatenate(self._by_channel(flight, parameters))
-
-    def _by_channel(self, flight: int, parameters: FilterParameters) -> list[Array]:
-        residuals = self._rollout_errors(flight, parameters)
+        residuals = rollout_residuals(self._records[flight], self._states[flight], parameters, AHEAD_S, 1.0)
         return [weight * residuals[c] for c, weight in self._weight.items()]
 
     def _away(self, parameters: FilterParameters) -> Array:
@@ -253,7 +245,9 @@ class _Rollouts:
 
     def _left(self, parameters: FilterParameters) -> list[Array]:
         """Return the errors of each flight, and last the distances of the constants."""
-        residuals = in_threads(lambda k: self._scaled_errors(k, parameters), range(len(self._records)))
+        residuals = in_threads(
+            lambda k: np.concatenate(self._by_channel(k, parameters)), range(len(self._records))
+        )
         return [*residuals, self._away(parameters)]
 
     def _slopes(

@@ -49,18 +49,32 @@ def rollout_errors(
     each_parameters = (*before, *after)
     flights = (*records, *records)
     states = in_threads(lambda k: whole(flights[k], each_parameters[k]).states, range(len(flights)))
+    sides = slice(0, len(records)), slice(len(records), None)
     found = []
     for horizon in HORIZONS_S:
-        errors = [
-            rollout_residuals(*each, horizon) for each in zip(flights, states, each_parameters, strict=True)
+        pooled = [
+            pooled_residuals(flights[side], states[side], each_parameters[side], horizon) for side in sides
         ]
-        sides = errors[: len(records)], errors[len(records) :]
         for channel in BEYOND_IMU:
-            pooled = [np.concatenate([flight[channel] for flight in side]) for side in sides]
-            if len(pooled[0]) and len(pooled[1]):
-                rms = [float(np.sqrt(np.mean(e**2))) for e in pooled]
+            errors = [of[channel] for of in pooled]
+            if len(errors[0]) and len(errors[1]):
+                rms = [float(np.sqrt(np.mean(e**2))) for e in errors]
                 found.append(ChannelError(CHANNELS[channel], CHANNEL_UNITS[channel], horizon, rms[0], rms[1]))
     return tuple(found)
+
+
+def pooled_residuals(
+    records: Sequence[Record],
+    filtered: Sequence[Array],
+    parameters: Sequence[FilterParameters],
+    horizon_s: float,
+    share: float = 0.25,
+) -> dict[int, Array]:
+    """Return channel -> ``rollout_residuals`` of all flights, of all channels but the imu's."""
+    each = [
+        rollout_residuals(*of, horizon_s, share) for of in zip(records, filtered, parameters, strict=True)
+    ]
+    return {c: np.concatenate([errors[c] for errors in each]) for c in BEYOND_IMU}
 
 
 def rollout_residuals(

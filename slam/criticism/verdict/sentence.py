@@ -12,7 +12,7 @@ from dataclasses import replace
 from slam.core.names import enumerated
 from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
-from slam.criticism.verdict.power import within_reach
+from slam.criticism.verdict.tables import within_reach
 from slam.simulation.terms import CATALOGUE
 
 FAIR_SHARE = 0.9

@@ -17,8 +17,8 @@ from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibratio
 from slam.criticism.search.effects import LATE
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.consistency import FEWEST_SEGMENTS, ONSET_SEGMENT_S, disagreements, onset
-from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.verdict.rollout_fit import RolloutFit
+from slam.criticism.verdict.tables import NINE_OF_TEN
 from slam.criticism.without_commands.axes import wrong_axes
 from slam.criticism.without_commands.likelihood import columns_of, fisher_of, segments_of
 from slam.criticism.without_commands.pictures import contradiction

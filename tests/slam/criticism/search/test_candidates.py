@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 from slam.core.progress import Tally, silent
-from slam.criticism.search.candidates import best_candidate
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ScoreTest
+from slam.criticism.search.fitting import best_candidate
 
 
 def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch):
@@ -20,7 +20,7 @@ def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch
     def refit(records, model, parameters, effects):
         return fits[effects[-1].name if effects else None], parameters
 
-    monkeypatch.setattr("slam.criticism.search.candidates.refit", refit)
+    monkeypatch.setattr("slam.criticism.search.fitting.refit", refit)
     candidates = [Effect(name, relaxes=(name,)) for name in nats]
     expansion = SimpleNamespace(parameters=None)
 
