@@ -45,7 +45,7 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
         )
         if mosaic.typical_std_m > facts.sigma_median_m:
             text += (
-                " The ground is less certain than the camera, because its place on the map also depends on "
+                " The ground is typically less certain than the camera, because its place on the map also depends on "
                 "the camera's tilt, its height over the ground and its lens, the more the farther the ground "
                 f"lies from the middle of a picture{_cause(estimate)}."
             )
@@ -77,13 +77,13 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
     what = "pose" if facts.is_graph else "keyframe"
     name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
     path = f"Around {_at(x, y, m)} ({what} {k}{f', {name}' * bool(name)})"
-    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}."
+    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}, all axes together."
     if mosaic is None or not np.isfinite(mosaic.worst_std_m):
         return f"{path} map.html colours the path by it."
     return (
         f"The ground around {_at(mosaic.x_m, mosaic.y_m, m)}, known to "
-        f"±{SPACE}{facts.length(mosaic.worst_std_m)}: the darkest of the middle map below. The path: "
-        f"{path[0].lower()}{path[1:]}"
+        f"±{SPACE}{facts.length(mosaic.worst_std_m)}, x and y together: the darkest of the middle map below. "
+        f"The path: {path[0].lower()}{path[1:]}"
     )
 
 
