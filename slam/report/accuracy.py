@@ -16,6 +16,7 @@ from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from slam.core.flight import Flight
     from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe
     from slam.evaluation.map_gain import MapGain
     from slam.evaluation.score import Evaluation
@@ -42,6 +43,16 @@ class Evaluated:
 
 NOT_EVALUATED = Evaluated()
 """The words for a map that was not compared."""
+
+
+def not_evaluated(flight: Flight | None) -> Evaluated:
+    """Return the words for a map that was not compared: its flight may hold a reference that checks it."""
+    if flight is None or flight.truth is None:
+        return NOT_EVALUATED
+    return Evaluated(
+        "Not measured yet, but this flight holds a true path: the command slam evaluate compares the map with "
+        "it, and writes the result here."
+    )
 
 
 def evaluated(evaluation: Evaluation) -> Evaluated:

@@ -24,7 +24,7 @@ WORDS: Mapping[str, str] = {
     "attitude": "the attitude sensor",
     "position": "the GPS",
     "control": "the control points",
-    "imu": "the IMU (its accelerometer)",
+    "imu": "the accelerometer of the IMU",
     "velocity": "the vehicle's own velocity",
     "barometer": "the barometer",
     "assumed": "assumed values, which no instrument measured",

@@ -13,7 +13,7 @@ from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
 from slam.core.version import VERSION
-from slam.report.accuracy import NOT_EVALUATED, Evaluated
+from slam.report.accuracy import NOT_EVALUATED, Evaluated, not_evaluated
 from slam.report.advice import limit_sentence
 from slam.report.answers import pilots_answers
 from slam.report.checked_lengths import basis, settled
@@ -103,6 +103,7 @@ def render(
     drawable = facts.placed > 0
     marks = MapMarks(unit(facts.metric), estimate.origin is not None)
     ground = mosaic_facts(mosaics.after, mosaics.quality)
+    told = not_evaluated(flight) if accuracy.evaluated == NOT_EVALUATED else accuracy.evaluated
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     before = "as given" if facts.is_graph else "chain alone"
     page = render_page(
@@ -123,7 +124,7 @@ def render(
         answers=pilots_answers(estimate, summary, facts, ground),
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
-        mosaic=map_picture(mosaics.after, marks, accuracy.evaluated),
+        mosaic=map_picture(mosaics.after, marks, told),
         chain_mosaic=picture(mosaics.before, marks),
         widths=_widths(mosaics),
         covered=[_covered(path, unit(facts.metric)) for path in (mosaics.before, mosaics.after)],
@@ -137,11 +138,11 @@ def render(
         verdicts={verdict_of(loop.reason) for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),
         accuracy=(*accuracy.tables, *instrument_table(estimate, flight)),
-        evaluated=accuracy.evaluated,
+        evaluated=told,
         streams=_streams(summary),
         files={file.name: file for file in output_files(folder)},
     )
-    return settled(page, accuracy.evaluated.checks_lengths)
+    return settled(page, told.checks_lengths)
 
 
 def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
-from slam.core.flight import GeoOrigin
+from slam.core.flight import GeoOrigin, Truth
 from slam.core.plot_style import ground_labels
 from slam.core.summary import json_text, summarise
 from slam.core.units import length
@@ -385,3 +385,10 @@ def test_an_unknown_uncertainty_is_no_small_one():
         assert np.isnan(facts.sigma_median_m) == (unknown > 30)
         assert ("others are not known" in sentence(facts, "ok")) == (unknown < 30)
         assert "0.00" not in sentence(facts, "ok")
+
+
+def test_a_flight_with_a_true_path_says_that_it_can_check_the_map():
+    estimate, flight = made_estimate(), made_flight()
+    truth = Truth(estimate.stamps_s, estimate.w_T_b)
+    assert "holds a true path" in page(estimate, replace(flight, truth=truth)).text
+    assert "holds a true path" not in page(estimate, replace(flight, truth=None)).text
