@@ -50,8 +50,8 @@ def not_evaluated(flight: Flight | None) -> Evaluated:
     if flight is None or flight.truth is None:
         return NOT_EVALUATED
     return Evaluated(
-        "Not measured yet, but this flight holds a true path: the command slam evaluate compares the map with "
-        "it, and writes the result here."
+        "Not measured yet, but this flight holds a true path: the command slam evaluate compares the map "
+        "with it, and writes the result here."
     )
 
 

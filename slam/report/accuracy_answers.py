@@ -45,9 +45,9 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
         )
         if mosaic.typical_std_m > facts.sigma_median_m:
             text += (
-                " The ground is typically less certain than the camera, because its place on the map also depends on "
-                "the camera's tilt, its height over the ground and its lens, the more the farther the ground "
-                f"lies from the middle of a picture{_cause(estimate)}."
+                " The ground is typically less certain than the camera, because its place on the map also "
+                "depends on the camera's tilt, its height over the ground and its lens, the more the farther "
+                f"the ground lies from the middle of a picture{_cause(estimate)}."
             )
     text += " Two times out of three the error is smaller; an error three times as large is rare."
     if not facts.relative_to and not facts.controlled and np.isfinite(facts.gps_std_m):
