@@ -56,9 +56,12 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
             "all of them share, which may be as large as what is "
             f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.length(facts.gps_std_m)}."
         )
-    return text + (
-        " It does not count what “Check this first” above names." if summary.status != "ok" else ""
-    )
+    return text + uncounted(summary)
+
+
+def uncounted(summary: Summary) -> str:
+    """Return that a figure does not count what the status names, with a space in front; empty for ``ok``."""
+    return " It does not count what “Check this first” above names." if summary.status != "ok" else ""
 
 
 def _cause(estimate: Estimate) -> str:
@@ -94,7 +97,7 @@ def _at(x: float, y: float, unit_name: str) -> str:
     )
 
 
-def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
+def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     """Return how accurate a distance between two points of the mosaic is, and an area."""
     if not facts.metric:
         return "In metres not at all: no sensor measured a length. Ratios of distances are right."
@@ -107,7 +110,8 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
         end_m = float(np.sqrt(max(end_m**2 - estimate.middle_std_m**2, 0.0)))
     ends = f"±{SPACE}{facts.length(np.sqrt(2) * end_m)}"
     if not facts.scale_std or not apart_m > 0:
-        return f"A distance between two far places to about {ends}, one between near places better."
+        text = f"A distance between two far places to about {ends}, one between near places better."
+        return text + uncounted(summary)
     scale_m = facts.scale_std * apart_m
     by_scale = f"±{SPACE}{length(scale_m)} ({percent(facts.scale_std)})"
     ends_share = float(np.sqrt(2) * end_m / apart_m)  # of a square: each corner moves half of a diagonal
@@ -123,8 +127,8 @@ def distance(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
     return (
         f"Two places {facts.length(apart_m)} apart: to ±{SPACE}{length(whole_m)} at most, one standard "
-        f"deviation. The scale causes {by_scale} of it, and the same share of any other length; "
-        f"the places of both ends cause {ends}, between near places less.{moves} Nineteen times out of "
+        f"deviation.{uncounted(summary)} The scale causes {by_scale} of it, and the same share of any other "
+        f"length; the places of both ends cause {ends}, between near places less.{moves} Nineteen times out of "
         f"twenty, a tape differs from the map by less than {length(2 * whole_m)}: if it differs by more, one "
         f"of them is wrong. {area}"
     )
@@ -139,7 +143,9 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     known = f"to ±{SPACE}{percent(facts.scale_std)}" if facts.scale_std else "with an unknown uncertainty"
     upper = f"{known[0].upper()}{known[1:]}"
     if estimate.accuracy_basis:
-        return f"{upper}, if the {facts.scale_source} is right. {_IF_WRONG} {basis(estimate.accuracy_basis)}"
+        first = "" if summary.status == "ok" else "Only after you have checked “Check this first” above. "
+        alone = basis(estimate.accuracy_basis)
+        return f"{first}{upper}, if the {facts.scale_source} is right. {_IF_WRONG} {alone}"
     if summary.status != "ok":
         return f"By {facts.scale_source}, {known}; but read “Check this first” above."
     if " and " not in facts.scale_source:

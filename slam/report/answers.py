@@ -44,7 +44,7 @@ def pilots_answers(
         Item("Can I use this map?", _usable(estimate, facts, summary)),
         Item("What does the status promise, and what not?", _promise(estimate, summary, facts)),
         Item("How accurate is a place on it?", place(estimate, facts, summary, mosaic)),
-        Item("How far can I trust a distance or an area?", distance(estimate, facts, mosaic)),
+        Item("How far can I trust a distance or an area?", distance(estimate, facts, summary, mosaic)),
         Item("Where is it least certain?", least_certain(estimate, facts, mosaic)),
         Item("Is the scale right, and by which instrument?", scale(estimate, facts, summary)),
         Item("What limits the accuracy?", _limit(estimate, facts, mosaic)),
@@ -58,7 +58,10 @@ def pilots_answers(
         Item("Where is the mosaic, and how big is a pixel?", _whereabouts(facts, mosaic)),
         Item("Which way do x and y point, and where is north?", _axes(estimate, facts)),
         Item("Where on Earth is it?", "" if facts.is_graph else _on_earth(estimate)),
-        Item("Can I hand its coordinates to others?", "" if facts.is_graph else _hand_on(facts, mosaic)),
+        Item(
+            "Can I hand its coordinates to others?",
+            "" if facts.is_graph else _hand_on(facts, summary, mosaic),
+        ),
     ]
     return tuple(row for row in rows if row.value)
 
@@ -191,10 +194,12 @@ def _axes(estimate: Estimate, facts: Facts) -> str:
     return f"{facts.axes}{unknown}"
 
 
-def _hand_on(facts: Facts, mosaic: MosaicFacts | None) -> str:
+def _hand_on(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     """Return who can use coordinates of this map, and what has to be told with them."""
     if not facts.metric:
         return "No: they are not in metres. Hand on the mosaic as a picture."
+    if summary.status != "ok":
+        return "Not before you have checked what “Check this first” above names: its places may be wrong."
     if facts.relative_to:
         return (
             "Only together with this map: its origin and axes mean nothing elsewhere. Distances and areas "

@@ -322,3 +322,16 @@ def test_known_distances_that_were_compared_are_not_asked_for():
     assert CHECKED_BY_ONE_DISTANCE not in shown(True)
     assert "Known distances on the ground have checked them" in shown(True)
     assert "no second instrument checks its accuracy" not in shown(True)
+
+
+def test_a_status_that_is_not_ok_stands_beside_every_figure():
+    flight = made_flight()
+    basis = f"Lengths rest on one sensor. {CHECKED_BY_ONE_DISTANCE}"
+    estimate = replace(made_estimate(), status="sonar0: stuck; repair it", accuracy_basis=basis)
+    found = answers(estimate, flight)
+    for question in (
+        "Can I use this map?", "How accurate is a place on it?", "How far can I trust a distance or an area?",
+        "Is the scale right, and by which instrument?", "How do I make the next map better?", "What failed?",
+        "Are the heights true?", "Can I hand its coordinates to others?",
+    ):  # fmt: skip
+        assert "Check this first" in found[question], question
