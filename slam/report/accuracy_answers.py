@@ -129,8 +129,8 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         f"Two places {facts.length(apart_m)} apart: to ±{SPACE}{length(whole_m)} at most, one standard "
         f"deviation.{uncounted(summary)} The scale causes {by_scale} of it, and the same share of any other "
         f"length; the places of both ends cause {ends}, between near places less.{moves} Nineteen times out "
-        f"of twenty, a tape differs from the map by less than {length(2 * whole_m)}: if it differs by more, one "
-        f"of them is wrong. {area}"
+        f"of twenty, a tape differs from the map by less than {length(2 * whole_m)}: if it differs by more, "
+        f"one of them is wrong. {area}"
     )
 
 

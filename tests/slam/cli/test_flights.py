@@ -162,7 +162,7 @@ def test_evaluate_adds_its_files_and_a_second_run_replaces_all(flight, done, tmp
     page = (out / "report.html").read_text()
     assert "compared with the truth at" in page
     assert "evaluation_error.png" in page
-    assert "Not measured here" in (done / "report.html").read_text()
+    assert "Not measured yet" in (done / "report.html").read_text()
     assert run("evaluate", out, "--truth", flight, "--quiet").exit_code == 0
     assert (out / "report.html").read_text() == page
     (out / "report.html").write_text("<html></html>")
