@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.graph import BundleProblem, Variables
 from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, told_calibration, told_covariance
+from backend.bundle.lens_evidence import VERY_STRONG
 from backend.bundle.minimise import BundleCost, BundleOptimum, minimise_bundle
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import undistorted
@@ -29,9 +30,6 @@ from backend.sparse_cholesky import SingularMatrixError
 
 Array = NDArray[np.float64]
 
-_VERY_STRONG = 5.0
-"""Logarithm of the ratio of two marginal likelihoods from which the evidence is very strong (Kass and Raftery
-1995, section 3.2)."""
 _ITERATIONS = 30
 _TOLERANCE = 1e-3
 """Relative change of the error at which the second model is fitted: as in the rounds before the last."""
@@ -62,7 +60,7 @@ def fisheye_by_evidence(
         gain = _log_evidence(fisheye, found.error) - _log_evidence(optimum, error)
     except (BackendError, SingularMatrixError):
         return None
-    return (problem, found.at) if gain > _VERY_STRONG else None
+    return (problem, found.at) if gain > VERY_STRONG else None
 
 
 def _log_evidence(optimum: BundleOptimum, error: float) -> float:

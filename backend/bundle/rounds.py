@@ -39,15 +39,16 @@ def solve_rounds(
     """
     tracks, camera, config = problem.tracks, problem.camera, problem.config
     used = np.ones(len(tracks.track), bool)
-    iterations = 0
+    first, iterations = noise, 0
     settled = False
     for number in range(config.rounds):
         if number == 1 and is_uncertain(camera) and not problem.self_calibrates:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
             problem = replace(problem, self_calibrates=True)
             at = start_calibration(at, camera)
-            # What the told lens does not explain is no outlier yet.
+            # What the told lens does not explain is no outlier yet, and no noise.
             used = np.ones(len(tracks.track), bool)
+            noise = replace(first, inertial=noise.inertial, reported=noise.reported)
         cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
         minimum = minimise_bundle(cost, at, 30, 1e-5 if last else 1e-3, on_step)

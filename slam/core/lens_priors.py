@@ -6,6 +6,8 @@ from dataclasses import replace
 
 from frontend.camera import Camera
 
+ASSUMED_FOCAL_STD_RATIO = 0.1
+"""Relative standard deviation of a focal length that is assumed."""
 NOMINAL_FOCAL_STD_RATIO = 0.03
 """Relative standard deviation of a focal length that is the nominal one of a model (Exif)."""
 CENTER_STD_RATIO = 0.01
@@ -21,8 +23,14 @@ def as_nominal(camera: Camera) -> Camera:
     """Return a camera whose lens is known no better than by nominal values."""
     return replace(
         camera,
-        focal_std_ratio=NOMINAL_FOCAL_STD_RATIO,
-        center_std_px=CENTER_STD_RATIO * max(camera.size_px),
-        radial_std=NOMINAL_RADIAL_STD,
-        tangential_std=TANGENTIAL_STD,
+        focal_std_ratio=max(camera.focal_std_ratio, NOMINAL_FOCAL_STD_RATIO),
+        center_std_px=max(camera.center_std_px, CENTER_STD_RATIO * max(camera.size_px)),
+        radial_std=max(camera.radial_std, NOMINAL_RADIAL_STD),
+        tangential_std=max(camera.tangential_std, TANGENTIAL_STD),
     )
+
+
+def as_assumed(camera: Camera) -> Camera:
+    """Return a camera whose lens is known no better than by an assumed focal length."""
+    nominal = as_nominal(camera)
+    return replace(nominal, focal_std_ratio=max(nominal.focal_std_ratio, ASSUMED_FOCAL_STD_RATIO))

@@ -101,7 +101,7 @@ def build_estimate(
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
             accelerometer_errors(map_.inertial, clock),
             mount,
-            shared or context.errors_of_refuted_lens,
+            shared or (context.refuted_lens.errors if context.refuted_lens else None),
             clock,
             lens_numbers(map_.bundle),
             velocity,

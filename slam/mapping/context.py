@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.clocks.picture_clock import PictureClock
 from frontend.camera import Camera
 from slam.core.flight import Flight, Gps
@@ -45,6 +44,8 @@ class Context:
     """Calibrations that an earlier map held and the pictures refuted: this map has them as variables."""
     still_held: str = ""
     """Why a refuted antenna's place is held all the same; empty where none is."""
+    doubted_lens: str = ""
+    """Warning about a lens that is refuted and held all the same; empty where none is."""
 
     @staticmethod
     def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:
@@ -73,9 +74,9 @@ class Context:
         return replace(self, flight=flight).calibrated(self.clock, self.job.camera, observations)
 
     @property
-    def errors_of_refuted_lens(self) -> SystematicErrors | None:
-        """Errors of the map with the declared lens, where this one has an estimated lens instead."""
-        return next((refuted.errors for refuted in self.refuted if refuted.what == "lens"), None)
+    def refuted_lens(self) -> Refuted | None:
+        """The declared lens, where this map has an estimated one instead."""
+        return next((refuted for refuted in self.refuted if refuted.what == "lens"), None)
 
     def with_warning(self, line: str) -> Context:
         """Return the context with one more warning for the user."""

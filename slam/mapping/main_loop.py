@@ -100,7 +100,8 @@ def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
         if freed is None:
             break
         if freed.changes_nothing(finished.context.job.camera):
-            return replace(finished, context=replace(finished.context, still_held=freed.reason))
+            held = replace(finished.context, still_held=freed.reason, doubted_lens=freed.doubted_lens)
+            return replace(finished, context=held)
         again = _again(finished, flight, freed)
         if again is None:
             break

@@ -59,12 +59,13 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
         antenna_std_m=readings.fixes.antenna_std_m if readings.fixes else 0.0,
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
-        camera=_model(setup.camera),
+        camera=pinhole_model(setup.camera),
     )
     return replace(whole.of_keyframes(members.tolist()), tracks=tracks)
 
 
-def _model(camera: Camera) -> PinholeModel:
+def pinhole_model(camera: Camera) -> PinholeModel:
+    """Return the camera as the back end needs it."""
     return PinholeModel(
         focal_px=camera.focal_px,
         center_px=camera.center_px,

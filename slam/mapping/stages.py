@@ -15,7 +15,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.heap import large_blocks_kept
 from slam.core.instrument_readings import inertial_readings
-from slam.core.lens_priors import as_nominal
+from slam.core.lens_priors import as_assumed, as_nominal
 from slam.core.progress import show_compilation
 from slam.mapping.build_estimate import reason_kind
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
@@ -24,7 +24,15 @@ from slam.mapping.calibration.camera_mount import estimated_mount
 from slam.mapping.calibration.clock_offset import clock_correction, finer_correction
 from slam.mapping.calibration.instrument_clocks import on_one_clock
 from slam.mapping.calibration.picture_turns import tracked_clock
-from slam.mapping.calibration.refuted import Freed, freed_by, suspects, with_lens_of
+from slam.mapping.calibration.refuted import (
+    Freed,
+    Refuted,
+    freed_by,
+    is_told_lens_doubted,
+    lens_by_evidence,
+    suspects,
+    with_lens_of,
+)
 from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
@@ -164,15 +172,16 @@ def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Contex
 def freed_calibrations(context: Context, refined: Map, errors: SystematicErrors | None) -> Freed | None:
     """Return what is told of the instruments after the calibrations are freed that the pictures refute.
 
-    They are held ones whose ``errors`` displace the poses by more than their covariances state, and a lens of
-    another model. The result is None where nothing is refuted.
+    They are held ones whose ``errors`` displace the poses by more than their covariances state, a lens of
+    another model, and one that is told as more certain than the evidence says. The result is None where
+    nothing is refuted.
     """
     camera, gps = context.job.camera, context.flight.gps
     if refined.camera.lens != camera.lens:
         return Freed(with_lens_of(camera, refined.camera), gps)
     suspected = suspects(refined.bundle, errors)
     if errors is None or not suspected.refuted:
-        return None
+        return _freed_from_told(context, refined)
     with context.timer("refine"):
         trial = refine_map(refined, suspected.free(context.setup), context.job.progress)
     refuted, reason = freed_by(trial.bundle, suspected, errors)
@@ -182,6 +191,18 @@ def freed_calibrations(context: Context, refined: Map, errors: SystematicErrors 
         elif gps is not None:
             gps = replace(gps, antenna_std_m=NOMINAL_ANTENNA_STD_M)
     return Freed(camera, gps, refuted, reason)
+
+
+def _freed_from_told(context: Context, refined: Map) -> Freed | None:
+    """Return the lens with a wider prior, if its evidence is much stronger than that of what is told."""
+    camera = context.job.camera
+    if not is_told_lens_doubted(refined):
+        return None
+    with context.timer("refine"):
+        widest = replace(context.setup, camera=as_assumed(camera))
+        found, doubted = lens_by_evidence(camera, refine_map(refined, widest, context.job.progress))
+    refuted = () if found is camera else (Refuted("lens", None),)
+    return Freed(found, context.flight.gps, refuted, doubted_lens=doubted)
 
 
 def with_freed(context: Context, refined: Map, freed: Freed) -> tuple[Context, Map]:

@@ -70,26 +70,37 @@ def added_columns(optimum: BundleOptimum, linear: LinearSystem, rows: int) -> Ad
     They are whitened, with the weights of the robust losses, in the order of the ``rows`` of
     `LinearSystem.jacobian`.
     """
-    seen = optimum.cost.observations
-    # The height of a point belongs to the last picture that shows it.
-    last = np.zeros(len(optimum.at.point), dtype=np.int64)
-    np.maximum.at(last, seen.track, seen.keyframe)
-    keyframe = [np.repeat(seen.keyframe, 2), np.repeat(last, 3)]
-    at = 2 * len(seen.keyframe) + 3 * len(last)
-    first_row = at
     graph = optimum.cost.pose_side
+    first_row = at = rows - sum(graph.at(number).dim() for number in range(graph.size()))
     positions: list[tuple[int, int]] = []
     for factor in (graph.at(number) for number in range(graph.size())):
-        keys, size = factor.keys(), factor.dim()
-        poses = [symbol.index() for symbol in map(gtsam.Symbol, keys) if symbol.chr() == ord("x")]
-        keyframe.append(np.full(size, poses[0] if poses else 0))
-        if poses and WORLD in keys and size == _POSITION_ROWS:
-            positions.append((at, poses[0]))
+        keys, size, pose = factor.keys(), factor.dim(), _first_pose(factor)
+        if pose is not None and WORLD in keys and size == _POSITION_ROWS:
+            positions.append((at, pose))
         at += size
     columns = _of_pixels(optimum, rows)
     if positions:
         columns["position offset"] = _of_positions(optimum, linear, rows, first_row, positions)
-    return AddedColumns(columns, np.concatenate(keyframe))
+    return AddedColumns(columns, np.maximum(row_pictures(optimum), 0))
+
+
+def row_pictures(optimum: BundleOptimum) -> NDArray[np.int64]:
+    """Return the keyframe (rows,) of each row of `LinearSystem.jacobian`, -1 for rows that belong to none."""
+    seen, graph = optimum.cost.observations, optimum.cost.pose_side
+    # The height of a point belongs to the last picture that shows it.
+    last = np.zeros(len(optimum.at.point), dtype=np.int64)
+    np.maximum.at(last, seen.track, seen.keyframe)
+    keyframe = [np.repeat(seen.keyframe, 2), np.repeat(last, 3)]
+    for factor in (graph.at(number) for number in range(graph.size())):
+        pose = _first_pose(factor)
+        keyframe.append(np.full(factor.dim(), -1 if pose is None else pose))
+    return np.concatenate(keyframe)
+
+
+def _first_pose(factor: gtsam.NonlinearFactor) -> int | None:
+    """Return the number of the first pose that a factor concerns; None without any."""
+    symbols = map(gtsam.Symbol, factor.keys())
+    return next((symbol.index() for symbol in symbols if symbol.chr() == ord("x")), None)
 
 
 def _of_pixels(optimum: BundleOptimum, rows: int) -> dict[Kind, Array]:

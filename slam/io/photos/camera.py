@@ -17,6 +17,7 @@ import numpy as np
 
 from frontend.camera import Camera
 from slam.core.lens_priors import (
+    ASSUMED_FOCAL_STD_RATIO,
     CENTER_STD_RATIO,
     NOMINAL_FOCAL_STD_RATIO,
     NOMINAL_RADIAL_STD,
@@ -29,8 +30,6 @@ from slam.io.photos.lens_tags import fitted_lens
 _ASSUMED_VIEW_DEG = 65.0
 """Assumed field of view along the longer side without tags: that of a 28 mm lens on 35 mm film."""
 ASSUMED_VIEW = f"a view of {_ASSUMED_VIEW_DEG:g} degrees along the longer side"
-ASSUMED_FOCAL_STD_RATIO = 0.1
-"""Relative standard deviation of a focal length that is assumed."""
 
 _UNDISTORT = "undistort the pictures"
 """Advice where a lens is too wide for the camera model."""

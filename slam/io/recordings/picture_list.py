@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.flight import Image
+from slam.core.lens_priors import ASSUMED_FOCAL_STD_RATIO
 from slam.io.files import read_bytes, refusal
 from slam.io.images import MAX_BYTES, UnreadableImageError, image_size
-from slam.io.photos.camera import ASSUMED_FOCAL_STD_RATIO, ASSUMED_VIEW, assumed_focal_px
+from slam.io.photos.camera import ASSUMED_VIEW, assumed_focal_px
 from slam.io.recordings.recording import PictureChannel
 
 MOUNT_NOTE = "looking straight down with the nose at the top assumed; run slam import to correct T_BS"

@@ -14,8 +14,8 @@ NOMINAL_ANTENNA_STD_M = 0.2
 camera are 0.3 to 1.2 m wide, and the antenna is on them: three deviations are half of the largest width."""
 _CERTAIN = 3.0
 """Standard deviations from zero at which an offset is seen."""
-_FARTHEST = 3.0
-"""Standard deviations of the prior within which an antenna's place lies."""
+FARTHEST = 3.0
+"""Standard deviations of the prior within which a calibration lies: farther away it has another cause."""
 
 
 def antenna_m(bundle: Bundle | None) -> tuple[float, float, float] | None:
@@ -75,7 +75,7 @@ def refusal_of_antenna(bundle: Bundle) -> str:
             "the flight does not tell the antenna's place from the lens and from the place of the whole map "
             f"(±{np.nanmax(std):.2g} m, ±{prior:.2g} m without the flight)"
         )
-    if (np.abs(off) > _FARTHEST * prior).any():
+    if (np.abs(off) > FARTHEST * prior).any():
         return (
             f"it would be {off[0]:+.2f} m forward and {off[1]:+.2f} m left of where it is told, which is "
             "beside most vehicles and may have another cause, such as a delay; if it is there, state it in "

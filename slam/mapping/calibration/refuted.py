@@ -2,6 +2,9 @@
 
 A refuted calibration is freed: the flight is mapped again with it as a variable. It stays held where the
 flight does not tell it from the others, because then another cause explains the same residuals.
+
+A lens that is told with an uncertainty is a variable already, but within what is told. It is refuted where
+the evidence of a wider prior is very strong (`backend.bundle.lens_evidence`).
 """
 
 from __future__ import annotations
@@ -9,13 +12,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from backend.bundle.accuracy.systematic_errors import SystematicErrors
+import numpy as np
+
+from backend.bundle.accuracy.systematic_errors import FALSE_ALARMS, SystematicErrors
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, Kind
+from backend.bundle.lens import told_calibration, told_covariance
+from backend.bundle.lens_evidence import VERY_STRONG, log_evidence_of_priors
 from backend.bundle.refinement import Bundle
+from backend.quantiles import chi_square_limit
+from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
 from slam.core.flight import Gps
-from slam.core.lens_priors import as_nominal
-from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M, refusal_of_antenna
+from slam.core.lens_priors import as_assumed, as_nominal
+from slam.mapping.calibration.antenna import FARTHEST, NOMINAL_ANTENNA_STD_M, refusal_of_antenna
+from slam.mapping.map import Map
+from slam.mapping.refine_part import pinhole_model
 from slam.mapping.setup import Setup
 
 Held = Literal["lens", "antenna"]
@@ -30,8 +41,8 @@ class Refuted:
     """A calibration that the map has as a variable because the pictures refute what is told of it."""
 
     what: Held
-    errors: SystematicErrors
-    """The errors of the map that holds it."""
+    errors: SystematicErrors | None
+    """The errors of the map that holds it; None of a lens that the evidence refutes."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,8 @@ class Freed:
     """
     reason: str = ""
     """Why a refuted antenna is held all the same; empty where none is."""
+    doubted_lens: str = ""
+    """Warning about a lens that is refuted and held all the same; empty where none is."""
 
     def changes_nothing(self, camera: Camera) -> bool:
         """Return whether nothing is freed of a map that was made with ``camera``."""
@@ -100,6 +113,47 @@ def freed_by(
     reason = refusal_of_antenna(trial) if "antenna" in suspected.refuted else ""
     determined: dict[Held, bool] = {"lens": trial.lens is not None, "antenna": not reason}
     return tuple(Refuted(what, errors) for what in suspected.refuted if determined[what]), reason
+
+
+def is_told_lens_doubted(map_: Map) -> bool:
+    """Return whether a map contradicts what is told of its lens, or positions that its lens may have bent.
+
+    The estimate is then farther from what is told than chance makes it.
+    """
+    lens = None if map_.bundle is None else map_.bundle.lens
+    if map_.bundle is None or lens is None:
+        return False
+    told = map_.bundle.optimum.problem.camera
+    off = lens.calibration - told_calibration(told)
+    squares = float(off @ np.linalg.solve(told_covariance(told), off))
+    return bool(map_.stated_accuracy) or squares > chi_square_limit(FALSE_ALARMS, len(off))
+
+
+def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
+    """Return ``camera`` with its lens known as well as the evidence of a ``trial`` says, else as it is.
+
+    The trial has the widest of the priors, that of `as_assumed`. A focal length outside of it has another
+    cause. The lens then stays as told, and the second result is a warning.
+    """
+    if trial.bundle is None or trial.bundle.lens is None or trial.camera.lens != camera.lens:
+        return camera, ""
+    priors = (camera, as_nominal(camera), as_assumed(camera))
+    try:
+        evidence = log_evidence_of_priors(trial.bundle.optimum, [pinhole_model(prior) for prior in priors])
+    except SingularMatrixError:
+        return camera, ""
+    best = int(np.argmax(evidence))
+    if evidence[best] - evidence[0] <= VERY_STRONG:
+        return camera, ""
+    told_px, std_px = priors[-1].told_numbers[0], trial.bundle.lens.told_std[0]
+    found_px = trial.camera.focal_px[0]
+    if abs(found_px - told_px) > FARTHEST * std_px:
+        return camera, (
+            f"cam0: the told focal length, {told_px:.0f} px, contradicts pictures and positions, but they show "
+            f"{found_px:.0f} px, which no calibration is wrong by: the map keeps the told lens; its heights "
+            "and slopes are doubted; add control points, or fly at a second height"
+        )
+    return with_lens_of(priors[best], trial.camera), ""
 
 
 def with_lens_of(camera: Camera, found: Camera) -> Camera:

@@ -44,6 +44,7 @@ from slam.mapping.warnings.systematic_warning import (
     refuted_antenna_warning,
     refuted_lens_warning,
     systematic_warning,
+    told_lens_warning,
 )
 
 MOST_STUCK = 0.5
@@ -262,13 +263,16 @@ def _stuck_ranges(flight: Flight, map_: Map) -> str:
 
 
 def _refuted_lens(context: Context, map_: Map) -> str:
-    """Report a declared lens in whose place the map has an estimated one."""
-    errors = context.errors_of_refuted_lens
-    if errors is None:
-        return ""
-    flight, height_m = context.flight, _main_height_m(map_)
+    """Report a declared lens that the map refutes: it has an estimated one instead, or keeps it."""
+    refuted, flight, height_m = context.refuted_lens, context.flight, _main_height_m(map_)
+    if refuted is None:
+        return context.doubted_lens
     assert flight.camera is not None
-    return refuted_lens_warning(errors, flight.camera, map_.camera, height_m, map_.metric, flight.camera_file)
+    if refuted.errors is None:
+        return told_lens_warning(flight.camera, map_, flight.camera_file)
+    return refuted_lens_warning(
+        refuted.errors, flight.camera, map_.camera, height_m, map_.metric, flight.camera_file
+    )
 
 
 def _refuted_antenna(context: Context, map_: Map) -> str:

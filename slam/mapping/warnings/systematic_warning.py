@@ -10,8 +10,9 @@ from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind, lens_displacement
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
-from slam.core.units import length
+from slam.core.units import length, percent
 from slam.mapping.gps.stated_accuracy import Contradiction
+from slam.mapping.map import Map
 
 _CERTAIN = 3.0
 """Standard deviations from zero above which a component is reported."""
@@ -56,6 +57,18 @@ def refuted_lens_warning(
     line = systematic_warning(found, declared, height_m, metric, camera_file)
     lens = "an equidistant fisheye" if used.lens == "equidistant" else "a lens with distortion"
     return f"{line}; so was the map with it, and this one has {lens} instead, as estimated from the pictures"
+
+
+def told_lens_warning(told: Camera, map_: Map, camera_file: str) -> str:
+    """Return the warning about a lens whose told numbers the evidence of a map refutes."""
+    lens = None if map_.bundle is None else map_.bundle.lens
+    std_px = "" if lens is None else f" ± {float(np.mean(lens.std[:2])):.2g}"
+    return (
+        f"cam0: a focal length of {np.mean(told.focal_px):.0f} px ± {percent(told.focal_std_ratio)} and the "
+        "distortion told with it contradict the pictures and positions; this map has "
+        f"{np.mean(map_.camera.focal_px):.0f}{std_px} px instead, as estimated; calibrate the camera and "
+        f"correct its numbers in {camera_file}"
+    )
 
 
 def refuted_antenna_warning(
