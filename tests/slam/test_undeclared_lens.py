@@ -16,6 +16,7 @@ from slam.core.flight import Flight
 from slam.core.progress import silent
 from slam.evaluation import evaluate
 from slam.mapping.pipeline import optimize
+from tests.slam.photo_survey import survey
 from tests.slam.small_flight import flown, only, seeing
 from tests.slam.whole_job import normal
 
@@ -166,3 +167,23 @@ def test_photographs_that_contradict_their_calibration_estimate_the_lens() -> No
     assert estimate.camera is not None
     assert np.abs(estimate.camera.distortion[2:4]).max() < 0.002
     assert estimate.camera.focal_px[1] > estimate.camera.focal_px[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.9, 1.1])
+def test_a_wrong_focal_length_of_a_maker_is_estimated(ratio: float) -> None:
+    """Photographs with RTK; the maker's calibration is told to 0.5 %, and 10 % off."""
+    made = survey(gps_std_m=0.02)
+    camera = made.flight.camera
+    assert camera is not None
+    told = ratio * camera.focal_px[0]
+    wrong = replace(camera, focal_px=(told, told), focal_std_ratio=0.005, radial_std=0.02)
+    estimate = optimize(replace(made.flight, camera=wrong, surveyed=()))
+    assert f"a focal length of {told:.0f} px" in estimate.status
+    assert "in place" not in estimate.status
+    lens = estimate.instruments.lens
+    assert lens is not None
+    assert abs(lens["fx"].value - camera.focal_px[0]) < 3 * lens["fx"].std < 0.05 * told
+    assert lens["fx"].told_std > 0.02 * told
+    off_m = estimate.w_T_b[:, :3, 3] - made.w_T_c[estimate.frame_index, :3, 3]
+    assert np.sqrt(np.mean((off_m - off_m.mean(axis=0)) ** 2)) < 0.03

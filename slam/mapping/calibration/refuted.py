@@ -149,9 +149,9 @@ def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
     found_px = trial.camera.focal_px[0]
     if abs(found_px - told_px) > FARTHEST * std_px:
         return camera, (
-            f"cam0: the told focal length, {told_px:.0f} px, contradicts pictures and positions, but they show "
-            f"{found_px:.0f} px, which no calibration is wrong by: the map keeps the told lens; its heights "
-            "and slopes are doubted; add control points, or fly at a second height"
+            f"cam0: the told focal length, {told_px:.0f} px, contradicts pictures and positions, but they "
+            f"show {found_px:.0f} px, which no calibration is wrong by: the map keeps the told lens; its "
+            "heights and slopes are doubted; add control points, or fly at a second height"
         )
     return with_lens_of(priors[best], trial.camera), ""
 
