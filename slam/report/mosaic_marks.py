@@ -16,6 +16,8 @@ _STRIP_SHARE, _LEAST_STRIP_PX = 0.05, 28
 _BAR_SHARE = 0.3
 """Longest bar over the width of the picture."""
 _BLACK, _WHITE = (31, 35, 40), 255
+_CAPITAL_PX = 21
+"""Height of a capital letter of the font at size 1."""
 _LETTER_SHARE = 0.035
 """Height of the letters of a landmark over the width of the picture, which is shown half a page wide."""
 
@@ -40,15 +42,18 @@ def with_landmarks(
     ``corner``: x and y of its upper left corner; ``pixel_m``: the side of a pixel.
     """
     marked = pixels.copy()
-    width = marked.shape[1]
-    size, thick = _LETTER_SHARE * width / 21, max(1, round(width / 500))  # capitals are 21 pixels high
-    radius = max(2, round(0.4 * _LETTER_SHARE * width))
+    tall = _LETTER_SHARE * marked.shape[1]
+    size, radius, edge = tall / _CAPITAL_PX, max(2, round(0.4 * tall)), max(1, round(0.08 * tall))
     for name, (x, y) in landmarks.items():
         at = round((x - corner[0]) / pixel_m), round((corner[1] - y) / pixel_m)
-        beside = at[0] + round(1.3 * radius), at[1] - round(0.6 * radius)
-        for color, wide in (((_WHITE,) * 3, 5 * thick), (_BLACK, thick + 1)):
-            cv2.circle(marked, at, radius, color, wide, cv2.LINE_AA)
-            cv2.putText(marked, name, beside, cv2.FONT_HERSHEY_SIMPLEX, size, color, wide, cv2.LINE_AA)
+        beside = at[0] + round(1.4 * radius), at[1] - round(0.6 * radius)
+        cv2.circle(marked, at, radius, (_WHITE,) * 3, 4 * edge, cv2.LINE_AA)
+        cv2.circle(marked, at, radius, _BLACK, edge, cv2.LINE_AA)
+        # A thicker pen does not make a border: the font of OpenCV 5 takes the thickness as its weight.
+        around = [(i * edge, j * edge) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+        for (right, down), color in [*((shift, (_WHITE,) * 3) for shift in around), ((0, 0), _BLACK)]:
+            place = beside[0] + right, beside[1] + down
+            cv2.putText(marked, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, color, edge, cv2.LINE_AA)
     return marked
 
 
