@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class ChiSquare:
     def is_below(self) -> bool:
         """Whether the statistic is too small by chance: the stated covariances are too large."""
         return self.dof > 0 and self.statistic < chi_square_quantile(1 - CONFIDENCE, self.dof)
+
+    def at(self, noise: float) -> ChiSquare:
+        """Return the test with the standard deviations of all edges multiplied by a factor."""
+        return replace(self, statistic=self.statistic / noise**2)
 
     @property
     def is_far_below(self) -> bool:

@@ -18,17 +18,16 @@ from backend.pose_graph.gauge_fixed_problem import (
     initial_poses,
     least_squares_fit,
 )
-from backend.pose_graph.marginals import SolutionCovariances, posterior
+from backend.pose_graph.marginals import posterior
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.doubts import has_dominant_loop, suspected_loops
+from backend.pose_graph.selection.own_noise import own_noise
 from backend.pose_graph.selection.rejection import has_loops_on_odometry, reasons, reject_outliers
 from backend.pose_graph.selection.rival_loops import rival_loops, rivals_sentence
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 _EXPENSIVE = 5e9
 """Floating-point operations of an elimination that takes about a second."""
@@ -73,14 +72,15 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     expensive = options.loops_robust and elimination_exceeds(_EXPENSIVE, *size)
     expensive = expensive and has_loops_on_odometry(problem)
     fit = None if expensive else least_squares_fit(gauge_fixed, kept, start)
-    found: SolutionCovariances | None = None
-    doubtful, complete = fit is None, True
+    complete = True
     disputes: tuple[str, ...] = ()
-    if fit is not None and options.loops_robust:
-        doubtful, found = _is_doubtful(gauge_fixed, fit)
-    if fit is None or doubtful:
-        selected = reject_outliers(gauge_fixed, fit)
-        kept, fit, sigma, found = selected.kept, selected.fit, selected.innovation_sigma, None
+    noise = 1.0
+    if options.loops_robust and has_loops_on_odometry(problem):
+        # Where covariances are stated far too large, the fit of all edges passes its test with a false loop.
+        noise = own_noise(gauge_fixed, start if fit is None else fit.w_T)
+    if fit is None or (options.loops_robust and not fit.test.at(noise).passed):
+        selected = reject_outliers(gauge_fixed, fit, noise)
+        kept, fit, sigma = selected.kept, selected.fit, selected.innovation_sigma
         # Past its time limit, each search ends with the best set so far.
         complete = selected.is_complete and not options.out_of_time()
         rivals = rival_loops(gauge_fixed, kept, fit.w_T)
@@ -90,7 +90,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
     if options.covariances:
-        covariances = (found or _posterior(gauge_fixed, kept, fit)).poses
+        covariances = _posterior(gauge_fixed, kept, fit)
         if np.isnan(covariances).any():
             graph = gauge_fixed.graph(kept)
             still_open = tuple(unobserved(graph, minimum.values, problem.name))
@@ -112,31 +112,14 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     )
 
 
-def _is_doubtful(gauge_fixed: GaugeFixedProblem, fit: GraphFit) -> tuple[bool, SolutionCovariances | None]:
-    """Return whether the fit of all edges fails its test, or passes it by its covariances alone.
-
-    The second question needs the posterior, which is returned too if it was computed.
-    """
-    problem = gauge_fixed.problem
-    residual = problem.residuals(fit.w_T)
-    loops = suspected_loops(problem, residual)
-    if not fit.test.is_below or len(loops) == 0:
-        return not fit.test.passed, None
-    found = _posterior(gauge_fixed, np.ones(len(residual), dtype=bool), fit, loops)
-    return has_dominant_loop(residual, loops, found.predictions), found
-
-
-def _posterior(
-    gauge_fixed: GaugeFixedProblem, kept: Mask, fit: GraphFit, edges: Index = np.zeros(0, dtype=np.int64)
-) -> SolutionCovariances:
-    """Return the covariances of all poses, and of the predictions of some kept edges."""
+def _posterior(gauge_fixed: GaugeFixedProblem, kept: Mask, fit: GraphFit) -> Array:
+    """Return the covariances (n, 6, 6) of all poses."""
     return posterior(
         gauge_fixed.graph(kept),
         fit.minimum.values,
         range(gauge_fixed.problem.count),
-        [gauge_fixed.edges[e] for e in edges.tolist()],
         by_qr=_is_ill_scaled(gauge_fixed.problem),
-    )
+    ).poses
 
 
 def _is_ill_scaled(problem: Problem) -> bool:

@@ -45,6 +45,8 @@ class Problem:
     unary_factors: tuple[UnaryFactor, ...] = ()
     length_unit: str = "m"
     """Name of the unit of lengths in messages."""
+    noise: float = 1.0
+    """Factor of these standard deviations over those that the file or the flight states."""
 
     @property
     def count(self) -> int:
@@ -94,6 +96,14 @@ class Problem:
             ij_T=self.ij_T[which],
             sqrt_information=self.sqrt_information[which],
             trusted=self.trusted[which],
+        )
+
+    def with_noise(self, scale: float) -> Problem:
+        """Return the problem with the standard deviations of all edges multiplied by a factor."""
+        return (
+            self
+            if scale == 1
+            else replace(self, sqrt_information=self.sqrt_information / scale, noise=self.noise * scale)
         )
 
     def residuals(self, w_T: Array) -> Array:

@@ -118,7 +118,7 @@ def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -
     chance = null_loops.chance(w_T, samples, scale).of(found.log_pass_probability())
     sigma[edges] = found.sigma()
     # Accept within the stated covariance if the prediction is sharp even for that.
-    inflation = tail_inflation(scale)
+    inflation = tail_inflation(scale * problem.noise)
     agrees[edges] = sharp_agreements(chance, found.agrees(), place[edges])
     agrees[edges] |= sharp_agreements(
         np.minimum(chance + problem.dof * np.log(inflation), 0.0),

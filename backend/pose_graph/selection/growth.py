@@ -63,7 +63,8 @@ def _chain_poses(problem: Problem) -> Array:
 def _grown_chain(gauge_fixed: GaugeFixedProblem, members: Index, number: int) -> Chain:
     """Grow the consistent loops within one chain of odometry, with its first pose held."""
     own = held_part(gauge_fixed, members, initial_poses(gauge_fixed.problem.restricted(members))[0])
-    grown = _solved_odometry(own) if own.problem.trusted.all() else grow_from_odometry(own)
+    trusted = own.problem.trusted
+    grown = GrownSet(trusted, odometry_poses(own), True) if trusted.all() else grow_from_odometry(own)
     return Chain(members, grown.w_T, part_samples(own, grown.kept, grown.w_T, number))
 
 
@@ -88,10 +89,9 @@ def part_samples(part: GaugeFixedProblem, kept: Mask, w_T: Array, number: int) -
     return samples
 
 
-def _solved_odometry(own: GaugeFixedProblem) -> GrownSet:
-    """Return the solution of odometry alone: the initial guess may follow loops that are false."""
-    trusted = own.problem.trusted
-    return GrownSet(trusted, coarse_solver(own)(trusted, _chain_poses(own.problem)), True)
+def odometry_poses(own: GaugeFixedProblem) -> Array:
+    """Return the poses (n, 4, 4) by odometry alone: the initial guess may follow loops that are false."""
+    return coarse_solver(own)(own.problem.trusted, _chain_poses(own.problem))
 
 
 def coarse_solver(gauge_fixed: GaugeFixedProblem) -> Solve:

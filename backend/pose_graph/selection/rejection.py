@@ -53,11 +53,21 @@ class Selection:
     """Sentences about rejected loops that agree with each other, against odometry or with it."""
 
 
-def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
+def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None, noise: float) -> Selection:
     """Return the consistent edges and their fit.
 
-    ``fit`` is that of all edges; without it odometry must connect all poses.
+    ``fit`` is that of all edges; without it odometry must connect all poses. ``noise`` is the factor of the
+    edges' noise over the stated one: with it they are judged, and their fit is that of the stated one.
     """
+    judged = replace(gauge_fixed, problem=gauge_fixed.problem.with_noise(noise))
+    found = _selected(judged, fit)
+    return (
+        found if noise == 1 else replace(found, fit=least_squares_fit(gauge_fixed, found.kept, found.fit.w_T))
+    )
+
+
+def _selected(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:
+    """Select the consistent edges at the stated noise."""
     problem, trusted = gauge_fixed.problem, gauge_fixed.problem.trusted
     if fit is not None and not fit.test.passed and np.count_nonzero(~trusted) > _MANY_LOOPS:
         # A few false loops among many stand out of the fit of all edges.
@@ -187,7 +197,7 @@ def _evidence_gain(
         return np.inf if here is None else -np.inf
     log_prior = 0.0
     if with_tails:
-        scale = here.scale * tail_inflation(here.scale)
+        scale = here.scale * tail_inflation(here.scale * problem.noise)
         here, there = replace(here, scale=scale), replace(there, scale=scale)
         in_tail = other.kept & ~found.kept & (found.innovation_sigma > edge_limit(problem))
         log_prior = float(np.log(SIGNIFICANCE)) * np.count_nonzero(in_tail)

@@ -107,7 +107,8 @@ def _exif_place(
             )
             if letter not in letters or not letter
         ]
-        faults.append(f"{' and '.join(missing)} is missing, {UNSIGNED}")
+        verb = "is" if len(missing) == 1 else "are"
+        faults.append(f"{' and '.join(missing)} {verb} missing, {UNSIGNED}")
         return None, None, (lat, lon), letters
     return -lat if north == "S" else lat, -lon if east == "W" else lon, None, letters
 

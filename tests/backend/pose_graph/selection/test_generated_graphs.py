@@ -55,6 +55,23 @@ def test_a_false_loop_is_rejected_where_covariances_are_far_too_large():
     assert solve_pose_graph(true, covariances=False).edge_kept.all()
 
 
+@pytest.mark.parametrize(
+    ("scene", "stated"),
+    [
+        (Scene("laps", 1, 2, -1.0, "random", 0), 5.0),
+        (Scene("laps", 1, 1, 0.5, "consistent", 7), 10.0),
+        (Scene("laps", 2, 4, 0.1, "consistent", 7), 10.0),
+        pytest.param(Scene("lawn mower", 2, 1, 0.5, "consistent", 7), 5.0, marks=pytest.mark.slow),
+    ],
+    ids=lambda given: given.label if isinstance(given, Scene) else f"{given:.0f} times",
+)
+def test_loops_are_judged_by_their_own_noise_where_the_stated_one_is_far_too_large(
+    scene: Scene, stated: float
+):
+    """By the stated covariances, false loops agree by chance, or no prediction is sharp."""
+    assert ratio("ours", scene, stated) <= WITHIN
+
+
 @pytest.mark.parametrize("wrong", [[3.0, 0.0, 0.0], [0.0, 0.0, 1.57]], ids=["position", "heading"])
 def test_one_wrong_step_of_odometry_is_found_and_named(wrong: list[float]):
     """All true loops over the step disagree with it; without it they agree."""
