@@ -18,15 +18,15 @@ from slam.core.units import SPACE
 
 
 def attitude_text(found: AttitudeErrors | None) -> str:
-    """Offsets of the attitude sensor in words: ``roll +4.9 ± 0.9°, pitch +0.9 ± 0.3°; up to 10.5°``; empty
-    where the map reveals none."""
+    """Offsets of the attitude sensor in words: ``roll +4.9 ± 0.9°, pitch +0.9 ± 0.3° on average,
+    up to 10.5° at one keyframe``; empty where the map reveals none."""
     if found is None:
         return ""
     each = [
         f"{name} {degrees(offset):+.2f} ±{SPACE}{degrees(std):.2f}°"
         for name, offset, std in zip(("roll", "pitch"), found.offset_rad, found.offset_std_rad, strict=True)
     ]
-    return f"{', '.join(each)}; up to {degrees(found.largest_rad):.1f}°"
+    return f"{', '.join(each)} on average, up to {degrees(found.largest_rad):.1f}° at one keyframe"
 
 
 def heading_text(found: AttitudeErrors | None) -> str:
