@@ -58,14 +58,14 @@ def unless_hidden(features: Features | None, mask: Image | None, camera: Camera)
 
     A mask that hides no feature changes none: the others are still the strongest.
     """
-    return None if features is None or hides_any(mask, features.pixel, camera) else features
+    return None if features is None or hides(mask, features.pixel, camera).any() else features
 
 
-def hides_any(mask: Image | None, pixel: Array, camera: Camera) -> bool:
-    """Return whether a mask of a recorded picture hides any of some undistorted pixels (n, 2)."""
+def hides(mask: Image | None, pixel: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Return (n,) whether a mask of a recorded picture hides each of some undistorted pixels (n, 2)."""
     if mask is None:
-        return False
+        return np.zeros(len(pixel), dtype=bool)
     recorded = camera.recorded(pixel)
     w, h = camera.size_px
     column, row = np.clip(np.rint(recorded), 0, [w - 1, h - 1]).astype(int).T
-    return bool((mask[row, column] == 0).any())
+    return np.asarray(mask[row, column] == 0)

@@ -40,6 +40,8 @@ class Context:
     bridges: InertialBridges
     clock: PictureClock = NO_CORRECTION
     """Delays that were taken out of the pictures' stamps."""
+    tracked: Observations | None = None
+    """Result of tracking, before keyframes were compared further."""
     refuted: tuple[Refuted, ...] = ()
     """Calibrations that an earlier map held and the pictures refuted: this map has them as variables."""
     still_held: str = ""

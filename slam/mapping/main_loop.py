@@ -21,21 +21,14 @@ from slam.mapping.build_estimate import build_estimate, shared_errors
 from slam.mapping.calibration.refuted import HELD, Freed
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
-from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.floor_visibility import without_horizon_frames
 from slam.mapping.front_end import Observations, TrackedPictures
 from slam.mapping.map import Map
-from slam.mapping.obstacles import (
-    Masks,
-    Obstacles,
-    cleared_echoes,
-    echoes_in_map,
-    find_obstacles,
-    no_masks,
-)
+from slam.mapping.obstacles import Obstacles, cleared_echoes, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.stages import (
     close_loops,
     freed_calibrations,
+    hide,
     match_overlaps,
     odometry,
     refine,
@@ -129,35 +122,34 @@ def _again(first: _Finished, flight: Flight, freed: Freed) -> _Finished | None:
     return replace(again, context=replace(again.context, refuted=refuted, still_held=freed.reason))
 
 
-def _first_map(
-    job: Job,
-    flight: Flight,
-    masks: Masks,
-    earlier: EarlierPass | None = None,
-    tracked: TrackedPictures | None = None,
-) -> tuple[Context, Map]:
-    context, observations = track(job, flight, masks, earlier, tracked)
-    return context, refine(context, close_loops(context, odometry(context, observations)))
-
-
 def _map_without_obstacles(job: Job, flight: Flight, tracked: TrackedPictures | None) -> tuple[Context, Map]:
     """Map the flight, mask the obstacles that the sonar finds on this map, and map it again."""
     masked: Obstacles | None = None
-    context, refined = _first_map(job, flight, no_masks, tracked=tracked)
-    unmasked = context.front_end.work
+    context, refined = _first_map(*track(job, flight, no_masks, tracked=tracked))
+    unmasked = context
     for _ in range(MOST_PASSES):
         poses, stamps_s = refined.of_main(refined.over_floor_T_b), refined.observations.stamps_s
         found = find_obstacles(flight, job.camera, stamps_s, poses, refined.floor_z_m, job.config.masking)
         if found is None or (masked is not None and not found.moved_from(masked)):
             break
         try:
-            again, remapped = _first_map(job, found.cleared(flight), found.masks, unmasked)
+            again, remapped = _first_map(*_masked(unmasked, flight, found))
         except InputError:  # no pictures join with these masks
             return context.with_warning(found.unusable_masks_warning), refined
         if remapped.main_share < LEAST_LEFT * refined.main_share:
             return context.with_warning(found.unusable_masks_warning), refined
         masked, context, refined = found, again, remapped
     return context, refined
+
+
+def _masked(unmasked: Context, flight: Flight, found: Obstacles) -> tuple[Context, Observations]:
+    """Take what the masks hide out of the pictures that were tracked without masks, or track them again."""
+    hidden = hide(unmasked, found)
+    return hidden or track(unmasked.job, found.cleared(flight), found.masks, unmasked.front_end.work)
+
+
+def _first_map(context: Context, observations: Observations) -> tuple[Context, Map]:
+    return context, refine(context, close_loops(context, odometry(context, observations)))
 
 
 def _camera(flight: Flight) -> Camera:

@@ -37,12 +37,13 @@ from slam.mapping.calibration.rolling_shutter import correct_rolling_shutter
 from slam.mapping.context import Context, Job
 from slam.mapping.earlier_pass import EarlierPass
 from slam.mapping.front_end import FrontEnd, Observations, TrackedPictures
+from slam.mapping.hidden_features import without_hidden
 from slam.mapping.inertial.fusion import fuse_parts
 from slam.mapping.inertial.measurements import inertial_measurements, reported_motion
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map, largest_first
-from slam.mapping.obstacles import Masks
+from slam.mapping.obstacles import Masks, Obstacles
 from slam.mapping.refine import refine_map
 from slam.mapping.search_radius import KnownPoses, implausible_edges, search_radius
 from slam.mapping.setup import Setup
@@ -74,11 +75,32 @@ def track(
         if job.camera.readout_s > 0:
             observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)
         _refuse_unless(len(observations.stamps_s) >= 2, flight, observations)
-        context = Context.of(flight, job, front_end, observations)
-        checked = without_false_links(observations, context.bridges)
-        if checked is not observations:
-            context = Context.of(flight, job, front_end, checked)
-        return replace(context, clock=clock), front_end.neighbours(checked)
+        return _with_neighbours(Context.of(flight, job, front_end, observations), observations, clock)
+
+
+def hide(context: Context, found: Obstacles) -> tuple[Context, Observations] | None:
+    """Leave out of the tracked keyframes what the masks of obstacles hide, and register them again.
+
+    The result is None where the pictures must be tracked again with these masks.
+    """
+    job, flight = context.job, found.cleared(context.flight)
+    front_end = FrontEnd(flight, job.camera, job.config, job.progress, context.front_end.work)
+    with job.timer("track"), large_blocks_kept():
+        assert context.tracked is not None
+        observations = without_hidden(context.tracked, front_end, found.masks)
+        if observations is None:
+            return None
+        return _with_neighbours(Context.of(flight, job, front_end, observations), observations, context.clock)
+
+
+def _with_neighbours(
+    context: Context, tracked: Observations, clock: PictureClock
+) -> tuple[Context, Observations]:
+    """Register each keyframe to its neighbours, after the links are gone that the instruments contradict."""
+    checked = without_false_links(tracked, context.bridges)
+    if checked is not tracked:
+        context = Context.of(context.flight, context.job, context.front_end, checked)
+    return replace(context, clock=clock, tracked=tracked), context.front_end.neighbours(checked)
 
 
 def odometry(context: Context, observations: Observations) -> Map:

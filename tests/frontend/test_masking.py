@@ -9,7 +9,7 @@ import pytest
 
 from frontend.camera import Camera
 from frontend.elevation import Elevation
-from frontend.masking import ObstacleMask, hides_any
+from frontend.masking import ObstacleMask, hides
 from tests.frontend.floor_pairs import body
 
 CAMERA = Camera((250.0, 250.0), (159.5, 119.5), (320, 240))
@@ -85,7 +85,6 @@ def test_a_mask_hides_what_was_recorded_under_it(camera):
     mask = np.full((240, 320), 255, np.uint8)
     mask[100:110, 20:30] = 0
     hidden, beside = camera.undistort(np.array([[25.0, 105.0], [35.0, 105.0]]))
-    assert hides_any(mask, np.array([beside, hidden]), camera)
-    assert not hides_any(mask, np.array([beside]), camera)
-    assert not hides_any(None, np.array([hidden]), camera)
-    assert not hides_any(mask, np.empty((0, 2)), camera)
+    assert hides(mask, np.array([beside, hidden]), camera).tolist() == [False, True]
+    assert hides(None, np.array([hidden]), camera).tolist() == [False]
+    assert hides(mask, np.empty((0, 2)), camera).shape == (0,)
