@@ -38,6 +38,11 @@ class MosaicFacts:
     hole_y_m: float = float("nan")
     """Middle of the largest hole."""
 
+    @property
+    def ground_std_m(self) -> tuple[float, float]:
+        """Typical and largest standard deviation of the position of a piece of ground."""
+        return self.typical_std_m, self.worst_std_m
+
 
 def mosaic_facts(picture: Path | None, quality: Path | None) -> MosaicFacts | None:
     """Return the figures from mosaic.tif beside ``picture`` and from mosaic_quality.tif beside ``quality``.

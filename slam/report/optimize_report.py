@@ -113,9 +113,7 @@ def render(
         facts=facts,
         unit=marks.unit,
         on_earth=marks.on_earth,
-        sentence=sentence(
-            facts, summary.status, None if ground is None else (ground.typical_std_m, ground.worst_std_m)
-        ),
+        sentence=sentence(facts, summary.status, ground.ground_std_m if ground else None),
         summary=summary,
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),

@@ -14,9 +14,11 @@ from slam.core.flight import Flight
 from slam.core.messages import reasons_of, sentences
 from slam.core.units import unit
 from slam.core.version import VERSION
+from slam.report.advice import limit_sentence
 from slam.report.facts import Facts, sentence
 from slam.report.map_page.features import floor_points, keyframes, links
 from slam.report.map_page.rasters import read_images, tile_set, value_grid
+from slam.report.mosaic_facts import mosaic_facts
 from slam.report.page import render_page
 
 MAP_PAGE = "map.html"
@@ -36,6 +38,7 @@ def write_map_page(
     """
     if facts.placed == 0:
         return None
+    ground = mosaic_facts(folder / _IMAGES["map"], folder / _VALUES["sigma"][0])
     data = {
         "metric": facts.metric,
         "unit": unit(facts.metric),
@@ -53,7 +56,8 @@ def write_map_page(
         "map_page/page.html.j2",
         name=estimate.name,
         version=VERSION,
-        sentence=sentence(facts, status),
+        sentence=sentence(facts, status, ground.ground_std_m if ground else None),
+        limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
         reasons=tuple(map(sentences, reasons_of(status, estimate.warnings))),
         is_graph=facts.is_graph,
         data=_in_script(data),

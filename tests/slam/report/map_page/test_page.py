@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import re
 from dataclasses import replace
@@ -14,6 +15,7 @@ import pytest
 
 from slam.core.floor_points import FloorPoints
 from slam.io.geotiff import Grid, write_bands
+from slam.report.advice import limit_sentence
 from slam.report.facts import gather
 from slam.report.map_page.features import MOST_POINTS, floor_points, spread
 from slam.report.map_page.write import write_map_page
@@ -104,6 +106,19 @@ def test_the_page_holds_what_the_estimate_has(tmp_path):
     without = tuple(e for e in estimate.relative_poses if (e.i, e.j) != (20, 21))
     frames = data_of(written(tmp_path, replace(estimate, relative_poses=without), made_flight()))["keyframes"]
     assert [k for k, unseen in enumerate(frames["unseen"]) if unseen] == [21]
+
+
+def test_the_first_lines_are_those_of_the_report(tmp_path):
+    estimate = replace(made_estimate(), status="ok", information_shares={"ground": {"range": 1.0}})
+    ground = np.full((40, 60), 0.5, np.float32)
+    grid = Grid(-3.0, 3.0, 0.1, 60, 40)
+    write_bands(
+        tmp_path / "mosaic_quality.tif", grid, {"pictures": ground, "position": ground, "seam": ground}
+    )
+    write_bands(tmp_path / "mosaic.tif", grid, {"any": ground})
+    page = html.unescape(write_map_page(tmp_path, estimate, None, gather(estimate, None), "ok").read_text())
+    assert "a point on the ground is typically known to" in page
+    assert limit_sentence(estimate.information_shares, on_ground=True) in page
 
 
 def test_keyframes_that_are_not_placed_are_left_out(tmp_path):
