@@ -19,6 +19,11 @@ from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, ReportedNoise
 from backend.pose_graph.descent import OnStep
 
+_BEFORE, _LAST = (30, 1e-3), (300, 1e-5)
+"""Most iterations, and the change of the error at which they end, relative to it: of a round before the last,
+and of the last. The error is half of a chi-square variable, and few observations make it flat, because of its
+robust losses: two pictures of trees took up to 117 small steps, while maps of a block converge within 30."""
+
 
 @dataclass(frozen=True)
 class Solved:
@@ -51,7 +56,8 @@ def solve_rounds(
             noise = replace(first, inertial=noise.inertial, reported=noise.reported)
         cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
-        minimum = minimise_bundle(cost, at, 30, 1e-5 if last else 1e-3, on_step)
+        limits = _LAST if last else _BEFORE
+        minimum = minimise_bundle(cost, at, *limits, on_step)
         at, iterations = minimum.at, iterations + minimum.iterations
         if last:
             break

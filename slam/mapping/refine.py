@@ -41,6 +41,7 @@ from slam.mapping.place_part import aligned_part, aligned_with_control, headed
 from slam.mapping.refine_part import LEAST_SEEN, refine_part
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.control_points import control_warnings
+from slam.mapping.warnings.convergence import convergence_warnings
 
 Array = NDArray[np.float64]
 
@@ -244,7 +245,10 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        warnings = [*_scale_warnings(by_inertia, bundle, refined.reasons), *convergence_warnings(bundle)]
+        warnings = [
+            *_scale_warnings(by_inertia, bundle, refined.reasons),
+            *convergence_warnings(bundle, base.readings),
+        ]
         part = replace(part, warnings=(*part.warnings, *warnings), remarks=refined.remarks)
         return part, agreement
 
@@ -299,16 +303,6 @@ def _scale_warnings(
         wanted = bundle.scale_std is None
         return [f"imu0 could not determine the metric scale: {by_inertia.reason}"] if wanted else []
     return [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
-
-
-def convergence_warnings(bundle: Bundle) -> list[str]:
-    """Report a refinement that ended before it converged."""
-    if not bundle.not_converged:
-        return []
-    return [
-        f"the refinement of {len(bundle.w_T_b)} keyframes did not converge ({bundle.not_converged}): errors "
-        "may be larger than their standard deviations; check the attitude and the height sensor"
-    ]
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

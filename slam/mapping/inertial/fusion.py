@@ -23,9 +23,10 @@ from backend.quantiles import chi_square_limit
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.map import Map, largest_first
-from slam.mapping.refine import calibrated, convergence_warnings, floor_tracks
+from slam.mapping.refine import calibrated, floor_tracks
 from slam.mapping.refine_part import part_measurements
 from slam.mapping.setup import Setup
+from slam.mapping.warnings.convergence import convergence_warnings
 
 Array = NDArray[np.float64]
 
@@ -214,7 +215,7 @@ def _with_bundle(
         bridges=(*(edge for edge in joined.bridges if edge.i not in members), *refined),
         warnings=(
             *_replaced(joined.warnings, mine, [bridge_warning(edge) for edge in refined]),
-            *convergence_warnings(bundle),
+            *convergence_warnings(bundle, setup.readings),
             *left_out[-1:],
         ),
     )

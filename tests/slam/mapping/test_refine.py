@@ -122,6 +122,10 @@ def test_a_refinement_that_did_not_converge_is_a_warning_of_its_part(monkeypatch
     assert [line.split(":")[0] for line in warnings] == [
         f"the refinement of {count} keyframes did not converge (30 iterations done)" for count in (5, 4, 3)
     ]
+    instruments = setup_of(w_T_b).readings
+    assert instruments.ranges
+    assert not instruments.positions
+    assert all("height sensor" in line and "GPS" not in line for line in warnings)
 
 
 def test_a_part_whose_edges_were_all_rejected_leaves_no_empty_number():
