@@ -17,9 +17,9 @@ Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Look = Callable[[MosaicView], "Placed | None"]
 Sees = Callable[[MosaicView, Lattice], Mask]
-Layer = tuple[Float32, Mask]
-"""Heights (rows, cols) of the cells by one pair, NaN where it does not match, and for each cell
-`GroundPoints.range_in_view`."""
+Layer = tuple[Float32, Mask, float]
+"""Heights (rows, cols) of the cells by one pair, NaN where it does not match, for each cell
+`GroundPoints.range_in_view`, and the height in metres of one pixel of disparity."""
 Offer = tuple[float, Mask, tuple[MosaicView, MosaicView]]
 """Value of a pair by its base, the nodes that both pictures see, and the pictures."""
 
@@ -37,8 +37,8 @@ class Search:
 
 
 FIRST = Search(0.08, 0.3, 0.6, (1,))
-"""Below the least base, an error of a third of a pixel is four pixels of height; above the largest, pictures
-of houses differ too much to be matched."""
+"""Below the least base, `DISPARITY_STD_PX` is four pixels of height; above the largest, pictures of houses
+differ too much to be matched."""
 IN_HOLES = Search(FIRST.least / 2, FIRST.least, 2 * FIRST.least, (1, 2, 4))
 """Crowns of trees look alike from directions within an octave of the least base alone, and without details.
 Their heights are less precise, so they are used where the first search found none."""
@@ -52,6 +52,8 @@ AGREEING = 2
 """Number of pairs that must agree on a height."""
 COARSE = 4
 """Reduction of the pictures by which the range of heights is found first."""
+DISPARITY_STD_PX = 1 / 3
+"""Standard deviation of a disparity where no two pairs overlap, whose differences would tell it."""
 LOW, HIGH = -0.2, 0.5
 """Range of heights that is searched first, as shares of the camera's height."""
 TAIL_PERCENT = 0.5
@@ -67,7 +69,8 @@ class DenseHeights:
     height_m: Float32
     """(rows, cols) median over the pairs; NaN where none matched."""
     std_m: Float32
-    """(rows, cols) standard deviation, from the spread of the pairs; NaN where no two agree."""
+    """(rows, cols) standard deviation, from the spread of the pairs and that of their disparities; NaN where
+    the height is."""
 
 
 def dense_heights(
@@ -110,8 +113,8 @@ def _searched(
     nodes = [np.arange(n) * NODES // max(lattice.rows, lattice.cols) for n in (lattice.rows, lattice.cols)]
     needed = np.clip(offered, 1, AGREEING)[np.ix_(*nodes)]
     for scale, of_scale in zip(search.scales, zip(*layers, strict=True), strict=True):
-        heights, in_view = (np.stack(part) for part in zip(*of_scale, strict=True))
-        found = _agreed(heights, in_view, scale * gsd_m / search.best, needed)
+        heights, in_view, unit_m = (np.stack(part) for part in zip(*of_scale, strict=True))
+        found = _agreed(heights, in_view, unit_m, scale * gsd_m / search.best, needed)
         unknown = ~np.isfinite(height)
         height[unknown], std[unknown] = found.height_m[unknown], found.std_m[unknown]
     return DenseHeights(height, std)
@@ -173,24 +176,28 @@ def _pair_layers(
 ) -> list[Layer]:
     """Return the heights of the cells by one pair at each scale."""
     height = min(a.view.height_m, b.view.height_m)
+    # The height of one disparity at a pixel of the ground.
+    unit_m = gsd_m * height / float(np.linalg.norm(a.w_p_c_m - b.w_p_c_m))
     over = rectified(a, b, lattice, (LOW * height, HIGH * height), COARSE * gsd_m)
     coarse = np.zeros(0) if over is None else ground_points(a, b, over).w_p_m[:, 2]
     if len(coarse) == 0:
         unknown = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
-        return [(unknown, np.isfinite(unknown)) for _ in scales]
+        return [(unknown, np.isfinite(unknown), scale * unit_m) for scale in scales]
     low, high = np.percentile(coarse, [TAIL_PERCENT, 100 - TAIL_PERCENT])
-    # The height of one disparity of the coarse pictures.
-    margin = COARSE * gsd_m * height / float(np.linalg.norm(a.w_p_c_m - b.w_p_c_m))
+    margin = COARSE * unit_m
     layers = []
     for scale in scales:
         fine = rectified(a, b, lattice, (float(low - margin), float(high + margin)), scale * gsd_m)
         no_points = GroundPoints(np.zeros((0, 3)), np.zeros(0, bool))
-        layers.append(_on_cells(no_points if fine is None else ground_points(a, b, fine), lattice, scale))
+        points = no_points if fine is None else ground_points(a, b, fine)
+        layers.append((*_on_cells(points, lattice, scale), scale * unit_m))
     return layers
 
 
-def _on_cells(points: GroundPoints, lattice: Lattice, scale: int) -> Layer:
+def _on_cells(points: GroundPoints, lattice: Lattice, scale: int) -> tuple[Float32, Mask]:
     """Return the height of the upper surface in each cell: the mean of the points near the highest.
+
+    The second result is `GroundPoints.range_in_view` of the cells.
 
     Points of reduced pictures are farther apart: ``scale`` x ``scale`` cells have one height.
     """
@@ -214,12 +221,17 @@ def _on_cells(points: GroundPoints, lattice: Lattice, scale: int) -> Layer:
     return known[: lattice.rows, : lattice.cols], in_view[: lattice.rows, : lattice.cols]
 
 
-def _agreed(layers: Float32, range_in_view: Mask, agree_m: float, needed: NDArray[np.int64]) -> DenseHeights:
-    """Return the median of the layers (p, rows, cols) and their spread.
+def _agreed(
+    layers: Float32, range_in_view: Mask, unit_m: Array, agree_m: float, needed: NDArray[np.int64]
+) -> DenseHeights:
+    """Return the median of the layers (p, rows, cols) and its standard deviation.
+
+    ``unit_m`` (p,) is the height of one disparity of each.
 
     Of two middle values the one is taken with which more pairs agree: the mean of a roof and the ground would
-    be neither. Where fewer than ``needed`` (rows, cols) pairs agree, the height is unknown. One of these must
-    have its whole range of heights in view, or the height must continue those around.
+    be neither. Where fewer than ``needed`` (rows, cols) pairs agree, the height is unknown. A height by one
+    pair alone, or by pairs none of which has its whole range of heights in view, must continue those around:
+    nothing else checks it. Where no other height is checked, a pair with its range in view counts alone.
     """
     ordered = np.sort(layers, axis=0)  # NaN last
     count = np.isfinite(layers).sum(axis=0)
@@ -230,19 +242,32 @@ def _agreed(layers: Float32, range_in_view: Mask, agree_m: float, needed: NDArra
         better = agreeing > support
         height[better], support[better] = value[better], agreeing[better]
     height[support < needed] = np.nan
-    doubtful = np.isfinite(height) & ~((np.abs(layers - height) <= agree_m) & range_in_view).any(axis=0)
-    height[doubtful & ~_continues(height, doubtful, agree_m)] = np.nan
+    agrees = np.abs(layers - height) <= agree_m
+    known, in_view = np.isfinite(height), (agrees & range_in_view).any(axis=0)
+    checked = known & in_view & (support >= AGREEING)
+    doubtful = known & ~(checked if checked.any() else in_view)
+    # Pairs share pictures and the pattern of the ground, so their errors do not average out.
+    pixel_m = np.sqrt(np.tensordot(unit_m**2, agrees, axes=1) / np.maximum(support, 1))
+    height[doubtful & ~_continues(height, doubtful, agree_m + np.maximum(pixel_m, agree_m))] = np.nan
     off = np.sort(np.abs(layers - height), axis=0)
     middle = np.maximum((count - 1) // 2, 0)
-    # Pairs share pictures and the pattern of the ground, so their errors do not average out.
     spread = 1.4826 * np.take_along_axis(off, middle[None], axis=0)[0]
-    return DenseHeights(height, np.where(support > 1, spread, np.nan).astype(np.float32))
+    std = np.maximum(spread, _disparity_std_px(layers, unit_m) * pixel_m)
+    return DenseHeights(height, np.where(np.isfinite(height), std, np.nan).astype(np.float32))
 
 
-def _continues(height: Float32, doubtful: Mask, agree_m: float) -> Mask:
+def _disparity_std_px(layers: Float32, unit_m: Array) -> float:
+    """Return the standard deviation of a disparity, from the differences of layers (p, rows, cols)."""
+    off_m = np.diff(layers, axis=0)
+    off_px = off_m / np.hypot(unit_m[1:], unit_m[:-1])[:, None, None]
+    known = np.isfinite(off_px)
+    return 1.4826 * float(np.median(np.abs(off_px[known]))) if known.any() else DISPARITY_STD_PX
+
+
+def _continues(height: Float32, doubtful: Mask, within_m: Array) -> Mask:
     """Return (rows, cols) whether a height agrees with the nearest one that is not doubtful or already does.
 
-    Both may be off by ``agree_m``.
+    ``within_m`` (rows, cols) is what both may be off by together.
     """
     sure = np.isfinite(height) & ~doubtful
     while sure.any():
@@ -251,7 +276,7 @@ def _continues(height: Float32, doubtful: Mask, agree_m: float) -> Mask:
         )
         of_label = np.zeros(int(label.max()) + 1, np.float32)
         of_label[label[sure]] = height[sure]
-        joined = doubtful & ~sure & (np.abs(height - of_label[label]) <= 2 * agree_m)
+        joined = doubtful & ~sure & (np.abs(height - of_label[label]) <= within_m)
         if not joined.any():
             break
         sure |= joined
