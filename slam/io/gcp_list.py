@@ -93,7 +93,10 @@ def _system(path: Path, line: int, header: str) -> CRS:
         what = "has a point in its first line, not a coordinate system"
     elif re.fullmatch(r"EPSG:\d+", header, re.IGNORECASE) or header.startswith("+"):
         try:
-            return CRS.from_string(header)
+            system = CRS.from_string(header)
+            if system.is_projected or system.is_geographic:
+                return system
+            what = f"names {brief(header, 60)!r}, a system of heights, of space or of one site"
         except CRSError:
             pass
     raise refusal(path, what, _GIVE, line)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import rasterio
 import rasterio.shutil
 from rasterio._err import CPLE_BaseError
@@ -15,9 +16,10 @@ from rasterio.crs import CRS
 from rasterio.enums import Resampling
 from rasterio.errors import CRSError, RasterioError
 from rasterio.vrt import WarpedVRT
+from rasterio.warp import transform
 
 from slam.core.errors import InputError
-from slam.core.geodesy import GeoOrigin
+from slam.core.geodesy import GeoOrigin, geodetic_from_enu
 from slam.io.exports.exported_map import ExportedMap
 from slam.io.geotiff import height_tags
 
@@ -27,6 +29,11 @@ RASTERS = {
     "elevation.tif": Resampling.nearest,
 }
 """Files and their resampling. Heights keep their values: none lies between roof and ground."""
+MOST_STRETCH = 0.01
+"""Largest change of a length by a projection that is not said. In its zone UTM changes lengths by 0.1 % at
+most (Snyder 1987, section 8), and projections of countries by less."""
+_AWAY_M = 10.0
+"""Length on the ground that is compared."""
 NORTH_ZONES, SOUTH_ZONES = 32600, 32700
 """EPSG codes of UTM on WGS 84, to which the number of the zone is added."""
 
@@ -57,6 +64,7 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
             ) from None
     return (
         f"coordinate system: {crs.to_string()}",
+        *_stretch_note(crs, estimate.origin),
         f"heights are over the map's floor, at {float(tags['FLOOR_ALTITUDE_M']):.2f} m in the "
         f"{tags['VERTICAL_DATUM']}",
     )
@@ -72,11 +80,32 @@ def coordinate_system(name: str, origin: GeoOrigin) -> CRS:
         return CRS.from_epsg((NORTH_ZONES if origin.latitude_deg >= 0 else SOUTH_ZONES) + zone)
     kind, _, number = name.partition(":")
     try:
-        if kind.lower() == "epsg" and number.isdigit():
-            return CRS.from_epsg(int(number))
+        found = CRS.from_epsg(int(number)) if kind.lower() == "epsg" and number.isdigit() else None
     except CRSError:
-        pass
-    raise InputError(f"--crs {name}: no known coordinate system; give utm, or EPSG: and its number")
+        found = None
+    if found is None:
+        raise InputError(f"--crs {name}: no known coordinate system; give utm, or EPSG: and its number")
+    if not (found.is_projected or found.is_geographic):
+        raise InputError(
+            f"--crs {name}: a system of heights, of space or of one site, in which no map can be drawn; give "
+            "utm, or EPSG: and the number of a projection"
+        )
+    return found
+
+
+def _stretch_note(crs: CRS, origin: GeoOrigin) -> tuple[str, ...]:
+    """Return a note about a projection in which a metre on the ground, at the origin, is not a metre."""
+    if not crs.is_projected:
+        return ()
+    latitude_deg, longitude_deg, _ = geodetic_from_enu([[0.0, 0.0, 0.0], [_AWAY_M, 0.0, 0.0]], origin)
+    x, y = transform("EPSG:4326", crs, longitude_deg.tolist(), latitude_deg.tolist())
+    metre = float(np.hypot(x[1] - x[0], y[1] - y[0])) * crs.linear_units_factor[1] / _AWAY_M
+    if not abs(metre - 1) > MOST_STRETCH:
+        return ()
+    return (
+        f"a metre on the ground is {metre:.3g} m in this projection here: measure no lengths in it, or take "
+        "utm",
+    )
 
 
 def _reproject(source: Path, target: Path, crs: CRS, resampling: Resampling, tags: dict[str, str]) -> None:

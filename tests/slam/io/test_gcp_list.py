@@ -108,6 +108,8 @@ def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_
         (["EPSG:4326", "47.403 8.536 400 1 1 DJI_0010.JPG"], ["swapped", "longitude before the latitude"]),
         (["EPSG:32633", *ROWS], ["km or more from the pictures", "coordinate system"]),
         (["EPSG:5806", *ROWS], ["line 1", "EPSG:5806"]),
+        (["EPSG:5800", *ROWS], ["line 1", "EPSG:5800", "of one site"]),
+        (["EPSG:5703", *ROWS], ["line 1", "EPSG:5703", "a system of heights"]),
     ],
 )
 def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, lines, words):

@@ -60,6 +60,25 @@ def test_an_unknown_system_is_refused_in_one_line(name):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize("code", [5703, 4978, 5800])
+def test_a_system_without_places_on_a_plane_is_refused(code):
+    """Heights, geocentric coordinates, and axes of one site without a transformation to others."""
+    with pytest.raises(InputError, match="no map can be drawn; give utm") as refused:
+        coordinate_system(f"EPSG:{code}", ORIGIN)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_projection_that_changes_lengths_is_told(folder, tmp_path):
+    estimate = made_map(pose(), origin=ORIGIN)
+    notes = {
+        code: export_map(exported(estimate, folder=folder, crs=f"EPSG:{code}"), "geotiff", tmp_path / code)
+        for code in ("3857", "32618", "2263")
+    }
+    # Web Mercator: 1 / cos(40.5 deg) on a sphere, by a / N = 0.9986 for east on the ellipsoid (Snyder 1987).
+    assert "is 1.31 m in this projection" in notes["3857"][1]
+    assert not any("in this projection" in line for code in ("32618", "2263") for line in notes[code])
+
+
 def test_a_map_without_rasters_is_refused(tmp_path):
     with pytest.raises(InputError, match="no rasters"):
         export_map(exported(made_map(pose()), folder=tmp_path), "geotiff", tmp_path / "out")
