@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import gc
 import logging
 import os
 import sys
@@ -56,6 +57,10 @@ for name, command in (
 ):
     app.command(name)(guarded(command))
 
+GARBAGE_AFTER = 10_000
+"""New containers after which unreachable cycles are looked for. Hardly any object is in a cycle here, and so
+many take a megabyte or two. With Python's 700, a short map spends a twentieth of its time on looking."""
+
 
 def _version(asked: bool) -> None:
     if asked:
@@ -100,6 +105,7 @@ def shared_options(
 def main() -> None:
     """Run the command line; called by ``slam.__main__``."""
     continue_in_child()
+    gc.set_threshold(GARBAGE_AFTER)
     # Damaged pictures are counted and reported by us.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, request_of
+from slam.cli.options import JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, request_of, told_model
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -48,17 +48,17 @@ def estimate(
     from slam.cli.source import open_flight
     from slam.cli.sources_table import show_sources
     from slam.inertial.navigate import navigate
-    from slam.simulation.inverse import correct_flight
-    from slam.simulation.model import load_model
 
     screen = Screen(quiet, as_json)
     settings = pipeline_config(config, None)
-    instruments = load_model(model) if model is not None else None
+    instruments = told_model(model)
     with output_folder(out) as folder, screen.progress() as progress:
         opened, _ = open_flight(source, progress, request_of(topic))
         show_sources(opened, screen)
         flight = _without(opened, without or [])
         if instruments is not None:
+            from slam.simulation.inverse import correct_flight
+
             result = correct_flight(flight, instruments)
             flight = result.flight.with_warning(result.summary(instruments))
         navigation = navigate(flight, settings.inertial, rate, progress)

@@ -21,11 +21,12 @@ def mapped_flight(folder: Path, sources: Sequence[Path], request: Request) -> Fl
     from slam.cli.source import open_flight
     from slam.core.join_flights import join_flights
     from slam.core.progress import silent
-    from slam.simulation.inverse import correct_flight
-    from slam.simulation.model import load_model
 
     flights = [open_flight(path, silent, request)[0] for path in sources]
     if (folder / MODEL_NAME).exists():
+        from slam.simulation.inverse import correct_flight
+        from slam.simulation.model import load_model
+
         model = load_model(folder / MODEL_NAME)
         flights = [correct_flight(flight, model).flight for flight in flights]
     return join_flights(flights)

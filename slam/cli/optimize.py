@@ -129,9 +129,8 @@ def _flights(
     from slam.cli.source import open_flight
     from slam.cli.sources_table import show_sources
     from slam.io.exports.foxglove.foxglove_file import require_packages
-    from slam.simulation.model import load_model
 
-    instruments = load_model(wanted.model) if wanted.model is not None else None
+    instruments = options.told_model(wanted.model)
     if wanted.mcap:
         require_packages()
     with output_folder(out) as folder, screen.progress() as progress:

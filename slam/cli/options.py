@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from frontend.workers import Workers
     from slam.io.recordings.choice import Request
     from slam.mapping.config import PipelineConfig
+    from slam.simulation.model import Model
 
 OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 FLIGHT_OUT = typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
@@ -119,3 +120,12 @@ def refuse_flight_options(graph: Path, context: typer.Context) -> None:
 def _is_given(context: typer.Context, name: str | None) -> bool:
     source = context.get_parameter_source(name) if name else None
     return source is not None and source.name == "COMMANDLINE"
+
+
+def told_model(model: Path | str | None) -> Model | None:
+    """Return the model of the instruments' errors that an option names; None without it."""
+    if model is None:
+        return None
+    from slam.simulation.model import load_model  # a long import, for this alone
+
+    return load_model(model)
