@@ -9,7 +9,8 @@ Conventions, defined only here:
   Body ``b``: x forward, y left, z up.
 * Keyframes are numbered 0..n-1 in order of time; every measurement names them by that number.
 
-Only numpy is imported, so that the front end can use this module without the rest of the back end.
+Only numpy and `backend.aligned_pair` are imported, so that the front end can use this module without the
+rest of the back end.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from backend.aligned_pair import AlignedPair
 
 Array = NDArray[np.float64]
 
@@ -290,6 +293,7 @@ class Measurements:
     reported: ReportedMotion | None = None
     frames: tuple[TrackedFrame, ...] = ()
     """Pictures between keyframes at which motion by instruments is compared, in order of time."""
+    aligned: tuple[AlignedPair, ...] = ()
     range_gain_std: float = 0.05
     """Relative standard deviation of the scale error that all ranges share (temperature, calibration)."""
     range_datum_std_m: float = 0.02
@@ -335,5 +339,6 @@ class Measurements:
             positions=tuple(replace(p, k=number[p.k]) for p in self.positions if p.k in number),
             heights=tuple(replace(h, k=number[h.k]) for h in self.heights if h.k in number),
             control=tuple(c for c in (c.of_keyframes(number) for c in self.control) if len(c.keyframe)),
+            aligned=tuple(a.renumbered(number) for a in self.aligned if {a.k, a.j} <= number.keys()),
             frames=tuple(replace(f, k=number[f.k]) for f in self.frames if f.k in number),
         )

@@ -53,6 +53,10 @@ class CornerTrack:
         j_H_i: Array = np.asarray(np.linalg.inv(i_H_j), dtype=float)
         return CornerTrack(self.frames, tuple(transfer(j_H_i, c) for c in self.corners_px), self.lead)
 
+    def homography(self, corners_px: Array) -> Array:
+        """Return that (3, 3) of the last picture, with corners at (4, 2), to the keyframe."""
+        return Expectation(self.corners_px[-1], self.lead).homography(corners_px)
+
     def expected(self, frame: int) -> Expectation | None:
         """Predict the corners of a later frame at constant velocity; None after a single frame."""
         if len(self.frames) < 2:

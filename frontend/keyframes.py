@@ -21,6 +21,7 @@ from frontend.features import Extractor, Features
 from frontend.flow import FlowTemplate
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
+from frontend.line_tracking import FloorOf, LineTracker
 from frontend.masking import unless_hidden
 from frontend.motions import MOST_LEAD, Expectation
 from frontend.photographs import Photograph, photographs
@@ -32,6 +33,7 @@ Image = NDArray[np.uint8]
 Picture = TypeVar("Picture", View, Photograph)
 
 TOO_FEW = "too few features"
+NOT_ALIGNED = "too few features, and its lines align with no other"
 IsUrged = Callable[[Future[Features]], bool]
 """Function of the features of a keyframe that are being extracted; see `Tracker`."""
 ONCE = 1
@@ -64,6 +66,7 @@ class Tracker:
         known: Callable[[int], Features | None] = lambda frame: None,
         look_ahead: bool = True,
         is_urged: IsUrged = lambda features: False,
+        floor_of: FloorOf | None = None,
     ) -> None:
         """``masks`` returns the mask of a frame number; 0 marks pixels to ignore. ``known`` returns the
         features of its whole picture, if they were extracted before. ``look_ahead``: see `Views`.
@@ -76,6 +79,7 @@ class Tracker:
         at_once = extractor.config.searched_at_once(camera.size_px)
         self._views, self._unsettled = Views(self._extract, masks, camera.size_px, at_once, look_ahead), 0
         self._template: tuple[int, FlowTemplate] | None = None
+        self._lines = LineTracker(camera, homography, gates, floor_of) if floor_of else None
         self.rejected: Counter[str] = Counter()
         self.dropped: dict[int, str] = {}
         """Number of each dropped frame -> reason."""
@@ -95,7 +99,7 @@ class Tracker:
         views = self._with_last_of_equal(self._usable(self._views.each(images)))
         for view in chain(views, [None]):  # None: the flight ends
             if last is None:
-                if view is not None and self._has_features(view):
+                if view is not None and (self._shows_lines(view) or self._has_features(view)):
                     last, number = self._first(view), number + 1
                     yield last.keyframe(None)
                 continue
@@ -211,6 +215,10 @@ class Tracker:
         self._drop(picture.frame, TOO_FEW)
         return False
 
+    def _shows_lines(self, view: View) -> bool:
+        """Return whether a picture with few features can be aligned by the lines that it shows."""
+        return self._lines is not None and self._lines.template(view) is not None
+
     def _track(
         self, number: int, view: View, last: Matched, corner_track: CornerTrack
     ) -> tuple[Tracked | None, str]:
@@ -222,10 +230,12 @@ class Tracker:
         self._unsettled += 1
         self._views.ahead = self._unsettled > ONCE
         if len(view.features) < self.gates.min_inliers:
-            return None, TOO_FEW
-        link, reason = self._matched(number, view, last, corner_track.expected(view.frame))
+            link, reason = None, TOO_FEW
+        else:
+            link, reason = self._matched(number, view, last, corner_track.expected(view.frame))
         if link is None:
-            return None, reason
+            aligned = self._aligned(number, view, last, corner_track)
+            return aligned, NOT_ALIGNED if reason == TOO_FEW and self._shows_lines(view) else reason
         here = on_floor(view.features, link, self.camera)
         return Matched(view, link, self._continued(corner_track, view, link), here), ""
 
@@ -241,6 +251,13 @@ class Tracker:
             return None
         self._unsettled, self._views.ahead = 0, False
         return Tracked(view, link, self._continued(corner_track, view, link))
+
+    def _aligned(self, number: int, view: View, last: Matched, corner_track: CornerTrack) -> Matched | None:
+        """Register the picture to the last keyframe by the lines that both show, where features are few."""
+        found = self._lines.register(number, view, last.view, corner_track) if self._lines else None
+        if found is None or self._changes_too_much(found[0]):
+            return None
+        return Matched(view, *found, np.ones(len(view.features), dtype=bool))
 
     def _follow_on(self, coming: Tracked, tracked: Tracked) -> bool:
         """Begin with the features of the next keyframe, and return whether the next picture should be
@@ -296,5 +313,7 @@ class Tracker:
         return self._template[1]
 
     def _first(self, view: View) -> Matched:
+        if self._lines is not None:
+            self._lines.begin(view)
         every = np.ones(len(view.features), dtype=bool)
         return Matched(view, None, CornerTrack.begin(view.frame, self._corners), every)

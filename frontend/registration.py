@@ -45,6 +45,8 @@ class Registration:
     """Smaller one of ``overlap`` and the overlap by the other motion."""
     lead: float = 0.0
     """Confidence in the floor's motion over other motions, defined in `frontend.motions.Expectation`."""
+    by_lines: bool = False
+    """Whether it rests on grey levels (`frontend.alignment`) instead of matches."""
 
     @property
     def ok(self) -> bool:

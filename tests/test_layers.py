@@ -197,6 +197,7 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
+        ("aligned_pair",),
         ("errors", "measurements", "quantiles", "quaternions", "se3", "triple", "compilation"),
         ("gauge", "preintegration", "robust", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),

@@ -11,6 +11,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
+from backend.bundle.aligned_pairs import add_aligned
 from backend.bundle.barometer import height_factor, heights_prior
 from backend.bundle.control import ControlWeights, add_control, start_control
 from backend.bundle.factors import (
@@ -179,6 +180,7 @@ def pose_side_graph(
     _add_gauge(graph, problem, start, noise.relief)
     if problem.measurements.heights:
         graph.push_back(heights_prior(start))
+    add_aligned(graph, problem.measurements.aligned, problem.camera, start)
     b_T_c = problem.camera.b_T_c
     if problem.reported is not None:
         add_reported(graph, problem.reported, WORLD, b_T_c, noise.reported)

@@ -116,6 +116,8 @@ def estimate_noise(
     (`backend.bundle.position_redundancy`).
     """
     tracks = problem.tracks
+    if len(tracks.track) == 0:
+        return _sensor_noise(problem, at.values, noise, absorbed), used
     std_px = tracks.std_px * noise.pixel_scale
     residuals = _linearise(problem, at, std_px, used)
     whitened = residuals.pixel / std_px[:, None]

@@ -81,7 +81,7 @@ class FloorObservations:
         tracks = problem.tracks
         number = np.flatnonzero(used)
         number = number[np.lexsort((tracks.keyframe[number], tracks.track[number]))]
-        seen = np.bincount(tracks.track[number], minlength=int(tracks.track.max()) + 1)
+        seen = np.bincount(tracks.track[number], minlength=int(tracks.track.max(initial=-1)) + 1)
         return FloorObservations(
             number=number,
             keyframe=np.asarray(tracks.keyframe[number], dtype=np.int64),

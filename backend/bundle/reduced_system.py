@@ -171,7 +171,9 @@ class LinearSystem:
 
     @property
     def _of_calibration(self) -> Array:
-        return self.seen.of_calibration.reshape(2 * len(self.structure.camera), -1)
+        return self.seen.of_calibration.reshape(
+            2 * len(self.structure.camera), len(self.structure.of_calibration)
+        )
 
     @cached_property
     def gradient(self) -> tuple[Array, Array]:
@@ -198,7 +200,7 @@ class LinearSystem:
         s, seen = self.structure, self.seen
         first, prior = s.observations.first, s.observations.prior_std**-2.0 + damping
         y_pose, y_lens, inverse = eliminate(first, prior, seen.of_pose, seen.of_point, seen.of_calibration)
-        y_lens = y_lens.reshape(3 * len(inverse), -1)
+        y_lens = y_lens.reshape(3 * len(inverse), len(s.of_calibration))
         shape = 3 * len(inverse), len(s.of_cameras)
         y_cameras = bsr_array((y_pose, s.camera, first), shape=shape)
         entries, observed = camera_system(
@@ -251,9 +253,10 @@ class LinearSystem:
 
 def _transposed(blocks: Array, row: Index, column: Index, vectors: Array, count: int) -> Array:
     """Return the product (count c, ...) of the transpose of a matrix of blocks (m, r, c) with vectors."""
-    rows = vectors.reshape(-1, blocks.shape[1], *vectors.shape[1:])
-    product = transposed_product(blocks, row, column, rows.reshape(*rows.shape[:2], -1), count)
-    return product.reshape(-1, *vectors.shape[1:])
+    width = int(np.prod(vectors.shape[1:]))
+    rows = vectors.reshape(len(vectors) // blocks.shape[1], blocks.shape[1], width)
+    product = transposed_product(blocks, row, column, rows, count)
+    return product.reshape(count * blocks.shape[2], *vectors.shape[1:])
 
 
 @dataclass(frozen=True)
@@ -288,7 +291,8 @@ class ReducedSystem:
 
     def _each(self, blocks: Array, vectors: Array) -> Array:
         """Multiply each point's block (t, 3, 3) with its part of the vectors (3t, ...)."""
-        return np.asarray(blocks @ vectors.reshape(len(blocks), 3, -1)).reshape(vectors.shape)
+        width = int(np.prod(vectors.shape[1:]))
+        return np.asarray(blocks @ vectors.reshape(len(blocks), 3, width)).reshape(vectors.shape)
 
     @property
     def calibration_covariance(self) -> Array:

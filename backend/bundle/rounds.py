@@ -47,7 +47,7 @@ def solve_rounds(
     first, iterations = noise, 0
     settled = False
     for number in range(config.rounds):
-        if number == 1 and is_uncertain(camera) and not problem.self_calibrates:
+        if number == 1 and is_uncertain(camera) and len(used) and not problem.self_calibrates:
             # Only now, as the lens is less certain than the poses of a poor initial guess.
             problem = replace(problem, self_calibrates=True)
             at = start_calibration(at, camera)

@@ -23,6 +23,7 @@ from slam.core.flight import Flight, Frames, Image
 from slam.core.progress import Progress
 from slam.mapping.config import PipelineConfig
 from slam.mapping.earlier_pass import EarlierPass, comparison_key
+from slam.mapping.floor_views import FloorViews
 from slam.mapping.obstacles import Masks, no_masks
 from slam.mapping.search_radius import SearchRadius
 
@@ -142,6 +143,7 @@ class FrontEnd:
         return Tracker(
             self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks,
             self.earlier.features, look_ahead, is_urged,
+            FloorViews(self.flight, self.camera, self.config) if look_ahead else None,
         )  # fmt: skip
 
     def track(self, masks: Masks = no_masks) -> Observations:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.aligned_pair import AlignedPair
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
@@ -38,7 +39,7 @@ from slam.mapping.gps.consensus import Agreement
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
 from slam.mapping.place_part import aligned_part, aligned_with_control, headed
-from slam.mapping.refine_part import LEAST_SEEN, refine_part
+from slam.mapping.refine_part import LEAST_SEEN, aligned_pairs, refine_part
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
@@ -73,9 +74,13 @@ def refine_map(
     observations, edges, solution = solved.observations, solved.edges, solved.graph
     n = len(setup.readings.stamps_s)
     tracks = floor_tracks(solved, setup)
-    component = largest_first(np.where(_tied(n, _kept(solved)), solution.component, -1))
-    evidence = _Evidence(setup, observations, edges.heights.metric, tracks, inertial, reported, progress)
+    component = largest_first(np.where(_tied(n, kept_registrations(solved)), solution.component, -1))
+    aligned = aligned_pairs(kept_registrations(solved), setup.camera)
+    evidence = _Evidence(
+        setup, observations, edges.heights.metric, tracks, inertial, reported, progress, aligned
+    )
     seen = np.bincount(tracks.keyframe, minlength=n)
+    seen[[k for pair in aligned for k in (pair.k, pair.j)]] = max(LEAST_SEEN, int(seen.max(initial=0)))
     parts = []
     for number in range(int(component.max(initial=-1)) + 1):
         members = np.flatnonzero(component == number)
@@ -119,14 +124,15 @@ def refine_map(
     )
 
 
-def _kept(solved: Map) -> list[Registration]:
+def kept_registrations(solved: Map) -> list[Registration]:
+    """Return the registrations that a solved graph did not reject."""
     return [r for r, ok in zip(solved.edges.registrations, solved.graph.edge_kept, strict=True) if ok]
 
 
 def floor_tracks(solved: Map, setup: Setup) -> FloorTracks:
     """Return the floor points that the registrations of a solved graph follow through the keyframes."""
     points = solved.observations.store.points
-    tracks = join_tracks(points, _kept(solved), setup.camera, setup.config.tracks)
+    tracks = join_tracks(points, kept_registrations(solved), setup.camera, setup.config.tracks)
     trim_heap()
     return tracks
 
@@ -163,6 +169,7 @@ class _Evidence:
     inertial: InertialReadings | None
     reported: ReportedMotion | None
     progress: Progress
+    aligned: tuple[AlignedPair, ...] = ()
 
     def part(self, members: NDArray[np.int64], w_T_b: Array) -> MapPart:
         """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""
@@ -266,7 +273,7 @@ class _Evidence:
         start[members] = part.w_T_b
         # Heights alone may tell no scale: a level flight must not fail for them.
         exact = setup if setup.readings.positions or setup.control else setup.without_heights()
-        bundle = refine_part(exact, members, start, part.floor_z_m, tracks, step)
+        bundle = refine_part(exact, members, start, part.floor_z_m, tracks, step, aligned=self.aligned)
         compared, lengths = None, None
         if self.inertial is not None:
             camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
@@ -286,7 +293,9 @@ class _Evidence:
             reasons += [reason] if reason else []
         if lengths is not None:
             start[members], noise = bundle.w_T_b, bundle.noise
-            bundle = refine_part(setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise)
+            bundle = refine_part(
+                setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise, self.aligned
+            )
         if falls_where_the_camera_climbs(bundle.optimum.problem.measurements.heights, bundle.w_T_b):
             without = self._refined(setup.without_heights(), part)
             return without._replace(remarks=(f"barometer0 is left out of the map: {WRONG_SIGN}",))

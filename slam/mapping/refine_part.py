@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.aligned_pair import AlignedPair
 from backend.bundle.graph import NoiseLevels, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import Attitude, FloorTracks, Measurements, PinholeModel
 from frontend.camera import Camera
+from frontend.homography import transfer
+from frontend.registration import Registration
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
@@ -30,21 +33,27 @@ def refine_part(
     on_step: Callable[[int, float], None] | None = None,
     lengths: ScalePrior | None = None,
     noise: NoiseLevels | None = None,
+    aligned: tuple[AlignedPair, ...] = (),
 ) -> Bundle:
     """Refine one connected set of keyframes ``members`` (m,), sorted, from the poses ``w_T_b`` (n, 4, 4)."""
-    measured = part_measurements(setup, members, tracks)
+    measured = part_measurements(setup, members, tracks, aligned)
     return refine(measured, w_T_b[members], floor_z_m, setup.config.bundle, on_step, lengths, noise)
 
 
-def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTracks) -> Measurements:
+def part_measurements(
+    setup: Setup, members: NDArray[np.int64], tracks: FloorTracks, aligned: tuple[AlignedPair, ...] = ()
+) -> Measurements:
     """Collect the measurements of one connected set of keyframes, renumbered from 0.
+
+    ``aligned``: pairs of all keyframes that lines register.
 
     Raises ``BackendError`` if a keyframe shares too few floor points with others.
     """
     readings = setup.readings
     tracks = tracks.of_keyframes(members.tolist(), len(readings.stamps_s))
     seen = np.bincount(tracks.keyframe, minlength=len(members))
-    if len(members) < 2 or (seen < LEAST_SEEN).any():
+    tied = np.isin(members, [k for pair in aligned for k in (pair.k, pair.j)])
+    if len(members) < 2 or ((seen < LEAST_SEEN) & ~tied).any():
         raise BackendError("some keyframes share too few floor points with others")
     level = np.array([setup.config.trust.level_std_rad] * 2 + [np.inf])
     attitudes = readings.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
@@ -60,8 +69,19 @@ def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTra
         range_gain_std=readings.range_gain_std,
         range_datum_std_m=readings.range_datum_std_m,
         camera=pinhole_model(setup.camera),
+        aligned=aligned,
     )
     return replace(whole.of_keyframes(members.tolist()), tracks=tracks)
+
+
+def aligned_pairs(registrations: Iterable[Registration], camera: Camera) -> tuple[AlignedPair, ...]:
+    """Return the registrations that rest on grey levels, not on features."""
+    corners = camera.undistort(camera.corners_px)
+    return tuple(
+        AlignedPair(r.i, r.j, corners, transfer(r.i_H_j, corners), r.corner_covariance)
+        for r in registrations
+        if r.by_lines
+    )
 
 
 def pinhole_model(camera: Camera) -> PinholeModel:

@@ -54,7 +54,7 @@ def ground_jacobians(optimum: BundleOptimum) -> Array:
     if not optimum.problem.self_calibrates:
         return J
     cameras = Cameras.of(optimum.problem, optimum.values)
-    ray, of_lens = _rays(cameras.calibration, optimum.cost.observations.pixel)
+    ray, of_lens = _rays(cameras.calibration, _seen_pixel(optimum))
     to_body = _to_body(optimum)
     of_lens = np.array([to_body @ _equal_motion(f_T_c, ray, of_lens) for f_T_c in cameras.f_T_c])
     return np.concatenate([J, of_lens], axis=2)
@@ -64,7 +64,7 @@ def ground_in_picture(optimum: BundleOptimum, k: int) -> Array:
     """Return the Jacobian (2m, 6) of the ground at m places of the picture of keyframe k, x and y in mean
     heights, by the right perturbation of the metric body pose."""
     cameras = Cameras.of(optimum.problem, optimum.values)
-    ray, _ = _rays(cameras.calibration, optimum.cost.observations.pixel)
+    ray, _ = _rays(cameras.calibration, _seen_pixel(optimum))
     of_camera = _of_pose(*_ends(cameras.f_T_c[k], ray), ray)
     return np.asarray(np.linalg.solve(_to_body(optimum).T, of_camera.T).T)
 
@@ -73,6 +73,13 @@ def _to_body(optimum: BundleOptimum) -> Array:
     """Return (6, 6) the right perturbation of a metric body pose by that of its camera in mean heights."""
     transform = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c)
     return np.asarray(transform.adjoint @ np.diag([1.0, 1.0, 1.0, *(transform.scale,) * 3]))
+
+
+def _seen_pixel(optimum: BundleOptimum) -> Array:
+    """Return pixels (m, 2) at which the ground was observed: points, or corners of aligned pictures."""
+    seen = optimum.cost.observations.pixel
+    aligned = [pair.pixel for pair in optimum.problem.measurements.aligned]
+    return seen if len(seen) or not aligned else np.concatenate(aligned)
 
 
 def _rays(calibration: Array, pixel: Array) -> tuple[Array, Array]:

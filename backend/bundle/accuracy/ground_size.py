@@ -13,10 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle.accuracy.refined_points import metric_points, point_jacobians
-from backend.bundle.graph import WORLD
+from backend.bundle.graph import WORLD, metric_jacobians, metric_poses, origin
 from backend.bundle.minimise import BundleOptimum
 from backend.bundle.reduced_system import ReducedSystem
 
@@ -46,7 +47,12 @@ def ground_size(optimum: BundleOptimum, reduced: ReducedSystem) -> GroundSize:
 
 def gradients(optimum: BundleOptimum, reduced: ReducedSystem) -> tuple[Array, Array]:
     """Return the derivatives (size, 3) by the pose side, and (3t, 3) by the points, of three quantities: the
-    logarithm of the size of the ground, and x and y of its middle."""
+    logarithm of the size of the ground, and x and y of its middle.
+
+    Without points the positions of the keyframes stand for the ground.
+    """
+    if len(optimum.at.point) == 0:
+        return _of_path(optimum, reduced), np.zeros((0, 3))
     place, track = metric_points(optimum), optimum.cost.observations.track
     views = np.bincount(track, minlength=len(place))
     weight = np.where(views >= _LEAST_VIEWS, views, 0) / np.sum(views[views >= _LEAST_VIEWS])
@@ -58,3 +64,19 @@ def gradients(optimum: BundleOptimum, reduced: ReducedSystem) -> tuple[Array, Ar
     of_pose = np.zeros((reduced.size, 3))
     of_pose[reduced.structure.columns(WORLD)] = np.einsum("tqa,taw->wq", by_place, of_world)
     return of_pose, np.transpose(by_place @ of_point, (0, 2, 1)).reshape(-1, 3)
+
+
+def _of_path(optimum: BundleOptimum, reduced: ReducedSystem) -> Array:
+    """Return the derivatives (size, 3) of size and middle of the keyframes' positions by the pose side."""
+    problem, values = optimum.problem, optimum.values
+    w_T_b = metric_poses(problem, values)
+    away = w_T_b[:, :2, 3] - w_T_b[:, :2, 3].mean(axis=0)
+    by_place = np.zeros((len(w_T_b), 3, 3))
+    by_place[:, 0, :2] = away / np.sum(away**2)
+    by_place[:, 1, 0] = by_place[:, 2, 1] = 1.0 / len(w_T_b)
+    J = by_place @ w_T_b[:, :3, :3] @ metric_jacobians(problem, values, origin(problem, values))[:, 3:]
+    of_pose = np.zeros((reduced.size, 3))
+    for k, each in enumerate(J):
+        of_pose[reduced.structure.columns(POSE(k))] += each[:, :6].T
+        of_pose[reduced.structure.columns(WORLD)] += each[:, 6:].T
+    return of_pose

@@ -44,7 +44,7 @@ def metric_point_stds(optimum: BundleOptimum, seed: int = 0, draws: int = _DRAWS
     for begin in range(0, draws, _AT_A_TIME):
         right = A.T @ rng.standard_normal((A.shape[0], min(_AT_A_TIME, draws - begin)))
         by_pose, by_point = reduced.solve(right[:size], right[size:])
-        moved = of_point @ by_point.reshape(len(of_world), 3, -1) + of_world @ by_pose[world]
+        moved = of_point @ by_point.reshape(len(of_world), 3, by_point.shape[1]) + of_world @ by_pose[world]
         squares += np.sum(moved**2, axis=2)
     return np.sqrt(squares / draws)
 

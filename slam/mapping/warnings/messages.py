@@ -34,6 +34,7 @@ from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
+from slam.mapping.warnings.lines_alone import lines_alone_warning
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
@@ -154,6 +155,7 @@ def _reasons(
         # First, because instruments contradict a map that a lens has bent.
         systematic.line if systematic.is_in_status else "",
         *map_.warnings,
+        lines_alone_warning(map_),
         *map_.graph.disputed_odometry,
         *(
             found.warning

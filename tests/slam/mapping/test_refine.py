@@ -114,8 +114,8 @@ def test_a_refinement_that_did_not_converge_is_a_warning_of_its_part(monkeypatch
     w_T_b = truth()
     assert not refined(setup_of(w_T_b), w_T_b).warnings
 
-    def stopped(*given: object) -> Bundle:
-        return replace(refine_part(*given), not_converged="30 iterations done")
+    def stopped(*given: object, **named: object) -> Bundle:
+        return replace(refine_part(*given, **named), not_converged="30 iterations done")
 
     monkeypatch.setattr("slam.mapping.refine.refine_part", stopped)
     warnings = refined(setup_of(w_T_b), w_T_b).warnings

@@ -1,0 +1,27 @@
+"""The warning that parts of a map rest on lines, which do not show motion along themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.mapping.map import Map
+from slam.mapping.refine import kept_registrations
+
+
+def lines_alone_warning(map_: Map) -> str:
+    """Return the warning for keyframes that were aligned by lines; empty without any."""
+    aligned = {k for r in kept_registrations(map_) if r.by_lines for k in (r.i, r.j)}
+    placed = [k for k in sorted(aligned) if map_.component[k] == 0]
+    if not placed:
+        return ""
+    problem = map_.bundle.optimum.problem if map_.bundle is not None else None
+    told = problem is not None and (problem.inertial is not None or problem.reported is not None)
+    by = "only the instruments measure" if told else "nothing measures"
+    variances = np.trace(map_.covariances[placed][:, 3:, 3:], axis1=1, axis2=2)
+    std_m = float(np.sqrt(variances.max())) if np.isfinite(variances).all() else np.inf
+    error = f"up to ± {std_m:.2g} m" if np.isfinite(std_m) else "of unknown size"
+    return (
+        f"{len(placed)} of {int((map_.component == 0).sum())} keyframes show lines but few features, and "
+        f"{by} motion along them where no other line crosses; expect an error {error} in what is measured "
+        "there"
+    )
