@@ -34,6 +34,10 @@ _ADVICE: Mapping[Kind, str] = {
     "principal point": "calibrate the camera and correct intrinsics in {camera_file}",
     "position offset": "calibrate the camera, and refer the positions to its place and its clock",
 }
+_MIDDLE = 0.25
+"""Share of a side by which a principal point may lie off the declared one. No lens has it farther out, but
+another direction of view does the same to the residuals."""
+_TURNED = "check T_BS in {camera_file}, and give the angles of the camera in attitude0"
 _PATTERNS_OF_FIXES: Mapping[Kind, tuple[str, ...]] = {
     "radial": ("place", "altitude"),
     "decentring": ("place",),
@@ -106,6 +110,7 @@ def systematic_warning(
         return ""
     first = next(iter(found.coefficients))
     terms = ", ".join(_term(kind, found, camera, height_m) for kind in found.coefficients)
+    turned = _looks_elsewhere(found, camera)
     causes = " and ".join(dict.fromkeys(_CAUSE[kind] for kind in found.coefficients))
     if found.alternatives:
         causes += ", or in part " + " or ".join(dict.fromkeys(_CAUSE[kind] for kind in found.alternatives))
@@ -116,8 +121,16 @@ def systematic_warning(
         if outside
         else "the standard deviations include its effect"
     )
-    advice = _ADVICE[first].format(camera_file=camera_file)
+    if turned:
+        causes = "a camera that looks elsewhere than T_BS and the attitude say, as one that looks ahead"
+    advice = (_TURNED if turned else _ADVICE[first]).format(camera_file=camera_file)
     return f"{_PATTERN[first]} ({terms}), likely by {causes}; {effect}; {advice}"
+
+
+def _looks_elsewhere(found: SystematicErrors, camera: Camera) -> bool:
+    """Return whether the principal point would lie where no lens has it."""
+    shift_px = np.array(found.coefficients.get("principal point", (0.0, 0.0))) * camera.focal_px
+    return bool((np.abs(shift_px) > _MIDDLE * np.array(camera.size_px)).any())
 
 
 def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) -> str:

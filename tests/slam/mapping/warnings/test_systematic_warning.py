@@ -57,6 +57,18 @@ def test_an_offset_is_reported_with_all_its_causes() -> None:
     ) in line
 
 
+def test_a_camera_that_looks_ahead_is_no_wrong_lens() -> None:
+    """A principal point at the border of the picture is a direction of view."""
+    ahead = replace(
+        RADIAL, coefficients={"principal point": (0.0, -0.3)}, stds={"principal point": (0.1, 0.1)}
+    )
+    line = warning(ahead)
+    assert "likely by a camera that looks elsewhere than T_BS and the attitude say" in line
+    assert line.endswith("check T_BS in cam0/sensor.yaml, and give the angles of the camera in attitude0")
+    near = replace(ahead, coefficients={"principal point": (0.0, -0.1)})
+    assert "likely by a principal point other than the declared one" in warning(near)
+
+
 def test_an_error_inside_the_covariances_is_reported_for_positions_alone() -> None:
     assert is_outside_covariances(RADIAL)
     small = replace(RADIAL, excess=0.9)
