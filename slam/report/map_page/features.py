@@ -66,7 +66,8 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
     placed = estimate.placed
     edges = {"odometry": list[Any](), "loop": list[Any]()}
     for edge in estimate.relative_poses:
-        edges[edge.kind].append((edge.i, edge.j, ""))
+        if edge.kind in edges:  # no pictures link the ends of a bridge by instruments
+            edges[edge.kind].append((edge.i, edge.j, ""))
     rejected = [(loop.i, loop.j, _why(loop.reason)) for loop in estimate.loops if loop.verdict == "rejected"]
     found = {}
     for kind, pairs in {**edges, "rejected": rejected}.items():

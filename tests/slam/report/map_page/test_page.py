@@ -17,7 +17,7 @@ from slam.core.floor_points import FloorPoints
 from slam.io.geotiff import Grid, write_bands
 from slam.report.advice import limit_sentence
 from slam.report.facts import gather
-from slam.report.map_page.features import MOST_POINTS, floor_points, spread
+from slam.report.map_page.features import MOST_POINTS, floor_points, links, spread
 from slam.report.map_page.write import write_map_page
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
 from tests.slam.report.map_page.browser import BROWSER, in_browser, paint_times
@@ -70,6 +70,13 @@ def test_an_unknown_uncertainty_of_the_scale_leaves_the_page_whole(tmp_path):
     estimate = replace(made_estimate(), scale_std=float("nan"), middle_std_m=float("nan"))
     data = data_of(written(tmp_path, estimate))
     assert (data["scaleStd"], data["middleStd"]) == (0.0, 0.0)
+
+
+def test_a_bridge_by_instruments_is_no_link_of_pictures():
+    estimate = made_estimate()
+    before = links(estimate)
+    bridge = replace(estimate.relative_poses[0], kind="inertial")
+    assert links(replace(estimate, relative_poses=(*estimate.relative_poses, bridge))) == before
 
 
 def test_names_from_outside_stay_text(tmp_path):
