@@ -172,7 +172,7 @@ def _at_term(found: SearchResult, term: Effect) -> Place:
         for effect, evidence in _beside(expansion, rest, among, chosen)
     ]
     best: dict[str, tuple[float, Effect]] = {}
-    for effect, lead in sorted(tried, key=lambda one: one[1]):
+    for effect, lead in sorted(tried, key=lambda one: (round(one[1], 6), one[0].name)):
         if effect.is_term and effect.name not in {c.name for c in chosen}:
             best.setdefault(effect.name, (lead, effect))
     close = [n for n, (lead, _) in best.items() if lead < CLASS_NATS]

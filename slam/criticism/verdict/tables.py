@@ -51,7 +51,7 @@ def ranking(
     ranks = [
         Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in (*z, NOTHING, SOMETHING_ELSE)
     ]
-    return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z, r.name)))
+    return tuple(sorted(ranks, key=lambda r: (-round(r.probability, 6), -round(r.z, 3), r.name)))
 
 
 def fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:
