@@ -205,6 +205,18 @@ def test_over_the_measured_surface_pictures_agree(pictures):
     assert after.percentile_px(50) < 0.3 < 2 < before.percentile_px(50)
 
 
+@pytest.mark.slow
+def test_a_surface_larger_than_memory_has_larger_cells(pictures, monkeypatch):
+    monkeypatch.setattr("frontend.surface.build.MOST_CELLS", 20_000)
+    plan, before = measured(pictures, POSES, FLOOR_Z_M - HEIGHT_M)
+    everywhere = np.ones(before.shape, bool)
+    surface = build_surface(plan, Pictures(plan, lambda k: pictures[k]), everywhere, None)
+    assert surface.height_m.size <= 20_000 < plan.width * plan.height / 4
+    assert surface.cell_m == pytest.approx(4 * GSD_M)
+    known = surface.source == HeightSource.PICTURES
+    assert np.median(np.abs(surface.height_m[known] - HEIGHT_M)) < 0.02, "cells of twice the side"
+
+
 def boxed(height_m=0.5):
     heights = np.zeros((60, 60), np.float32)
     heights[20:35, 25:40] = height_m
