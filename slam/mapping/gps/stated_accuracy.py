@@ -25,6 +25,8 @@ _DOUBTED = {
     "doubted, not the GPS; calibrate the lens",
     "delay": "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the "
     "GPS; check the stamps of pictures and fixes",
+    "mirror": "they are a mirror image of the map ({value}): the letters E and W, or N and S, of the "
+    "positions are exchanged, or the pictures are mirrored; scale, heading and place of the map are wrong",
     "altitude": "altitudes that drift make such differences, and so does a map that is bent or tilted: "
     "heights and slopes of the map are doubted; do not measure these on it, or add control points",
     "": "they have no pattern that camera, lens or clock would make: the {said} accuracy is doubted; correct "
@@ -51,7 +53,7 @@ class Pattern:
     """Pattern in the differences between fixes and map."""
 
     kind: str
-    """``body``, ``place``, ``delay``, ``altitude``, or empty for none."""
+    """``body``, ``place``, ``mirror``, ``delay``, ``altitude``, or empty for none."""
     share: float
     """Share of the squared differences that it explains."""
     value: str
@@ -131,6 +133,8 @@ def pattern(fixes: FixesOnMap) -> Pattern:
         if len(r) <= J.shape[1] + 2:
             continue
         parameters: Array = np.linalg.lstsq(J, r, rcond=None)[0].astype(float)
+        if kind == "mirror" and not _mirrors(parameters):
+            continue
         left = float(np.sum((r - J @ parameters) ** 2))
         criterion = len(r) * np.log(left / len(r) + 1e-30) + J.shape[1] * np.log(len(r))
         if criterion < least:
@@ -149,9 +153,15 @@ def _models(fixes: FixesOnMap) -> dict[str, Array]:
     models = {
         "body": fixes.w_R_b[:, :2, :2].reshape(2 * n, 2),
         "place": np.kron(terms, np.eye(2)),
+        "mirror": np.kron(np.column_stack([np.ones(n), centred]), np.eye(2)),
         "delay": fixes.velocity_m_s.reshape(2 * n, 1),
     }
     return {kind: J for kind, J in models.items() if np.linalg.matrix_rank(J) == J.shape[1]}
+
+
+def _mirrors(parameters: Array) -> bool:
+    """Return whether the map plus differences that are linear over it, (6,), is its mirror image."""
+    return float(np.linalg.det(np.eye(2) + parameters[2:].reshape(2, 2).T)) < 0
 
 
 def _in_figures(kind: str, J: Array, parameters: Array) -> str:

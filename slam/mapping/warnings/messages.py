@@ -36,6 +36,7 @@ from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lines_alone import lines_alone_warning
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
+from slam.mapping.warnings.motions import Steps
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.single_join import single_join_warnings
@@ -47,6 +48,7 @@ from slam.mapping.warnings.systematic_warning import (
     systematic_warning,
     told_lens_warning,
 )
+from slam.mapping.warnings.wrong_moments import wrong_moments
 
 MOST_STUCK = 0.5
 """Share of equal ranges from which on even a robust estimate of the height follows them."""
@@ -166,7 +168,7 @@ def _reasons(
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
         _stuck_ranges(flight, map_) or _range_contradiction(context, map_),
-        *contradictions(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), by_metres),
+        *_motion_warnings(flight, map_, by_metres),
         clock_contradiction(map_.clock, context.clock)
         or disagreement_warning(disagreements_left(flight, map_.observations, context.setup)),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
@@ -175,6 +177,15 @@ def _reasons(
         "" if by_metres else _scale_warning(flight, map_),
     ]
     return [line for line in lines if line]
+
+
+def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[str]:
+    """Report instruments that contradict the map's motion, all the time or in single steps."""
+    if flight.frames is None:
+        return []
+    steps = Steps.of(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
+    names = flight.picture_names(flight.frames.stamps_s[map_.observations.frame_index])
+    return contradictions(steps, metric) or wrong_moments(steps, names)
 
 
 def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:

@@ -40,6 +40,8 @@ def fixes(kind, n=40, seed=0, std_m=0.01):
         "body": w_R_b[:, :2, :2] @ [0.4, -0.2],
         "place": 0.5 * centred * np.sum(centred**2, axis=1, keepdims=True) + 0.4 * centred[:, :1] ** 2,
         "delay": -0.15 * velocity,
+        # The map is shrunk, as the similarity that fits a mirror image best does it.
+        "mirror": centred * [45.0, -45.0] - 20.0 * centred,
         "": rng.normal(0, 0.5, (n, 2)),
         "good": np.zeros((n, 2)),
     }[kind] + rng.normal(0, std_m, (n, 2))
@@ -53,6 +55,7 @@ def fixes(kind, n=40, seed=0, std_m=0.01):
         ("body", "the camera model is doubted"),
         ("place", "the map's shape is doubted"),
         ("delay", "the clocks are doubted"),
+        ("mirror", "they are a mirror image of the map"),
         ("", "the stated accuracy is doubted"),
     ],
 )

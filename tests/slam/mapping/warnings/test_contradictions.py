@@ -9,6 +9,7 @@ import pytest
 
 from slam.core.flight import Flight
 from slam.mapping.warnings.contradictions import contradictions
+from slam.mapping.warnings.motions import Steps
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 
@@ -27,7 +28,9 @@ def told(flight: Flight, metric: bool = True, backwards: bool = False) -> list[s
     at = np.searchsorted(flight.truth.stamps_s, np.arange(1.0, flight.truth.stamps_s[-1] - 1.0, STEP_S))
     poses = flight.truth.w_T_b[at]
     poses[5] = np.nan
-    return contradictions(flight, flight.truth.stamps_s[at], poses[::-1] if backwards else poses, metric)
+    return contradictions(
+        Steps.of(flight, flight.truth.stamps_s[at], poses[::-1] if backwards else poses), metric
+    )
 
 
 def test_a_healthy_flight_is_not_contradicted(flight: Flight):
@@ -76,9 +79,10 @@ def test_stretches_of_few_keyframes_are_compared_too(flight: Flight, keyframes: 
     for at_s in stretches:
         at = np.searchsorted(flight.truth.stamps_s, at_s)
         stamps_s, poses = flight.truth.stamps_s[at], flight.truth.w_T_b[at]
-        assert contradictions(flight, stamps_s, poses, True) == []
+        assert contradictions(Steps.of(flight, stamps_s, poses), True) == []
         found += any(
-            line.startswith("velocity0") for line in contradictions(flight, stamps_s, poses[::-1], True)
+            line.startswith("velocity0")
+            for line in contradictions(Steps.of(flight, stamps_s, poses[::-1]), True)
         )
     assert found >= 0.7 * len(stretches), "round a corner the way back looks alike"
 

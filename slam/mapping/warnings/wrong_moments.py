@@ -1,0 +1,80 @@
+"""Pictures that were not taken when their stamps say: two instruments contradict the map in the same steps.
+
+The map of such pictures is consistent in itself, so that its covariances are small; but at the times of
+their stamps the vehicle was elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.names import enumerated
+from slam.mapping.warnings.motions import Motion, Steps
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+GATE_SIGMAS = 6.0
+"""Deviations of a step that count, in each of two instruments. Steps of healthy flights reach 1, and pictures
+of another moment make more than 20 in a lively flight."""
+GAIN_ERROR = 0.25
+"""Share of a step that a gain or a tilt may be wrong by: those of flow and sonar are within a fourth."""
+LEAST_STEPS = 10
+"""Fewer steps do not tell the noise of an instrument."""
+_SIGMA_PER_MEDIAN = 1.4826
+
+
+def wrong_moments(steps: Steps, names: Sequence[str]) -> list[str]:
+    """Return a line for each run of steps that two instruments contradict.
+
+    ``names`` (n,) are those of the keyframes.
+    """
+    off: dict[str, Mask] = {}
+    for motion in steps.motions:
+        beyond = deviations(motion) > GATE_SIGMAS
+        off[motion.stream] = off.get(motion.stream, np.zeros_like(beyond)) | beyond
+    contradicted = sum((mask.astype(int) for mask in off.values()), np.zeros(len(steps.keyframe), dtype=int))
+    wrong = np.flatnonzero(contradicted >= 2)
+    # Between two pictures of wrong times, a step may look right by chance.
+    runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 2) + 1) if len(wrong) else []
+    return [_line(steps, names, off, run) for run in runs]
+
+
+def _line(steps: Steps, names: Sequence[str], off: dict[str, Mask], run: NDArray[np.int64]) -> str:
+    first, last = steps.keyframe[run[0], 0], steps.keyframe[run[-1], 1]
+    streams = enumerated([stream for stream, mask in off.items() if mask[run].any()])
+    return (
+        f"cam0: from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures there "
+        "are in another order, or were not taken when their stamps say, unless the instruments lost readings "
+        "together; trust no pose there, and correct the stamps"
+    )
+
+
+def deviations(motion: Motion) -> Array:
+    """Return (n,) by how many standard deviations each step differs from the map's; 0 without a reading.
+
+    The noise is that of most steps. A common gain and a bias are taken out.
+    """
+    known = np.isfinite(motion.read).all(axis=1)
+    found = np.zeros(len(known))
+    read, made = motion.read[known], motion.made[known]
+    if len(read) < LEAST_STEPS:
+        return found
+    off = read - _gain(read, made) * made
+    off -= np.median(off, axis=0)
+    spread = np.maximum(_SIGMA_PER_MEDIAN * np.median(np.abs(off), axis=0), max(motion.noise, 1e-9))
+    allowed = GAIN_ERROR * np.linalg.norm(read, axis=1, keepdims=True)
+    found[known] = (np.maximum(np.abs(off) - allowed, 0.0) / spread).max(axis=1)
+    return found
+
+
+def _gain(read: Array, made: Array) -> float:
+    """Return the factor of a reading (n, c) on the map's motion: the median over the steps, by their size."""
+    size = np.linalg.norm(made, axis=1)
+    ratio = (read * made).sum(axis=1) / np.maximum(size**2, 1e-300)
+    order = np.argsort(ratio)
+    weight = np.cumsum(size[order])
+    return float(ratio[order][np.searchsorted(weight, 0.5 * weight[-1])])

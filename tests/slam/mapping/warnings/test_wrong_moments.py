@@ -1,0 +1,72 @@
+"""Pictures of other moments than their stamps say are named; noise, gains, biases and delays are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.core.flight import Flight
+from slam.mapping.warnings.motions import Steps
+from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, deviations, wrong_moments
+from slam.simulation import simulate
+from slam.simulation.recipe import load_recipe
+
+STEP_S = 0.3
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return simulate(replace(load_recipe("figure_eight_heights"), camera=None), seed=4)
+
+
+def told(flight: Flight, order: np.ndarray | None = None, late_s: float = 0.0) -> list[str]:
+    """Lines about the true way as a map, its poses in some order."""
+    assert flight.truth is not None
+    stamps_s = np.arange(1.0, flight.truth.stamps_s[-1] - 1.0, STEP_S)
+    poses = flight.truth.w_T_b[np.searchsorted(flight.truth.stamps_s, stamps_s + late_s)]
+    if order is not None:
+        poses[: len(order)] = poses[order]
+    return wrong_moments(Steps.of(flight, stamps_s, poses), [f"picture_{k}" for k in range(len(stamps_s))])
+
+
+def test_a_healthy_flight_has_no_wrong_moment(flight: Flight):
+    assert told(flight) == []
+
+
+def test_pictures_in_another_order_for_a_while_are_named(flight: Flight):
+    order = np.arange(60)
+    order[20:32] = np.random.default_rng(0).permutation(order[20:32])
+    (line,) = told(flight, order)
+    first, last = (int(part.split("_")[1].split(" ")[0]) for part in line.split(" the map")[0].split(" to "))
+    assert 18 <= first <= 22
+    assert 29 <= last <= 33
+    assert "in another order" in line
+
+
+def test_neither_noise_nor_gain_bias_or_delay_is_a_wrong_moment(flight: Flight):
+    rng = np.random.default_rng(1)
+    imu, flow, attitude = flight.imu, flight.velocity, flight.attitude
+    worn = replace(
+        flight,
+        imu=replace(imu, gyro_rad_s=1.05 * imu.gyro_rad_s + [0.05, -0.02, 0.03]),
+        velocity=replace(flow, v_m_s=0.75 * flow.v_m_s + 0.05 * rng.standard_t(3, flow.v_m_s.shape)),
+        attitude=replace(attitude, roll_pitch_yaw_rad=attitude.roll_pitch_yaw_rad + [0.03, -0.02, 0.5]),
+    )
+    assert told(worn, late_s=0.04) == []
+
+
+def test_one_instrument_alone_is_not_believed(flight: Flight):
+    gyro = flight.imu.gyro_rad_s.copy()
+    at = np.searchsorted(flight.imu.stamps_s, [8.0, 9.0])
+    gyro[at[0] : at[1]] += 1.0
+    broken = replace(flight, imu=replace(flight.imu, gyro_rad_s=gyro))
+    steps = Steps.of(broken, *_way(broken))
+    assert deviations(steps.motions[0]).max() > GATE_SIGMAS
+    assert told(broken) == []
+
+
+def _way(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
+    stamps_s = np.arange(1.0, flight.truth.stamps_s[-1] - 1.0, STEP_S)
+    return stamps_s, flight.truth.w_T_b[np.searchsorted(flight.truth.stamps_s, stamps_s)]
