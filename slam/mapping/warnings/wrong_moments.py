@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 GATE_SIGMAS = 6.0
-"""Deviations of a step that count, in each of two instruments. Steps of healthy simulated flights reach 1, and
-of the recorded ``ardrone2-hybrid`` 2; pictures of another moment make more than 20 in a lively flight."""
+"""Deviations of a step that count, in each of two instruments. Steps of healthy simulated flights reach 1,
+those of the recorded ``ardrone2-hybrid`` 2; pictures of another moment make more than 20."""
 GAIN_ERROR = 0.25
 """Share of a step that a gain or a tilt may be wrong by: those of flow and sonar are within a fourth."""
 LEAST_STEPS = 10
