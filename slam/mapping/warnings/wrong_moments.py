@@ -58,7 +58,7 @@ def deviations(motion: Motion) -> Array:
 
     The noise is that of most steps. A common gain and a bias are taken out.
     """
-    known = np.isfinite(motion.read).all(axis=1)
+    known: Mask = np.asarray(np.isfinite(motion.read).all(axis=1))
     found = np.zeros(len(known))
     read, made = motion.read[known], motion.made[known]
     if len(read) < LEAST_STEPS:
