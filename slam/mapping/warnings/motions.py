@@ -1,4 +1,4 @@
-"""What the map does between neighbouring keyframes, beside what another instrument says of it."""
+"""Motions between neighbouring keyframes, on the map and by the other instruments."""
 
 from __future__ import annotations
 
