@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.mapping.warnings.motions import Motion, Steps
+from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ FAR = 1.5
 """Gains of flow and sonar are within a fourth."""
 
 
-def contradictions(steps: Steps, metric: bool) -> list[str]:
+def contradictions(steps: KeyframeSteps, metric: bool) -> list[str]:
     """Return a line for each instrument whose motion differs from the map's in most steps.
 
     ``metric``: whether the map's lengths are metres.
@@ -40,7 +40,7 @@ def contradictions(steps: Steps, metric: bool) -> list[str]:
     return [*_common_cause(lines), *lines]
 
 
-def _lines(motion: Motion, metric: bool) -> list[str]:
+def _lines(motion: StepMotion, metric: bool) -> list[str]:
     least = LEAST_WAY_M if motion.is_way else max(LEAST_TURN_RAD, ABOVE_NOISE * motion.noise)
     lines = list(_contradictions(motion, least, motion.is_way and metric))
     is_gyro = motion.stream == "imu0"
@@ -58,7 +58,7 @@ def _common_cause(lines: list[str]) -> list[str]:
     ]
 
 
-def _gain(motion: Motion) -> list[str]:
+def _gain(motion: StepMotion) -> list[str]:
     """Describe turns (n, 3) by a sensor that are in proportion to the map's, but of another size.
 
     The proportion is by least squares, to which a bias of the sensor adds nothing.
@@ -76,7 +76,7 @@ def _gain(motion: Motion) -> list[str]:
     ]
 
 
-def _contradictions(motion: Motion, least: float, by_length: bool) -> Iterator[str]:
+def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterator[str]:
     """Compare the readings of each step with the map's, both (n, c), and describe a contradiction."""
     known = np.isfinite(motion.read).all(axis=1)
     who, read, made = motion.who, motion.read[known], motion.made[known]

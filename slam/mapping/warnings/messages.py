@@ -36,7 +36,7 @@ from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lines_alone import lines_alone_warning
 from slam.mapping.warnings.lost_pictures import lost_picture_warnings
-from slam.mapping.warnings.motions import Steps
+from slam.mapping.warnings.motions import KeyframeSteps
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.single_join import single_join_warnings
@@ -183,7 +183,7 @@ def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[str]:
     """Report instruments that contradict the map's motion, all the time or in single steps."""
     if flight.frames is None:
         return []
-    steps = Steps.of(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
+    steps = KeyframeSteps.of(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b))
     names = flight.picture_names(flight.frames.stamps_s[map_.observations.frame_index])
     return contradictions(steps, metric) or wrong_moments(steps, names)
 

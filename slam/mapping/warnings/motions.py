@@ -18,7 +18,7 @@ LONGEST_STEP_S = 2.0
 
 
 @dataclass(frozen=True)
-class Motion:
+class StepMotion:
     """The motion of each step from one keyframe to the next, by an instrument and by the map."""
 
     who: str
@@ -39,48 +39,48 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Steps:
+class KeyframeSteps:
     """Steps between placed keyframes that follow each other closely."""
 
     keyframe: Index
     """(n, 2) the keyframes at both ends of each step."""
-    motions: tuple[Motion, ...]
+    motions: tuple[StepMotion, ...]
 
     @staticmethod
-    def of(flight: Flight, stamps_s: Array, w_T_b: Array) -> Steps:
+    def of(flight: Flight, stamps_s: Array, w_T_b: Array) -> KeyframeSteps:
         """Compare the poses ``w_T_b`` (n, 4, 4) at ``stamps_s`` (n,), NaN where a keyframe is not placed."""
         placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
         at_s, poses = stamps_s[placed], w_T_b[placed]
         near = np.flatnonzero((np.diff(at_s) > 0) & (np.diff(at_s) <= LONGEST_STEP_S))
         keyframe = np.column_stack([placed[near], placed[near + 1]]).astype(np.int64)
-        return Steps(keyframe, tuple(_motions(flight, at_s, poses, near)) if len(near) else ())
+        return KeyframeSteps(keyframe, tuple(_motions(flight, at_s, poses, near)) if len(near) else ())
 
 
-def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Motion]:
+def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[StepMotion]:
     begin_s, end_s = at_s[near], at_s[near + 1]
     w_R_b = Rotation.from_matrix(poses[:, :3, :3])
     first, last = w_R_b[near], w_R_b[near + 1]
     turned = (first.inv() * last).as_rotvec()
     span_s = (end_s - begin_s)[:, None]
-    motions: list[Motion] = []
+    motions: list[StepMotion] = []
     if flight.imu is not None:
         read = _mean(flight.imu.stamps_s, flight.imu.gyro_rad_s, begin_s, end_s) * span_s
-        motions.append(Motion("imu0 (gyro)", read, turned))
+        motions.append(StepMotion("imu0 (gyro)", read, turned))
     if flight.attitude is not None:
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
         made = np.diff(np.unwrap(roll_pitch_yaw_of(poses[:, :3, :3]), axis=0), axis=0)[near]
         noise_rad = np.sqrt(2.0) * max(flight.attitude.noise_std_rad)
         motions += [
-            Motion("attitude0 (roll, pitch)", read[:, :2], made[:, :2], noise=noise_rad),
-            Motion("attitude0 (yaw)", read[:, 2:], made[:, 2:], noise=noise_rad),
+            StepMotion("attitude0 (roll, pitch)", read[:, :2], made[:, :2], noise=noise_rad),
+            StepMotion("attitude0 (yaw)", read[:, 2:], made[:, 2:], noise=noise_rad),
         ]
     if flight.velocity is not None:
         read = _mean(flight.velocity.stamps_s, flight.velocity.v_m_s, begin_s, end_s) * span_s
         half_way = first * Rotation.from_rotvec(0.5 * turned)
         level_R_w = Rotation.from_euler("z", -roll_pitch_yaw_of(half_way.as_matrix())[:, 2:])
         made = level_R_w.apply(np.diff(poses[:, :3, 3], axis=0)[near])[:, :2]
-        motions.append(Motion("velocity0", read, made, is_way=True))
+        motions.append(StepMotion("velocity0", read, made, is_way=True))
     return motions
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.names import enumerated
-from slam.mapping.warnings.motions import Motion, Steps
+from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,7 +27,7 @@ LEAST_STEPS = 10
 _SIGMA_PER_MEDIAN = 1.4826
 
 
-def wrong_moments(steps: Steps, names: Sequence[str]) -> list[str]:
+def wrong_moments(steps: KeyframeSteps, names: Sequence[str]) -> list[str]:
     """Return a line for each run of steps that two instruments contradict.
 
     ``names`` (n,) are those of the keyframes.
@@ -43,7 +43,7 @@ def wrong_moments(steps: Steps, names: Sequence[str]) -> list[str]:
     return [_line(steps, names, off, run) for run in runs]
 
 
-def _line(steps: Steps, names: Sequence[str], off: dict[str, Mask], run: NDArray[np.int64]) -> str:
+def _line(steps: KeyframeSteps, names: Sequence[str], off: dict[str, Mask], run: NDArray[np.int64]) -> str:
     first, last = steps.keyframe[run[0], 0], steps.keyframe[run[-1], 1]
     streams = enumerated([stream for stream, mask in off.items() if mask[run].any()])
     return (
@@ -53,7 +53,7 @@ def _line(steps: Steps, names: Sequence[str], off: dict[str, Mask], run: NDArray
     )
 
 
-def deviations(motion: Motion) -> Array:
+def deviations(motion: StepMotion) -> Array:
     """Return (n,) by how many standard deviations each step differs from the map's; 0 without a reading.
 
     The noise is that of most steps. A common gain and a bias are taken out.

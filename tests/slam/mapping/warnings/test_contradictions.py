@@ -9,7 +9,7 @@ import pytest
 
 from slam.core.flight import Flight
 from slam.mapping.warnings.contradictions import contradictions
-from slam.mapping.warnings.motions import Steps
+from slam.mapping.warnings.motions import KeyframeSteps
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 
@@ -29,7 +29,7 @@ def told(flight: Flight, metric: bool = True, backwards: bool = False) -> list[s
     poses = flight.truth.w_T_b[at]
     poses[5] = np.nan
     return contradictions(
-        Steps.of(flight, flight.truth.stamps_s[at], poses[::-1] if backwards else poses), metric
+        KeyframeSteps.of(flight, flight.truth.stamps_s[at], poses[::-1] if backwards else poses), metric
     )
 
 
@@ -79,10 +79,10 @@ def test_stretches_of_few_keyframes_are_compared_too(flight: Flight, keyframes: 
     for at_s in stretches:
         at = np.searchsorted(flight.truth.stamps_s, at_s)
         stamps_s, poses = flight.truth.stamps_s[at], flight.truth.w_T_b[at]
-        assert contradictions(Steps.of(flight, stamps_s, poses), True) == []
+        assert contradictions(KeyframeSteps.of(flight, stamps_s, poses), True) == []
         found += any(
             line.startswith("velocity0")
-            for line in contradictions(Steps.of(flight, stamps_s, poses[::-1]), True)
+            for line in contradictions(KeyframeSteps.of(flight, stamps_s, poses[::-1]), True)
         )
     assert found >= 0.7 * len(stretches), "round a corner the way back looks alike"
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.core.flight import Flight
-from slam.mapping.warnings.motions import Steps
+from slam.mapping.warnings.motions import KeyframeSteps
 from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, deviations, wrong_moments
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
@@ -28,7 +28,9 @@ def told(flight: Flight, order: np.ndarray | None = None, late_s: float = 0.0) -
     poses = flight.truth.w_T_b[np.searchsorted(flight.truth.stamps_s, stamps_s + late_s)]
     if order is not None:
         poses[: len(order)] = poses[order]
-    return wrong_moments(Steps.of(flight, stamps_s, poses), [f"picture_{k}" for k in range(len(stamps_s))])
+    return wrong_moments(
+        KeyframeSteps.of(flight, stamps_s, poses), [f"picture_{k}" for k in range(len(stamps_s))]
+    )
 
 
 def test_a_healthy_flight_has_no_wrong_moment(flight: Flight):
@@ -62,7 +64,7 @@ def test_one_instrument_alone_is_not_believed(flight: Flight):
     at = np.searchsorted(flight.imu.stamps_s, [8.0, 9.0])
     gyro[at[0] : at[1]] += 1.0
     broken = replace(flight, imu=replace(flight.imu, gyro_rad_s=gyro))
-    steps = Steps.of(broken, *_way(broken))
+    steps = KeyframeSteps.of(broken, *_way(broken))
     assert deviations(steps.motions[0]).max() > GATE_SIGMAS
     assert told(broken) == []
 
