@@ -34,6 +34,7 @@ SPIKE_READINGS = 5
 """Shorter runs of echoes are no obstacle."""
 NEAR_MARGIN, LOW_RANGES = 1.2, 3.0
 """Factors on the minimum range between which a missing echo may be an object that is too close."""
+_HIDDEN = "pixels that show them are hidden from the matching of pictures, but stay in the mosaic"
 OBSTACLE_ECHO = "echo from an obstacle"
 """Reason why an echo is no height of flight."""
 FEWEST = 10
@@ -299,7 +300,7 @@ def find_obstacles(
     poses = poses_between(stamps_s[placed], over_floor_T_b[placed], frames.stamps_s)
     done = [
         *(["they are not used as flying heights"] if config.echoes else []),
-        *(["pixels that show them are masked"] if config.pixels else []),
+        *([_HIDDEN] if config.pixels else []),
     ]
     warning = Note(
         f"obstacles: {standing.sum()} sonar echoes come from {gamma:.2f} to "

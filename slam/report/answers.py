@@ -18,7 +18,7 @@ from slam.report.accuracy_answers import (
     scale,
 )
 from slam.report.advice import WORDS, further_limits, limit_sentence, next_steps
-from slam.report.checked_lengths import basis, unless_checked
+from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.failures import failed, missing, too_bare
 from slam.report.height_answers import heights, is_tilt_doubted
@@ -78,7 +78,7 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if summary.status == "ok":
         alone = unless_checked(
             "; but no second instrument checks its accuracy (“Is the scale right?” below)",
-            "; only known distances on the ground check its lengths (“How far is it from the truth?” below)",
+            f"; only known distances on the ground check its lengths ({RESULT})",
         )
         doubt = alone if estimate.accuracy_basis else ""
         return (
@@ -123,7 +123,7 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
         else " It cannot see an error that all instruments share; "
         + unless_checked(
             "one distance measured on the ground would.",
-            "known distances on the ground do (“How far is it from the truth?” below).",
+            f"known distances on the ground do ({RESULT}).",
         )
     )
     warned = by_kind(summary.warnings).warnings

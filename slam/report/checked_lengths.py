@@ -14,7 +14,8 @@ from markupsafe import Markup, escape
 from slam.core.errors import one_line
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 
-_RESULT = "“How far is it from the truth?” below"
+RESULT = "“How far is it from the truth?” under “In short”"
+"""Where a page tells how its lengths compare with known distances; figures further down name it too."""
 _BEGIN, _OR, _END = "\ue000", "\ue001", "\ue002"
 _IN_TEXT = re.compile(f"{_BEGIN}([^{_OR}]*){_OR}([^{_END}]*){_END}")
 _IN_PAGE = re.compile("<!-- (unless checked|checked): (.*?) -->(.*?)<!-- /(?:unless )?checked -->", re.DOTALL)
@@ -29,7 +30,7 @@ def basis(text: str) -> str:
     """Return what an accuracy rests on, whose end asks for a distance unless one was measured."""
     if not text.endswith(CHECKED_BY_ONE_DISTANCE):
         return text
-    done = f"Known distances on the ground have checked them ({_RESULT})."
+    done = f"Known distances on the ground have checked them ({RESULT})."
     return text.removesuffix(CHECKED_BY_ONE_DISTANCE) + unless_checked(CHECKED_BY_ONE_DISTANCE, done)
 
 

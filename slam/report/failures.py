@@ -10,7 +10,7 @@ from slam.core.messages import by_kind
 from slam.core.units import percent, unit
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
-from slam.report.streams import STREAM_WORDS
+from slam.report.streams import STREAM_WORDS, doubts
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -38,7 +38,7 @@ def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFa
     if mosaic is not None and mosaic.holes:
         told.append(_holes(mosaic, facts))
     if told:
-        return f"Yes: {'; '.join(told)}.{_edge(mosaic)}{_without_height(estimate)}"
+        return f"Yes: {'; '.join(told)}.{_edge(mosaic)}{_without_height(estimate, mosaic)}"
     if facts.is_graph:
         return f"No: all {facts.keyframes} poses lie on one map."
     stretch = (
@@ -49,7 +49,7 @@ def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFa
     whole = ", and the mosaic has no hole" if mosaic is not None else ""
     return (
         f"No: all {facts.keyframes} {thing} lie on one map, {'and ' if not whole else ''}{stretch}{whole}."
-        f"{_edge(mosaic)}{_without_height(estimate)}"
+        f"{_edge(mosaic)}{_without_height(estimate, mosaic)}"
     )
 
 
@@ -90,12 +90,18 @@ def _edge(mosaic: MosaicFacts | None) -> str:
     )
 
 
-def _without_height(estimate: Estimate) -> str:
+def _without_height(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     ground = estimate.ground
     if ground is None or not ground.is_measured or not ground.filled_share:
         return ""
+    holes = 0 if mosaic is None else mosaic.holes
+    ground_shown = (
+        f"Apart from the hole{'s' * (holes > 1)}, all ground within that edge"
+        if holes
+        else "All of this ground"
+    )
     return (
-        f" All of this ground is in the picture, but the height of {percent(ground.filled_share)} of it was "
+        f" {ground_shown} is in the picture, but the height of {percent(ground.filled_share)} of it was "
         "not measured (“Are the heights true?” below)."
     )
 
@@ -118,24 +124,26 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
         are = "keyframe is" if number == 1 else "keyframes are"
         told.append(f"{number} {are} not in the mosaic (summary.json says why)")
-    doubted = _doubted(summary)
+    told_doubts = _doubted(summary)
+    doubted = "".join(f" {text}" for text in told_doubts)
     on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
     if told:
         text = "; ".join(told)
         return f"{text[0].upper()}{text[1:]}.{doubted}"
     if doubted:
-        return f"No part of the map, but warnings below doubt an instrument.{doubted}{on_purpose}"
+        one = len(told_doubts) == 1
+        which = "a warning below doubts an instrument" if one else "warnings below doubt instruments"
+        return f"No part of the map, but {which}.{doubted}{on_purpose}"
     warned = by_kind(summary.warnings).warnings
     return f"Nothing{'; the warnings name what to check' if warned else ''}.{on_purpose}"
 
 
-def _doubted(summary: Summary) -> str:
-    """Return the instruments that warnings doubt, and why, with a space in front; empty without any."""
+def _doubted(summary: Summary) -> list[str]:
+    """Return a sentence for each warning that doubts an instrument and that the status does not name."""
     told = []
-    for line in by_kind(summary.warnings).warnings:
-        stream = line.split(maxsplit=1)[0].rstrip(":") if line.strip() else ""
-        if stream in STREAM_WORDS and line not in summary.status:
-            found = line.split(";")[0].removeprefix(stream).lstrip(": ")
-            colon = ":" if line.startswith(f"{stream}:") else ""
-            told.append(f"{STREAM_WORDS[stream]}{colon} {found}")
-    return "".join(f" {text[0].upper()}{text[1:]}." for text in told)
+    for doubt in doubts(summary.warnings):
+        if doubt.line not in summary.status:
+            colon = ":" if doubt.line.startswith(f"{doubt.stream}:") else ""
+            text = f"{STREAM_WORDS[doubt.stream]}{colon} {doubt.found}"
+            told.append(f"{text[0].upper()}{text[1:]}.")
+    return told

@@ -11,21 +11,21 @@ import numpy as np
 from slam.core.estimate import Estimate
 from slam.core.figure_table import FigureTable
 from slam.core.instrument import Instrument
-from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.advice import WORDS
+from slam.report.streams import doubts
 
 if TYPE_CHECKING:
     from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Sonar, Velocity
 
 _TITLE = (
-    "Instruments. The columns behind “used?” say how much of the uncertainty that is left each of them "
+    "Instruments. The columns behind “doubted?” say how much of the uncertainty that is left each of them "
     "causes (in the variance, at the keyframe farthest from the start; each adds up to 100 %). The one with "
     "the largest share is the one to improve. A small share means that more accurate instruments outweigh "
-    "it, or that it is more accurate than the map needs"
+    "it, or that it is more accurate than the map needs. Doubted is an instrument that a warning names"
 )
 _COLUMNS = (
-    "instrument", "readings", "one reading is good to", "used?", "place of the ground", "lengths",
+    "instrument", "readings", "one reading is good to", "used?", "doubted?", "place of the ground", "lengths",
     "height over the ground", "camera's x and y", "camera's z", "camera's heading",
 )  # fmt: skip
 _DIRECTIONS = (("ground",), ("scale",), ("height",), ("x", "y"), ("z",), ("yaw",))
@@ -109,7 +109,9 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
         words = WORDS.get(name, name.replace("_", " "))
         used = any(name in row for row in shares.values())
         cells = _cells(shares, name) if used else ("",) * len(_DIRECTIONS)
-        rows.append((words, count, stated, _use(estimate, name, used), *cells))
+        weighed = _weighed(estimate, name) if used and count else ""
+        use = "" if name not in _STREAMS else "yes" if used else NOT_USED
+        rows.append((words, count, f"{stated}{weighed}", use, _doubted(estimate, name), *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
 
 
@@ -122,15 +124,28 @@ def _readings(flight: Flight, name: str) -> tuple[str, str]:
     )
 
 
-def _use(estimate: Estimate, name: str, used: bool) -> str:
-    """Return whether an instrument was used, and whether a warning doubts it."""
+def _weighed(estimate: Estimate, name: str) -> str:
+    """Return which accuracy the map used in place of the stated one; empty where it is not known here.
+
+    `backend.bundle.noise` estimates that of roll and pitch from their differences from the map.
+    """
+    found = estimate.instruments.attitude
+    if name != "attitude" or found is None:
+        return ""
+    off_rad = float(np.linalg.norm(found.offset_rad))
+    return (
+        "; the map weighs roll and pitch by their differences from it instead, "
+        f"{degrees(off_rad):.2g}° on average"
+    )
+
+
+def _doubted(estimate: Estimate, name: str) -> str:
+    """Return whether a warning doubts an instrument, and what it found, up to the first colon."""
     stream = _STREAMS.get(name)
     if stream is None:
         return ""
-    doubted = any(stream.name in line for line in by_kind(estimate.warnings).warnings)
-    if not doubted:
-        return "yes" if used else NOT_USED
-    return f"{'yes' if used else 'no'}; a warning names it ({stream.name})"
+    found = [doubt.found for doubt in doubts(estimate.warnings) if doubt.concerns(stream.name)]
+    return f"yes: {'; '.join(text.split(': ')[0] for text in found)}" if found else "no"
 
 
 def _cells(shares: Mapping[str, Mapping[str, float]], name: str) -> tuple[str, ...]:

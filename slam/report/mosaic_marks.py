@@ -85,7 +85,7 @@ def _scale_bar(strip: Image, pixel_m: float, unit: str) -> None:
     cv2.line(strip, (left, low), (right, low), _BLACK, thick)
     for end in (left, right):
         cv2.line(strip, (end, low - height // 6), (end, low + height // 6), _BLACK, thick)
-    _text(strip, f"{length:g} {unit}", (left + thick + height // 10, round(0.55 * height)))
+    _text(strip, f"{length:g} {unit}", (left + thick + height // 10, round(0.5 * height)))
 
 
 def _arrows(strip: Image, names: tuple[str, str]) -> None:
@@ -105,5 +105,5 @@ def _arrows(strip: Image, names: tuple[str, str]) -> None:
 
 def _text(strip: Image, text: str, at: tuple[int, int]) -> None:
     size = strip.shape[0] / 60
-    thick = max(1, round(1.6 * size))
-    cv2.putText(strip, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _BLACK, thick, cv2.LINE_AA)
+    # A thicker pen fills small letters: the font of OpenCV 5 takes the thickness as its weight.
+    cv2.putText(strip, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _BLACK, 1, cv2.LINE_AA)

@@ -1,8 +1,11 @@
-"""Streams of a flight in the words of a pilot."""
+"""Streams of a flight in the words of a pilot, and the warnings that doubt them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from slam.core.messages import by_kind
 
 STREAM_WORDS: Mapping[str, str] = {
     "cam0": "the camera",
@@ -14,3 +17,27 @@ STREAM_WORDS: Mapping[str, str] = {
     "barometer0": "the barometer",
 }
 """Name of a stream in messages -> in words."""
+
+
+class Doubt(NamedTuple):
+    """A warning that doubts an instrument: one that begins with the name of its stream."""
+
+    stream: str
+    """Stream with which the line begins."""
+    line: str
+    found: str
+    """What was found: the line up to its first semicolon, without the name of the stream."""
+
+    def concerns(self, stream: str) -> bool:
+        """Return whether what was found is about a stream; what to do about it may name others."""
+        return stream == self.stream or stream in self.found
+
+
+def doubts(warnings: Iterable[str]) -> tuple[Doubt, ...]:
+    """Return the warnings that doubt an instrument, in their order; notes and other warnings doubt none."""
+    found = []
+    for line in by_kind(warnings).warnings:
+        stream = line.split(maxsplit=1)[0].rstrip(":") if line.strip() else ""
+        if stream in STREAM_WORDS:
+            found.append(Doubt(stream, line, line.split(";")[0].removeprefix(stream).lstrip(": ")))
+    return tuple(found)

@@ -13,10 +13,14 @@ from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.mapping.front_end import Observations
 
 _HINTS = {
-    SAME_PICTURE: "did the camera freeze? What it passed then is missing from the map",
-    TOO_FEW: "is the floor without texture or light there? What lies there is missing from the "
-    "map, unless the drone passes it again; fly higher, or lay out marks",
+    SAME_PICTURE: ("cam0", "did the camera freeze? What it passed then is missing from the map"),
+    TOO_FEW: (
+        "bare ground",
+        "is the floor without texture or light there? What lies there is missing from the map, unless the "
+        "drone passes it again; fly higher, or lay out marks",
+    ),
 }
+"""Reason -> what is at fault, an instrument or the ground, and what to ask."""
 
 _MOST_STRETCHES, _NOTABLE_STRETCH = 3, 0.5
 """Number of stretches that are named, and their least length over that of the longest."""
@@ -30,7 +34,7 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[st
     for frame, reason in observations.dropped.items():
         frames[reason].append(frame)
     lines = []
-    for reason, hint in _HINTS.items():
+    for reason, (at_fault, hint) in _HINTS.items():
         left_out = np.sort(np.array(frames[reason], dtype=np.int64))
         if len(left_out) <= NOTABLE_SHARE * observations.frames:
             continue
@@ -42,7 +46,7 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[st
         ]
         stretches = " and ".join(f"from {begin_s:.1f} to {end_s:.1f} s" for begin_s, end_s in times)
         lines.append(
-            f"cam0: {len(left_out)} of {observations.frames} pictures are left out ({reason}), the longest "
-            f"stretch{'es' * (len(times) > 1)} {stretches}: {hint}"
+            f"{at_fault}: {len(left_out)} of {observations.frames} pictures are left out ({reason}), the "
+            f"longest stretch{'es' * (len(times) > 1)} {stretches}: {hint}"
         )
     return lines

@@ -202,7 +202,7 @@ def test_what_failed_is_told():
     assert answers(replace(estimate, rejected={}), flight)["What failed?"] == "Nothing."
     noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
     found = answers(noted, flight)["What failed?"]
-    assert found.startswith("No part of the map, but warnings below doubt an instrument.")
+    assert found.startswith("No part of the map, but a warning below doubts an instrument.")
     assert "The attitude sensor (roll, pitch and heading) is tilted by 4.8 degrees." in found
     other = replace(estimate, warnings=("one picture is damaged",))
     told = answers(other, flight)["What failed?"]

@@ -57,12 +57,20 @@ def test_an_assumed_accuracy_is_told_as_assumed():
 
 
 def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names_is_not():
-    lines = ("gps0: far off", "barometer0 falls where the camera climbs", Note("sonar0: noted"))
-    estimate = replace(made_estimate(), information_shares=SHARES, warnings=lines)
+    lines = (
+        "gps0: far off: is it held; compare imu0",
+        "barometer0 falls where the camera climbs",
+        "bare ground: cam0 sees nothing",
+        Note("sonar0: noted"),
+    )
+    shares = {**SHARES, "z": {"pictures": 1.0}}
+    estimate = replace(made_estimate(), information_shares=shares, warnings=lines)
     found = rows_of(estimate, flown())
-    assert found["the GPS"]["used?"] == "yes; a warning names it (gps0)"
-    assert found["the barometer"]["used?"] == "no; a warning names it (barometer0)"
-    assert found["the height sensor"]["used?"] == "yes"
+    assert found["the GPS"]["doubted?"] == "yes: far off"
+    assert found["the barometer"]["doubted?"] == "yes: falls where the camera climbs"
+    assert found["the barometer"]["used?"] == NOT_USED
+    assert found["the height sensor"]["doubted?"] == "no"
+    assert found["the pictures themselves"]["doubted?"] == "no", "the ground is at fault"
 
 
 def test_without_a_refinement_there_is_no_table():

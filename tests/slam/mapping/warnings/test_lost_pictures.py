@@ -53,7 +53,7 @@ def test_frozen_and_featureless_pictures_are_told_with_their_time(moving: Flight
     assert frozen.startswith(f"cam0: 4 of {n} pictures are left out (same picture as the one before)")
     assert f"from {stamps_s[5]:.1f} to {stamps_s[8]:.1f} s" in frozen
     (grey,) = [line for line in estimate.warnings if "without texture" in line]
-    assert grey.startswith(f"cam0: 2 of {n} pictures are left out")
+    assert grey.startswith(f"bare ground: 2 of {n} pictures are left out")
 
 
 @pytest.mark.parametrize("shown", [0, None])
@@ -92,6 +92,6 @@ def test_all_long_stretches_are_named_in_order_of_time():
     )
     (line,) = lost_picture_warnings(SimpleNamespace(all_keyframes=False), observations)
     assert line.startswith(
-        "cam0: 19 of 100 pictures are left out (too few features), the longest stretches "
+        "bare ground: 19 of 100 pictures are left out (too few features), the longest stretches "
         "from 10.0 to 14.5 s and from 30.0 to 33.5 s: "
     )
