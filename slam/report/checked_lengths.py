@@ -15,7 +15,7 @@ from slam.core.errors import one_line
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 
 RESULT = "“How far is it from the truth?” under “In short”"
-"""Where a page tells how its lengths compare with known distances; figures further down name it too."""
+"""Name of the answer that compares lengths with known distances; figures further down name it too."""
 _BEGIN, _OR, _END = "\ue000", "\ue001", "\ue002"
 _IN_TEXT = re.compile(f"{_BEGIN}([^{_OR}]*){_OR}([^{_END}]*){_END}")
 _IN_PAGE = re.compile("<!-- (unless checked|checked): (.*?) -->(.*?)<!-- /(?:unless )?checked -->", re.DOTALL)

@@ -26,7 +26,7 @@ class Doubt(NamedTuple):
     """Stream with which the line begins."""
     line: str
     found: str
-    """What was found: the line up to its first semicolon, without the name of the stream."""
+    """The finding: the line up to its first semicolon, without the name of the stream."""
 
     def concerns(self, stream: str) -> bool:
         """Return whether what was found is about a stream; what to do about it may name others."""
