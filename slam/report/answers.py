@@ -17,7 +17,7 @@ from slam.report.accuracy_answers import (
     place,
     scale,
 )
-from slam.report.advice import WORDS, further_limits, limit_sentence, next_steps
+from slam.report.advice import WORDS, further_limits, limit, limit_sentence, next_steps
 from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.failures import failed, missing, too_bare
@@ -162,7 +162,18 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
         if WORDS["pictures"] in f"{told} {further}".lower()
         else ""
     )
-    parts = (f"{told[0].upper()}{told[1:]}", further, meant, "The table of instruments below has all shares.")
+    of_lengths = limit(shares, ("scale",)) if facts.metric else None
+    if of_lengths is not None and of_lengths[0] == "pictures" and facts.scale_source:
+        meant += (
+            f" They measure no length: the scale comes from {facts.scale_source} alone, and their share in "
+            "the lengths is what their scatter adds to its error."
+        )
+    parts = (
+        f"{told[0].upper()}{told[1:]}",
+        further,
+        meant.strip(),
+        "The table of instruments below has all shares.",
+    )
     return " ".join(part for part in parts if part)
 
 

@@ -211,6 +211,9 @@ def test_an_area_counts_its_corners():
     rows = pilots_answers(estimate, summarise(estimate), facts, mosaic)
     told = next(row.value for row in rows if row.label == question)
     side_m = max(facts.extent_m)
+    for end_m in (0.05, 0.09):
+        assert length(np.hypot(facts.scale_std * side_m, np.sqrt(2) * end_m)) in told
+    assert f"{length(side_m / 2)}: typically" in told
     assert percent(np.sqrt(2) * 0.05 / side_m) in told
     assert percent(np.hypot(2 * facts.scale_std, np.sqrt(2) * 0.05 / side_m)) in told
 
