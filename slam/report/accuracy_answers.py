@@ -128,8 +128,8 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         f"typically to ±{SPACE}{length(known_to(wide_m / 2, end_m))}. Of the first, the scale causes "
         f"{by_scale}, and the same share of any other length; the places of both ends cause {ends} "
         f"(±{SPACE}{facts.length(end_m)} each), between near places less.{moves} Nineteen times out of "
-        f"twenty, a tape differs from the map between typical places by less than {length(2 * whole_m)}: if it "
-        f"differs by more, one of them is wrong. {_area(facts, apart_m, end_m)}"
+        f"twenty, a tape differs from the map between typical places by less than {length(2 * whole_m)}: if "
+        f"it differs by more, one of them is wrong. {_area(facts, apart_m, end_m)}"
     )
 
 
@@ -149,8 +149,8 @@ def _area(facts: Facts, side_m: float, end_m: float) -> str:
     return (
         f"The area of a square of {side} x {side} is typically known to "
         f"±{SPACE}{percent(float(np.hypot(by_scale, ends_share)))}: ±{SPACE}{percent(by_scale)} by the "
-        f"scale, twice its share of a length, and ±{SPACE}{percent(ends_share)} by the places of the corners, "
-        "which count less on larger areas. map.html measures any distance and area with its uncertainty."
+        f"scale, twice its share of a length, and ±{SPACE}{percent(ends_share)} by the places of the "
+        "corners, which count less on larger areas. map.html measures any distance and area with its uncertainty."
     )
 
 
