@@ -150,7 +150,8 @@ def _area(facts: Facts, side_m: float, end_m: float) -> str:
         f"The area of a square of {side} x {side} is typically known to "
         f"±{SPACE}{percent(float(np.hypot(by_scale, ends_share)))}: ±{SPACE}{percent(by_scale)} by the "
         f"scale, twice its share of a length, and ±{SPACE}{percent(ends_share)} by the places of the "
-        "corners, which count less on larger areas. map.html measures any distance and area with its uncertainty."
+        "corners, which count less on larger areas. map.html measures any distance and area with its "
+        "uncertainty."
     )
 
 
