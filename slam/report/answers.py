@@ -21,7 +21,7 @@ from slam.report.advice import WORDS, further_limits, limit, limit_sentence, nex
 from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.failures import failed, missing, too_bare
-from slam.report.height_answers import heights, is_tilt_doubted
+from slam.report.height_answers import heights, is_tilt_doubted, lean
 from slam.report.left_out import counted, left_out
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
@@ -54,7 +54,7 @@ def pilots_answers(
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
         Item("What was left out, and do I have to act?", _left_out(facts, summary)),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
-        Item("Are the heights true?", "" if facts.is_graph else heights(estimate, facts, summary)),
+        Item("Are the heights true?", *(("",) if facts.is_graph else heights(estimate, facts, summary))),
         Item("Where is the mosaic, and how big is a pixel?", _whereabouts(facts, mosaic)),
         Item("Which way do x and y point, and where is north?", _axes(estimate, facts)),
         Item("Where on Earth is it?", "" if facts.is_graph else _on_earth(estimate)),
@@ -96,7 +96,7 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return "to find things and to compare lengths with each other; not in metres"
     good, ground = "to find things, and to measure distances and areas", estimate.ground
     if is_tilt_doubted(summary):
-        return f"{good}; not for heights, which a warning doubts"
+        return f"{good}; heights only near each other, because the map may lean: {lean(estimate, facts)}"
     if ground is not None and ground.is_measured:
         good = "to find things, and to measure distances, areas and differences in height"
     elif ground is not None:

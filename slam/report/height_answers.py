@@ -16,24 +16,32 @@ if TYPE_CHECKING:
     from slam.core.summary import Summary
 
 
-def heights(estimate: Estimate, facts: Facts, summary: Summary) -> str:
-    """Return from where heights count, how accurate they are, and what measured the ground."""
+def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tuple[str, ...]]:
+    """Return whether heights are true and from where they count; and lines about those of the ground, about
+    differences near each other, and about those of a camera."""
     tilted = is_tilt_doubted(summary)
-    text = f"{_verdict(facts, summary.status, tilted)} Heights {facts.datum}."
-    text += _of_ground(estimate, facts)
+    text = f"{_verdict(estimate, facts, summary.status, tilted)} Heights {facts.datum}."
+    if tilted:
+        text += " A warning below names attitude0, by which the whole map may lean."
     over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
+    camera = ""
     if np.isfinite(over_m):
-        text += (
+        camera = (
             f" How high a camera is over the floor is typically known to ±{SPACE}{facts.length(over_m)}"
             f"{_cause(estimate)}."
         )
         if not facts.relative_to:
-            text += " The altitude of the ground on Earth is known no better than that: it moves as a whole."
+            camera += (
+                " The altitude of the ground on Earth is known no better than that: it moves as a whole."
+            )
     if np.isfinite(worst_m):
-        text += _of_camera(facts, over_m, worst_m)
-    if tilted:
-        text += f" A warning below names attitude0: the whole map may lean by more{_raised(estimate, facts)}."
-    return text
+        camera += _of_camera(facts, over_m, worst_m)
+    lines = (
+        ("Heights of the ground:", _of_ground(estimate)),
+        ("Differences in height near each other:", _near_each_other(estimate, facts, tilted)),
+        ("Height of a camera:", camera),
+    )
+    return text, tuple(f"{name}{line}" for name, line in lines if line)
 
 
 def typical_height_std(estimate: Estimate) -> float:
@@ -42,28 +50,36 @@ def typical_height_std(estimate: Estimate) -> float:
     return float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else float("nan")
 
 
-def _of_ground(estimate: Estimate, facts: Facts) -> str:
+def _of_ground(estimate: Estimate) -> str:
     ground = estimate.ground
     if ground is None:
         return ""
     if ground.is_measured:
-        std = (
-            f", typically to ±{SPACE}{facts.length(ground.height_std_m)} against the ground around it: this "
-            "is the accuracy of a difference in height on the ground"
-            if ground.height_std_m
-            else ""
-        )
         return (
             " The ground is not flat: its height over the floor, the level plane that fits it best, was "
-            f"measured from the pictures{std}. {percent(ground.filled_share)} of it was filled in from "
-            "around. Trust no height where elevation.tif has no standard deviation."
+            f"measured from the pictures. {percent(ground.filled_share)} of it was filled in from around. "
+            "Trust no height where elevation.tif has no standard deviation."
         )
     if ground.relief_share > 0:
-        return " The ground is not flat, but no two pictures show its height: trust no height of it."
-    text = " The ground is taken as flat: the pictures show no hills, so it has no heights to measure."
-    if estimate.elevation is not None:
-        text += " What the height sensor found standing on it is in elevation.tif."
-    return text
+        return " None. The ground is not flat, but no two pictures show its height: trust no height of it."
+    return " None. The ground is taken as flat: the pictures show no hills, so it has no heights to measure."
+
+
+def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
+    ground, told = estimate.ground, ""
+    if ground is not None and ground.is_measured:
+        std = ground.height_std_m
+        told = f" On the ground typically to ±{SPACE}{facts.length(std)}." if std else ""
+    elif ground is not None and not ground.relief_share and estimate.elevation is not None:
+        told = " What the height sensor found standing on the flat ground is in elevation.tif."
+    if tilted:
+        tilt_rad = _tilt_rad(estimate)
+        told += (
+            f" A lean of "
+            f"{np.degrees(tilt_rad):.1f}° changes them by {facts.length(float(np.tan(tilt_rad)))} for each "
+            f"{facts.length(1.0)} between the places."
+        )
+    return told
 
 
 def _cause(estimate: Estimate) -> str:
@@ -96,15 +112,18 @@ def _of_camera(facts: Facts, over_m: float, worst_m: float) -> str:
     return f"{text} It is less than the height over the floor has, because {why}."
 
 
-def _raised(estimate: Estimate, facts: Facts) -> str:
+def lean(estimate: Estimate, facts: Facts) -> str:
     """Return what a tilt of the map does to heights: that of the attitude sensor, or else a degree."""
-    found = estimate.instruments.attitude
-    tilt_rad = float(np.linalg.norm(found.offset_rad)) if found is not None else float(np.radians(1.0))
-    across_m = max(facts.extent_m)
+    tilt_rad, across_m = _tilt_rad(estimate), max(facts.extent_m)
     return (
-        f": {np.degrees(tilt_rad):.1f}° raise one end of the path by "
-        f"{facts.length(np.tan(tilt_rad) * across_m)} against the other, {facts.length(across_m)} away"
+        f"{np.degrees(tilt_rad):.1f}° raise one end of the path by "
+        f"{facts.length(float(np.tan(tilt_rad)) * across_m)} against the other, {facts.length(across_m)} away"
     )
+
+
+def _tilt_rad(estimate: Estimate) -> float:
+    found = estimate.instruments.attitude
+    return float(np.linalg.norm(found.offset_rad)) if found is not None else float(np.radians(1.0))
 
 
 def is_tilt_doubted(summary: Summary) -> bool:
@@ -112,13 +131,16 @@ def is_tilt_doubted(summary: Summary) -> bool:
     return any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings)
 
 
-def _verdict(facts: Facts, status: str, tilted: bool) -> str:
+def _verdict(estimate: Estimate, facts: Facts, status: str, tilted: bool) -> str:
     if not facts.metric:
         return "Only in ratio to each other, because the map has no metres."
     if status != "ok":
         return "Only after you have checked what “Check this first” above names."
     if tilted:
-        return "Near each other, yes; across the map, no: whether it leans as a whole is doubted."
-    if facts.relative_to or facts.controlled:
-        return "Yes, within the figures that follow."
-    return "Over the ground, yes, within the figures that follow. As altitudes, only as the GPS counts them."
+        return f"Near each other, yes; across the map, no, because it may lean: {lean(estimate, facts)}."
+    altitudes = "" if facts.relative_to or facts.controlled else " As altitudes, only as the GPS counts them."
+    if estimate.ground is not None and not estimate.ground.is_measured:
+        ground = "the ground has no measured heights"
+        return f"Those of the camera, yes, within the figures that follow; {ground}.{altitudes}"
+    over = "Over the ground, yes" if altitudes else "Yes"
+    return f"{over}, within the figures that follow.{altitudes}"

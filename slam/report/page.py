@@ -19,6 +19,8 @@ class Item:
 
     label: str
     value: str
+    lines: tuple[str, ...] = ()
+    """Sentences that follow, each group on a line of its own."""
 
 
 def render_page(template: str, **content: object) -> str:

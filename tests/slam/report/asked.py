@@ -12,4 +12,4 @@ AGAIN = "Was a place recognised again, and is that right?"
 
 def answers(estimate, flight):
     found = pilots_answers(estimate, summarise(estimate), gather(estimate, flight))
-    return {item.label: as_asked(item.value) for item in found}
+    return {item.label: as_asked(" ".join((item.value, *item.lines))) for item in found}

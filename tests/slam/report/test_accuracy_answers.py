@@ -97,9 +97,10 @@ def test_a_doubted_attitude_says_what_its_tilt_does_to_heights():
     )
     across_m = max(gather(estimate, flight).extent_m)
     found = answers(replace(noted, status="ok"), flight)[question]
-    assert found.startswith(
-        "Near each other, yes; across the map, no: whether it leans as a whole is doubted."
-    )
+    assert found.startswith("Near each other, yes; across the map, no, because it may lean: 5.7° raise")
+    use = answers(replace(noted, status="ok"), flight)["Can I use this map?"]
+    assert "heights only near each other, because the map may lean: 5.7° raise" in use
+    assert f"by {length(np.tan(0.1))} for each {length(1.0)}" in found
     assert f"raise one end of the path by {length(np.tan(0.1) * across_m)} against the other" in found
 
 
