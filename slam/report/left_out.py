@@ -178,7 +178,7 @@ def counted(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
     """Return the numbers of rows by their kind; empty without rows."""
     words = {
         "match": "matches of places",
-        "view": "single views of floor points",
+        "view": "single views of points of the ground",
         "echo": "echoes of the height sensor",
         "fix": "positions of the GPS",
         "link": "edges" if is_graph else "pictures or links",

@@ -190,7 +190,10 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Error of the graph", _graph_error(estimate) if facts.is_graph else ""),
         Item("Global optimum", _optimum(estimate)),
         Item("Computing time", f"{sum(summary.timing_s.values()):.1f} s" if summary.timing_s else ""),
-        *(Item(f"of it: {stage}", f"{seconds:.2f} s") for stage, seconds in summary.timing_s.items()),
+        *(
+            Item(f"of it: {_STAGES.get(stage, stage)}", f"{seconds:.2f} s")
+            for stage, seconds in summary.timing_s.items()
+        ),
         Item("Peak memory", f"{summary.peak_rss_mb:.0f} MB"),
     ]
     return tuple(row for row in rows if row.value and not (facts.is_graph and row.label in _FLIGHT_ONLY))
@@ -204,6 +207,14 @@ def _optimum(estimate: Estimate) -> str:
     return "" if estimate.certificate is None else estimate.certificate.sentence(estimate.graph_error)
 
 
+_STAGES = {
+    "track": "follow the ground from picture to picture (track)",
+    "graph": "place the pictures by their links (graph)",
+    "loops": "find places seen again (loops)",
+    "refine": "fit pictures and instruments together (refine)",
+    "mosaic": "draw the map (mosaic)",
+}
+"""Name of a stage among the computing times -> in words."""
 _FLIGHT_ONLY = ("Keyframes, of pictures read", "Flight time")
 
 

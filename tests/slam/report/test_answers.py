@@ -106,7 +106,7 @@ def test_pictures_that_show_too_little_are_missing_ground():
     assert missing.startswith(f"Yes: {rejected[TOO_FEW]} of {estimate.frames} pictures")
     assert "with more light" in found["How do I make the next map better?"]
     assert left_out.startswith(
-        f"7 matches of places (7 unproven), 3 single views of floor points, {rejected[TOO_FEW]} pict"
+        f"7 matches of places (7 unproven), 3 single views of points of the ground, {rejected[TOO_FEW]} pict"
     )
     assert f"nothing to recognise” ({rejected[TOO_FEW]}): only if that ground matters: fly" in left_out
     assert "Whether to act depends on the case" in left_out
