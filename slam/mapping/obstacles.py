@@ -230,8 +230,8 @@ class Obstacles:
     def unusable_masks_warning(self) -> str:
         """One line for the user, where there is no map without what shows them."""
         return (
-            f"{self.warning.split(';')[0]}; masking them would leave no map, so nothing is masked; what "
-            "stands on the floor may bend the map: fly higher over it"
+            f"{self.warning.split(';')[0]}; hiding them from the matching would leave no "
+            "map, so nothing is hidden; what stands on the floor may bend the map: fly higher over it"
         )
 
     def cleared(self, flight: Flight) -> Flight:

@@ -21,7 +21,7 @@ from slam.report.advice import WORDS, further_limits, limit, limit_sentence, nex
 from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.failures import failed, missing, too_bare
-from slam.report.height_answers import heights, is_tilt_doubted, lean
+from slam.report.height_answers import heights, is_tilt_doubted, only_near
 from slam.report.left_out import counted, left_out
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
@@ -96,7 +96,7 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return "to find things and to compare lengths with each other; not in metres"
     good, ground = "to find things, and to measure distances and areas", estimate.ground
     if is_tilt_doubted(summary):
-        return f"{good}; heights only near each other, because the map may lean: {lean(estimate, facts)}"
+        return f"{good}; {only_near(estimate, facts)}"
     if ground is not None and ground.is_measured:
         good = "to find things, and to measure distances, areas and differences in height"
     elif ground is not None:

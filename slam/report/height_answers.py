@@ -112,7 +112,18 @@ def _of_camera(facts: Facts, over_m: float, worst_m: float) -> str:
     return f"{text} It is less than the height over the floor has, because {why}."
 
 
-def lean(estimate: Estimate, facts: Facts) -> str:
+def only_near(estimate: Estimate, facts: Facts) -> str:
+    """Return which heights hold on a map that may lean."""
+    of_camera = " of the camera" if _without_heights(estimate) else ""
+    return f"heights{of_camera} only near each other, because the map may lean: {_lean(estimate, facts)}"
+
+
+def _without_heights(estimate: Estimate) -> bool:
+    """Return whether the ground has no measured heights, so that the camera alone has some."""
+    return estimate.ground is not None and not estimate.ground.is_measured
+
+
+def _lean(estimate: Estimate, facts: Facts) -> str:
     """Return what a tilt of the map does to heights: that of the attitude sensor, or else a degree."""
     tilt_rad, across_m = _tilt_rad(estimate), max(facts.extent_m)
     return (
@@ -137,9 +148,10 @@ def _verdict(estimate: Estimate, facts: Facts, status: str, tilted: bool) -> str
     if status != "ok":
         return "Only after you have checked what “Check this first” above names."
     if tilted:
-        return f"Near each other, yes; across the map, no, because it may lean: {lean(estimate, facts)}."
+        near = "Those of the camera near each other" if _without_heights(estimate) else "Near each other"
+        return f"{near}, yes; across the map, no, because it may lean: {_lean(estimate, facts)}."
     altitudes = "" if facts.relative_to or facts.controlled else " As altitudes, only as the GPS counts them."
-    if estimate.ground is not None and not estimate.ground.is_measured:
+    if _without_heights(estimate):
         ground = "the ground has no measured heights"
         return f"Those of the camera, yes, within the figures that follow; {ground}.{altitudes}"
     over = "Over the ground, yes" if altitudes else "Yes"

@@ -178,7 +178,8 @@ def test_masks_that_leave_no_floor_to_see_are_dropped_and_reported(monkeypatch):
     )
     estimate = optimize(over)
     assert (estimate.component == 0).mean() > 0.9
-    assert any("masking them would leave no map, so nothing is masked" in line for line in estimate.warnings)
+    told = "hiding them from the matching would leave no map, so nothing is hidden"
+    assert any(told in line for line in estimate.warnings)
 
 
 def test_it_can_be_switched_off_and_set():
