@@ -17,36 +17,30 @@ from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, initial_po
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.chains import chain_members
 from backend.pose_graph.selection.growth import held_part, odometry_poses, part_samples
-from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import (
     SIGNIFICANCE,
     LoopInnovations,
     chi_square_gate,
-    first_scale,
     innovations,
+    likely_scale,
     log_prior_volume,
     log_volume,
 )
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 def own_noise(gauge_fixed: GaugeFixedProblem, w_T: Array) -> float:
     """Return the factor of the edges' noise over the stated one, where that may change which are kept.
 
-    ``w_T`` (n, 4, 4) are poses of the size of the map. The factor is the largest that the loops within the
-    chains of odometry do not contradict. It is 1 where that is more, where no chain has a loop, and where the
-    stated covariances tell a false loop from a true one.
+    ``w_T`` (n, 4, 4) are poses of the size of the map. The factor is the most likely one by the loops within
+    the chains of odometry. It is 1 where that is more, where no chain has a loop, and where the stated
+    covariances tell a false loop from a true one.
     """
     if _are_selective(gauge_fixed.problem, w_T):
         return 1.0
     found = list(_innovations(gauge_fixed))
-    if not found:
-        return 1.0
-    first = np.cumsum([0, *(place.max() + 1 for _, place in found[:-1])])
-    place = np.concatenate([start + place for start, (_, place) in zip(first, found, strict=True)])
-    return first_scale(_joined([each for each, _ in found]), place)
+    return likely_scale(_joined(found)) if found else 1.0
 
 
 def _are_selective(problem: Problem, w_T: Array) -> bool:
@@ -59,8 +53,8 @@ def _are_selective(problem: Problem, w_T: Array) -> bool:
     return len(chance) == 0 or float(np.median(chance)) <= np.log(SIGNIFICANCE)
 
 
-def _innovations(gauge_fixed: GaugeFixedProblem) -> Iterator[tuple[LoopInnovations, Index]]:
-    """Yield the innovations of the loops within each chain, with their pairs of places."""
+def _innovations(gauge_fixed: GaugeFixedProblem) -> Iterator[LoopInnovations]:
+    """Yield the innovations of the loops within each chain."""
     start = initial_poses(gauge_fixed.problem)
     for number, members in enumerate(chain_members(gauge_fixed.problem)):
         part = held_part(gauge_fixed, members, start[members[0]])
@@ -73,10 +67,7 @@ def _innovations(gauge_fixed: GaugeFixedProblem) -> Iterator[tuple[LoopInnovatio
             samples = part_samples(part, own.trusted, w_T, number)
         except BackendError:
             continue
-        yield (
-            innovations(own, w_T, samples, loops),
-            place_pairs(own.i[loops], own.j[loops], ROW_LENGTH),
-        )
+        yield innovations(own, w_T, samples, loops)
 
 
 def _joined(parts: list[LoopInnovations]) -> LoopInnovations:

@@ -187,6 +187,22 @@ def log_prior_volume(problem: Problem, w_T: Array) -> Array:
 def first_scale(pending: LoopInnovations, place: Index) -> float:
     """Estimate the factor on the stated standard deviations before any loop is accepted.
 
+    It is the largest that the likely loops do not contradict, and at most 1.
+    """
+    variance, share = _mixture(pending)
+    # Loops between the same places have a common error: they count once.
+    dof = pending.residual.shape[1] * max(len(np.unique(place[share > 0.5])), 1)
+    return float(np.sqrt(min(variance * dof / chi_square_quantile(SIGNIFICANCE, dof), 1.0)))
+
+
+def likely_scale(pending: LoopInnovations) -> float:
+    """Estimate the same factor as `first_scale`: the most likely one, and at most 1."""
+    return float(np.sqrt(min(_mixture(pending)[0], 1.0)))
+
+
+def _mixture(pending: LoopInnovations) -> tuple[float, Array]:
+    """Return the factor on the stated covariances, and (k,) the probability that each loop is true.
+
     Expectation maximisation of a mixture: true loops Gaussian about the prediction, false ones uniform.
     """
     d = pending.residual.shape[1]
@@ -194,14 +210,13 @@ def first_scale(pending: LoopInnovations, place: Index) -> float:
     off = squared_mahalanobis(pending.residual, covariance)
     peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_prior_volume
     true, variance = 0.5, max(float(np.quantile(off, 0.1)) / d, _MIN_SCALE**2)
+    share = np.zeros(len(off))
     for _ in range(_EM_ITERATIONS):
         odds = peak - off / variance / 2 - d / 2 * np.log(variance) + np.log(true / (1 - true))
         share = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
         variance = max(float(share @ off) / (d * max(float(share.sum()), 1e-9)), _MIN_SCALE**2)
         true = float(np.clip(share.mean(), 0.01, 0.99))
-    # Loops between the same places have a common error: they count once.
-    dof = d * max(len(np.unique(place[share > 0.5])), 1)
-    return float(np.sqrt(min(variance * dof / chi_square_quantile(SIGNIFICANCE, dof), 1.0)))
+    return variance, np.asarray(share)
 
 
 def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:

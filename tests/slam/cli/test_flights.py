@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -263,11 +264,23 @@ def test_an_unusable_flight_is_refused_and_nothing_is_written(own, tmp_path, dam
     assert os.listdir(tmp_path) == ["own"]
 
 
-def test_a_featureless_flight_is_refused(tmp_path):
-    flight = simulated(tmp_path, texture="plain")
-    edit(flight.parent / "tiny.toml", lambda lines: [*lines, "noise_std = 0.0"])
-    assert_refused(run("optimize", flight, "--out", tmp_path / "out"), "texture")
+def test_a_featureless_flight_is_refused(own, tmp_path):
+    """Every picture shows grey ground and noise."""
+    rng = np.random.default_rng(0)
+    for file in sorted((own / "mav0" / "cam0" / "data").iterdir()):
+        shape = cv2.imread(str(file)).shape
+        grey = np.clip(rng.normal(128, 2, shape[:2]), 0, 255).astype(np.uint8)
+        assert cv2.imwrite(str(file), grey)
+    assert_refused(run("optimize", own, "--out", tmp_path / "out"), "texture")
     assert not (tmp_path / "out").exists()
+
+
+def test_two_marks_on_bare_ground_are_a_map_that_says_what_it_lacks(tmp_path):
+    flight, out = simulated(tmp_path, texture="plain"), tmp_path / "out"
+    run("optimize", flight, "--no-mosaic", "--out", out)
+    assert "lines but few features" in json.loads((out / "summary.json").read_text())["status"]
+    run("evaluate", out, "--truth", flight)
+    assert json.loads((out / "evaluation.json").read_text())["ate_m"]["rmse"] < 0.01
 
 
 @pytest.mark.parametrize(
