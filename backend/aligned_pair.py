@@ -28,6 +28,11 @@ class AlignedPair:
     covariance: Array
     """(8, 8) of ``k_pixel``, px²."""
 
+    @property
+    def keyframes(self) -> tuple[int, int]:
+        """Numbers of both keyframes."""
+        return self.k, self.j
+
     def renumbered(self, number: Mapping[int, int]) -> AlignedPair:
         """Return the pair with other numbers of its keyframes: old -> new."""
         return replace(self, k=number[self.k], j=number[self.j])

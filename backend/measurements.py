@@ -339,6 +339,6 @@ class Measurements:
             positions=tuple(replace(p, k=number[p.k]) for p in self.positions if p.k in number),
             heights=tuple(replace(h, k=number[h.k]) for h in self.heights if h.k in number),
             control=tuple(c for c in (c.of_keyframes(number) for c in self.control) if len(c.keyframe)),
-            aligned=tuple(a.renumbered(number) for a in self.aligned if {a.k, a.j} <= number.keys()),
+            aligned=tuple(a.renumbered(number) for a in self.aligned if set(a.keyframes) <= number.keys()),
             frames=tuple(replace(f, k=number[f.k]) for f in self.frames if f.k in number),
         )

@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.flow import NOISE_FLOOR
 from frontend.flow_frame import FlowFrame
 from frontend.gates import GateConfig, local_scale
 from frontend.homography import CAUCHY_SIGMAS, HomographyConfig, jacobian, transfer
 from frontend.registration import Registration, overlap
-from frontend.robust import median
+from frontend.robust import NORMAL, median
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -52,8 +53,6 @@ OPEN_PX = 1.0
 the pictures farther apart is no longer the same."""
 SHAPE_SHARE = 0.01
 """Standard deviation of the shape of a predicted picture, over its side: tilt and height to a percent."""
-NOISE_FLOOR = 0.5
-"""As in `frontend.flow`: lower bound of the noise of a window over that of features."""
 STEPS, STILL_PX = 12, 5e-3
 """Most Gauss-Newton steps at a level, and the displacement below which it ends."""
 AROUND_PX = 2.0
@@ -139,7 +138,7 @@ class AlignmentTemplate:
         start = to @ predicted @ np.linalg.inv(to)
         for right, down in product(*(AROUND_PX * REDUCED * np.array([[0, 1, -1]] * 2))):
             shift = np.array([[1, 0, right], [0, 1, down], [0, 0, 1]])
-            aligned = self._aligned(other, shift @ start, floor_px, gates)
+            aligned = self._from_start(other, shift @ start, floor_px, gates)
             if aligned is not None:
                 break
         else:
@@ -154,14 +153,14 @@ class AlignmentTemplate:
             overlap=covered, least_overlap=covered, lead=lead, by_lines=True,
         )  # fmt: skip
 
-    def _aligned(
+    def _from_start(
         self, other: AlignmentTemplate, H: Array, floor_px: float, gates: GateConfig
     ) -> tuple[Array, Array] | None:
         """Return the homography from the other picture that a start leads to, and the covariance of the
         corners of this one; None where the pictures do not come to look alike."""
         covariance = np.empty((8, 8))
         for level in (1, 0):
-            aligned = _aligned(self, other, H, level, floor_px)
+            aligned = _at_level(self, other, H, level, floor_px)
             if aligned is None:
                 return None
             H, covariance = aligned[0], aligned[1].covariance
@@ -226,7 +225,7 @@ def _alike(template: AlignmentTemplate, other: AlignmentTemplate, H: Array) -> b
     return float((same - grey)[shown].var()) < MOST_UNEXPLAINED * float(grey[shown].var())
 
 
-def _aligned(
+def _at_level(
     template: AlignmentTemplate, other: AlignmentTemplate, H: Array, level: int, floor_px: float
 ) -> tuple[Array, _Solution] | None:
     """Return the homography between the whole pictures as improved at a level, and its last step."""
@@ -300,7 +299,7 @@ def _solved(windows: _Windows, corners: Array, floor_px: float, side_px: int, of
     J = np.einsum("mab,mac->mbc", windows.axes, of_corners).reshape(-1, 8)
     moved, weight = windows.moved.ravel(), windows.weight.ravel()
     across = np.abs(windows.moved[:, 1])
-    spread = max(floor_px, 1.4826 * median(across))
+    spread = max(floor_px, NORMAL * median(across))
     robust = weight / (1.0 + (moved / (CAUCHY_SIGMAS * spread)) ** 2)
     A = np.asarray((J * robust[:, None]).T @ J)
     information, directions = np.linalg.eigh(A)

@@ -100,11 +100,10 @@ class Problem:
 
     def with_noise(self, scale: float) -> Problem:
         """Return the problem with the standard deviations of all edges multiplied by a factor."""
-        return (
-            self
-            if scale == 1
-            else replace(self, sqrt_information=self.sqrt_information / scale, noise=self.noise * scale)
-        )
+        if scale == 1:
+            return self
+        root = self.sqrt_information / scale
+        return replace(self, sqrt_information=root, noise=self.noise * scale)
 
     def residuals(self, w_T: Array) -> Array:
         """Return (m, d) whitened residuals of the edges as gtsam defines them: the log of the pose error."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.view import Lattice, MosaicView
+from frontend.robust import NORMAL, robust_std
 from frontend.surface.stereo import GroundPoints, Placed, ground_points, rectified
 
 Array = NDArray[np.float64]
@@ -251,7 +252,7 @@ def _agreed(
     height[doubtful & ~_continues(height, doubtful, agree_m + np.maximum(pixel_m, agree_m))] = np.nan
     off = np.sort(np.abs(layers - height), axis=0)
     middle = np.maximum((count - 1) // 2, 0)
-    spread = 1.4826 * np.take_along_axis(off, middle[None], axis=0)[0]
+    spread = NORMAL * np.take_along_axis(off, middle[None], axis=0)[0]
     std = np.maximum(spread, _disparity_std_px(layers, unit_m) * pixel_m)
     return DenseHeights(height, np.where(np.isfinite(height), std, np.nan).astype(np.float32))
 
@@ -261,7 +262,7 @@ def _disparity_std_px(layers: Float32, unit_m: Array) -> float:
     off_m = np.diff(layers, axis=0)
     off_px = off_m / np.hypot(unit_m[1:], unit_m[:-1])[:, None, None]
     known = np.isfinite(off_px)
-    return 1.4826 * float(np.median(np.abs(off_px[known]))) if known.any() else DISPARITY_STD_PX
+    return robust_std(off_px[known]) if known.any() else DISPARITY_STD_PX
 
 
 def _continues(height: Float32, doubtful: Mask, within_m: Array) -> Mask:

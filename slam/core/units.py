@@ -33,11 +33,15 @@ def length(metres: float, metric: bool = True) -> str:
         return "not known"
     if not metric:
         return f"{metres:.3g}{SPACE}{unit(metric)}"
+    name, count = length_unit(metres)
+    return f"{_significant(metres * count)}{SPACE}{name}"
+
+
+def length_unit(metres: float) -> tuple[str, float]:
+    """Return the unit in which a length reads well, mm, m or km, and how many of it a metre has."""
     if abs(metres) < 0.0995:
-        return f"{_significant(metres * 1e3)}{SPACE}mm"
-    if abs(metres) < 9995:
-        return f"{_significant(metres)}{SPACE}m"
-    return f"{_significant(metres / 1e3)}{SPACE}km"
+        return "mm", 1e3
+    return ("m", 1.0) if abs(metres) < 9995 else ("km", 1e-3)
 
 
 def _significant(value: float) -> str:

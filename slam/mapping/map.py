@@ -12,6 +12,7 @@ from backend.clocks.picture_clock import PictureClock
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
+from frontend.registration import Registration
 from slam.core.control_points import ControlReport
 from slam.core.estimate import over_floor
 from slam.core.floor_points import FloorPoints
@@ -77,6 +78,11 @@ class Map:
     def slope_rad(self) -> tuple[float, float]:
         """Slope of the ground, as in `slam.core.estimate.Estimate`."""
         return self.bundle.floor_slope_rad if self.bundle else (0.0, 0.0)
+
+    @property
+    def kept_registrations(self) -> list[Registration]:
+        """Registrations that the pose graph did not reject."""
+        return [r for r, ok in zip(self.edges.registrations, self.graph.edge_kept, strict=True) if ok]
 
     @property
     def main_share(self) -> float:

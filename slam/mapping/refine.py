@@ -39,7 +39,7 @@ from slam.mapping.gps.consensus import Agreement
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
 from slam.mapping.place_part import aligned_part, aligned_with_control, headed
-from slam.mapping.refine_part import LEAST_SEEN, aligned_pairs, refine_part
+from slam.mapping.refine_part import LEAST_SEEN, aligned_pairs, by_lines, refine_part
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
@@ -74,19 +74,19 @@ def refine_map(
     observations, edges, solution = solved.observations, solved.edges, solved.graph
     n = len(setup.readings.stamps_s)
     tracks = floor_tracks(solved, setup)
-    component = largest_first(np.where(_tied(n, kept_registrations(solved)), solution.component, -1))
-    aligned = aligned_pairs(kept_registrations(solved), setup.camera)
+    component = largest_first(np.where(_tied(n, solved.kept_registrations), solution.component, -1))
+    aligned = aligned_pairs(solved, setup.camera)
     evidence = _Evidence(
         setup, observations, edges.heights.metric, tracks, inertial, reported, progress, aligned
     )
-    seen = np.bincount(tracks.keyframe, minlength=n)
-    seen[[k for pair in aligned for k in (pair.k, pair.j)]] = max(LEAST_SEEN, int(seen.max(initial=0)))
+    is_tied = np.bincount(tracks.keyframe, minlength=n) >= LEAST_SEEN
+    is_tied |= by_lines(aligned, n)
     parts = []
     for number in range(int(component.max(initial=-1)) + 1):
         members = np.flatnonzero(component == number)
-        if (seen[members] >= LEAST_SEEN).sum() >= 2:
+        if is_tied[members].sum() >= 2:
             # A picture that shares almost no point with the others must not prevent their refinement.
-            component[members[seen[members] < LEAST_SEEN]] = -1
+            component[members[~is_tied[members]]] = -1
             members = np.flatnonzero(component == number)
         parts.append(evidence.part(members, solution.w_T_b[members]))
     w_T_b, (covariances, over_floor_covariances) = np.full((n, 4, 4), np.nan), np.full((2, n, 6, 6), np.nan)
@@ -124,15 +124,10 @@ def refine_map(
     )
 
 
-def kept_registrations(solved: Map) -> list[Registration]:
-    """Return the registrations that a solved graph did not reject."""
-    return [r for r, ok in zip(solved.edges.registrations, solved.graph.edge_kept, strict=True) if ok]
-
-
 def floor_tracks(solved: Map, setup: Setup) -> FloorTracks:
     """Return the floor points that the registrations of a solved graph follow through the keyframes."""
     points = solved.observations.store.points
-    tracks = join_tracks(points, kept_registrations(solved), setup.camera, setup.config.tracks)
+    tracks = join_tracks(points, solved.kept_registrations, setup.camera, setup.config.tracks)
     trim_heap()
     return tracks
 

@@ -15,7 +15,7 @@ from backend.errors import BackendError
 from backend.measurements import Attitude, FloorTracks, Measurements, PinholeModel
 from frontend.camera import Camera
 from frontend.homography import transfer
-from frontend.registration import Registration
+from slam.mapping.map import Map
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
@@ -52,8 +52,7 @@ def part_measurements(
     readings = setup.readings
     tracks = tracks.of_keyframes(members.tolist(), len(readings.stamps_s))
     seen = np.bincount(tracks.keyframe, minlength=len(members))
-    tied = np.isin(members, [k for pair in aligned for k in (pair.k, pair.j)])
-    if len(members) < 2 or ((seen < LEAST_SEEN) & ~tied).any():
+    if len(members) < 2 or ((seen < LEAST_SEEN) & ~by_lines(aligned, len(readings.stamps_s))[members]).any():
         raise BackendError("some keyframes share too few floor points with others")
     level = np.array([setup.config.trust.level_std_rad] * 2 + [np.inf])
     attitudes = readings.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
@@ -74,14 +73,21 @@ def part_measurements(
     return replace(whole.of_keyframes(members.tolist()), tracks=tracks)
 
 
-def aligned_pairs(registrations: Iterable[Registration], camera: Camera) -> tuple[AlignedPair, ...]:
-    """Return the registrations that rest on grey levels, not on features."""
+def aligned_pairs(solved: Map, camera: Camera) -> tuple[AlignedPair, ...]:
+    """Return the kept registrations of a solved graph that rest on grey levels, not on features."""
     corners = camera.undistort(camera.corners_px)
     return tuple(
         AlignedPair(r.i, r.j, corners, transfer(r.i_H_j, corners), r.corner_covariance)
-        for r in registrations
+        for r in solved.kept_registrations
         if r.by_lines
     )
+
+
+def by_lines(aligned: Iterable[AlignedPair], count: int) -> NDArray[np.bool_]:
+    """Return (count,) which keyframes some pairs align by lines."""
+    found = np.zeros(count, dtype=bool)
+    found[[k for pair in aligned for k in pair.keyframes]] = True
+    return found
 
 
 def pinhole_model(camera: Camera) -> PinholeModel:

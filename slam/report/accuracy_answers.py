@@ -11,7 +11,7 @@ import numpy as np
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
-from slam.report.advice import in_words, limit
+from slam.report.advice import main_cause
 from slam.report.checked_lengths import basis
 from slam.report.facts import Facts
 from slam.report.left_out import is_contradicted
@@ -47,7 +47,8 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
             text += (
                 " The ground is typically less certain than the camera, because its place on the map also "
                 "depends on the camera's tilt, its height over the ground and its lens, the more the farther "
-                f"the ground lies from the middle of a picture{_cause(estimate)}."
+                "the ground lies from the middle of a "
+                f"picture{main_cause(estimate.information_shares, ('ground',))}."
             )
     text += " Two times out of three the error is smaller; an error three times as large is rare."
     if not facts.relative_to and not facts.controlled and np.isfinite(facts.gps_std_m):
@@ -62,12 +63,6 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
 def uncounted(summary: Summary) -> str:
     """Return that a figure does not count what the status names, with a space in front; empty for ``ok``."""
     return " It does not count what “Check this first” above names." if summary.status != "ok" else ""
-
-
-def _cause(estimate: Estimate) -> str:
-    """Return what causes most of the uncertainty of the ground; empty where it is not known."""
-    found = limit(estimate.information_shares, ("ground",))
-    return "" if found is None else f"; {percent(found[1])} of what is left comes from {in_words(found[0])}"
 
 
 def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:

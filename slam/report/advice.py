@@ -48,6 +48,8 @@ _STEPS: Mapping[str, str] = {
 
 
 _PLACE = "the place of a camera"
+HEIGHTS = "heights over the ground"
+"""Name of the heights that may hang on the focal length, as lengths may."""
 _SAME_SIZE = np.sqrt(0.5), np.sqrt(2.0)
 """Ratios of two deviations between which one may be the main cause of the other: half of its variance."""
 
@@ -66,6 +68,12 @@ def limit(
     mean = {name: sum(row[name] for row in rows) / len(rows) for name in rows[0]}
     name = max(mean, key=mean.__getitem__)
     return name, mean[name]
+
+
+def main_cause(shares: Mapping[str, Mapping[str, float]], axes: Sequence[str]) -> str:
+    """Return the end of a sentence with what causes most of an uncertainty; empty where it is not known."""
+    found = limit(shares, axes)
+    return "" if found is None else f"; {percent(found[1])} of what is left comes from {in_words(found[0])}"
 
 
 def limit_sentence(
@@ -169,7 +177,7 @@ def hangs_on_lens(estimate: Estimate) -> tuple[str, ...]:
     found = []
     for what, axes, std in (
         ("lengths", _LENGTHS, estimate.scale_std or 0.0),
-        ("heights over the ground", _HEIGHT, of_heights),
+        (HEIGHTS, _HEIGHT, of_heights),
     ):
         of_all = limit(estimate.information_shares, axes)
         if of_all is not None and of_all[0] == "pictures" and std > 0:

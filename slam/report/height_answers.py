@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
-from slam.core.messages import by_kind
 from slam.core.units import SPACE, percent
-from slam.report.advice import focal_std_ratio, hangs_on_lens, in_words, limit
+from slam.report.advice import HEIGHTS, focal_std_ratio, hangs_on_lens, main_cause
 from slam.report.facts import Facts, heights_over_floor, largest_height_std
+from slam.report.streams import doubts
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -84,13 +84,10 @@ def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
 
 def _cause(estimate: Estimate) -> str:
     """Return what causes the error of heights over the floor; empty where it is not known."""
-    found = limit(estimate.information_shares, ("height",))
-    if found is None:
-        return ""
-    if hangs_on_lens(estimate):
+    if HEIGHTS in hangs_on_lens(estimate):
         lens = percent(focal_std_ratio(estimate))
         return f", because the camera's focal length is known to {lens} only, and heights hang on it"
-    return f"; {percent(found[1])} of what is left comes from {in_words(found[0])}"
+    return main_cause(estimate.information_shares, ("height",))
 
 
 def _of_camera(facts: Facts, over_m: float, worst_m: float) -> str:
@@ -139,7 +136,7 @@ def _tilt_rad(estimate: Estimate) -> float:
 
 def is_tilt_doubted(summary: Summary) -> bool:
     """Return whether a warning doubts how level the map is."""
-    return any(line.startswith("attitude0") for line in by_kind(summary.warnings).warnings)
+    return any(doubt.stream == "attitude0" for doubt in doubts(summary.warnings))
 
 
 def _verdict(estimate: Estimate, facts: Facts, status: str, tilted: bool) -> str:

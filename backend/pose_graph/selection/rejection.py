@@ -61,9 +61,9 @@ def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None, noise:
     """
     judged = replace(gauge_fixed, problem=gauge_fixed.problem.with_noise(noise))
     found = _selected(judged, fit)
-    return (
-        found if noise == 1 else replace(found, fit=least_squares_fit(gauge_fixed, found.kept, found.fit.w_T))
-    )
+    if noise == 1:
+        return found
+    return replace(found, fit=least_squares_fit(gauge_fixed, found.kept, found.fit.w_T))
 
 
 def _selected(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> Selection:

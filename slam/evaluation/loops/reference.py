@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.robust import NORMAL
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
@@ -83,7 +84,7 @@ def reference_of(estimate: Estimate, flight: Flight) -> Reference:
         poses, floor_z_m = estimate.odometry_w_T_b[keyframe].copy(), estimate.floor_z_m
         poses[:, :2, 3] = found.position_m[:, :2]
         off_m = np.abs(found.position_m[:, :2] - estimate.w_T_b[keyframe, :2, 3])
-        std_m = 1.4826 * float(np.nanmedian(off_m))
+        std_m = NORMAL * float(np.nanmedian(off_m))
     footprint = np.stack([_footprint(camera, pose, floor_z_m) for pose in poses])
     seen = np.isfinite(footprint).all(axis=(1, 2))
     keyframe, footprint = keyframe[seen], footprint[seen]

@@ -23,8 +23,8 @@ from backend.quantiles import chi_square_limit
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.map import Map, largest_first
-from slam.mapping.refine import calibrated, floor_tracks, kept_registrations
-from slam.mapping.refine_part import aligned_pairs, part_measurements
+from slam.mapping.refine import calibrated, floor_tracks
+from slam.mapping.refine_part import aligned_pairs, by_lines, part_measurements
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.convergence import convergence_warnings
 
@@ -63,10 +63,10 @@ def fuse_parts(
     as they are, with unknown covariances behind the bridges; without an IMU they are taken apart.
     """
     motion = _Motion(inertial, reported)
-    aligned = aligned_pairs(kept_registrations(joined), setup.camera)
+    aligned = aligned_pairs(joined, setup.camera)
     if not motion.name or not (joined.bridges or aligned):
         return joined
-    open_ = np.isin(np.arange(len(joined.component)), [k for pair in aligned for k in (pair.k, pair.j)])
+    open_ = by_lines(aligned, len(joined.component))
     setup = setup.without_positions()
     if joined.bundle is None or not joined.bundle.uses_barometer:
         # A barometer that the parts could not use must not act on the whole either.
@@ -112,7 +112,7 @@ def _refined(joined: Map, members: NDArray[np.int64], setup: Setup, motion: _Mot
             setup,
             members,
             floor_tracks(joined, setup),
-            aligned_pairs(kept_registrations(joined), setup.camera),
+            aligned_pairs(joined, setup.camera),
         ),
         inertial=motion.inertial,
         reported=motion.reported,
@@ -172,10 +172,10 @@ def _damage(parts: Map, members: NDArray[np.int64], bundle: Bundle) -> str:
         if read is not None and used is None:
             return "none of its readings fits"
     moved = []
-    lines = np.isin(np.arange(len(members)), [k for pair in measured.aligned for k in (pair.k, pair.j)])
+    open_ = by_lines(measured.aligned, len(members))
     for part in np.unique(parts.component[members]).tolist():
         own = parts.component[members] == part
-        if lines[own].any():  # The pictures alone do not determine it along the lines, and test nothing.
+        if open_[own].any():  # The pictures alone do not determine it along the lines, and test nothing.
             continue
         before, after = parts.w_T_b[members[own]], bundle.w_T_b[own]
         off = se3.log(se3.inverse(_from_first(before, after) @ before) @ after)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from slam.mapping.map import Map
-from slam.mapping.refine import kept_registrations
 
 
 def lines_alone_warning(map_: Map) -> str:
     """Return the warning for keyframes that were aligned by lines; empty without any."""
-    aligned = {k for r in kept_registrations(map_) if r.by_lines for k in (r.i, r.j)}
+    aligned = {k for r in map_.kept_registrations if r.by_lines for k in (r.i, r.j)}
     placed = [k for k in sorted(aligned) if map_.component[k] == 0]
     if not placed:
         return ""

@@ -25,8 +25,8 @@ def single_joins(map_: Map, tied: NDArray[np.int64]) -> list[tuple[int, int, int
     import networkx as nx  # as late as in `slam.mapping.inertial.bridges`
 
     graph = nx.Graph()
-    for r, kept in zip(map_.edges.registrations, map_.graph.edge_kept, strict=True):
-        if kept and map_.component[r.i] >= 0 and map_.component[r.i] == map_.component[r.j]:
+    for r in map_.kept_registrations:
+        if map_.component[r.i] >= 0 and map_.component[r.i] == map_.component[r.j]:
             graph.add_edge(r.i, r.j)
     graph.add_edges_from((edge.i, edge.j) for edge in map_.bridges)
     found = []

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.robust import NORMAL
 from slam.core.names import enumerated
 from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
 
@@ -24,7 +25,6 @@ GAIN_ERROR = 0.25
 """Share of a step that a gain or a tilt may be wrong by: those of flow and sonar are within a fourth."""
 LEAST_STEPS = 10
 """Fewer steps do not tell the noise of an instrument."""
-_SIGMA_PER_MEDIAN = 1.4826
 
 
 def wrong_moments(steps: KeyframeSteps, names: Sequence[str]) -> list[str]:
@@ -65,7 +65,7 @@ def deviations(motion: StepMotion) -> Array:
         return found
     off = read - _gain(read, made) * made
     off -= np.median(off, axis=0)
-    spread = np.maximum(_SIGMA_PER_MEDIAN * np.median(np.abs(off), axis=0), max(motion.noise, 1e-9))
+    spread = np.maximum(NORMAL * np.median(np.abs(off), axis=0), max(motion.noise, 1e-9))
     allowed = GAIN_ERROR * np.linalg.norm(read, axis=1, keepdims=True)
     found[known] = (np.maximum(np.abs(off) - allowed, 0.0) / spread).max(axis=1)
     return found

@@ -13,7 +13,7 @@ from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.quality import MosaicQuality, mosaic_quality
 from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
-from slam.core.units import SPACE, length, unit
+from slam.core.units import length_unit, unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 
@@ -172,6 +172,4 @@ def _to_largest(values: NDArray[np.float32]) -> Normalize:
 
 def _readable(std_m: NDArray[np.float32]) -> tuple[str, float]:
     """Return the unit in which the largest value is told elsewhere, and its number in a metre."""
-    worst = float(np.nanmax(std_m)) if np.isfinite(std_m).any() else 1.0
-    shown = length(worst).split(SPACE)[-1]
-    return shown, {"mm": 1e3, "m": 1.0, "km": 1e-3}[shown]
+    return length_unit(float(np.nanmax(std_m)) if np.isfinite(std_m).any() else 1.0)
