@@ -98,7 +98,7 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         w_T=w_T,
         covariances=covariances,
         kept=kept,
-        reasons=reasons(problem, kept, w_T, sigma),
+        reasons=reasons(problem, kept, w_T, sigma, noise),
         residual=np.linalg.norm(problem.residuals(w_T), axis=1),
         error=minimum.error,
         iterations=minimum.iterations,

@@ -19,9 +19,10 @@ from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
 from slam.core.units import length
+from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate import write_estimate
 from slam.report.control_table import control_tables
-from slam.report.facts import Facts, chain_on_result, gather
+from slam.report.facts import Facts, gather
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.optimize_report import Accuracy, Mosaics, write_report
 

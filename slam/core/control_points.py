@@ -57,6 +57,9 @@ class PointResidual:
     """Why it is not used; empty if it is, and for a check point that was compared."""
     views: int
     """Number of pictures on the map that show it."""
+    surveyed_m: tuple[float, float, float] | None = None
+    """East, north, up: its surveyed coordinates in the world of the map; up is NaN without an altitude. None
+    where the coordinates cannot be used, or the map is not on Earth."""
     residual_m: tuple[float, float, float] | None = None
     """East, north, up: its place by the pictures minus its surveyed coordinates; up is NaN without an
     altitude. None where fewer than two pictures show it, or its coordinates cannot be used."""

@@ -47,6 +47,15 @@ def aligned_maps(estimate: Estimate, association: Association) -> AlignedMaps:
     )
 
 
+def chain_on_result(estimate: Estimate) -> Array:
+    """Return the plain chain (n, 4, 4) with its first keyframe's position and heading on the result's."""
+    known = np.flatnonzero(np.isfinite(estimate.chain_w_T_b.sum(axis=(1, 2))) & estimate.placed)
+    if len(known) == 0:
+        return np.full_like(estimate.chain_w_T_b, np.nan)
+    first = known[0]
+    return np.asarray(gauge(estimate.chain_w_T_b[first], estimate.w_T_b[first]) @ estimate.chain_w_T_b)
+
+
 def _map(w_T_b: Array, floor_z_m: float, association: Association) -> AlignedMap:
     poses = w_T_b[association.keyframe]
     placed = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
-from slam.evaluation.aligned_maps import AlignedMap, AlignedMaps
+from slam.evaluation.aligned_maps import AlignedMap, AlignedMaps, chain_on_result
 from slam.evaluation.association import Association, seeing_camera
 
 Array = NDArray[np.float64]
@@ -99,6 +100,14 @@ class _Sightings:
     loops_m: Array
 
 
+class LandmarkPlace(NamedTuple):
+    """The place of a landmark on a map."""
+
+    name: str
+    x_m: float
+    y_m: float
+
+
 def over_papers_ground(distances: tuple[LandmarkDistance, ...]) -> bool:
     """Return whether these are the distances of the paper's figure eight, so that its figures are
     comparable."""
@@ -139,14 +148,26 @@ def landmark_places(
 
 def landmarks_on_map(
     estimate: Estimate, flight: Flight, association: Association
-) -> dict[str, tuple[float, float]]:
-    """Return x and y of each landmark where the estimate's own map has it, without alignment.
+) -> tuple[LandmarkPlace, ...]:
+    """Return each landmark where the estimate's own map has it, without alignment.
 
     The result is empty without landmarks, truth or a camera, and has no landmark that was not seen.
     """
     own = AlignedMap(estimate.over_floor_T_b[association.keyframe], estimate.floor_z_m)
     places = landmark_places(estimate, flight, association, AlignedMaps(own, own, own))
-    return {name: (float(w[0]), float(w[1])) for name, w in places.items() if np.isfinite(w).all()}
+    return tuple(LandmarkPlace(name, *w[:2].tolist()) for name, w in places.items() if np.isfinite(w).all())
+
+
+def landmarks_on_chain(
+    estimate: Estimate, flight: Flight, association: Association
+) -> tuple[LandmarkPlace, ...]:
+    """Return each landmark where the plain chain has it, once for each visit, as `landmarks_on_map` does."""
+    own = AlignedMap(chain_on_result(estimate)[association.keyframe], estimate.floor_z_m)
+    found = _sightings(estimate, flight, association, AlignedMaps(own, own, own))
+    places = [
+        (name, _mean(seen.chain_m[visit])) for name, seen in found.items() for visit in _visits(seen.stamps_s)
+    ]
+    return tuple(LandmarkPlace(name, *w[:2].tolist()) for name, w in places if np.isfinite(w).all())
 
 
 def _sightings(
@@ -219,25 +240,20 @@ def _distance(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) 
 def _gap(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> LoopGap:
     truth = flight.landmarks[b] - flight.landmarks[a]
     one, other = sightings[a], sightings[b]
-    first = _first_visit(one.stamps_s)
+    first = _visits(one.stamps_s)[0]
     end_s = one.stamps_s[first[-1]] if len(first) else np.inf
     later = _visit_after(other.stamps_s, end_s + _VISIT_BREAK_S)
     errors = (float(np.linalg.norm(vector - truth)) for vector in _between(one, other, first, later))
     return LoopGap(f"{a}-{b}", float(np.linalg.norm(truth)), PerMap(*errors))
 
 
-def _first_visit(stamps_s: Array) -> Indices:
-    """Indices of the sightings of the first visit."""
-    breaks = np.flatnonzero(np.diff(stamps_s) >= _VISIT_BREAK_S)
-    return np.arange(breaks[0] + 1 if len(breaks) else len(stamps_s))
+def _visits(stamps_s: Array) -> list[Indices]:
+    """Return the indices of the sightings of each visit."""
+    breaks = np.flatnonzero(np.diff(stamps_s) >= _VISIT_BREAK_S) + 1
+    return np.split(np.arange(len(stamps_s)), breaks)
 
 
 def _visit_after(stamps_s: Array, from_s: float) -> Indices:
     """Indices of the sightings of the first visit that begins after a moment."""
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(stamps_s) >= _VISIT_BREAK_S) + 1])
-    starts = starts[: len(stamps_s)]
-    ends = np.append(starts[1:], len(stamps_s))
-    for start, end in zip(starts, ends, strict=True):
-        if stamps_s[start] >= from_s:
-            return np.arange(start, end)
-    return np.zeros(0, dtype=np.int64)
+    later = (visit for visit in _visits(stamps_s) if len(visit) and stamps_s[visit[0]] >= from_s)
+    return next(later, np.zeros(0, dtype=np.int64))

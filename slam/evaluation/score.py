@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,14 @@ from slam.core.flight import Flight
 from slam.core.summary import without_nan
 from slam.evaluation.aligned_maps import AlignedMaps, aligned_maps
 from slam.evaluation.association import Association, associate, seeing_camera
-from slam.evaluation.landmarks import LandmarkDistance, LoopGap, landmark_table, landmarks_on_map
+from slam.evaluation.landmarks import (
+    LandmarkDistance,
+    LandmarkPlace,
+    LoopGap,
+    landmark_table,
+    landmarks_on_chain,
+    landmarks_on_map,
+)
 from slam.evaluation.loop_score import LoopScore, score_loops
 from slam.evaluation.nees import Nees, nees
 from slam.evaluation.trajectory import ErrorSummary, RelativeError, position_error, relative_errors, umeyama
@@ -77,8 +83,10 @@ class Evaluation:
     the motion. If the first one is among them there is no NEES."""
     landmarks: tuple[LandmarkDistance, ...]
     loop_gaps: tuple[LoopGap, ...]
-    landmarks_on_map_m: Mapping[str, tuple[float, float]]
-    """Name of each landmark -> its x and y on the map, which is not aligned with the truth."""
+    landmarks_on_map: tuple[LandmarkPlace, ...]
+    """The landmarks on the map, which is not aligned with the truth."""
+    landmarks_on_chain: tuple[LandmarkPlace, ...]
+    """The landmarks on the map of the plain chain, once for each visit."""
     loops: LoopScore | None
     """Score of the loops; None without truth or camera."""
     tracks: Tracks
@@ -142,7 +150,8 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         too_coarse=int(coarse.sum()),
         landmarks=landmarks,
         loop_gaps=gaps,
-        landmarks_on_map_m=landmarks_on_map(estimate, flight, association),
+        landmarks_on_map=landmarks_on_map(estimate, flight, association),
+        landmarks_on_chain=landmarks_on_chain(estimate, flight, association),
         loops=_loops(estimate, flight, association),
         tracks=_tracks(estimate, flight, association, maps, per_keyframe),
         metric=estimate.metric,

@@ -178,6 +178,9 @@ class ControlVerdict:
         )
         if told.fault:
             return row
+        if self.placed:
+            here_m = np.where(np.isfinite(point.std_m), point.w_p_m, np.nan)
+            row = replace(row, surveyed_m=triple(here_m))
         if place is None:
             reason = f"pictures on the map that show it: {row.views}, and {LEAST_VIEWS} are needed"
             return replace(row, reason=reason if self.placed else "the map is not placed on Earth")

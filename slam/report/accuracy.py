@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,11 +10,11 @@ import numpy as np
 from slam.core.estimate import MAP_TRAJECTORIES
 from slam.core.figure_table import UNKNOWN, FigureTable
 from slam.core.units import length
-from slam.evaluation.landmarks import over_papers_ground
+from slam.evaluation.landmarks import LandmarkPlace, over_papers_ground
 from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from slam.core.flight import Flight
     from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe
@@ -37,8 +37,10 @@ class Evaluated:
     tables: tuple[FigureTable, ...] = ()
     checks_lengths: bool = False
     """Whether known distances on the ground were compared with those on the map."""
-    landmarks_m: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Name of each landmark that was compared -> its x and y on the map."""
+    landmarks: tuple[LandmarkPlace, ...] = ()
+    """The landmarks that were compared, where the map has them."""
+    chain_landmarks: tuple[LandmarkPlace, ...] = ()
+    """The same on the map of the plain chain, once for each visit."""
 
 
 NOT_EVALUATED = Evaluated()
@@ -60,7 +62,11 @@ def evaluated(evaluation: Evaluation) -> Evaluated:
     told = (_map_against_truth(evaluation), _loops_against_truth(evaluation))
     known = evaluation.metric and any(np.isfinite(row.error_m.loops) for row in evaluation.landmarks)
     return Evaluated(
-        " ".join(filter(None, told)), accuracy_tables(evaluation), known, evaluation.landmarks_on_map_m
+        " ".join(filter(None, told)),
+        accuracy_tables(evaluation),
+        known,
+        evaluation.landmarks_on_map,
+        evaluation.landmarks_on_chain,
     )
 
 

@@ -80,8 +80,8 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
         return f"{path} map.html colours the path by it."
     return (
         f"The ground around {_at(mosaic.x_m, mosaic.y_m, m)}, known to "
-        f"±{SPACE}{facts.length(mosaic.worst_std_m)}, x and y together: the darkest of the middle map below. "
-        f"The path: {path[0].lower()}{path[1:]}"
+        f"±{SPACE}{facts.length(mosaic.worst_std_m)}, x and y together: the ring in the middle one "
+        f"of the three maps below. The path: {path[0].lower()}{path[1:]}"
     )
 
 
@@ -244,7 +244,7 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
         text += (
             f" They differ most around {_at(mosaic.seam_x_m, mosaic.seam_y_m, unit(estimate.metric))}, by "
             f"{percent(mosaic.seam_share)} of the brightness, typically by {percent(mosaic.seam_typical)}: "
-            "look there first."
+            "look there first (the ring in it)."
         )
     text += (
         " White is ground that no picture shows, or that higher ground hides. Any other area of one colour "

@@ -1,19 +1,21 @@
 """Puts the result of ``slam evaluate`` into a report that was written before.
 
 The page holds what an evaluation tells between pairs of comments. What stands between them is replaced, what
-asked for known distances is exchanged (`slam.report.checked_lengths`), the picture of the map is drawn again
-where there are landmarks on it, and all else stays byte for byte.
+asked for known distances is exchanged (`slam.report.checked_lengths`), the pictures of the maps are drawn
+again where landmarks were compared, and all else stays byte for byte.
 """
 
 from __future__ import annotations
 
+import json
 import re
+from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slam.report.checked_lengths import settled
 from slam.report.map_picture import map_picture
-from slam.report.mosaic_marks import MapMarks
+from slam.report.mosaic_marks import MapMarks, Mark
 from slam.report.output_files import output_files
 from slam.report.page import render_part
 
@@ -24,7 +26,11 @@ _PARTS = ("evaluation_answer", "evaluation_tables", "file_list")
 """Macros of parts.html.j2 whose output the page holds between comments of the same name."""
 _LANDMARKS = "landmark_words"
 """The macro whose output tells of landmarks on the map, and which a page without a mosaic lacks."""
-_MAP = re.compile('(<img [^>]*data-unit="([^"]*)" data-axes="([^"]*)"[^>]* src=")[^"]*')
+_MAP = re.compile(
+    '(<img [^>]*data-file="([^"]*)" data-unit="([^"]*)" data-axes="([^"]*)" data-points="([^"]*)"[^>]* src=")'
+    '[^"]*'
+)
+"""A picture of a map, with the file that it shows and its marks without those of an evaluation."""
 
 
 def with_evaluation(page: str, evaluated: Evaluated, folder: Path) -> str | None:
@@ -47,11 +53,15 @@ def _with_part(page: str, name: str, content: object) -> str | None:
 
 
 def _with_landmarks(page: str, evaluated: Evaluated, folder: Path) -> str:
-    """Return the page with the landmarks of the evaluation on the picture of the map, in place of earlier
+    """Return the page with the landmarks of the evaluation on the pictures of both maps, in place of earlier
     ones."""
-    changed, image = _with_part(page, _LANDMARKS, evaluated), _MAP.search(page)
-    if image is None or changed is None or changed == page:
+    changed = _with_part(page, _LANDMARKS, evaluated)
+    if changed is None or changed == page:
         return page
-    marks = MapMarks(image[2], image[3] == "earth")
-    drawn = map_picture(folder / "mosaic.png", marks, evaluated)
-    return page if drawn is None else _MAP.sub(lambda found: f"{found[1]}{drawn}", changed, count=1)
+
+    def drawn(found: re.Match[str]) -> str:
+        points = tuple(Mark(*row) for row in json.loads(unescape(found[5])))
+        address = map_picture(folder / found[2], MapMarks(found[3], found[4] == "earth", points), evaluated)
+        return found[0] if address is None else f"{found[1]}{address}"
+
+    return _MAP.sub(drawn, changed)

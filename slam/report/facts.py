@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slam.core.estimate import Estimate
 from slam.core.instrument import Instrument
 from slam.core.units import SPACE, length, percent
-from slam.evaluation.trajectory import gauge
+from slam.evaluation.aligned_maps import chain_on_result
 from slam.report.coordinates import datum_text, plane_text
 from slam.report.gaps import Gap, gaps
 
@@ -262,15 +262,6 @@ def sentence(facts: Facts, status: str, ground_std_m: tuple[float, float] | None
             "the camera's mean height over the floor."
         )
     return text
-
-
-def chain_on_result(estimate: Estimate) -> Array:
-    """Plain chain (n, 4, 4) with its first keyframe's position and heading on the result's."""
-    known = np.flatnonzero(np.isfinite(estimate.chain_w_T_b.sum(axis=(1, 2))) & is_placed(estimate))
-    if len(known) == 0:
-        return np.full_like(estimate.chain_w_T_b, np.nan)
-    first = known[0]
-    return gauge(estimate.chain_w_T_b[first], estimate.w_T_b[first]) @ estimate.chain_w_T_b
 
 
 def _moved_m(estimate: Estimate, main: NDArray[np.int64]) -> float:

@@ -1,4 +1,4 @@
-"""The pictures of mosaics in a report, with the landmarks of an evaluation."""
+"""The pictures of mosaics in a report: with the landmarks of an evaluation, and with surveyed points."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slam.report.mosaic_marks import MapMarks
+from slam.report.mosaic_marks import MapMarks, Mark
 from slam.report.page import embedded
 from slam.report.pictures import thumbnail
 
 if TYPE_CHECKING:
+    from slam.core.control_points import ControlReport
     from slam.report.accuracy import Evaluated
+
+MAP, CHAIN = "mosaic.png", "mosaic_chain.png"
 
 
 def picture(path: Path | None, marks: MapMarks | None = None) -> str | None:
@@ -23,5 +26,17 @@ def picture(path: Path | None, marks: MapMarks | None = None) -> str | None:
 
 
 def map_picture(path: Path | None, marks: MapMarks, evaluated: Evaluated) -> str | None:
-    """Return the picture of the optimized map with the landmarks that were compared on it."""
-    return picture(path, replace(marks, landmarks=evaluated.landmarks_m))
+    """Return the picture of a map with the landmarks that were compared where that map has them.
+
+    The map of the plain chain, ``mosaic_chain.png``, has them elsewhere than the optimized one.
+    """
+    if path is None:
+        return None
+    places = evaluated.chain_landmarks if path.name == CHAIN else evaluated.landmarks
+    return picture(path, replace(marks, points=(*marks.points, *(Mark(*place) for place in places))))
+
+
+def surveyed_marks(report: ControlReport | None) -> tuple[Mark, ...]:
+    """Return the control and check points whose survey places them on the ground of the map."""
+    points = () if report is None else report.points
+    return tuple(Mark(p.name, *p.surveyed_m[:2], True) for p in points if p.surveyed_m is not None)

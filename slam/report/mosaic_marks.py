@@ -1,9 +1,10 @@
-"""Marks on the picture of a mosaic: landmarks on it, scale bar and directions below it."""
+"""Marks on the picture of a mosaic: points with names on it, scale bar and directions below it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -20,6 +21,21 @@ _CAPITAL_PX = 21
 """Height of a capital letter of the font at size 1."""
 _LETTER_SHARE = 0.035
 """Height of the letters of a landmark over the width of the picture, which is shown half a page wide."""
+_SURVEYED_SHARE = 0.02
+"""The same of control points, which are more and have longer names: as tall as the text of a caption."""
+_TRIANGLE = np.array([(-np.sqrt(3) / 2, 0.5), (np.sqrt(3) / 2, 0.5), (0.0, -1.0)])
+"""Corners of the sign of a surveyed point, around its middle."""
+
+
+class Mark(NamedTuple):
+    """A point on the picture of a map, with its name beside it."""
+
+    name: str
+    x: float
+    y: float
+    """Its place on the map, in the unit of the map."""
+    surveyed: bool = False
+    """Whether it is a control or check point, which is drawn as a triangle, and not as a ring."""
 
 
 @dataclass(frozen=True)
@@ -30,31 +46,41 @@ class MapMarks:
     """Unit of lengths."""
     on_earth: bool
     """Whether x is east and y is north."""
-    landmarks: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Name of each landmark -> its x and y on the map."""
+    points: tuple[Mark, ...] = ()
 
 
-def with_landmarks(
-    pixels: Image, pixel_m: float, corner: tuple[float, float], landmarks: Mapping[str, tuple[float, float]]
-) -> Image:
-    """Return a north-up picture (h, w, 3) with a ring and a name at each landmark.
+def with_points(pixels: Image, pixel_m: float, corner: tuple[float, float], points: Sequence[Mark]) -> Image:
+    """Return a north-up picture (h, w, 3) with a ring or a triangle and a name at each point.
 
     ``corner``: x and y of its upper left corner; ``pixel_m``: the side of a pixel.
     """
     marked = pixels.copy()
-    tall = _LETTER_SHARE * marked.shape[1]
-    size, radius, edge = tall / _CAPITAL_PX, max(2, round(0.4 * tall)), max(1, round(0.08 * tall))
-    for name, (x, y) in landmarks.items():
-        at = round((x - corner[0]) / pixel_m), round((corner[1] - y) / pixel_m)
-        beside = at[0] + round(1.4 * radius), at[1] - round(0.6 * radius)
-        cv2.circle(marked, at, radius, (_WHITE,) * 3, 4 * edge, cv2.LINE_AA)
-        cv2.circle(marked, at, radius, _BLACK, edge, cv2.LINE_AA)
-        # A thicker pen does not make a border: the font of OpenCV 5 takes the thickness as its weight.
-        around = [(i * edge, j * edge) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
-        for (right, down), color in [*((shift, (_WHITE,) * 3) for shift in around), ((0, 0), _BLACK)]:
-            place = beside[0] + right, beside[1] + down
-            cv2.putText(marked, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, color, edge, cv2.LINE_AA)
+    for mark in points:
+        at = round((mark.x - corner[0]) / pixel_m), round((corner[1] - mark.y) / pixel_m)
+        tall = (_SURVEYED_SHARE if mark.surveyed else _LETTER_SHARE) * marked.shape[1]
+        radius = max(2, round((0.8 if mark.surveyed else 0.4) * tall))
+        edge = max(1, round(0.08 * tall))
+        for color, thickness in ((_WHITE,) * 3, 4 * edge), (_BLACK, edge):
+            if mark.surveyed:
+                corners = np.round(at + radius * _TRIANGLE).astype(np.int32)
+                cv2.polylines(marked, [corners], True, color, thickness, cv2.LINE_AA)
+            else:
+                cv2.circle(marked, at, radius, color, thickness, cv2.LINE_AA)
+        _name(marked, mark.name, at, radius, edge, tall / _CAPITAL_PX)
     return marked
+
+
+def _name(marked: Image, name: str, at: tuple[int, int], radius: int, edge: int, size: float) -> None:
+    """Write a name with a white border at the right of a mark, or at its left where it would be cut off."""
+    wide = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, size, edge)[0][0]
+    aside = round(1.4 * radius)
+    left = at[0] + aside if at[0] + aside + wide <= marked.shape[1] else at[0] - aside - wide
+    low = at[1] - round(0.6 * radius)
+    # A thicker pen does not make a border: the font of OpenCV 5 takes the thickness as its weight.
+    around = [(i * edge, j * edge) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+    for (right, down), color in [*((shift, (_WHITE,) * 3) for shift in around), ((0, 0), _BLACK)]:
+        place = left + right, low + down
+        cv2.putText(marked, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, color, edge, cv2.LINE_AA)
 
 
 def with_marks(pixels: Image, pixel_m: float, unit: str, on_earth: bool) -> Image:

@@ -33,7 +33,7 @@ from slam.report.instrument_errors import (
 )
 from slam.report.instrument_table import instrument_table
 from slam.report.left_out import is_contradicted, left_out, reason_in_words, verdict_of
-from slam.report.map_picture import map_picture, picture
+from slam.report.map_picture import map_picture, picture, surveyed_marks
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.mosaic_marks import MapMarks
 from slam.report.output_files import output_files
@@ -101,7 +101,7 @@ def render(
     """Return the page as HTML; ``folder`` is where it will lie, for links to the files there."""
     facts = gather(estimate, flight)
     drawable = facts.placed > 0
-    marks = MapMarks(unit(facts.metric), estimate.origin is not None)
+    marks = MapMarks(unit(facts.metric), estimate.origin is not None, surveyed_marks(estimate.control))
     ground = mosaic_facts(mosaics.after, mosaics.quality)
     told = not_evaluated(flight) if accuracy.evaluated == NOT_EVALUATED else accuracy.evaluated
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
@@ -113,6 +113,7 @@ def render(
         facts=facts,
         unit=marks.unit,
         on_earth=marks.on_earth,
+        surveyed=marks.points,
         sentence=sentence(facts, summary.status, ground.ground_std_m if ground else None),
         summary=summary,
         reasons=tuple(map(sentences, reasons)),
@@ -123,7 +124,7 @@ def render(
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=map_picture(mosaics.after, marks, told),
-        chain_mosaic=picture(mosaics.before, marks),
+        chain_mosaic=map_picture(mosaics.before, marks, told),
         widths=_widths(mosaics),
         covered=[_covered(path, unit(facts.metric)) for path in (mosaics.before, mosaics.after)],
         quality=picture(mosaics.quality),

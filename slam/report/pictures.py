@@ -26,10 +26,11 @@ from slam.core.plot_style import (
     round_factor,
 )
 from slam.core.units import length, unit
-from slam.report.facts import chain_on_result, heights_over_floor, is_placed
+from slam.evaluation.aligned_maps import chain_on_result
+from slam.report.facts import heights_over_floor, is_placed
 from slam.report.gaps import Gap
 from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted
-from slam.report.mosaic_marks import MapMarks, with_landmarks, with_marks
+from slam.report.mosaic_marks import MapMarks, with_marks, with_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +113,7 @@ def bounds_of(path: Path) -> BoundingBox:
 def thumbnail(path: Path, most_px: int = 2000, marks: MapMarks | None = None) -> bytes:
     """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become white.
 
-    ``marks``: landmarks on it, and a scale bar and arrows below it; the picture then needs a world file.
+    ``marks``: points on it, and a scale bar and arrows below it; the picture then needs a world file.
     """
     from PIL import Image
     from rasterio.env import Env
@@ -124,8 +125,8 @@ def thumbnail(path: Path, most_px: int = 2000, marks: MapMarks | None = None) ->
     if marks is not None:
         area = bounds_of(path)
         pixel_m = (area.right - area.left) / pixels.shape[1]
-        if marks.landmarks:
-            pixels = with_landmarks(pixels, pixel_m, (area.left, area.top), marks.landmarks)
+        if marks.points:
+            pixels = with_points(pixels, pixel_m, (area.left, area.top), marks.points)
         pixels = with_marks(pixels, pixel_m, marks.unit, marks.on_earth)
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "JPEG", quality=88)

@@ -312,11 +312,13 @@ def _misfits(problem: Problem, found: Selection, candidate: Mask) -> Mask:
     return np.asarray(found.kept & candidate & (found.innovation_sigma > edge_limit(problem) * scale))
 
 
-def reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:
+def reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array, noise: float) -> tuple[str, ...]:
     """Return why each rejected edge was: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``.
 
-    The result is (m,), empty strings for the ``kept`` edges; ``sigma`` (m,) holds the innovations.
+    The result is (m,), empty strings for the ``kept`` edges; ``sigma`` (m,) holds the innovations, in
+    deviations of ``noise`` times the stated ones. Where these are others, the reason says so.
     """
+    whose = "" if noise == 1 else f"each {noise:.2g} of a stated one, as the loops show"
     rejected, limit = np.flatnonzero(~kept), edge_limit(problem)
     i, j = problem.i[rejected], problem.j[rejected]
     off = se3.log(se3.inverse(problem.ij_T[rejected]) @ se3.inverse(w_T[i]) @ w_T[j])
@@ -326,10 +328,11 @@ def reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str
         if sigma[e] <= limit:
             messages[e] = (
                 f"agrees, but too little is known of where it lies to trust it: {sigma[e]:.1f} sigma"
+                f"{f' ({whose})' * bool(whose)}"
             )
         else:
             messages[e] = (
-                f"disagrees by {sigma[e]:.1f} sigma (limit {limit:.1f}): {length:.2g}"
-                f" {problem.length_unit}, {angle:.2g} deg"
+                f"disagrees by {sigma[e]:.1f} sigma ({f'{whose}; ' * bool(whose)}limit {limit:.1f}): "
+                f"{length:.2g} {problem.length_unit}, {angle:.2g} deg"
             )
     return tuple(messages)

@@ -19,6 +19,7 @@ from slam.io.geotiff import Grid, height_tags, write_bands
 
 if TYPE_CHECKING:
     from affine import Affine
+    from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
 
@@ -149,17 +150,30 @@ def quality_figure(quality: MosaicQuality, grid: Grid, metric: bool = True) -> F
     tall = float(np.clip(0.3 * _WIDTH_IN * grid.height / grid.width, 1.4, 0.6 * _WIDTH_IN))
     figure = Figure(figsize=(_WIDTH_IN, tall + 1.2), dpi=160, layout="constrained")
     x, y = ground_labels(grid.origin is not None, metric)
-    for axes, (title, values, colours, norm) in zip(figure.subplots(1, 3), panels, strict=True):
+    first, *others = figure.subplots(1, 3)
+    for axes, (title, values, colours, norm) in zip((first, *others), panels, strict=True):
         axes.set_facecolor(UNMEASURED)
         drawn = axes.imshow(values, cmap=colours, extent=grid.extent_m, norm=norm, interpolation="nearest")
         axes.set_title(title, fontsize=_LETTERS_PT)
         axes.set_xlabel(x, fontsize=_LETTERS_PT)
+        if axes is not first:
+            _ring_largest(axes, values, grid)
         bar = figure.colorbar(drawn, ax=axes, fraction=0.046 * grid.height / grid.width, pad=0.03)
         for each in (axes, bar.ax):
             each.tick_params(labelsize=_LETTERS_PT - 1)
         axes.locator_params(nbins=5)
-    figure.axes[0].set_ylabel(y, fontsize=_LETTERS_PT)
+    first.set_ylabel(y, fontsize=_LETTERS_PT)
     return figure
+
+
+def _ring_largest(axes: Axes, values: NDArray[np.float32], grid: Grid) -> None:
+    """Draw a ring, dark with a white border, around the largest value, whose place the report tells."""
+    found, x, y = _largest(values, grid.affine)
+    if np.isfinite(found):
+        axes.autoscale(False)
+        for width, colour in (3.5, "white"), (1.5, "black"):
+            axes.plot(x, y, "o", markersize=9, markerfacecolor="none", markeredgecolor=colour,
+                      markeredgewidth=width, clip_on=False)  # fmt: skip
 
 
 def _to_largest(values: NDArray[np.float32]) -> Normalize:

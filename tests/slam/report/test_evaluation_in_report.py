@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 
 import cv2
 import numpy as np
 
+from slam.core.control_points import ControlReport, PointResidual
 from slam.core.figure_table import FigureTable
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
+from slam.evaluation.landmarks import LandmarkPlace
 from slam.report.accuracy import Evaluated
 from slam.report.evaluation_in_report import with_evaluation
 from slam.report.optimize_report import Accuracy, Mosaics, render
@@ -45,14 +48,25 @@ def test_a_page_of_an_earlier_version_has_no_place_for_it(tmp_path):
 def test_landmarks_are_drawn_on_the_map_of_a_report_that_was_written_before(tmp_path):
     estimate, flight = made_estimate(), made_flight()
     pixels = np.full((300, 400, 3), 90, np.uint8)
-    cv2.imwrite(str(tmp_path / "mosaic.png"), pixels)
-    (tmp_path / "mosaic.pgw").write_text("0.01\n0\n0\n-0.01\n-1.995\n1.495\n")
-    summary, mosaics = summarise(estimate), Mosaics(after=tmp_path / "mosaic.png")
+    for name in ("mosaic", "mosaic_chain"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), pixels)
+        (tmp_path / f"{name}.pgw").write_text("0.01\n0\n0\n-0.01\n-1.995\n1.495\n")
+    point = PointResidual(
+        name='"P&1"', role="control", used=True, reason="", views=3, surveyed_m=(0.5, 0.2, math.nan)
+    )
+    estimate = replace(estimate, control=ControlReport(points=(point,)))
+    summary = summarise(estimate)
+    mosaics = Mosaics(after=tmp_path / "mosaic.png", before=tmp_path / "mosaic_chain.png")
     before = render(estimate, summary, flight, mosaics, folder=tmp_path)
-    told = replace(TOLD, landmarks_m={"A": (0.0, 0.0)})
+    told = replace(
+        TOLD, landmarks=(LandmarkPlace("A", 0.0, 0.0),), chain_landmarks=(LandmarkPlace("A", 0.3, 0.1),)
+    )
     at_once = render(estimate, summary, flight, mosaics, Accuracy(evaluated=told), tmp_path)
     later = with_evaluation(before, told, tmp_path)
     assert later == at_once != before
-    assert "Rings with letters" in later
+    assert "Rings with names" in later
+    assert "Triangles with names" in before
+    drawn = [re.findall('src="(data:[^"]*)"', page)[:2] for page in (before, later)]
+    assert len({*drawn[0], *drawn[1]}) == 3, "alike before, and each map with its own landmarks after"
     plain = Evaluated()
     assert with_evaluation(later, plain, tmp_path) == before

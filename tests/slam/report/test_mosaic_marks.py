@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.report.mosaic_marks import bar_length, with_landmarks, with_marks
+from slam.report.mosaic_marks import Mark, bar_length, with_marks, with_points
 
 
 @pytest.mark.parametrize(("longest", "bar"), [(3.0, 2.0), (0.99, 0.5), (5.0, 5.0), (73.0, 50.0), (1.0, 1.0)])
@@ -33,12 +33,22 @@ def test_the_arrows_are_east_and_north_on_earth():
     assert (local[100:, 400:] != earth[100:, 400:]).any()
 
 
-def test_a_landmark_is_where_its_coordinates_say():
+@pytest.mark.parametrize("surveyed", [False, True])
+def test_a_point_is_where_its_coordinates_say(surveyed):
     picture = np.full((300, 500, 3), 128, np.uint8)
-    marked = with_landmarks(picture, 0.01, (2.0, 7.0), {"A": (4.0, 5.5)})
+    marked = with_points(picture, 0.01, (2.0, 7.0), [Mark("A", 4.0, 5.5, surveyed)])
     rows, cols = np.nonzero((marked != 128).any(axis=2))
-    assert (marked[150, 200] == 128).all(), "the ring leaves its middle free"
+    assert (marked[150, 200] == 128).all(), "the mark leaves its middle free"
     ring = rows[cols < 200]  # the name stands at the right
-    assert (ring.min() + ring.max()) / 2 == pytest.approx(150, abs=1)
+    assert (ring.min() + ring.max()) / 2 == pytest.approx(150, abs=3 if surveyed else 1), (
+        "the middle of a triangle is nearer its base"
+    )
     assert cols.min() == pytest.approx(200, abs=15)
     assert (picture == 128).all()
+
+
+def test_a_name_that_would_be_cut_off_stands_at_the_left():
+    picture = np.full((300, 500, 3), 128, np.uint8)
+    names = [Mark("long name", 4.9, 1.5, True), Mark("long name", 0.1, 1.5, True)]
+    at_right, at_left = (with_points(picture, 0.01, (0.0, 3.0), [mark]) != 128 for mark in names)
+    assert np.count_nonzero(at_right[:, :480]) == pytest.approx(np.count_nonzero(at_left[:, 20:]), rel=0.1)

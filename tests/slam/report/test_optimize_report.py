@@ -19,9 +19,10 @@ from slam.core.flight import GeoOrigin, Truth
 from slam.core.plot_style import ground_labels
 from slam.core.summary import json_text, summarise
 from slam.core.units import length
+from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate_text import trajectory_text
 from slam.report.accuracy import Evaluated, FigureTable
-from slam.report.facts import chain_on_result, gather, sentence
+from slam.report.facts import gather, sentence
 from slam.report.left_out import left_out
 from slam.report.optimize_report import Accuracy, Mosaics, render, write_report
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture

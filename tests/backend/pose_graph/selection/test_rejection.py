@@ -10,7 +10,7 @@ import numpy as np
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, GraphFit, Options
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.selection.rejection import Selection, _refit, thinned
+from backend.pose_graph.selection.rejection import Selection, _refit, reasons, thinned
 from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import flight
 from tests.benchmarks.generated_graphs import STD, Scene, make
@@ -50,3 +50,15 @@ def test_a_row_of_loops_that_only_one_selection_has_counts_once():
     np.testing.assert_array_equal(left_out(without_row), np.setdiff1d(loops[:10], nearest))
     without_row[loops[3]] = True
     assert len(left_out(without_row)) == 0
+
+
+def test_a_reason_says_by_whose_deviations_an_edge_was_judged():
+    problem = from_pose_graph(make(Scene("laps", 1, 1, 0.0, "random", 0)).graph)
+    kept, sigma = np.ones(len(problem.i), dtype=bool), np.zeros(len(problem.i))
+    kept[-2:], sigma[-2:] = False, (9.0, 0.5)
+    w_T = np.tile(np.eye(4), (problem.count, 1, 1))
+    stated, own = (reasons(problem, kept, w_T, sigma, noise)[-2:] for noise in (1.0, 0.125))
+    assert stated[0].startswith("disagrees by 9.0 sigma (limit ")
+    assert stated[1].endswith(": 0.5 sigma")
+    assert own[0].startswith("disagrees by 9.0 sigma (each 0.12 of a stated one, as the loops show; limit ")
+    assert own[1].endswith(": 0.5 sigma (each 0.12 of a stated one, as the loops show)")

@@ -47,4 +47,7 @@ def test_the_darkest_ground_is_the_one_that_the_report_states_and_shares_look_al
         _, position, brightness = (axes.images[0] for axes in figure.axes[:3])
         np.testing.assert_allclose(position.get_clim(), (0.0, 4.0), rtol=1e-6)
         ends.append(brightness.get_clim())
+        rings = [[line.get_xydata().tolist() for line in axes.lines] for axes in figure.axes[:3]]
+        np.testing.assert_allclose(rings[1:], [[[[0.55, 1.55]]] * 2, [[[0.05, 1.95]]] * 2])
+        assert not rings[0]
     assert ends == [(0, 100), (0, 100)]
