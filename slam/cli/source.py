@@ -130,13 +130,17 @@ def _refuse_output(path: Path) -> None:
 
 def _kind_of_folder(path: Path) -> Kind:
     from slam.io.euroc import is_euroc
+    from slam.io.files import is_inside
     from slam.io.photos.search import holds_photos
     from slam.io.recordings.archive import recordings_in
 
     root = path.resolve().parent if path.resolve().name == "mav0" else path
     if (root / "mav0").is_dir():
         return "euroc" if is_euroc(root) else "flight"
-    holds_flights = any(True for depth in ("*", "*/*") for _ in path.glob(f"{depth}/mav0"))
+    # A link may lead to a folder above, whose flights are not those of this folder.
+    holds_flights = any(
+        is_inside(found, path) for depth in ("*", "*/*") for found in path.glob(f"{depth}/mav0")
+    )
     if not holds_flights and holds_photos(path):
         return "photos"
     if not holds_flights and (found := recordings_in(path, path.iterdir())[0]):

@@ -84,7 +84,7 @@ def gdal_pixels(data: bytes) -> tuple[Raw, bool]:
     """Return all bits of the pixels of a TIFF, (h, w) or (h, w, 3) RGB, and whether they are integers.
 
     Of more than four samples or of two, the first alone is read; alpha is dropped. Pixels marked as missing
-    are NaN. Raises ``OSError`` for a damaged file.
+    are NaN. Where zero is white, numbers are inverted. Raises ``OSError`` for a damaged file.
     """
     from rasterio.errors import NotGeoreferencedWarning, RasterioError
     from rasterio.io import MemoryFile
@@ -95,12 +95,17 @@ def gdal_pixels(data: bytes) -> tuple[Raw, bool]:
             with MemoryFile(data) as memory, memory.open(driver="GTiff") as picture:
                 bands = [1, 2, 3] if picture.count in (3, 4) else [1]
                 pixels, missing = picture.read(bands), picture.nodata
+                zero_is_white = "MINISWHITE" in picture.tags(ns="IMAGE_STRUCTURE")
+                bits = picture.tags(1, ns="IMAGE_STRUCTURE").get("NBITS", 8 * pixels.dtype.itemsize)
         except RasterioError as error:
             raise OSError("damaged") from error
     if pixels.dtype.kind not in "uif":
         raise OSError("damaged")
     is_integer = pixels.dtype.kind in "ui"
-    if missing is not None and (is_missing := pixels == missing).any():
+    is_missing = None if missing is None else pixels == missing
+    if zero_is_white and pixels.dtype.kind == "u":
+        pixels = (1 << int(bits)) - 1 - pixels
+    if is_missing is not None and is_missing.any():
         pixels = np.where(is_missing, np.nan, pixels)
     colour = np.ascontiguousarray(np.moveaxis(pixels, 0, -1)) if len(pixels) == 3 else pixels[0]
     return colour, is_integer

@@ -1,4 +1,4 @@
-"""Choice of one band of a multispectral camera, whose lenses take pictures of the same place at once."""
+"""Choice of one band of a camera whose lenses take pictures of the same place at once: colours, or heat."""
 
 from __future__ import annotations
 
@@ -12,19 +12,24 @@ from slam.io.photos.exif import PhotoTags
 COLOUR = "RGB"
 """Name of the band of colour photographs."""
 
+THERMAL = "Thermal"
+"""Name of the band of thermal photographs, which have less detail than all others."""
+
 _NAMES = {
     "rgb": COLOUR, "red,green,blue": COLOUR,
     "b": "Blue", "blue": "Blue", "g": "Green", "gre": "Green", "green": "Green", "r": "Red", "red": "Red",
     "re": "Red edge", "reg": "Red edge", "rededge": "Red edge", "nir": "NIR",
+    "t": THERMAL, "thrm": THERMAL, "thermal": THERMAL, "lwir": THERMAL, "infraredcamera": THERMAL,
 }  # fmt: skip
 """Names of the makers, without spaces and hyphens, and one name for each band."""
-_PREFERRED = ("Green", "Red", "Blue", "Red edge", "NIR")
+_PREFERRED = ("Green", "Red", "Blue", "Red edge", "NIR", THERMAL)
 """Order of the choice among bands with equally many photographs."""
 _IN_FILE_NAME = (
     re.compile(r"_(RGB|GRE|NIR|RED|REG)\.\w+$", re.IGNORECASE),  # Parrot Sequoia
     re.compile(r"_MS_(B|G|R|RE|NIR)\.tiff?$", re.IGNORECASE),  # DJI Mavic 3 Multispectral
     re.compile(r"^DJI_\d{3}([1-5])\.tiff?$", re.IGNORECASE),  # DJI Phantom 4 Multispectral
     re.compile(r"^IMG_\d{4}_(\d{1,2})\.tiff?$", re.IGNORECASE),  # MicaSense RedEdge, Altum
+    re.compile(r"^DJI_\d.*_(T|THRM)\.\w+$", re.IGNORECASE),  # DJI H20T, M30T, Mavic 3 Thermal
 )
 _COLOUR_SHARE = 0.5
 """Colour photographs are chosen if they are at least this share of the photographs of the largest band. All

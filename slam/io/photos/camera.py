@@ -129,6 +129,11 @@ def assumed_focal_px(size_px: tuple[int, int]) -> float:
     return max(size_px) / 2 / math.tan(math.radians(_ASSUMED_VIEW_DEG / 2))
 
 
+def relative_focal(tags: PhotoTags) -> float:
+    """Return the focal length of one photograph over its longer side, assumed if the tags lack it."""
+    return _focal(tags).px / max(tags.size_px)
+
+
 def _is_plausible(focal_px: float, tags: PhotoTags) -> bool:
     low, high = _PLAUSIBLE_FOCAL
     return low < focal_px / max(tags.size_px) < high

@@ -36,6 +36,9 @@ _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 and micrometre.
 """
 
+_THERMAL_SOURCES = ("InfraredCamera",)
+"""Values of DJI's ``ImageSource`` of a thermal camera. Of its other cameras, ``BandName`` names the band."""
+
 
 @dataclass(frozen=True)
 class PhotoTags:
@@ -156,6 +159,7 @@ def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
     width, height = positive(tags.get(Base.ExifImageWidth)), positive(tags.get(Base.ExifImageHeight))
     px_per_mm = per_unit / unit_mm if per_unit and unit_mm else None
     known = len(dewarp) >= 9 and all(v is not None for v in dewarp[:9])
+    source = text(xmp.text("drone", "ImageSource"))
     return {
         "make": text(tags.get(Base.Make)),
         "model": text(tags.get(Base.Model)),
@@ -167,8 +171,10 @@ def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
             xmp.text("drone", "CalibratedFocalLength", "CalibratedFocalLength.X")
         ),
         "lens": read_lens(xmp, px_per_mm),
-        "lens_name": text(xmp.text("drone", "CameraSensorModule") or xmp.text("camera", "RigCameraIndex")),
-        "band": text(xmp.text("camera", "BandName")),
+        "lens_name": text(
+            xmp.text("drone", "CameraSensorModule", "ImageSource") or xmp.text("camera", "RigCameraIndex")
+        ),
+        "band": text(xmp.text("camera", "BandName")) or (source if source in _THERMAL_SOURCES else ""),
         "dewarp": tuple(v for v in dewarp[:9] if v is not None) if known else None,
         "dewarped": bool(number(xmp.text("drone", "DewarpFlag"))),
         "xmp_damaged": xmp.damaged,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +18,7 @@ from slam.io.down_looking import MAX_TILT_DEG
 from slam.io.files import refusal
 from slam.io.gimbal import GIMBAL_STD_DEG, body_from_gimbal, body_from_mount, tilt_deg
 from slam.io.photos.bands import band_of, chosen_band
+from slam.io.photos.camera import relative_focal
 from slam.io.photos.exif import Angles, PhotoTags, read_tags
 from slam.io.photos.search import find_photos
 
@@ -175,26 +176,54 @@ def _down_looking(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> li
 
 
 def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
-    """Return the largest group with one model, size and focal length; of equal groups the first by name."""
-    kinds = [((p.tags.make, p.tags.model), p.tags.size_px, p.tags.focal_mm, p.tags.lens_name) for p in photos]
-    most = Counter(kinds).most_common(1)
-    kept = []
-    for photo, kind in zip(photos, kinds, strict=True):
-        (_, model), size, focal_mm, _ = most[0][0]
-        if kind == most[0][0]:
-            kept.append(photo)
-        elif kind[1] != size:
-            left_out[f"another size than the {size[0]} x {size[1]} px of most; map them alone"].append(
-                photo.name
-            )
-        elif kind[0] != most[0][0][0]:
-            left_out[f"another camera than the {model or 'nameless one'} of most; map them alone"].append(
-                photo.name
-            )
-        elif kind[2] == focal_mm:
-            left_out["another lens of the camera than that of most; map them alone"].append(photo.name)
+    """Return the largest group with one model, size and focal length.
+
+    Of equal groups, it is the one with the widest view, as its pictures overlap most; then the one with the
+    most pixels, and then the first by name.
+    """
+    if not photos:
+        return []
+    groups: dict[_Kind, list[Photo]] = defaultdict(list)
+    for photo in photos:
+        groups[_Kind.of(photo.tags)].append(photo)
+    used = min(groups, key=lambda kind: _rank(groups[kind]))
+    for photo in photos:
+        if reason := _Kind.of(photo.tags).difference(used):
+            left_out[reason].append(photo.name)
+    return groups[used]
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Properties that photographs of one camera and lens have in common."""
+
+    make: str
+    model: str
+    size_px: tuple[int, int]
+    focal_mm: float | None
+    lens_name: str
+
+    @classmethod
+    def of(cls, tags: PhotoTags) -> _Kind:
+        return cls(tags.make, tags.model, tags.size_px, tags.focal_mm, tags.lens_name)
+
+    def difference(self, used: _Kind) -> str:
+        """Return why a photograph of this kind is left out beside the ones in use; empty for the same."""
+        if self == used:
+            return ""
+        if self.size_px != used.size_px:
+            other = "another size than the {} x {} px of the ones in use".format(*used.size_px)
+        elif (self.make, self.model) != (used.make, used.model):
+            other = f"another camera than the {used.model or 'nameless one'} of the ones in use"
+        elif self.focal_mm == used.focal_mm:
+            other = "another lens of the camera than that of the ones in use"
         else:
-            left_out[
-                f"another focal length than the {focal_mm or '(unknown)'} mm of most; map them alone"
-            ].append(photo.name)
-    return kept
+            other = f"another focal length than the {used.focal_mm or '(unknown)'} mm of the ones in use"
+        return f"{other}; map them alone"
+
+
+def _rank(group: Sequence[Photo]) -> tuple[int, float, int]:
+    """Return a key that sorts the group to use first."""
+    tags = group[0].tags
+    # Rounding of the focal length on 35 mm film makes equal lenses of two cameras differ by some percent.
+    return -len(group), round(relative_focal(tags), 1), -tags.size_px[0] * tags.size_px[1]

@@ -59,6 +59,12 @@ def test_the_kind_of_a_folder_follows_from_its_content(tmp_path, entries, kind):
     assert kind_of(made(tmp_path / "in", *entries)) == kind
 
 
+def test_a_link_to_the_folder_above_hides_no_photographs(tmp_path):
+    made(tmp_path / "other", "mav0")
+    (made(tmp_path / "in", "a.jpg") / "up").symlink_to(tmp_path)
+    assert kind_of(tmp_path / "in") == "photos"
+
+
 def test_the_kind_of_an_inner_folder_is_that_of_the_outer(tmp_path):
     assert kind_of(made(tmp_path / "a", *EUROC) / "mav0") == "euroc"
     assert kind_of(made(tmp_path / "b", *EUROC, "flight.yaml") / "mav0") == "flight"

@@ -55,6 +55,14 @@ def test_deep_colours(tmp_path, interleave):
     np.testing.assert_array_equal(read(tmp_path, tiff(with_alpha)), colour)
 
 
+@pytest.mark.parametrize("bits", [12, 16])
+def test_a_picture_whose_zero_is_white_is_no_negative(tmp_path, bits):
+    deep = (GREY.astype(np.uint16) << (bits - 8)) + 1
+    options = {"nbits": bits} if bits < 16 else {}
+    data = tiff((1 << bits) - 1 - deep, photometric="MINISWHITE", **options)
+    np.testing.assert_array_equal(read(tmp_path, data), GREY)
+
+
 def as_kelvin(grey):
     """Counts of a radiometric thermal camera, 0.01 K each: 293 to 303 K."""
     return (29300 + grey * 1000.0 / 255).astype(np.uint16)

@@ -180,6 +180,10 @@ def test_a_scaled_picture_has_a_scaled_lens(tmp_path):
         ("DJI_20230101120000_0001_MS_RE.TIF", "Red edge"),
         ("IMG_0007_4.tif", "band 4"),
         ("IMG_0007.tif", "RGB"),
+        ("DJI_20230101120000_0001_T.JPG", "Thermal"),
+        ("DJI_20230101120000_0001_W.JPG", "RGB"),
+        ("DJI_20210301120000_0001_THRM.JPG", "Thermal"),
+        ("court_T.jpg", "RGB"),
     ],
 )
 def test_without_the_tag_the_name_of_the_file_holds_the_band(tmp_path, name, band):
@@ -194,6 +198,21 @@ def test_the_choice_among_bands():
     assert chosen_band(["Green"] * 9 + ["RGB"] * 5, None) == "RGB"
     assert chosen_band(["band 2", "band 1"], None) == "band 1"
     assert chosen_band(["band 2", "band 1"], "2") == "band 2"
+
+
+def test_of_a_thermal_camera_the_colour_pictures_are_read(tmp_path):
+    files = {}
+    for k in range(3):
+        for letter, source, size in (("T", "InfraredCamera", (40, 32)), ("W", "WideCamera", (64, 48))):
+            time = f"2023:01:01 10:10:{2 * k:02d}"
+            packet = {"ImageSource": source}
+            files[f"DJI_2023_{k}_{letter}.JPG"] = jpeg(time=time, drone=packet, size=size, seed=k)
+            files[f"{letter}/{k}.jpg"] = jpeg(time=time, drone=packet, size=size, seed=k + 9)
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.camera.size_px == (64, 48)
+    assert len(flight.frames.names) == 6
+    assert any("6 of 12 photographs left out: another band, Thermal" in line for line in flight.warnings)
+    assert import_photos(tmp_path, band="thermal").camera.size_px == (40, 32)
 
 
 def test_a_band_without_a_name_is_called_by_its_number(tmp_path):

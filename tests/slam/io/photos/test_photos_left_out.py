@@ -9,7 +9,7 @@ from PIL import ExifTags
 from PIL.TiffImagePlugin import IFDRational
 
 from slam.io.photos.import_photos import import_photos
-from tests.slam.io.photos.photo_files import NADIR, fill, jpeg, strip, warned, with_xmp
+from tests.slam.io.photos.photo_files import NADIR, SIZE, fill, jpeg, strip, warned, with_xmp
 
 Base, GPS = ExifTags.Base, ExifTags.GPS
 
@@ -77,6 +77,30 @@ def test_photographs_of_another_camera_are_left_out_by_name(tmp_path):
     assert warned(flight, "another camera than the Mapper 1", "x.jpg")
     assert warned(flight, "another size than the 64 x 48", "y.jpg")
     assert warned(flight, "another focal length", "z.jpg")
+
+
+@pytest.mark.parametrize("films_mm", [(48, 24), (24, 48)])
+def test_of_two_lenses_with_equally_many_photographs_the_wide_one_is_used(tmp_path, films_mm):
+    sizes = {24: (64, 48), 48: (80, 60)}  # those with more pixels, but less overlap, are the narrow ones
+    files = {
+        f"{'ab'[i]}{k}.jpg": jpeg(
+            size=sizes[film],
+            tags={Base.FocalLengthIn35mmFilm: film},
+            time=f"2024:05:06 07:08:{2 * k + i:02d}",
+        )
+        for i, film in enumerate(films_mm)
+        for k in range(3)
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.camera.size_px == sizes[24]
+    assert warned(flight, "3 of 6 photographs left out", "another size than the 64 x 48 px of the ones")
+
+
+def test_of_equal_lenses_the_larger_pictures_are_used(tmp_path):
+    files = {
+        f"{name}{k}.jpg": jpeg(size=size) for name, size in (("a", (32, 24)), ("b", SIZE)) for k in range(2)
+    }
+    assert import_photos(fill(tmp_path, files)).camera.size_px == SIZE
 
 
 def test_damaged_files_are_counted_and_named(tmp_path):
