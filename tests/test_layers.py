@@ -190,7 +190,8 @@ PACKAGES = {
     "slam": (
         ("core",),
         ("io", "parallel"),
-        ("inertial", "simulation", "data_quality"),
+        ("inertial", "simulation"),
+        ("data_quality",),
         ("mapping", "criticism"),
         ("evaluation",),
         ("experiments", "report"),

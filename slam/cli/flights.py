@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +14,7 @@ from slam.core.errors import InputError
 if TYPE_CHECKING:
     from slam.cli.console import Screen
     from slam.core.flight import Flight
+    from slam.core.flight_info import FlightInfo
 
 _IMPORTED = typer.Argument(
     metavar="SOURCE",
@@ -94,7 +95,6 @@ def info(
     """Show what a flight holds: sensors, rates, gaps, missing streams and anomalies."""
     from slam.cli.console import Screen
     from slam.cli.source import kind_of, open_flight
-    from slam.core.flight_info import describe
     from slam.core.progress import silent
     from slam.core.summary import json_text
 
@@ -108,7 +108,7 @@ def info(
         screen.table(graph_table(record))
         return
     flight, _ = open_flight(source, silent, request_of(topic))
-    screen.json(json_text(asdict(describe(flight))))
+    screen.json(json_text(asdict(_described(flight))))
     show(flight, screen)
 
 
@@ -117,8 +117,16 @@ def show(flight: Flight, screen: Screen) -> None:
     from slam.cli.console import console
     from slam.cli.flight_tables import print_info
     from slam.cli.sources_table import show_sources
-    from slam.core.flight_info import describe
 
     if screen.shows_tables:
-        print_info(describe(flight), console())
+        print_info(_described(flight), console())
         show_sources(flight, screen)
+
+
+def _described(flight: Flight) -> FlightInfo:
+    """Describe a flight, with the anomalies of its readings."""
+    from slam.core.flight_info import describe
+    from slam.data_quality import readings_in_words
+
+    info = describe(flight)
+    return replace(info, anomalies=(*info.anomalies, *readings_in_words(flight)))

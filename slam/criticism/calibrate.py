@@ -41,7 +41,7 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
     terms = max(expansion.score_tests([], expansion.effects), key=lambda s: s.z)
     patterns = max(expansion.score_tests([], expansion.patterns), key=lambda s: s.z)
     pair = max(ranked_pairs(expansion, []), key=lambda p: p.z)
-    both = " and ".join(e.label for e in pair.terms)
+    both = " and ".join(e.label for e in pair.effects)
     return terms.z, terms.effect.label, patterns.z, patterns.effect.name, pair.z, both
 
 

@@ -11,15 +11,15 @@ from slam.core.duplicate_flights import without_duplicates
 from slam.core.flight import Flight, with_unique_names
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.ranges_at_body import ranges_at_body
-from slam.criticism.kalman.record import has_commands
 from slam.criticism.prepare import prepare
 from slam.criticism.search.search import search
+from slam.criticism.verdict.commanded_flights import CommandedFlights, explain
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.explanation import explain
-from slam.criticism.verdict.judge import judge, judge_comparisons
+from slam.criticism.verdict.judge import judge
 from slam.criticism.verdict.sentence import unusable
 from slam.criticism.without_commands.explanation import explain_comparisons
 from slam.data_quality import without_dead_streams, without_frozen
+from slam.data_quality.commands import has_commands
 from slam.simulation.model import Model, load_model
 
 NOTHING_TO_COMPARE = "no command log, and too little of imu and attitude to compare other instruments with"
@@ -51,7 +51,8 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
     if not prepared.records:
         return unusable(prepared.dropped or ["no flights"], prepared.dropped)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
-    return judge(prepared, explain(found, progress), readings, model, progress)
+    explanation = explain(found, progress)
+    return judge(CommandedFlights(prepared, explanation, readings, model, progress), model)
 
 
 def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
@@ -59,8 +60,8 @@ def _without_commands(flights: Sequence[Flight], model: Model, progress: Progres
     clean = [without_dead_streams(flight) for flight in flights]
     dropped = [f"{flight.name}: {reason}" for flight, reasons in clean for reason in reasons]
     kept, readings = without_frozen([flight for flight, _ in clean])
-    found = explain_comparisons(kept, model, progress)
-    if found is None:
+    compared = explain_comparisons(kept, readings, model, progress)
+    if compared is None:
         return unusable([NOTHING_TO_COMPARE, *dropped], dropped)
-    criticism = judge_comparisons(kept, *found, readings, model, progress)
+    criticism = judge(compared, model)
     return replace(criticism, dropped=(*dropped, *criticism.dropped))

@@ -1,12 +1,17 @@
 """Quality of recorded readings, whatever the vehicle.
 
-Streams may be dead, frozen, rounded or oscillating. Stamps may be uneven and pictures lost, and pictures may
-show more than the floor.
+Streams may be dead, frozen, rounded or oscillating. Stamps may be uneven, commands on another clock and
+pictures lost, and pictures may show more than the floor.
 """
 
 from __future__ import annotations
 
-from slam.data_quality.anomalies import StreamAnomaly, stream_anomalies, without_frozen
+from slam.data_quality.anomalies import (
+    StreamAnomaly,
+    readings_in_words,
+    stream_anomalies,
+    without_frozen,
+)
 from slam.data_quality.dead_streams import without_dead_streams
 
-__all__ = ["StreamAnomaly", "stream_anomalies", "without_dead_streams", "without_frozen"]
+__all__ = ["StreamAnomaly", "readings_in_words", "stream_anomalies", "without_dead_streams", "without_frozen"]

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.data_quality.channels import streams_of
+from slam.data_quality.command_clock import clock_error
+from slam.data_quality.commands import log_apart
 from slam.data_quality.frozen import Frozen, frozen
 from slam.data_quality.lines import strongest_line
 from slam.data_quality.rounding import rounding
@@ -37,6 +39,16 @@ def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
                 repeated = seen.repeated if isinstance(seen, Frozen) else None
                 found.append(StreamAnomaly(stream.name, kind, str(seen), repeated))
     return found
+
+
+def readings_in_words(flight: Flight) -> list[str]:
+    """Return a line for each anomaly of a flight's streams, and for commands that are on another clock."""
+    apart, late = log_apart(flight), clock_error(flight)
+    return [
+        *(anomaly.words for anomaly in stream_anomalies(flight)),
+        *([apart] if apart else []),
+        *([str(late)] if late is not None and not apart else []),
+    ]
 
 
 def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[StreamAnomaly]]:

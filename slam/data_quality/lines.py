@@ -6,6 +6,7 @@ over flights has a gamma distribution.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,6 +70,30 @@ def _line(name: str, unit: str, stamps_s: Array, column: Array) -> tuple[float, 
     share = of_line / float(power[fast].sum())
     amplitude = 2.0 * float(np.sqrt(of_line / len(even) / np.sum(window**2)))
     return (share, Line(name, float(frequency[k]), amplitude, unit)) if share > GREATER_PART else None
+
+
+def common_line(series: Sequence[tuple[Array, float]]) -> tuple[float, float] | None:
+    """Return the frequency in Hz of the least probable line that several series share, and the logarithm of
+    the probability that noise makes such a line in this bin; None without a line.
+
+    ``series``: white values (n,) at even times, 0 where one is missing, and their interval in s. Series with
+    fewer than ``FEWEST`` values do not count.
+    """
+    series = [(white, step_s) for white, step_s in series if len(white) >= FEWEST]
+    if not series:
+        return None
+    # Flights that sample a little faster or slower than others have their line in the same bin.
+    longest_s = max(len(white) * step_s for white, step_s in series)
+    shares = [
+        over_neighbours(np.abs(np.fft.rfft(white, round(longest_s / step_s))) ** 2)
+        for white, step_s in series
+    ]
+    bins = min(map(len, shares))
+    total = np.sum([share[:bins] for share in shares], axis=0)
+    frequency = np.arange(bins) / longest_s
+    log_chance = np.where(frequency > LOWEST_HZ, log_tail(total, len(series)), 0.0)
+    k = int(np.argmin(log_chance))
+    return (float(frequency[k]), float(log_chance[k])) if log_chance[k] <= LOG_CHANCE else None
 
 
 def over_neighbours(power: Array) -> Array:

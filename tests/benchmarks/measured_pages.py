@@ -13,8 +13,8 @@ from pathlib import Path
 from slam.core.flight import Flight
 from slam.criticism import Criticism, criticise
 from slam.criticism.cause import Gain, Interval
-from slam.criticism.kalman.record import has_commands
-from slam.criticism.verdict.tables import within_reach
+from slam.criticism.verdict.power import within_reach
+from slam.data_quality.commands import has_commands
 from slam.io.flight_folder import read_flight
 from slam.report.criticism_pictures import (
     covariate_picture,

@@ -25,6 +25,7 @@ from slam.criticism.kalman.readings import (
     place_of,
 )
 from slam.data_quality.channels import streams_of
+from slam.data_quality.commands import LEAST_STICK, has_commands
 from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
@@ -151,10 +152,6 @@ CONTROLLER_SHARE = 0.5
 """Least share of log entries at which a stick that a controller moves has changed."""
 
 
-LEAST_STICK = 0.01
-"""Deflections below this count as a stick at rest."""
-
-
 def any_turns(records: Sequence[Record]) -> bool:
     """Return whether the turn stick moved in any of the records."""
     return any(bool((np.abs(record.stick.values[:, TURN]) >= LEAST_STICK).any()) for record in records)
@@ -174,11 +171,6 @@ def holds_heading(stick: Stick) -> bool:
     """
     turn = stick.values[:, TURN]
     return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > CONTROLLER_SHARE
-
-
-def has_commands(flight: Flight) -> bool:
-    """Return whether the flight has a command log."""
-    return flight.command is not None and len(flight.command.stamps_s) > 0
 
 
 def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:

@@ -1,7 +1,6 @@
 """Innovations and pictures that no term describes: spectral lines, many outliers, light that changes.
 
-Whitened innovations have a flat spectrum. Each bin of a periodogram is exponentially distributed, and the sum
-over flights has a gamma distribution. A bin far above its neighbours is an oscillation.
+Whitened innovations have a flat spectrum. A bin far above its neighbours is an oscillation.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, RANGE
 from slam.criticism.kalman.record import Record
-from slam.data_quality.lines import FEWEST, LOG_CHANCE, LOWEST_HZ, log_tail, over_neighbours
+from slam.data_quality.lines import FEWEST, common_line
 
 Array = NDArray[np.float64]
 
@@ -41,30 +40,12 @@ class Vibration:
 
 def vibration_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> Vibration | None:
     """Return the least probable line of all channels, or None."""
-    found = [v for channel in range(len(CHANNELS)) if (v := _line(channel, records, passes)) is not None]
+    found = []
+    for channel, name in enumerate(CHANNELS):
+        series = [_white(channel, record, run) for record, run in zip(records, passes, strict=True)]
+        if (line := common_line(series)) is not None:
+            found.append(Vibration(name, *line))
     return min(found, key=lambda v: v.log_chance, default=None)
-
-
-def _line(channel: int, records: Sequence[Record], passes: Sequence[FilterPass]) -> Vibration | None:
-    """Return the line of one channel over all flights, or None."""
-    series = [_white(channel, record, run) for record, run in zip(records, passes, strict=True)]
-    series = [(white, step_s) for white, step_s in series if len(white) >= FEWEST]
-    if not series:
-        return None
-    # Flights that sample a little faster or slower than others have their line in the same bin.
-    longest_s = max(len(white) * step_s for white, step_s in series)
-    shares = [
-        over_neighbours(np.abs(np.fft.rfft(white, round(longest_s / step_s))) ** 2)
-        for white, step_s in series
-    ]
-    bins = min(map(len, shares))
-    total = np.sum([share[:bins] for share in shares], axis=0)
-    frequency = np.arange(bins) / longest_s
-    log_chance = np.where(frequency > LOWEST_HZ, log_tail(total, len(series)), 0.0)
-    k = int(np.argmin(log_chance))
-    if log_chance[k] > LOG_CHANCE:
-        return None
-    return Vibration(CHANNELS[channel], float(frequency[k]), float(log_chance[k]))
 
 
 def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]:

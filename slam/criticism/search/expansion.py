@@ -42,18 +42,30 @@ than a term of the catalogue."""
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """Score test of one effect beside those already chosen."""
+    """Score test of one effect, or of two together, beside those already chosen."""
 
     effect: Effect
     nats: float
     z: float
+    partner: Effect | None = None
+    """The second of two effects that are tested together."""
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """All effects that are tested."""
+        return (self.effect,) if self.partner is None else (self.effect, self.partner)
+
+    @property
+    def cost(self) -> float:
+        """Cost of the parameters in nats."""
+        return sum(parameter_cost(len(e.columns)) for e in self.effects)
 
     @property
     def worth(self) -> float:
         """Nats less the cost of the parameters. An effect that is no term counts less, as it names no
         reason."""
-        share = 1.0 if self.effect.is_term else NAMED_FIRST
-        return share * self.nats - parameter_cost(len(self.effect.columns))
+        share = 1.0 if all(e.is_term for e in self.effects) else NAMED_FIRST
+        return share * self.nats - self.cost
 
 
 @dataclass(frozen=True)
@@ -79,17 +91,22 @@ class LikelihoodExpansion:
         """Return the quadratic likelihood of some segments of the flights alone."""
         return self.quadratic.over(self.fisher, segments)
 
-    def score_tests(self, chosen: Sequence[Effect], among: Sequence[Effect]) -> list[ScoreTest]:
-        """Return score tests of effects beside the chosen ones, greatest nats after their cost first."""
+    def score_tests(
+        self, chosen: Sequence[Effect], among: Sequence[Effect | tuple[Effect, Effect]]
+    ) -> list[ScoreTest]:
+        """Return score tests of effects, or of two together, beside the chosen ones, greatest nats after
+        their cost first."""
         base = self.quadratic.maximise(chosen).nats
         found = []
-        for effect in among:
-            if any(effect.repeats(c) for c in chosen):
+        for tested in among:
+            effects = tested if isinstance(tested, tuple) else (tested,)
+            if any(e.repeats(c) for e in effects for c in chosen):
                 continue
-            maximum = self.quadratic.maximise([*chosen, effect])
-            nats = 0.0 if backwards(effect, self, maximum) else max(maximum.nats - base, 0.0)
-            found.append(ScoreTest(effect, nats, self.quadratic.z(effect, maximum, nats)))
-        return sorted(found, key=lambda s: parameter_cost(len(s.effect.columns)) - s.nats)
+            maximum = self.quadratic.maximise([*chosen, *effects])
+            wrong = any(backwards(e, self, maximum) for e in effects)
+            nats = 0.0 if wrong else max(maximum.nats - base, 0.0)
+            found.append(ScoreTest(effects[0], nats, self.quadratic.z(effects, maximum, nats), *effects[1:]))
+        return sorted(found, key=lambda s: s.cost - s.nats)
 
 
 def expand(

@@ -7,6 +7,7 @@ instruments. A nuisance has a healthy range, and is never reported as a cause wh
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import exp, inf, log, sqrt
@@ -210,6 +211,17 @@ _SPECIAL = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS, *GAIN_NUISANCES)}
 }  # fmt: skip
 _STEPS = {"control_latency.T": 2e-3, "clock_drift.ppm": 2e-5}
 _FACTORS = {"clock_drift.ppm": 1e6}
+
+
+def with_steps(
+    parameters: FilterParameters, steps: Iterable[tuple[str, float]], bounded: bool = False
+) -> FilterParameters:
+    """Return the filter parameters after a step of each named column, within the limits of the equations;
+    each is cut to the longest step if ``bounded``."""
+    for name, step in steps:
+        fitted = fitted_parameter(name)
+        parameters = fitted.stepped(parameters, fitted.bounded(step, parameters) if bounded else step)
+    return parameters
 
 
 @lru_cache(maxsize=256)

@@ -153,15 +153,16 @@ class QuadraticLikelihood:
             robust = self.clusters.scatter(free, whole, covariance, 1 if alone else len(free))
         return Maximum(nats, free, step, robust, whole, covariance)
 
-    def z(self, effect: Effect, maximum: Maximum, nats: float) -> float:
-        """Return the normal deviate of an effect that explains ``nats``; with clusters, of its sizes by their
-        robust covariance and the effect's tolerance."""
+    def z(self, effects: Sequence[Effect], maximum: Maximum, nats: float) -> float:
+        """Return the normal deviate of effects that explain ``nats`` together; with clusters, of their sizes
+        by their robust covariance and the effects' tolerances."""
+        columns = [c for e in effects for c in e.columns]
         if self.clusters is None or nats == 0.0:
-            return deviate(2 * nats, len(effect.columns))
+            return deviate(2 * nats, len(columns))
         # The differences between segments are what a variance consists of: none means no variance.
-        white = all(map(is_variance, effect.perturbations))
-        size, covariance = maximum.of(self.index(effect.columns), white)
-        spread = covariance + effect.tolerance**2 * np.eye(len(size))
+        white = all(is_variance(d) for e in effects for d in e.perturbations)
+        size, covariance = maximum.of(self.index(columns), white)
+        spread = covariance + np.diag([e.tolerance**2 for e in effects for _ in e.columns])
         return float(np.sqrt(max(float(size @ np.linalg.solve(spread, size)) - (len(size) - 1), 0.0)))
 
     def nats(self, effects: Sequence[Effect], beside: Sequence[Effect]) -> float:

@@ -19,7 +19,7 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
-from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.fitted_parameters import with_steps
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import SIZE_PRIOR
 
@@ -158,14 +158,13 @@ def _prior_std(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dic
 
 def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> FilterParameters:
     """Return the expansion's parameters after a step of all columns."""
-    parameters = expansion.parameters
     skip = {e.columns[0] for e in effects if e.is_profiled}
     # No filter parameters hold a pattern.
     skip |= {d.name for e in effects for d in e.perturbations if d.kind in PATTERN_KINDS}
-    for column, size in zip(expansion.fisher.columns, step, strict=True):
-        if size != 0.0 and column not in skip:
-            parameters = fitted_parameter(column).stepped(parameters, float(size))
-    return parameters
+    each = zip(expansion.fisher.columns, step.tolist(), strict=True)
+    return with_steps(
+        expansion.parameters, ((column, x) for column, x in each if x != 0.0 and column not in skip)
+    )
 
 
 def fitted_parameters(found: SearchResult, effects: Sequence[Effect]) -> FilterParameters:

@@ -228,7 +228,7 @@ def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, st
     return None
 
 
-def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Effect]]:
+def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...]]:
     """Return pairs of terms that seem more probable in place of a chosen one, from the healthy vehicle or the
     final parameters.
 
@@ -248,7 +248,7 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Eff
             and best.worth - dearer > own.worth
             and (expansion is found.last or own.z < LINEAR_Z)
         ):
-            pairs.append(best.terms)
+            pairs.append(best.effects)
     return pairs
 
 

@@ -20,7 +20,12 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, FittedParameter, fitted_parameter
+from slam.criticism.search.fitted_parameters import (
+    MEAN_NUISANCES,
+    FittedParameter,
+    fitted_parameter,
+    with_steps,
+)
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
@@ -277,7 +282,8 @@ class _Rollouts:
         parameters, damping, left = start, DAMPING, self._left(start)
         slope = self._slopes(parameters, columns, h, left)
         for _ in self._rounds.each(range(ROUNDS)):
-            trial = _stepped(parameters, columns, h * _solved(slope, left, damping))
+            step = h * _solved(slope, left, damping)
+            trial = with_steps(parameters, zip(columns, step.tolist(), strict=True), bounded=True)
             now = self._left(trial)
             if _squares(now) < _squares(left):
                 gained = 1.0 - _squares(now) / _squares(left)
@@ -291,7 +297,9 @@ class _Rollouts:
         for k in range(len(self._records)):
             others = [j for j in range(len(left)) if j != k]
             apart.append(h * _solved([slope[j] for j in others], [left[j] for j in others], DAMPING))
-        fitted_by_others = [_stepped(parameters, columns, step) for step in apart]
+        fitted_by_others = [
+            with_steps(parameters, zip(columns, step.tolist(), strict=True), bounded=True) for step in apart
+        ]
         residuals = [
             [_squares([c]) for c in self._by_channel(k, by_others)]
             for k, by_others in enumerate(fitted_by_others)
@@ -304,13 +312,6 @@ def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Ar
     slopes, residuals = np.concatenate(slope), np.concatenate(left)
     a, b = slopes.T @ slopes, slopes.T @ residuals
     return np.asarray(-np.linalg.solve(a + damping * np.diag(np.diag(a)) + RIDGE * np.eye(len(a)), b))
-
-
-def _stepped(parameters: FilterParameters, columns: Sequence[str], step: Array) -> FilterParameters:
-    for column, size in zip(columns, step.tolist(), strict=True):
-        fitted = fitted_parameter(column)
-        parameters = fitted.stepped(parameters, fitted.bounded(size, parameters))
-    return parameters
 
 
 def _squares(parts: Sequence[Array]) -> float:

@@ -12,7 +12,7 @@ from dataclasses import replace
 from slam.core.names import enumerated
 from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
-from slam.criticism.verdict.tables import within_reach
+from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
 
 FAIR_SHARE = 0.9
@@ -41,10 +41,10 @@ _WHAT_TO_DO: Mapping[Verdict, str] = {
 """Verdict on flights that can be judged -> what their pilot should do."""
 
 
-def with_sentences(found: Criticism, more: Sequence[str] = ()) -> Criticism:
-    """Return the criticism with its headline and its details, ``more`` lines among them."""
+def with_sentences(found: Criticism) -> Criticism:
+    """Return the criticism with its headline and its details, the lines that it has already among them."""
     what_next = f"What to do next: {_WHAT_TO_DO[found.verdict]}"
-    return replace(found, sentence=headline(found), details=(*details(found), *more, what_next))
+    return replace(found, sentence=headline(found), details=(*details(found), *found.details, what_next))
 
 
 def headline(found: Criticism) -> str:

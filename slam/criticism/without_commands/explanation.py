@@ -12,26 +12,39 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
+from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause, ChannelError
+from slam.criticism.extended import with_certainty, with_terms
+from slam.criticism.next_flight import next_motion
+from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
 from slam.criticism.verdict.consistency import varying_sizes
 from slam.criticism.verdict.covariate import Covariate, covariate_of
-from slam.criticism.verdict.decision import CONFIRMED_NATS
-from slam.criticism.verdict.explanation import Explanation
+from slam.criticism.verdict.criticism import Criticism
+from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out
+from slam.criticism.verdict.judge import Explanation, JudgedCauses
 from slam.criticism.verdict.posterior import posterior_of
-from slam.criticism.without_commands.likelihood import Sizes, likelihood_of, table_of
+from slam.criticism.without_commands.likelihood import Sizes, likelihood_of, sizes_by_others, table_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
+from slam.criticism.without_commands.unexplained import (
+    axes_of,
+    left_over_in_comparisons,
+    noise_of,
+    not_shown,
+)
 from slam.criticism.without_commands.whitened_rows import NODE_S, Averages, WhitenedRows
+from slam.data_quality import StreamAnomaly
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
 
@@ -43,6 +56,11 @@ STANDS_OUT = (
     "reaches 3.8"
 )
 """``python -m slam.criticism.calibrate 150 9000 --without-commands``."""
+NO_COMMANDS = (
+    "no command log: the inputs of the vehicle are not known; its instruments are compared with each other "
+    "and its motion is not judged"
+)
+NOT_JUDGED = "No command log: the vehicle's motion is not judged."
 LIMITS = Thresholds(STANDS_OUT_Z, np.inf, STANDS_OUT_Z, np.inf, STANDS_OUT)
 MOST = 5
 ROUNDS = 2
@@ -50,16 +68,79 @@ ROUNDS = 2
 
 @dataclass(frozen=True)
 class ComparedFlights:
-    """Flights whose instruments were compared with each other."""
+    """Evidence of flights whose instruments were compared with each other."""
 
+    flights: Sequence[Flight]
     sensors: SensorComparison
     rows: list[list[WhitenedRows]]
     """Rows of each flight, linear about the effects that were found."""
+    explanation: Explanation
+    readings: Sequence[StreamAnomaly]
+    """Anomalies of whole streams."""
+    model: Model
+    """The nominal model."""
+    progress: Progress
+
+    @property
+    def limits(self) -> Thresholds:
+        """Thresholds of the score tests."""
+        return LIMITS
+
+    @property
+    def anomalies(self) -> Sequence[ReadingAnomaly]:
+        """Anomalies of single readings."""
+        return self.sensors.anomalies
+
+    @cached_property
+    def _axes(self) -> tuple[list[str], list[str]]:
+        """Descriptions of wrong axes, and of those that no flight shows."""
+        return axes_of(self.flights)
+
+    def causes(self) -> tuple[Cause, ...]:
+        """Return the chosen terms as causes, with the errors without them and with the sizes that the other
+        parts give."""
+        found = self.explanation.found
+        if not any(e.is_term for e in found.chosen):
+            return ()
+        together = held_out((), found)
+        errors = channel_errors(self.rows, sizes_by_others(found, self.rows), together.by)
+        each = zip(np.unique(found.last.fisher.flight), together.before, together.after, strict=True)
+        seen = [(known, *of) for k, *of in each if (known := self.sensors.records[k]) is not None]
+        errors += reprojection_errors(*zip(*seen, strict=True)) if seen else ()
+        causes = causes_of(found, self.explanation.posterior, together, errors)
+        return tuple(with_varying_sizes(cause, found) for cause in causes)
+
+    def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
+        """Describe what no cause explains, residual patterns excepted."""
+        left = left_over_in_comparisons(self.explanation.found, self.rows)
+        unclear = [f"what looks like {cause.name} is something else" for cause in judged.faint]
+        return [*self._axes[0], *(r.words for r in self.readings), *left, *unclear]
+
+    def completed(self, found: Criticism) -> Criticism:
+        """Return the criticism with the next flight, the extended model, and what the flights could not
+        show."""
+        searched, rivals = self.explanation.found, found.equivalence_set[:2]
+        advised = ""
+        if rivals[1:]:
+            matches = self.sensors.matches
+            advised = next_motion(self.model, searched, self.rows, rivals, matches, self.progress)
+        hidden = not_shown(searched, self.rows, self._axes[1], found.detectable, LIMITS.effects)
+        drawn = (covariate_in_comparisons(self.rows, searched, c) for c in found.causes[:1])
+        return replace(
+            found,
+            next_flight=advised,
+            covariate=next(drawn, None),
+            extended=with_certainty(with_terms(self.model, found.causes), found.causes),
+            flights=tuple(f.name for f, known in zip(self.flights, self.rows, strict=True) if known),
+            details=(*noise_of(self.flights), *hidden),
+            dropped=(*self.sensors.dropped, NO_COMMANDS),
+            limits=NOT_JUDGED,
+        )
 
 
 def explain_comparisons(
-    flights: Sequence[Flight], model: Model, progress: Progress = silent
-) -> tuple[ComparedFlights, Explanation] | None:
+    flights: Sequence[Flight], readings: Sequence[StreamAnomaly], model: Model, progress: Progress = silent
+) -> ComparedFlights | None:
     """Return the comparisons and the effects that explain them; None where no two instruments of the flights
     can be compared.
 
@@ -73,9 +154,8 @@ def explain_comparisons(
     for _ in range(ROUNDS if sensors.matches is not None and found.chosen else 0):
         rows = sensors.rows(found.last.quadratic.sizes(found.chosen))
         found = search_linear(likelihood_of(rows, sensors.parameters))
-    return ComparedFlights(sensors, rows), Explanation(
-        found, sensors.parameters, posterior_of(found), {}, None
-    )
+    explanation = Explanation(found, sensors.parameters, posterior_of(found), {}, None)
+    return ComparedFlights(flights, sensors, rows, explanation, readings, model, progress)
 
 
 def search_linear(found: SearchResult) -> SearchResult:

@@ -20,7 +20,7 @@ from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, FilterParame
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import is_variance
-from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.fitted_parameters import with_steps
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.without_commands.likelihood import (
     PATTERNS,
@@ -64,7 +64,7 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
     point = _point(sizes)
     at = np.array([point.get(name, 0.0) for name in names])
     made = []
-    for segment in _segments(record, _with_errors(parameters, point), perturbations):
+    for segment in _segments(record, with_steps(parameters, point.items()), perturbations):
         information = segment.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
         over = np.sqrt(_misfit(segment.seen, information))
         root, white = _roots(*_without_healthy(information, segment.seen.score, len(names)))
@@ -106,12 +106,6 @@ def _point(sizes: Sizes) -> Sizes:
     """Return the sizes that filter parameters can hold: those of no pattern, and no variance below 0."""
     known = [n for n in picture_columns() if n in sizes and n not in PATTERNS]
     return {n: max(sizes[n], 0.0) if is_variance(direction(n)) else sizes[n] for n in known}
-
-
-def _with_errors(parameters: FilterParameters, sizes: Sizes) -> FilterParameters:
-    for name, size in sizes.items():
-        parameters = fitted_parameter(name).stepped(parameters, size)
-    return parameters
 
 
 def _misfit(seen: LikelihoodScore, information: Array) -> float:

@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,10 @@ from slam.cli import app
 from slam.cli.output_folder import EVALUATE_NAMES, MAP_MCAP, OPTIMIZE_NAMES
 from slam.cli.results import write_summary_and_report
 from slam.io.atomic import locked
+from slam.io.flight_folder import write_flight
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
+from slam.simulation.model import load_model
 from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 
 RECIPE = """name = "tiny"
@@ -112,6 +117,17 @@ def test_info_shows_the_streams(flight, monkeypatch):
     for stream in ("cam0", "imu0", "sonar0", "attitude0"):
         assert stream in result.stdout
     assert "no GPS" in result.stdout
+
+
+def test_info_tells_that_commands_are_on_another_clock(tmp_path, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    plan = stick_for(["pulse of 1 s forward at 0.25 and coast", "steps of 0.25 to 0.10 and 0.25 to -0.15"])
+    flown = simulate_flight(load_model("nominal"), plan, 1)
+    late = replace(flown.command, stamps_s=flown.command.stamps_s - 2.0)
+    for name, command in (("sound", flown.command), ("late", late)):
+        write_flight(replace(flown, command=command), tmp_path / name)
+        told = "the vehicle answers 2.0 s after its commands" in run("info", tmp_path / name).stdout
+        assert told == (name == "late")
 
 
 def test_optimize_writes_every_file(done):

@@ -58,7 +58,7 @@ def case(seed, student=False, colour=(0.0, 0.0), **terms):
 def dragging():
     """Flights, the verdict, and what its covariate was drawn of."""
     flights = case(3, quadratic_drag={"c": 0.15})
-    with mock.patch("slam.criticism.verdict.judge.covariate", wraps=covariate) as drawn:
+    with mock.patch("slam.criticism.verdict.commanded_flights.covariate", wraps=covariate) as drawn:
         return flights, criticise(flights), drawn.call_args.args
 
 

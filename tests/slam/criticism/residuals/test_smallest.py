@@ -18,7 +18,7 @@ from slam.criticism.residuals.reading_anomalies import (
     without_dead_zone,
 )
 from slam.criticism.search.expansion import expand
-from slam.criticism.verdict.tables import detectable
+from slam.criticism.verdict.power import detectable
 from slam.data_quality.lost_pictures import LOST_NATS, LostPictures
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

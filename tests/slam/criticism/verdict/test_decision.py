@@ -21,6 +21,7 @@ from slam.criticism.verdict.decision import (
     is_unknown,
     split_by_probability,
 )
+from slam.criticism.verdict.judge import ranking
 from slam.criticism.verdict.posterior import (
     NOTHING,
     SOMETHING_ELSE,
@@ -29,7 +30,6 @@ from slam.criticism.verdict.posterior import (
     posterior_of,
     probabilities,
 )
-from slam.criticism.verdict.tables import ranking
 from slam.simulation.terms import CATALOGUE
 
 ODD = Effect("vehicle.drag_1_s out of range", relaxes=("vehicle.drag_1_s",))

@@ -10,8 +10,8 @@ import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
+from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.sentence import details, headline, unusable, with_sentences
-from slam.criticism.verdict.tables import within_reach
 from slam.simulation.terms import CATALOGUE
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)

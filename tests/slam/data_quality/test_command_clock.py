@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam.criticism.command_clock import clock_error
 from slam.criticism.flight_checks import usable_records
-from slam.criticism.kalman.record import record_of
+from slam.data_quality.command_clock import clock_error
 from slam.io.flight_folder import read_flight
 from slam.simulation.healthy.flights import draw_plan, draw_vehicle, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -37,7 +36,7 @@ def test_a_log_that_is_seconds_off_is_seen_and_measured(late_s, by):
     flight = flight_with(3)
     if by == "gyro":
         flight = replace(flight, attitude=None)
-    found = clock_error(record_of(logged(flight, late_s)))
+    found = clock_error(logged(flight, late_s))
     assert found is not None
     assert found.at_s is None
     assert found.late_s == pytest.approx(late_s, abs=0.1)
@@ -50,7 +49,7 @@ def test_one_late_burst_is_seen_where_it_is():
     stamps[burst] -= 1.5
     kept = np.argsort(stamps, kind="stable")
     command = replace(flight.command, stamps_s=stamps[kept], stick=flight.command.stick[kept])
-    found = clock_error(record_of(replace(flight, command=command)))
+    found = clock_error(replace(flight, command=command))
     assert found is not None
     assert found.at_s is not None
     assert 4.0 < found.at_s < 17.0
@@ -69,8 +68,8 @@ def test_one_late_burst_is_seen_where_it_is():
 def test_no_effect_of_the_catalogue_passes_for_it(term, size):
     for seed in (5, 6):
         flight = flight_with(seed, term, **size)
-        assert clock_error(record_of(flight)) is None
-        assert clock_error(record_of(replace(flight, attitude=None))) is None
+        assert clock_error(flight) is None
+        assert clock_error(replace(flight, attitude=None)) is None
 
 
 def test_such_a_flight_is_left_out_with_the_reason_and_the_others_are_judged():
@@ -83,7 +82,7 @@ def test_such_a_flight_is_left_out_with_the_reason_and_the_others_are_judged():
 @pytest.mark.skipif("SLAM_DATA" not in os.environ, reason="measured flights: set SLAM_DATA")
 def test_measured_pulses_with_late_stamps_are_distinguished_from_those_without():
     home = Path(os.environ["SLAM_DATA"]) / "flights" / "ardrone-pulses"
-    found = {p.name: clock_error(record_of(read_flight(p))) for p in sorted(home.iterdir())}
+    found = {p.name: clock_error(read_flight(p)) for p in sorted(home.iterdir())}
     late = {name: answer.late_s for name, answer in found.items() if answer is not None}
     # The recording's own notes: 0.9 to 1.05, 1.6, 3.06, 2.05 and 1.92 s, build-up not included.
     assert late == pytest.approx(

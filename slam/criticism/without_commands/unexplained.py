@@ -1,75 +1,29 @@
-"""Findings that no cause explains, in words, and errors that flights without commands could not show.
+"""Findings in comparisons that no cause explains, in words, and errors that these flights could not show.
 
-Findings without commands belong to no term: wrong axes, frozen, rounded or oscillating streams, an onset, a
-delay. Each is reported with its channel, its shape, its time and its size.
+They belong to no term: wrong axes, an onset, a delay. Each is reported with its channel, its shape, its time
+and its size.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.criticism.cause import Cause
-from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
 from slam.criticism.search.effects import LATE
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.consistency import FEWEST_SEGMENTS, ONSET_SEGMENT_S, disagreements, onset
-from slam.criticism.verdict.rollout_fit import RolloutFit
-from slam.criticism.verdict.tables import NINE_OF_TEN
+from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.axes import wrong_axes
 from slam.criticism.without_commands.likelihood import columns_of, fisher_of, segments_of
 from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
-from slam.data_quality import StreamAnomaly
 from slam.data_quality.channels import noise_ratio, streams_of
 
 NOISY = 3.0
 """Least ratio of noise to the stated figure that is reported: half an order of magnitude."""
 COULD_NOT = "These flights could not show"
-
-
-def left_over(
-    records: Sequence[Record],
-    found: SearchResult,
-    doubts: Mapping[str, str],
-    best: RolloutFit | None,
-    judged: tuple[Sequence[Cause], Sequence[Cause]],
-) -> list[str]:
-    """Describe what no cause explains, residual patterns excepted.
-
-    ``doubts``: cause -> description of what contradicts it. ``judged``: the causes that are reported, and
-    those that are too faint.
-    """
-    reported, faint = ({c.name for c in causes} for causes in judged)
-    passes = found.last.fisher.passes
-    vibration, uneven = vibration_of(records, passes), uneven_of(records)
-    return [
-        *(f"{n if n in reported else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
-        *(best.unhealthy if best is not None else ()),
-        *([str(vibration)] if vibration else []),
-        *([uneven] if uneven else []),
-        *(f"what looks like {name} is something else" for name in faint if name not in doubts),
-        *outliers_of(records, passes),
-    ]
-
-
-def untold(readings: Sequence[StreamAnomaly]) -> list[str]:
-    """Describe the anomalies of streams that neither a term nor the innovations show: frozen readings, and
-    rounded ones apart from ranges."""
-    return [r.words for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar")]
-
-
-def nearest_term(found: SearchResult, threshold: float) -> list[str]:
-    """Describe the term with the greatest score test on the healthy vehicle, if it reaches half the
-    threshold."""
-    known = [s for s in found.first.score_tests([], found.first.effects) if s.effect.is_term]
-    best = max(known, key=lambda s: s.z, default=None)
-    if best is None or best.z < 0.5 * threshold:
-        return []
-    return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are required"]
 
 
 def axes_of(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:

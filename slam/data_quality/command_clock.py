@@ -12,15 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from slam.criticism.kalman.readings import ATTITUDE, IMU
-from slam.criticism.kalman.record import Record
+from slam.core.flight import Flight
+from slam.data_quality.channels import streams_of
+from slam.data_quality.commands import has_commands
 from slam.data_quality.dead_streams import FEWEST_READINGS
+from slam.simulation.stick import Stick, stick_of
 
 Array = NDArray[np.float64]
 
 GRID_S = 0.02
 REACH_S = 5.0
 """Greatest delay or lead at which a response is sought."""
+LONGEST_GAP_S = 5.0
+"""The flight is compared up to the first longer gap between readings."""
 EARLIEST_S, LATEST_S = -0.3, 0.8
 """Plausible range of a response: latency, lag, and the scatter of stamps."""
 WINDOW_S, HOP_S = 6.0, 2.0
@@ -54,34 +58,51 @@ class ClockError:
         )
 
 
-def clock_error(record: Record) -> ClockError | None:
+def clock_error(flight: Flight) -> ClockError | None:
     """Return the clearest response at an implausible time, or None.
 
     Tilts are compared, read by the attitude or else by the gyro. The whole flight is tested first, then
-    windows.
+    windows. Flights without commands or readings have no response.
     """
-    times_s = np.arange(record.times_s[0], record.times_s[-1], GRID_S)
+    stamps_s = _stamps_s(flight)
+    if flight.command is None or not has_commands(flight) or len(stamps_s) == 0:
+        return None
+    times_s = np.arange(stamps_s[0], stamps_s[-1], GRID_S)
     if len(times_s) < 2:
         return None
-    answers = _answers(record, times_s)
+    answers = _answers(flight, stick_of(flight.command, float(stamps_s[-1])), times_s)
     found = [error for pair in answers for error in _implausible(*pair, ALIKE, None)]
     found = found or [error for pair in answers for error in _in_windows(*pair)]
     return max(found, key=lambda f: f[0], default=(0.0, None))[1]
 
 
-def _answers(record: Record, times_s: Array) -> list[tuple[Array, Array]]:
-    """Return pairs of demanded and measured tilt on one grid. The measured one is extended by ``REACH_S`` at
-    both ends."""
-    stick = record.stick.mean(times_s, times_s + GRID_S)[:, :2]
+def _stamps_s(flight: Flight) -> Array:
+    """Return the increasing stamps of all readings up to the first long gap."""
+    finite = (stream.stamps_s[np.isfinite(stream.values).any(axis=1)] for stream in streams_of(flight))
+    stamps_s = np.sort(np.concatenate([np.zeros(0), *finite]))
+    gaps = np.flatnonzero(np.diff(stamps_s) > LONGEST_GAP_S)
+    return stamps_s[: int(gaps[0]) + 1] if len(gaps) else stamps_s
+
+
+def _answers(flight: Flight, stick: Stick, times_s: Array) -> list[tuple[Array, Array]]:
+    """Return pairs of demanded and measured tilt, or else its rate, on one grid. The measured one is extended
+    by ``REACH_S`` at both ends."""
+    asked = stick.mean(times_s, times_s + GRID_S)[:, :2]
     decay = float(np.exp(-GRID_S / TILT_LAG_S))
-    tilt = lfilter([1.0 - decay], [1.0, -decay], stick, axis=0)
+    tilt = lfilter([1.0 - decay], [1.0, -decay], asked, axis=0)
+    read_by: list[tuple[Array, Array, Array]] = []
+    if (attitude := flight.attitude) is not None:
+        read_by.append((attitude.stamps_s, attitude.roll_pitch_yaw_rad, tilt))
+    if (imu := flight.imu) is not None:
+        gyro = np.where(np.isfinite(imu.gyro_rad_s), imu.gyro_rad_s, np.nan) @ imu.b_T_s[:3, :3].T
+        read_by.append((imu.stamps_s, gyro, np.gradient(tilt, GRID_S, axis=0)))
     pairs = []
     for axis, column, sign in ((0, 1, 1.0), (1, 0, -1.0)):
-        for kind, asked in ((ATTITUDE, tilt[:, axis]), (IMU, np.gradient(tilt[:, axis], GRID_S))):
-            rows = (record.kinds == kind) & np.isfinite(record.values[:, column])
+        for stamps_s, values, demanded in read_by:
+            rows = np.isfinite(values[:, column]) & (stamps_s <= times_s[-1] + GRID_S)
             if rows.sum() >= FEWEST_READINGS:
-                read = np.interp(times_s, record.times_s[rows], record.values[rows, column])
-                pairs.append((sign * asked, np.pad(read, round(REACH_S / GRID_S), mode="edge")))
+                read = np.interp(times_s, stamps_s[rows], values[rows, column])
+                pairs.append((sign * demanded[:, axis], np.pad(read, round(REACH_S / GRID_S), mode="edge")))
                 break
     return [pair for pair in pairs if np.ptp(pair[0]) > 0.0]
 

@@ -1,0 +1,243 @@
+"""Evidence of flights with command logs: roll-outs of the causes, what is left over, and the next flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtr
+
+from slam.core.progress import Progress, Tally
+from slam.criticism.cause import Cause, Interval
+from slam.criticism.extended import extended_with_causes, with_certainty
+from slam.criticism.flight_checks import untested_reasons
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
+from slam.criticism.kalman.record import Record
+from slam.criticism.next_flight import next_flight
+from slam.criticism.prepare import PreparedFlights
+from slam.criticism.residuals.reading_anomalies import (
+    ReadingAnomaly,
+    reading_anomalies,
+    smallest_in_readings,
+)
+from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
+from slam.criticism.search.correlated_noise import lag_one_correlation
+from slam.criticism.search.expansion import LikelihoodExpansion
+from slam.criticism.search.fitted_parameters import NUISANCES
+from slam.criticism.search.search import SearchResult
+from slam.criticism.search.thresholds import Thresholds
+from slam.criticism.verdict.consistency import contradictions
+from slam.criticism.verdict.covariate import covariate
+from slam.criticism.verdict.criticism import ChannelCheck, Criticism
+from slam.criticism.verdict.decision import (
+    causes_of,
+    confirmed_terms,
+    errors_of,
+    rollout_probability,
+)
+from slam.criticism.verdict.held_out import HeldOut, fitted_parameters, held_out
+from slam.criticism.verdict.judge import Explanation, JudgedCauses
+from slam.criticism.verdict.posterior import likeliest, posterior_of
+from slam.criticism.verdict.power import within_reach
+from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
+from slam.criticism.verdict.sentence import unusable
+from slam.data_quality import StreamAnomaly
+from slam.simulation.model import Model
+
+TENTHS = 10
+FEWEST_SHOWN = 5
+"""Least number of effects that flights must be able to show: a tenth."""
+
+
+def explain(found: SearchResult, progress: Progress) -> Explanation:
+    """Compare what was found with all alternatives, and return what is more probable than these."""
+    records, nominal = found.records, found.model
+    found = confirmed_terms(records, found)
+    posterior = posterior_of(found)
+    reported = likeliest(records, found, posterior)
+    parameters = fitted_parameters(reported, reported.chosen)
+    doubts, refuted = contradictions(records, nominal, reported, parameters)
+    if refuted:
+        reported = replace(reported, chosen=tuple(e for e in reported.chosen if e.name not in refuted))
+        parameters = fitted_parameters(reported, reported.chosen)
+    best = None
+    if nominal.out_of_model and reported.chosen and len(records) > 1:
+        best = fit_rollouts(records, parameters, reported.first.parameters, reported, progress)
+        reported, parameters = replace(reported, chosen=best.chosen), best.parameters
+    if reported is not found:
+        posterior = posterior_of(reported)
+    if best is not None:
+        known = {e.name: rollout_probability(best, e) for e in reported.chosen}
+        posterior = posterior.raised(known, reported.rivals)
+    return Explanation(reported, parameters, posterior, doubts, best)
+
+
+@dataclass(frozen=True)
+class CommandedFlights:
+    """Flights with command logs, and their explanation."""
+
+    prepared: PreparedFlights
+    explanation: Explanation
+    readings: Sequence[StreamAnomaly]
+    """Anomalies of whole streams."""
+    model: Model
+    """The nominal model."""
+    progress: Progress
+
+    @property
+    def limits(self) -> Thresholds:
+        """Thresholds of the score tests."""
+        return self.prepared.limits
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The flights as expanded."""
+        return self.explanation.found.records
+
+    @cached_property
+    def anomalies(self) -> Sequence[ReadingAnomaly]:
+        """Anomalies of single readings."""
+        passes = self.explanation.found.last.fisher.passes
+        return [*self.prepared.anomalies, *reading_anomalies(self.records, passes)]
+
+    @cached_property
+    def _together(self) -> HeldOut | None:
+        """Gain of all chosen terms on held-out flights; None without any."""
+        found = self.explanation.found
+        return held_out(self.records, found) if any(e.is_term for e in found.chosen) else None
+
+    @cached_property
+    def _rolled_out(self) -> Tally:
+        return Tally(self.progress, "roll out", 2)
+
+    def causes(self) -> tuple[Cause, ...]:
+        """Return the chosen terms of the catalogue as causes."""
+        found, posterior, best = self.explanation.found, self.explanation.posterior, self.explanation.best
+        with self._rolled_out.part():
+            if self._together is None:
+                return ()
+            return causes_of(found, posterior, self._together, errors_of(found, self._together, best), best)
+
+    def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
+        """Describe what no cause explains, residual patterns excepted."""
+        reported, faint = {c.name for c in judged.reported}, {c.name for c in judged.faint}
+        doubts, best = self.explanation.doubts, self.explanation.best
+        passes = self.explanation.found.last.fisher.passes
+        vibration, uneven = vibration_of(self.records, passes), uneven_of(self.records)
+        return [
+            *_untold(self.readings),
+            *(f"{n if n in reported else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
+            *(best.unhealthy if best is not None else ()),
+            *([str(vibration)] if vibration else []),
+            *([uneven] if uneven else []),
+            *(f"what looks like {name} is something else" for name in faint if name not in doubts),
+            *outliers_of(self.records, passes),
+        ]
+
+    def completed(self, found: Criticism) -> Criticism:
+        """Return the criticism with the next flight, the extended model and tables; ``unusable`` where these
+        flights could have shown next to nothing."""
+        shown = list(within_reach(found.detectable))
+        found = replace(found, flights=tuple(record.name for record in self.records))
+        if found.verdict == "nothing_wrong" and len(shown) < FEWEST_SHOWN:
+            reasons = untested_reasons(self.records, shown)
+            return replace(
+                unusable(reasons, self.prepared.dropped, "Fly longer, or record more."), model=found.model,
+                flights=found.flights, detectable=found.detectable, threshold=found.threshold,
+                threshold_means=found.threshold_means,
+            )  # fmt: skip
+        searched, parameters = self.explanation.found, self.explanation.parameters
+        remainder = [found.remainder]
+        if found.verdict == "unknown" and not found.causes:
+            remainder += _nearest_term(searched, found.threshold)
+        with self._rolled_out.part():
+            drawn = [
+                covariate(self.records, parameters, searched, c.name, c.rival, c.z) for c in found.causes[:1]
+            ]
+        return replace(
+            found,
+            remainder="; ".join(part for part in remainder if part),
+            next_flight=next_flight(
+                self.records, self.model, searched, self.explanation.posterior, self.progress
+            ),
+            detectable=found.detectable | smallest_in_readings(self.records),
+            nuisances=_fitted_nuisances(searched, self.explanation.best),
+            noise_correlation=_noise_correlations(parameters),
+            checks=_checks(self.records, searched.last),
+            covariate=next(iter(drawn), None),
+            dropped=self.prepared.dropped,
+            extended=with_certainty(self._extended(found.causes, parameters), found.causes),
+            unseen=self._models_of_others(found.causes),
+        )
+
+    def _extended(self, causes: Sequence[Cause], parameters: FilterParameters) -> Model:
+        return extended_with_causes(causes, self.anomalies, self.model, parameters, self.records)
+
+    def _models_of_others(self, causes: Sequence[Cause]) -> dict[str, Model]:
+        """Return for each flight the model fitted on all others; empty where segments of flights were held
+        out."""
+        together, best = self._together, self.explanation.best
+        if together is None or together.by != "flight":
+            return {}
+        after = together.after if best is None else best.left_out
+        each = zip(self.records, after, strict=True)
+        return {record.name: self._extended(causes, parameters) for record, parameters in each}
+
+
+def _untold(readings: Sequence[StreamAnomaly]) -> list[str]:
+    """Describe the anomalies of streams that neither a term nor the innovations show: frozen readings, and
+    rounded ones apart from ranges."""
+    return [r.words for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar")]
+
+
+def _nearest_term(found: SearchResult, threshold: float) -> list[str]:
+    """Describe the term with the greatest score test on the healthy vehicle, if it reaches half the
+    threshold."""
+    known = [s for s in found.first.score_tests([], found.first.effects) if s.effect.is_term]
+    best = max(known, key=lambda s: s.z, default=None)
+    if best is None or best.z < 0.5 * threshold:
+        return []
+    return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are required"]
+
+
+def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:
+    """Return this vehicle's own constants with their 95 % intervals."""
+    expansion = found.last
+    maximum = expansion.quadratic.maximise(found.chosen)
+    step, covariance = maximum.of(expansion.quadratic.index(expansion.quadratic.names))
+    values: dict[str, Interval] = {}
+    for k, nuisance in enumerate(NUISANCES):
+        x, std = expansion.quadratic.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
+        if best is not None and nuisance.name in best.std:
+            x, std = nuisance.value_in(best.parameters), 1.96 * best.std[nuisance.name]
+        ends = [x, x - std, x + std]
+        if nuisance.form == "log":
+            ends = [float(np.exp(e)) for e in ends]
+        values[nuisance.name] = Interval(float(ends[0]), nuisance.unit, float(ends[1]), float(ends[2]))
+    return values
+
+
+def _checks(records: Sequence[Record], expansion: LikelihoodExpansion) -> tuple[ChannelCheck, ...]:
+    """Check that each channel's whitened innovations are white: mean square, lag-one correlation and
+    distribution (the probability integral transform, Dawid 1984)."""
+    correlation, _ = lag_one_correlation(records, expansion.fisher.passes)
+    found = []
+    for channel, name in enumerate(CHANNELS):
+        flights = zip(records, expansion.fisher.passes, strict=True)
+        each = [run.of_channel(record, channel) for record, run in flights]
+        white = np.concatenate([innovations[status == USED] for _, innovations, status in each])
+        if len(white) > 1:
+            square, next_one = float(np.mean(white**2)), float(correlation[channel])
+            tenths = np.histogram(ndtr(white), bins=TENTHS, range=(0.0, 1.0))[0] / len(white)
+            found.append(ChannelCheck(name, len(white), square, next_one, tuple(tenths.tolist())))
+    return tuple(found)
+
+
+def _noise_correlations(parameters: FilterParameters) -> dict[str, float]:
+    """Return the correlation of successive readings of each instrument that has one."""
+    each = zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True)
+    return {instrument: correlation for instrument, correlation in each if correlation > 0.0}
