@@ -19,6 +19,7 @@ from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight
 from slam.core.instrument_errors import InstrumentErrors
 from slam.mapping.calibration.antenna import antenna_m, antenna_place, antenna_untold_warning
+from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.calibration.barometer_errors import barometer_errors
 from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import (
@@ -26,6 +27,7 @@ from slam.mapping.calibration.clock_offset import (
     clock_errors,
     with_clock_error,
 )
+from slam.mapping.calibration.held_mount import held_mount_covariance, with_mount_error
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.calibration.lens import lens_numbers
 from slam.mapping.calibration.velocity_errors import velocity_errors, velocity_warning
@@ -190,12 +192,15 @@ def _attitude_assumed(shares: Mapping[str, float]) -> Mapping[str, float]:
 
 
 def _covariances(context: Context, map_: Map) -> Array:
-    """Return the covariances of the poses, with the error of a corrected clock."""
-    if context.clock is NO_CORRECTION:
-        return map_.covariances
-    camera_stamps_s = map_.observations.camera_stamps_s[map_.observations.frame_index]
-    std_s = context.clock.stds_at(camera_stamps_s)
-    return with_clock_error(map_.covariances, map_.w_T_b, map_.observations.stamps_s, std_s)
+    """Return the covariances of the poses, with the errors of a corrected clock and of a held mount."""
+    covariances, stamps_s = map_.covariances, map_.observations.stamps_s
+    if context.clock is not NO_CORRECTION:
+        std_s = context.clock.stds_at(map_.observations.camera_stamps_s[map_.observations.frame_index])
+        covariances = with_clock_error(covariances, map_.w_T_b, stamps_s, std_s)
+    if context.flight.parts or (map_.bundle is not None and map_.bundle.mount_std_rad > 0):
+        return covariances  # each part has a level of its own, and an estimated mount is counted
+    tilt = attitude_floor_tilt(context.flight, stamps_s, map_.of_main(map_.w_T_b))
+    return with_mount_error(covariances, map_.camera.b_T_c, held_mount_covariance(tilt, map_.inertial))
 
 
 def _antenna_covariances(map_: Map) -> Array | None:
