@@ -108,6 +108,7 @@ def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:
         cause = "its zero or the camera's mounting (T_BS) is off"
     return (
         f"attitude0 is tilted by {np.degrees(size):.1f}° against the floor seen in the pictures{where}: "
-        f"{cause}; the accuracy of roll and pitch counts that; the map assumes level ground: lengths along it "
-        "hold, but if it slopes, heights across it may be wrong; check the mounting with the vehicle level, and measure heights on the ground yourself"
+        f"{cause}; the accuracy of roll and pitch counts that; the map assumes level ground: lengths along "
+        "it hold, but if it slopes, heights across it may be wrong; check the mounting with the vehicle "
+        "level, and measure heights on the ground yourself"
     )

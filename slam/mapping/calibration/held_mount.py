@@ -1,9 +1,9 @@
 """How uncertain the mount of a camera is that is held at its nominal value.
 
-Pictures show how the camera leans against the floor, and not how the body does: a wrong mount turns all poses
-about the camera, and no residual shows it. What shows it are instruments that measure which way is up. Each has
-a zero of its own, so that the lean between such an instrument and the floor is the sum of the mount's error and
-the instrument's.
+Pictures show how the camera leans against the floor, and not how the body does: a wrong mount turns all
+poses about the camera, and no residual shows it. What shows it are instruments that measure which way is up.
+Each has a zero of its own, so that the lean between such an instrument and the floor is the sum of the
+mount's error and the instrument's.
 """
 
 from __future__ import annotations
@@ -43,16 +43,16 @@ def held_mount_covariance(tilt: AttitudeFloorTilt | None, by_inertia: Accelerome
         return np.zeros((2, 2))
     # The axis about which the body's up direction leans forward and left.
     axis = np.array([-left, forward]) / np.hypot(forward, left)
-    # With the variance s² of either error along each axis, the square of their sum is 4 s² on average. The share
-    # of one is half of the sum, and varies about it by s²/2 along each axis.
+    # With the variance s² of either error along each axis, the square of their sum is 4 s² on average. The
+    # share of one is half of the sum, and varies about it by s²/2 along each axis.
     return np.asarray(square * (np.outer(axis, axis) / 4 + np.eye(2) / 8))
 
 
 def with_mount_error(covariances: Array, b_T_c: Array, mount_covariance: Array) -> Array:
     """Return covariances (n, 6, 6) of body poses whose camera has an uncertain mount ``b_T_c`` (4, 4).
 
-    ``mount_covariance`` (2, 2) is that of its rotation about the body's x and y. The camera stays where it is,
-    and the body turns about it.
+    ``mount_covariance`` (2, 2) is that of its rotation about the body's x and y. The camera stays where it
+    is, and the body turns about it.
     """
     axes = np.eye(3)[:2]
     J = np.concatenate([axes.T, np.cross(b_T_c[:3, 3], axes).T])
