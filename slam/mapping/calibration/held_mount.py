@@ -56,4 +56,4 @@ def with_mount_error(covariances: Array, b_T_c: Array, mount_covariance: Array) 
     """
     axes = np.eye(3)[:2]
     J = np.concatenate([axes.T, np.cross(b_T_c[:3, 3], axes).T])
-    return covariances + J @ mount_covariance @ J.T
+    return np.asarray(covariances + J @ mount_covariance @ J.T)
