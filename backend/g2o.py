@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from backend import se3
 from backend.errors import BackendError, format_ranges
 from backend.pose_graph.graph import MAX_INFORMATION, EdgeRows, PoseGraph, repeated_edges, too_certain
+from backend.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -120,7 +121,8 @@ def _unlike_information(edge: _Block, information: Array) -> list[str]:
         return []
     line, times = edge.lines[stated[unlike[0]]], 10 ** (size[unlike[0]] - middle)
     return [
-        f"the information of {len(unlike)} edges is unlike that of the others by a factor of a thousand or"
+        f"the information of {counted(len(unlike), 'edge')} is unlike that of the others by a factor of a "
+        "thousand or"
         f" more (the first is in line {line}, {times:.2g} times the median); check it"
     ]
 
@@ -169,7 +171,9 @@ def _rows(
     if unknown:
         dropped["line of another kind"] += unknown.total()
         listed = ", ".join(f"{count} {tag}" for tag, count in unknown.most_common(5))
-        warnings.append(f"{unknown.total()} lines of kinds that are not used here were skipped: {listed}")
+        warnings.append(
+            f"{counted(unknown.total(), 'line')} of kinds that are not used here skipped: {listed}"
+        )
     return rows, fixed
 
 
@@ -221,7 +225,8 @@ def _without_self_edges(edge: _Block, warnings: list[str], dropped: Counter[str]
     if not ok.all():
         dropped["edge from a vertex to itself"] += int((~ok).sum())
         warnings.append(
-            f"{(~ok).sum()} edges from a vertex to itself were dropped (first: line {edge.lines[~ok][0]})"
+            f"{counted(int((~ok).sum()), 'edge')} from a vertex to itself dropped (first: line "
+            f"{edge.lines[~ok][0]})"
         )
     return _Block(edge.lines[ok], edge.ids[ok], edge.figures[ok])
 
@@ -264,7 +269,8 @@ def _transforms(block: _Block, dimension: int, name: str, warnings: list[str]) -
     off = np.abs(length - 1) > _UNIT_TOLERANCE
     if off.any():
         warnings.append(
-            f"{off.sum()} quaternions not of length 1 were normalised (first: line {block.lines[off][0]},"
+            f"{counted(int(off.sum()), 'quaternion')} not of length 1 normalised (first: line "
+            f"{block.lines[off][0]},"
             f" length {length[off][0]:.4g})"
         )
     if len(T):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from backend.errors import BackendError
+from backend.wording import counted
 
 OnStep = Callable[[int, float], None]
 
@@ -107,7 +108,9 @@ def descend(steps: GaussNewtonSteps, limits: Limits) -> Outcome:
         if limits.passed:
             return Outcome(error, start, iteration, False, "the time limit was reached")
         del predicted  # It holds a system larger than the graph: free it before the next one.
-    return Outcome(error, start, limits.max_iterations, False, f"{limits.max_iterations} iterations done")
+    return Outcome(
+        error, start, limits.max_iterations, False, f"{counted(limits.max_iterations, 'iteration')} done"
+    )
 
 
 def descend_damped(steps: DampedSteps, limits: Limits, start: Outcome) -> Outcome:
@@ -133,7 +136,7 @@ def descend_damped(steps: DampedSteps, limits: Limits, start: Outcome) -> Outcom
             return ended(True, "converged")
         if limits.passed:
             return ended(False, "the time limit was reached")
-    return ended(False, f"{limits.max_iterations} iterations done")
+    return ended(False, f"{counted(limits.max_iterations, 'iteration')} done")
 
 
 def _is_converged(previous: float, error: float, relative_tolerance: float) -> bool:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from backend.errors import BackendError
 from backend.gauge import SYMBOL_SHIFT
 from backend.measurements import RelativePose
+from backend.wording import counted, either
 
 Array = NDArray[np.float64]
 
@@ -109,7 +110,8 @@ def rank_deficient_warning(graph: PoseGraph) -> list[str]:
         return []
     i, j = graph.ids[graph.i[blind[0]]], graph.ids[graph.j[blind[0]]]
     return [
-        f"{len(blind)} of {len(graph.i)} edges tell nothing about some direction (an eigenvalue of their "
+        f"{len(blind)} of {len(graph.i)} edges "
+        f"{either(len(blind), 'tells', 'tell')} nothing about some direction (an eigenvalue of the "
         f"information matrix is zero; the first is {i}-{j}): there other edges decide"
     ]
 
@@ -124,7 +126,8 @@ def repeated_edges(graph: PoseGraph) -> list[str]:
         return []
     i, j = graph.ids[graph.i[repeated[0]]], graph.ids[graph.j[repeated[0]]]
     return [
-        f"{len(repeated)} edges repeat another one in all digits (the first is {i}-{j}): remove copies, as"
+        f"{counted(len(repeated), 'edge repeats', 'edges repeat')} another one in all digits (the first is "
+        f"{i}-{j}): remove copies, as"
         " each counts as a measurement and makes the standard deviations too small"
     ]
 

@@ -35,6 +35,7 @@ from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
 from backend.pose_graph.problem import Problem, from_pose_graph, informative
 from backend.pose_graph.solution import NO_INFORMATION, Solution
+from backend.wording import counted, either
 
 Array = NDArray[np.float64]
 
@@ -113,7 +114,8 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
         return _solve_informative(problem, options, warnings)
     e = int(np.argmin(has_information))
     warnings.append(
-        f"{(~has_information).sum()} of {len(has_information)} edges carry no information (the first is"
+        f"{(~has_information).sum()} of {len(has_information)} edges "
+        f"{either(int((~has_information).sum()), 'carries', 'carry')} no information (the first is"
         f" {problem.name(problem.i[e])} to {problem.name(problem.j[e])}): left out"
     )
     solution = _solve_informative(problem.with_edges(has_information), options, warnings)
@@ -192,7 +194,7 @@ def _status(parts: list[SolvedComponent], unplaced: list[int], converged: bool, 
     if len(parts) > 1:
         messages.append(f"{len(parts)} parts are not connected to each other")
     if unplaced:
-        messages.append(f"{len(unplaced)} poses could not be placed")
+        messages.append(f"{counted(len(unplaced), 'pose')} could not be placed")
     messages += [direction for part in parts for direction in part.open]
     messages += [doubt for part in parts for doubt in part.doubts]
     if not converged:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, GroundFacts
 from slam.core.figure_table import FigureTable
@@ -177,7 +178,9 @@ def _write_mosaics(
     for name, reason in made.not_drawn.items():
         if reason != REDUNDANT:  # summary.json names these
             names.setdefault(reason, []).append(name)
-    notes = [f"mosaic: {len(of)} keyframes left out: {why} ({listed(of)})" for why, of in names.items()]
+    notes = [
+        f"mosaic: {counted(len(of), 'keyframe')} left out: {why} ({listed(of)})" for why, of in names.items()
+    ]
     if made.note:
         notes.append(Note(f"mosaic: {made.note}"))
     notes += _ground_messages(made.ground.facts, estimate.metric)

@@ -11,11 +11,12 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from backend.wording import counted
 from slam.core.errors import one_line
 from slam.core.messages import by_kind
 from slam.core.units import percent
 from slam.report.facts import Facts
-from slam.report.left_out import counted, left_out
+from slam.report.left_out import counted_by_kind, left_out
 from slam.report.mosaic_facts import MosaicFacts
 
 if TYPE_CHECKING:
@@ -71,16 +72,21 @@ def _position_sigma(facts: Facts) -> str:
 def _outcome_rows(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> list[tuple[str, str]]:
     placed = f"{facts.placed} of {facts.keyframes} placed"
     if not facts.is_graph:
-        placed += f", from {facts.frames} pictures"
+        placed += f", from {counted(facts.frames, 'picture')}"
     if facts.maps > 1:
         placed += f", in {facts.maps} separate maps"
-    rejected = f"{counted(left_out(summary.rejected))}; the report says why" if summary.rejected else ""
+    rejected = (
+        f"{counted_by_kind(left_out(summary.rejected))}; the report says why" if summary.rejected else ""
+    )
     if facts.is_graph:  # a person who has a graph knows its rows
         rejected = ", ".join(f"{count} x {reason}" for reason, count in summary.rejected.items())
     rows = [
         ("status", summary.status),
         ("poses" if facts.is_graph else "keyframes", placed),
-        ("edges", f"{summary.odometry_edges} between neighbours, {summary.loop_edges} loop closures"),
+        (
+            "edges",
+            f"{summary.odometry_edges} between neighbours, {counted(summary.loop_edges, 'loop closure')}",
+        ),
         ("left out", rejected or "nothing"),
         ("position, 1σ", _position_sigma(facts)),
         ("lengths from", facts.scale_source),
@@ -89,7 +95,9 @@ def _outcome_rows(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) ->
     if summary.accuracy_basis:
         rows.insert(-1, ("accuracy", summary.accuracy_basis))
     if summary.error is not None:
-        rows.insert(3, ("error", f"{summary.error:.6g} after {summary.iterations} iterations"))
+        rows.insert(
+            3, ("error", f"{summary.error:.6g} after {counted(summary.iterations or 0, 'iteration')}")
+        )
     if summary.error is not None and summary.certificate is not None:
         rows.insert(4, ("optimum", summary.certificate.sentence(summary.error)))
     return [*rows, *_place_rows(facts, mosaic), *warning_rows(summary.warnings)]
@@ -108,5 +116,5 @@ def warning_rows(warnings: Sequence[str]) -> list[tuple[str, str]]:
     found = by_kind(warnings)
     rows = [*(("warning", line) for line in found.warnings), *(("note", line) for line in found.notes)]
     if (more := len(rows) - _MOST_WARNINGS) > 0:
-        rows[_MOST_WARNINGS:] = [("", f"and {more} more messages in summary.json")]
+        rows[_MOST_WARNINGS:] = [("", f"and {counted(more, 'more message')} in summary.json")]
     return rows

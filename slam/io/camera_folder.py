@@ -10,6 +10,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 
 from backend.measurements import LensModel
+from backend.wording import counted, either
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Frames
 from slam.io.csv_stream import CsvTable
@@ -165,13 +166,14 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
         )
     if missing:
         notes.append(
-            f"{missing} of {len(paths)} pictures are missing in data/; copy them there, or ground may be "
+            f"{missing} of {len(paths)} pictures {either(missing, 'is', 'are')} missing in data/; copy "
+            "them there, or ground may be "
             "missing on the map"
         )
     unlisted = len(set(entries) - set(table.names))
     if unlisted:
         notes.append(
-            f"{unlisted} files in data/ are not listed in data.csv and are ignored; add a line for each "
+            f"{counted(unlisted, 'file')} in data/ not listed in data.csv and ignored; add a line for each "
             "that the map shall use"
         )
     _check_sizes(paths, camera, notes)

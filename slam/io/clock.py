@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import counted
 from slam.core.messages import Note
 from slam.io.csv_stream import CsvTable
 
@@ -62,7 +63,7 @@ def _without_twins(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
             seen.add(key)
             keep.append(k)
     if dropped := len(table.stamps_ns) - len(keep):
-        remarks.append(Note(f"{name}: {dropped} repeated rows dropped, one of each is kept"))
+        remarks.append(Note(f"{name}: {counted(dropped, 'repeated row')} dropped, one of each is kept"))
     rows = np.array(keep)
     return table.rows(rows, table.stamps_ns[rows])
 
@@ -113,7 +114,8 @@ def _find_jumps(name: str, table: CsvTable, remarks: list[str]) -> tuple[CsvTabl
     rows = np.concatenate(kept)
     if dropped := len(table.stamps_ns) - len(rows):
         remarks.append(
-            f"{name}: {dropped} rows dropped whose stamps lie far from all others; correct the stamps if "
+            f"{name}: {counted(dropped, 'row')} dropped whose stamps lie far from all others; correct the "
+            "stamps if "
             "they belong to the flight"
         )
     stamps = table.stamps_ns[rows]
@@ -177,13 +179,14 @@ def _sorted(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
     stamps = table.stamps_ns
     late = int((np.diff(stamps) < 0).sum())
     if late:
-        remarks.append(f"{name}: rows out of order in {late} places, sorted by their stamps")
+        remarks.append(f"{name}: rows out of order in {counted(late, 'place')}, sorted by their stamps")
     order = np.argsort(stamps, kind="stable")
     first = np.ones(len(stamps), dtype=bool)
     first[1:] = np.diff(stamps[order]) > 0
     if not first.all():
         remarks.append(
-            f"{name}: {int((~first).sum())} rows with the stamp of another row dropped; check the recorder "
+            f"{name}: {counted(int((~first).sum()), 'row')} with the stamp of another row dropped; check "
+            "the recorder "
             "if they are many"
         )
     if not late and first.all():

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import counted
 from slam.core.errors import InputError
 from slam.io.csv_header import CsvColumn, column_indices, extra_columns, header_of, parse_header
 from slam.io.files import brief, read_bytes, refusal, refuse_other_content, without_zero_tail
@@ -324,7 +325,8 @@ def check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
         table.values[too_large, k] = np.nan
         what = f"{column.name} beyond {column.most}"
         notes.append(
-            f"{count} values of {what} treated as missing (first: {table.row_word} {table.lines[first]}); "
+            f"{counted(count, 'value')} of {what} treated as missing (first: {table.row_word} "
+            f"{table.lines[first]}); "
             "check the sensor there"
         )
     return replace(table, notes=tuple(notes))

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from backend.wording import either
 from frontend.camera import Camera
 from slam.core.flight import Flight
 
@@ -30,7 +31,8 @@ def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
         return flight
     warning = (
         f"attitude0: according to {away.sum()} of {len(away)} readings the camera looks at the horizon or "
-        f"the sky; they are left out; check its angles, and T_BS in {flight.camera_file}"
+        f"the sky; {either(away.sum(), 'it is', 'they are')} left out; check its angles, and T_BS in "
+        f"{flight.camera_file}"
     )
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
+from backend.wording import counted, either
 from frontend.camera import Camera
 from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
@@ -252,7 +253,8 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> str:
     standing, measured = echoes.standing(config), int(echoes.measured.sum())
     if standing.sum() > MOST_STANDING * measured:
         return (
-            f"sonar0: {standing.sum()} of {measured} ranges do not fit the map's heights over the floor, and "
+            f"sonar0: {standing.sum()} of {measured} ranges {either(standing.sum(), 'does', 'do')} not fit "
+            "the map's heights over the floor, and "
             "lengths that rest on them may be as wrong; check the sensor, and the camera's shutter and "
             "calibration"
         )
@@ -303,7 +305,7 @@ def find_obstacles(
         *([_HIDDEN] if config.pixels else []),
     ]
     warning = Note(
-        f"obstacles: {standing.sum()} sonar echoes come from {gamma:.2f} to "
+        f"obstacles: {counted(standing.sum(), 'sonar echo comes', 'sonar echoes come')} from {gamma:.2f} to "
         f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} echoes where the "
         f"height of flight is known, and {len(sonar.stamps_s)} readings in all; {', and '.join(done)}"
     )

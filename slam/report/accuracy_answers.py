@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.wording import counted, either
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
@@ -81,8 +82,19 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
     return (
         f"The ground around {_at(mosaic.x_m, mosaic.y_m, m)}, known to "
         f"±{SPACE}{facts.length(mosaic.worst_std_m)}, x and y together: the ring in the middle one "
-        f"of the three maps below. The path: {path[0].lower()}{path[1:]}"
+        f"of the three maps below.{_why_uncertain(facts, mosaic)} The path: {path[0].lower()}{path[1:]}"
     )
+
+
+def _why_uncertain(facts: Facts, mosaic: MosaicFacts) -> str:
+    """Return what makes the least certain ground so, in one sentence with a space in front."""
+    shown = counted(mosaic.worst_pictures, "picture shows it", "pictures show it")
+    told = [f"{shown} (left map)"] if mosaic.worst_pictures else []
+    if facts.relative_to:
+        away = facts.length(float(np.hypot(mosaic.x_m, mosaic.y_m)))
+        told.append(f"it lies {away} from the first keyframe, and errors of scale and heading grow with that")
+    text = ", and ".join(told)
+    return f" {text[0].upper()}{text[1:]}." if text else ""
 
 
 def _at(x: float, y: float, unit_name: str) -> str:
@@ -201,7 +213,8 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     contradicted = len(against)
     if facts.loops_kept:
         text = (
-            f"Yes, {facts.loops_kept} times, so errors do not add up over the flight. Each match that was "
+            f"Yes, {either(facts.loops_kept, 'once', f'{facts.loops_kept} times')}, so errors do not add "
+            "up over the flight. Each match that was "
             "kept agrees with all the others in one map."
         )
     elif facts.relative_to:
@@ -216,10 +229,14 @@ def loops(estimate: Estimate, facts: Facts) -> str:
         f"{_most_often(estimate, against)})"
         if contradicted
         else "",
-        f"{unproven} show too little to tell whether they are right" if unproven else "",
+        f"{counted(unproven, 'shows', 'show')} too little to tell whether "
+        f"{either(unproven, 'it is', 'they are')} right"
+        if unproven
+        else "",
     ]
     return (
-        f"{text} {len(rejected)} others were rejected: {', and '.join(part for part in parts if part)}. "
+        f"{text} {counted(len(rejected), 'other was', 'others were')} rejected: "
+        f"{', and '.join(part for part in parts if part)}. "
         "The map rests on none of them."
     )
 

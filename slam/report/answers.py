@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.wording import counted
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of
 from slam.core.units import SPACE
@@ -22,9 +23,12 @@ from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.failures import failed, missing, too_bare
 from slam.report.height_answers import heights, is_tilt_doubted, only_near
-from slam.report.left_out import counted, left_out
+from slam.report.left_out import counted_by_kind, left_out
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
+
+PLACE = "How accurate is a place on it?"
+"""The question whose answer the comparison with the truth follows."""
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -43,7 +47,7 @@ def pilots_answers(
     rows = [
         Item("Can I use this map?", _usable(estimate, facts, summary)),
         Item("What does the status promise, and what not?", _promise(estimate, summary, facts)),
-        Item("How accurate is a place on it?", place(estimate, facts, summary, mosaic)),
+        Item(PLACE, place(estimate, facts, summary, mosaic)),
         Item("How far can I trust a distance or an area?", distance(estimate, facts, summary, mosaic)),
         Item("Where is it least certain?", least_certain(estimate, facts, mosaic)),
         Item("Is the scale right, and by which instrument?", scale(estimate, facts, summary)),
@@ -70,15 +74,13 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     found = by_kind(summary.warnings)
     named = reasons_of(summary.status, summary.warnings)
     others = sum(line not in named for line in found.warnings)
-    more = _counted(
-        others, "warning", "warnings", "to act on stands under Warnings", "to act on stand under Warnings"
-    )
-    notes = _counted(len(found.notes), "note", "notes", "needs no action", "need no action")
+    more = _told(others, "warning to act on stands", "warnings to act on stand", "under Warnings")
+    notes = _told(len(found.notes), "note needs", "notes need", "no action")
     told = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
         alone = unless_checked(
             "; but no second instrument checks its accuracy (“Is the scale right?” below)",
-            f"; only known distances on the ground check its lengths ({RESULT})",
+            f"; its lengths were compared with known distances on the ground ({RESULT})",
         )
         doubt = alone if estimate.accuracy_basis else ""
         return (
@@ -105,12 +107,8 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     return good if facts.relative_to else f"{good}; as coordinates on Earth only as the GPS has it"
 
 
-def _counted(count: int, one: str, many: str, after_one: str, after_many: str) -> str:
-    return (
-        ""
-        if count == 0
-        else f"{count} {one if count == 1 else many} {after_one if count == 1 else after_many}"
-    )
+def _told(count: int, one: str, many: str, rest: str) -> str:
+    return f"{counted(count, one, many)} {rest}" if count else ""
 
 
 def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
@@ -187,7 +185,7 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]
-    parts = counted(rows, facts.is_graph)
+    parts = counted_by_kind(rows, facts.is_graph)
     if not act:
         return f"{parts}. No need to act on these: the map does not rest on them. The table has the reasons."
     first = act[0]

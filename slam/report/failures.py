@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind
@@ -30,7 +31,10 @@ def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFa
     thing = "poses" if facts.is_graph else "keyframes"
     told = _stretches(estimate, facts)
     if bare := too_bare(facts, summary):
-        told.append(f"{bare} of {facts.frames} pictures show too little, and the warnings say when")
+        told.append(
+            f"{bare} of {facts.frames} pictures {either(bare, 'shows', 'show')} too little, and the "
+            "warnings say when"
+        )
     if facts.placed < facts.keyframes or facts.maps > 1:
         parts = f", in {facts.maps} separate maps" if facts.maps > 1 else ""
         rest = "; the warnings name the rest" if facts.placed < facts.keyframes else ""
@@ -112,7 +116,7 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if summary.status != "ok":
         told.append("what “Check this first” above names")
     if unplaced := facts.keyframes - facts.placed:
-        told.append(f"{unplaced} {'poses' if facts.is_graph else 'keyframes'} could not be placed")
+        told.append(f"{counted(unplaced, 'pose' if facts.is_graph else 'keyframe')} could not be placed")
     if lost := summary.rejected.get(TRACKING_LOST, 0):
         times = "once" if lost == 1 else f"{lost} times"
         where = " where the path is dotted" if facts.gaps else ""

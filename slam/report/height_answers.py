@@ -35,7 +35,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
                 " The altitude of the ground on Earth is known no better than that: it moves as a whole."
             )
     if np.isfinite(worst_m):
-        camera += _of_camera(facts, over_m, worst_m)
+        camera += _of_camera(facts, over_m, worst_m, tilted)
     lines = (
         ("Heights of the ground:", _of_ground(estimate)),
         ("Differences in height near each other:", _near_each_other(estimate, facts, tilted)),
@@ -90,13 +90,14 @@ def _cause(estimate: Estimate) -> str:
     return main_cause(estimate.information_shares, ("height",))
 
 
-def _of_camera(facts: Facts, over_m: float, worst_m: float) -> str:
+def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str:
     """Return how accurate the height of a camera is in the world, beside that over the floor."""
     against = f"{facts.against[0].upper()}{facts.against[1:].rstrip(',')}"
     counted = "the tilt" if facts.relative_to else "altitude and tilt"
     text = (
         f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is least "
-        f"certain: this counts {counted} of the whole map."
+        f"certain: this counts {counted} of the whole map, as the used measurements tell it"
+        f"{'; the lean above comes on top' if tilted else ''}."
     )
     if not worst_m < over_m:
         return text

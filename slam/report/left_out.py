@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from backend.wording import counted
+
 _OF_HEIGHT = " of the camera's height"
 """Words for a length before metres are known, in mean heights of the camera over the floor."""
 CONTRADICTED, UNPROVEN = "contradicted", "unproven"
@@ -81,7 +83,8 @@ _LINKS: tuple[tuple[str, str, str, bool], ...] = (
     (
         "disagrees",
         "contradict the other links",
-        "Only if many of them lie in one place: look there in map.html.",
+        "Only if the mosaic is cut or doubled where many of them lie (map.html shows them): fly that place "
+        "again with more overlap.",
         True,
     ),
     ("agrees, but", "agree, but too little is known of where they lie", _WEAK, False),
@@ -150,7 +153,13 @@ def reason_in_words(reason: str) -> str:
     """Return why a match was rejected, in plain words, with the figures of the reason."""
     words = next((f"they {what}" for beginning, what, _, _ in _LINKS if reason.startswith(beginning)), reason)
     figures = reason.partition(" by " if reason.startswith("disagrees by ") else ": ")[2]
-    for short, words_ in (("sigma", "standard deviations"), (" deg", "°"), (" heights", _OF_HEIGHT)):
+    for short, words_ in (
+        ("sigma (", "standard deviations, "),
+        ("sigma", "standard deviations"),
+        ("): ", ": "),
+        (" deg", "°"),
+        (" heights", _OF_HEIGHT),
+    ):
         figures = figures.replace(short, words_)
     return f"{words} ({figures})" if figures and words != reason else words
 
@@ -174,14 +183,14 @@ def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
     return tuple(sorted(rows, key=key))
 
 
-def counted(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
+def counted_by_kind(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
     """Return the numbers of rows by their kind; empty without rows."""
     words = {
-        "match": "matches of places",
-        "view": "single views of points of the ground",
-        "echo": "echoes of the height sensor",
-        "fix": "positions of the GPS",
-        "link": "edges" if is_graph else "pictures or links",
+        "match": ("match of places", "matches of places"),
+        "view": ("single view of a point of the ground", "single views of points of the ground"),
+        "echo": ("echo of the height sensor", "echoes of the height sensor"),
+        "fix": ("position of the GPS", "positions of the GPS"),
+        "link": ("edge", "edges") if is_graph else ("picture or link", "pictures or links"),
     }
     told = []
     for kind, name in words.items():
@@ -193,7 +202,7 @@ def counted(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
         ]
         if of_kind:
             bracket = f" ({', '.join(verdicts)})" if verdicts else ""
-            told.append(f"{sum(row.count for row in of_kind)} {name}{bracket}")
+            told.append(f"{counted(sum(row.count for row in of_kind), *name)}{bracket}")
     return ", ".join(told)
 
 

@@ -37,6 +37,8 @@ class MosaicFacts:
     hole_x_m: float = float("nan")
     hole_y_m: float = float("nan")
     """Middle of the largest hole."""
+    worst_pictures: int = 0
+    """Number of pictures that show the ground with the largest standard deviation; 0 where not known."""
 
     @property
     def ground_std_m(self) -> tuple[float, float]:

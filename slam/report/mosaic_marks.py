@@ -48,6 +48,11 @@ class MapMarks:
     """Whether x is east and y is north."""
     points: tuple[Mark, ...] = ()
 
+    @property
+    def axes(self) -> tuple[str, str]:
+        """Names of the directions to the right and up."""
+        return ("east", "north") if self.on_earth else ("x", "y")
+
 
 def with_points(pixels: Image, pixel_m: float, corner: tuple[float, float], points: Sequence[Mark]) -> Image:
     """Return a north-up picture (h, w, 3) with a ring or a triangle and a name at each point.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
@@ -15,7 +16,7 @@ from slam.core.units import percent, unit
 from slam.core.version import VERSION
 from slam.report.accuracy import NOT_EVALUATED, Evaluated, not_evaluated
 from slam.report.advice import limit_sentence
-from slam.report.answers import pilots_answers
+from slam.report.answers import PLACE, pilots_answers
 from slam.report.checked_lengths import basis, settled
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
@@ -121,12 +122,13 @@ def render(
         notes=tuple(map(sentences, kinds.notes)),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
         answers=pilots_answers(estimate, summary, facts, ground),
+        place=PLACE,
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=map_picture(mosaics.after, marks, told),
         chain_mosaic=map_picture(mosaics.before, marks, told),
         widths=_widths(mosaics),
-        covered=[_covered(path, unit(facts.metric)) for path in (mosaics.before, mosaics.after)],
+        covered=[_covered(path, marks) for path in (mosaics.before, mosaics.after)],
         quality=picture(mosaics.quality),
         trajectory=embedded(trajectory_picture(estimate, before, facts.gaps)) if drawable else None,
         altitude=embedded(altitude_picture(estimate, facts.gaps))
@@ -151,7 +153,7 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
         of, std_m = "pose" if facts.is_graph else "place of the camera", facts.sigma_median_m
     tiles = [
         Item("poses placed" if facts.is_graph else "keyframes placed", f"{facts.placed} / {facts.keyframes}"),
-        Item("loop closures kept", str(facts.loops_kept)),
+        Item(f"loop {either(facts.loops_kept, 'closure', 'closures')} kept", str(facts.loops_kept)),
         Item(f"typical uncertainty of a {of} (1σ)", facts.length(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
@@ -201,7 +203,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
 
 
 def _graph_error(estimate: Estimate) -> str:
-    return f"{estimate.graph_error:.6g} after {estimate.iterations} iterations"
+    return f"{estimate.graph_error:.6g} after {counted(estimate.iterations, 'iteration')}"
 
 
 def _optimum(estimate: Estimate) -> str:
@@ -249,12 +251,13 @@ def _widths(mosaics: Mosaics) -> tuple[float, float]:
     return 100.0 * before / max(before, after), 100.0 * after / max(before, after)
 
 
-def _covered(path: Path | None, unit_name: str) -> str:
+def _covered(path: Path | None, marks: MapMarks) -> str:
     """Return between which coordinates a mosaic lies, in one sentence; empty where it has no world file."""
     if path is None or not path.with_suffix(".pgw").exists():
         return ""
-    area = bounds_of(path)
+    area, (x, y) = bounds_of(path), marks.axes
     return (
-        f" From the left edge to the right one x = {area.left:.1f} to {area.right:.1f} {unit_name}, from the"
-        f" lower edge to the upper one y = {area.bottom:.1f} to {area.top:.1f} {unit_name}."
+        f" From the left edge to the right one {x} = {area.left:.1f} to {area.right:.1f} {marks.unit}, "
+        f"from the"
+        f" lower edge to the upper one {y} = {area.bottom:.1f} to {area.top:.1f} {marks.unit}."
     )

@@ -88,11 +88,11 @@ def test_keyframes_without_a_pose_are_left_out():
     ("text", "expected"),
     [
         (PLANAR + "VERTEX_XY 5 1 2\nEDGE_SE2_XY 0 5 1 2 3 4 5\n# note\n\n", "2 lines of kinds"),
-        (PLANAR + E.format(1, 1), "1 edges from a vertex to itself"),
+        (PLANAR + E.format(1, 1), "1 edge from a vertex to itself"),
         (PLANAR + 2 * PLANAR.splitlines(keepends=True)[-1], "2 edges repeat another one in all digits"),
         (E.format(0, 1) + E.format(1, 2), "no vertices in the file: the 3"),
         (PLANAR + "EDGE_SE2 0 1 1 0 0 10 0", "truncated"),
-        (SPATIAL.replace("0 0 0 0 0 0 0 1\n", "0 0 0 0 0 0 0 2\n", 1), "1 quaternions not of length 1"),
+        (SPATIAL.replace("0 0 0 0 0 0 0 1\n", "0 0 0 0 0 0 0 2\n", 1), "1 quaternion not of length 1"),
     ],
 )
 def test_dropped_and_repaired_lines_are_counted(tmp_path: Path, text: str, expected: str):
@@ -180,4 +180,4 @@ def test_signs_of_a_damaged_file_are_warnings(tmp_path: Path):
     (warning,) = read_g2o(odd).warnings
     line = 1 + next(n for n, row in enumerate(odd.read_text().split("\n")) if row.startswith("EDGE"))
     assert f"line {line + 4}," in warning
-    assert "1 edges" in warning
+    assert "1 edge " in warning

@@ -112,7 +112,5 @@ def test_a_camera_without_rows_and_one_picture_alone_are_reported_as_such():
     told = flight.with_warning("cam0: data.csv has no rows; treated as not recorded")
     assert "cam0: data.csv has no rows, so no map" in refusal(replace(told, camera=None, frames=None))
     assert "no camera in this flight, so no map" in refusal(replace(flight, camera=None, frames=None))
-    alone = only(flight, [0]).with_warning(
-        "cam0: 47 files in data/ are not listed in data.csv and are ignored"
-    )
+    alone = only(flight, [0]).with_warning("cam0: 47 files in data/ not listed in data.csv and ignored")
     assert "1 of 1 pictures usable (there is one alone; cam0: 47 files" in refusal(alone)

@@ -70,7 +70,7 @@ def test_photographs_that_are_not_placed_are_named(capfd):
     assert summarise(estimate).to_json()["not_placed"] == estimate.not_placed
     assert f"not on the map ({names[10]})" in estimate.status
     for k, reason in ((4, "too few features"), (6, "unreadable: truncated")):
-        assert f"1 photographs not placed: {reason} ({names[k]})" in estimate.warnings
+        assert f"1 photograph not placed: {reason} ({names[k]})" in estimate.warnings
     assert capfd.readouterr() == ("", "")  # nothing of the libraries reaches the terminal
 
 

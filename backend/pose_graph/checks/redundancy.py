@@ -11,6 +11,7 @@ from backend.pose_graph.chi_square import ChiSquare
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.solution import Solution
+from backend.wording import counted, either
 
 Index = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -90,7 +91,8 @@ def _unchecked_odometry_sentence(problem: Problem, ends: Index, left_out: Mask) 
         return []
     (i, j), (k, m) = alone[0], rejected[0].tolist()
     return [
-        f"{len(alone)} edges (the first is {problem.name(i)} to {problem.name(j)}) are checked only by"
+        f"{counted(len(alone), 'edge')} (the first is {problem.name(i)} to {problem.name(j)}) "
+        f"{either(len(alone), 'is', 'are')} checked only by"
         f" odometry that was rejected (the first is {problem.name(k)} to {problem.name(m)}): either may be"
         " what is wrong"
     ]
@@ -106,7 +108,8 @@ def _one_place_sentence(problem: Problem, loops: Mask, kept: Mask) -> list[str]:
     ends = f"{problem.name(problem.i[e])} and {problem.name(problem.j[e])}"
     count = int((~kept[loops]).sum())
     return [
-        f"only loops near {ends} were kept, and {count} loops elsewhere were rejected: odometry alone decided"
+        f"only loops near {ends} were kept, and "
+        f"{counted(count, 'loop elsewhere was', 'loops elsewhere were')} rejected: odometry alone decided"
         " between them"
     ]
 
@@ -114,7 +117,7 @@ def _one_place_sentence(problem: Problem, loops: Mask, kept: Mask) -> list[str]:
 def _sentence(problem: Problem, members: list[int], rejected: int, kept: Mask) -> str:
     who = format_keys(members, problem.name)
     base = "odometry alone" if problem.trusted[kept].all() else "a tree of edges alone"
-    why = f": {rejected} edges were rejected, and" if rejected else ", and"
+    why = f": {counted(rejected, 'edge was', 'edges were')} rejected, and" if rejected else ", and"
     return f"{who} rest on {base}{why} no loop is left that checks it"
 
 
@@ -125,7 +128,9 @@ def rejected_odometry_warning(problem: Problem, solution: Solution) -> list[str]
         return []
     i, j = problem.i[wrong[0]], problem.j[wrong[0]]
     return [
-        f"{len(wrong)} edges of odometry contradict the loops over them and are left out (the first is"
+        f"{counted(len(wrong), 'edge of odometry contradicts', 'edges of odometry contradict')} the loops "
+        "over "
+        f"{either(len(wrong), 'it and is', 'them and are')} left out (the first is"
         f" {problem.name(i)} to {problem.name(j)}); check their lines in the file"
     ]
 

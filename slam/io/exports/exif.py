@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.names import listed
 from slam.io.exports.camera_position import REPLACED, CameraPosition
@@ -45,7 +46,7 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
         do = "give the folder that the map was made of"
         raise refusal(folder, f"no photograph of the map can be copied: {'; '.join(lost)}", do)
     unused = len(paths.keys() - positions.keys())
-    return (*lost, *(f"{unused} photographs are not on the map, and are not copied",) * bool(unused))
+    return (*lost, *(f"{counted(unused, 'photograph')} not on the map, and not copied",) * bool(unused))
 
 
 def _positions(exported: ExportedMap) -> dict[str, CameraPosition]:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import either
 from slam.core.flight import Gps
 from slam.core.messages import Note
 from slam.core.names import listed
@@ -35,7 +36,8 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         return None, (*remarks, f"no GPS position of any photograph {what}: {_NO_PLACE}")
     if len(known) < len(positions):
         remarks.append(
-            f"{len(positions) - len(known)} of {len(positions)} photographs have no GPS position to use: the "
+            f"{len(positions) - len(known)} of {len(positions)} photographs "
+            f"{either(len(positions) - len(known), 'has', 'have')} no GPS position to use: the "
             "pictures alone place them"
         )
     fixes = [positions[k] for k in known]
@@ -43,7 +45,8 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
     if np.isnan(altitude_m).any():
         lacking = int(np.isnan(altitude_m).sum())
         remarks.append(
-            f"{lacking} of {len(known)} GPS positions have no altitude: the others alone tell the height"
+            f"{lacking} of {len(known)} GPS positions {either(lacking, 'has', 'have')} no altitude: the "
+            "others alone tell the height"
         )
     gap_m = np.abs(altitude_m - _column(fixes, "exif_altitude_m"))
     if (gap_m > 1).any():

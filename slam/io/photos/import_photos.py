@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import counted
 from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
 from slam.core.messages import Note
 from slam.core.progress import Progress, silent
@@ -159,7 +160,10 @@ def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str
 def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
     damaged = sum(t.xmp_damaged for t in tags)
     return (
-        (f"{damaged} photographs have XMP tags that cannot be read, ignored; copy the originals",)
+        (
+            f"{counted(damaged, 'photograph has', 'photographs have')} XMP tags that cannot be read, "
+            "ignored; copy the originals",
+        )
         if damaged
         else ()
     )

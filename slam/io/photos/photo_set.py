@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.messages import Note
 from slam.core.names import listed
@@ -85,8 +86,10 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
             "no attitude recorded: straight down assumed; use a gimbal, as a tilted camera bends the map"
         )
     else:
-        attitude = f"attitude from {source.description}, good to {max(source.std_deg):g} degrees assumed"
-        attitude = Note(attitude + (f"; {without} photographs without it" if without else ""))
+        roll, pitch, yaw = source.std_deg
+        good = f"{max(roll, pitch):g} degrees and the heading to {yaw:g}"
+        attitude = f"attitude from {source.description}, assumed to be good to {good}"
+        attitude = Note(attitude + (f"; {counted(without, 'photograph')} without it" if without else ""))
     return PhotoSet(tuple(photos), source, (*found.remarks, *lines, *band_remarks, attitude))
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
 
+from backend.wording import counted, either
 from slam.core.names import listed
 from slam.io.files import OUTPUT_MARKER, is_inside, refusal, shown
 
@@ -79,9 +80,14 @@ def find_photos(folder: Path) -> FoundPhotos:
             known |= marks
             photos.append((name, path))
             below += len(inner.parts) > 1
-    remarks = [f"{below} of {len(photos)} photographs are in subfolders"] if below else []
+    remarks = (
+        [f"{below} of {len(photos)} photographs {either(below, 'is', 'are')} in subfolders"] if below else []
+    )
     if links:
-        remarks.append(f"{len(links)} links to folders are not followed; {_LINK_ADVICE} ({listed(links)})")
+        remarks.append(
+            f"{counted(len(links), 'link to a folder is', 'links to folders are')} not followed; "
+            f"{_LINK_ADVICE} ({listed(links)})"
+        )
     return FoundPhotos(tuple(photos), left_out, tuple(remarks))
 
 

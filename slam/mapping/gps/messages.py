@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.quantiles import chi_square_limit
+from backend.wording import counted, either
 from slam.core.flight_info import MOST_LISTED_FIXES
 from slam.core.messages import Note
 from slam.core.names import listed
@@ -44,8 +45,9 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
     if len(bad):
         distance = np.linalg.norm(np.nan_to_num(agreement.off_m[bad]), axis=1)
         line = (
-            f"gps0: {len(bad)} of {agreement.count} fixes contradict the pictures and the other fixes, and "
-            f"are not used: {_with_distance(fixes, bad, distance)}"
+            f"gps0: {len(bad)} of {agreement.count} fixes {either(len(bad), 'contradicts', 'contradict')} "
+            f"the pictures and the other fixes, and {either(len(bad), 'is', 'are')} not used: "
+            f"{_with_distance(fixes, bad, distance)}"
         )
         if _too_many(len(bad), agreement.count):
             warnings.append(line + _DOUBT)
@@ -134,8 +136,10 @@ def _used_suspects(fixes: Fixes, agreement: Agreement, covered: NDArray[np.bool_
     rms = float(np.sqrt(np.mean(agreement.off_m[used, :2] ** 2)))
     names = listed([fixes.names[k] for k in suspects], MOST_LISTED_FIXES)
     return [
-        f"gps0: the map uses {len(suspects)} fixes out of reach of the others ({names}), because the fixes "
-        f"differ from it by {length(rms)} a horizontal axis anyway; if these are wrong, so are its scale "
+        f"gps0: the map uses {counted(len(suspects), 'fix', 'fixes')} out of reach of the others "
+        f"({names}), because the fixes "
+        f"differ from it by {length(rms)} a horizontal axis anyway; if "
+        f"{either(len(suspects), 'this one is', 'these are')} wrong, so are its scale "
         "and place: check them"
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from backend.quantiles import chi_square_limit
+from backend.wording import either
 from slam.core.control_points import ControlReport
 from slam.core.names import listed
 from slam.mapping.control_points import LEAST_POINTS
@@ -29,8 +30,9 @@ def control_warnings(report: ControlReport) -> list[str]:
     elif wrong:
         each = listed([f"{p.name} by {p.distance_m:.3g} m" for p in wrong])
         lines.append(
-            f"control points: {len(wrong)} of {len(located)} contradict the others and the pictures, and are "
-            f"not used: {each}; check their coordinates and pixels"
+            f"control points: {len(wrong)} of {len(located)} "
+            f"{either(len(wrong), 'contradicts', 'contradict')} the others and the pictures, and "
+            f"{either(len(wrong), 'is', 'are')} not used: {each}; check their coordinates and pixels"
         )
     return lines + _check_warnings(report)
 

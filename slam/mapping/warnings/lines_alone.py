@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from backend.wording import either
 from slam.mapping.map import Map
 
 
@@ -20,7 +21,8 @@ def lines_alone_warning(map_: Map) -> str:
     std_m = float(np.sqrt(variances.max())) if np.isfinite(variances).all() else np.inf
     error = f"up to ± {std_m:.2g} m" if np.isfinite(std_m) else "of unknown size"
     return (
-        f"{len(placed)} of {int((map_.component == 0).sum())} keyframes show lines but few features, and "
+        f"{len(placed)} of {int((map_.component == 0).sum())} keyframes "
+        f"{either(len(placed), 'shows', 'show')} lines but few features, and "
         f"{by} motion along them where no other line crosses; expect an error {error} in what is measured "
         "there"
     )

@@ -6,6 +6,7 @@ from collections import defaultdict
 
 import numpy as np
 
+from backend.wording import either
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import Flight
@@ -46,7 +47,8 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[st
         ]
         stretches = " and ".join(f"from {begin_s:.1f} to {end_s:.1f} s" for begin_s, end_s in times)
         lines.append(
-            f"{at_fault}: {len(left_out)} of {observations.frames} pictures are left out ({reason}), the "
+            f"{at_fault}: {len(left_out)} of {observations.frames} pictures "
+            f"{either(len(left_out), 'is', 'are')} left out ({reason}), the "
             f"longest stretch{'es' * (len(times) > 1)} {stretches}: {hint}"
         )
     return lines

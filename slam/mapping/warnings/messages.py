@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
+from backend.wording import counted, either
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
@@ -200,7 +201,7 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
             "within a part only, or fly again with rows that overlap by half"
         )
     if lost:
-        who = f"{len(lost)} keyframes overlap" if len(lost) > 1 else "1 keyframe overlaps"
+        who = counted(len(lost), "keyframe overlaps", "keyframes overlap")
         lines.append(
             f"{who} too little with any other: not on the map ({listed(lost)}); fly slower or "
             "with more overlap if you need that ground"
@@ -208,8 +209,9 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
     vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
     if vague:
         lines.append(
-            f"no uncertainty is known for {vague} keyframes: they could not be refined, or the measurements "
-            "do not determine them; do not measure there"
+            f"no uncertainty is known for {counted(vague, 'keyframe: it', 'keyframes: they')} could not be "
+            f"refined, or the measurements do not determine {either(vague, 'it', 'them')}; do not measure "
+            "there"
         )
     return lines
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from backend.wording import counted
 from slam.core.flight import Flight
 from slam.core.names import listed
 from slam.mapping.map import Map
@@ -27,4 +28,7 @@ def not_placed_warnings(not_placed: dict[str, str]) -> list[str]:
     for name, reason in not_placed.items():
         if reason != ALONE:
             names.setdefault(reason, []).append(name)
-    return [f"{len(of)} photographs not placed: {reason} ({listed(of)})" for reason, of in names.items()]
+    return [
+        f"{counted(len(of), 'photograph')} not placed: {reason} ({listed(of)})"
+        for reason, of in names.items()
+    ]

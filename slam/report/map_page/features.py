@@ -12,10 +12,13 @@ from numpy.typing import NDArray
 
 from frontend.photographs import LoadsReduced
 from frontend.workers import Workers
+from slam.core.control_points import ControlReport
+from slam.core.errors import one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
+from slam.core.units import length
 from slam.report.gaps import Gap
-from slam.report.left_out import reason_in_words, verdict_of
+from slam.report.left_out import CONTRADICTED, UNPROVEN, reason_in_words, verdict_of
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]
@@ -62,24 +65,39 @@ def keyframes(estimate: Estimate, flight: Flight | None, gaps: Sequence[Gap]) ->
 
 
 def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
-    """Return the links by kind: pairs of keyframe numbers, why they were rejected, and how many there are."""
+    """Return the links by kind, of which a rejection's is its verdict: pairs of keyframe numbers, why they
+    were rejected, and how many there are."""
     placed = estimate.placed
     edges = {"odometry": list[Any](), "loop": list[Any]()}
     for edge in estimate.relative_poses:
         if edge.kind in edges:  # no pictures link the ends of a bridge by instruments
             edges[edge.kind].append((edge.i, edge.j, ""))
-    rejected = [(loop.i, loop.j, _why(loop.reason)) for loop in estimate.loops if loop.verdict == "rejected"]
+    rejected = {CONTRADICTED: list[Any](), UNPROVEN: list[Any]()}
+    for loop in estimate.loops:
+        if loop.verdict == "rejected":
+            why = reason_in_words(loop.reason)
+            rejected[verdict_of(loop.reason)].append((loop.i, loop.j, why))
     found = {}
-    for kind, pairs in {**edges, "rejected": rejected}.items():
+    for kind, pairs in {**edges, **rejected}.items():
         shown = [pair for pair in pairs if placed[pair[0]] and placed[pair[1]]]
         some = shown[:: max(1, -(-len(shown) // MOST_LINKS))]
         found[kind] = {"count": len(pairs), "pairs": some}
     return found
 
 
-def _why(reason: str) -> str:
-    """Return what a rejection says about a match, and its reason."""
-    return f"{verdict_of(reason)}: {reason_in_words(reason)}"
+def surveyed_points(report: ControlReport | None) -> list[dict[str, Any]]:
+    """Return the control and check points that were surveyed on the ground of the map, in words."""
+    found = []
+    for point in () if report is None else report.points:
+        if point.surveyed_m is None:
+            continue
+        role = f"{'Control' if point.role == 'control' else 'Check'} point {one_line(point.name)}"
+        off = np.isfinite(point.distance_m)
+        told = [f"the map has it {length(point.distance_m)} from its survey"] if off else []
+        told += [f"not used: {one_line(point.reason)}"] if point.reason else []
+        x, y, _ = point.surveyed_m
+        found.append({"x": x, "y": y, "words": [role, *told]})
+    return found
 
 
 def floor_points(estimate: Estimate) -> dict[str, Any] | None:

@@ -199,7 +199,8 @@
   const rowOf = new Map(frames.number.map((number, k) => [number, k]));
   const linkKinds = {
     loop: ["Loop closures, kept", GREEN, null, "Two visits of one place were matched, and the match was kept."],
-    rejected: ["Loop closures, rejected", VERMILLION, "6 5", "Rejected as "],
+    contradicted: ["Loop closures, contradicted", VERMILLION, "6 5", "Rejected, because the rest of the map contradicts it: "],
+    unproven: ["Loop closures, unproven", GREY, "1 5", "Rejected, because it shows too little to tell whether it is right: "],
     odometry: ["Links between neighbours", BLUE, null, "Two successive keyframes were matched."],
   };
 
@@ -234,6 +235,10 @@
     ]);
   }
 
+  const surveyed = lazily(() => data.surveyed.map(({ x, y, words }) =>
+    L.circleMarker([y, x], { radius: 7, weight: 3, color: BLACK, fillColor: "#fff", fillOpacity: 1, renderer: canvas })
+      .bindPopup(() => lines(words))));
+
   /* ---- the panel ---- */
 
   const shown = new Set();
@@ -264,7 +269,7 @@
 
   function swatch(color, dashed) {
     const mark = document.createElement("span");
-    mark.className = dashed ? "swatch dashed" : "swatch";
+    mark.className = `swatch ${dashed || ""}`;
     mark.style.borderColor = color;
     return mark;
   }
@@ -304,17 +309,19 @@
   map.fitBounds(L.latLngBounds(placed).pad(0.15), { animate: false, paddingBottomRight: covered });
   const chain = imageLayer("chain", "chain");
   addLayer("map", "Mosaic", imageLayer("map", "mosaic"), true);
-  addLayer("elevation", "Height of the ground, by the sonar", data.grids.elevation && valueLayer(data.grids.elevation), false);
+  addLayer("elevation", "Height of the ground", data.grids.elevation && valueLayer(data.grids.elevation), false);
   addLayer("sigma", "Uncertainty of the ground", data.grids.sigma && valueLayer(data.grids.sigma), false);
   if (data.points) {
     const drawn = floats(data.points.data).length / 4, some = drawn < data.points.count ? `, ${drawn} drawn` : "";
     addLayer("points", `Points of the ground that hold the map (${data.points.count}${some})`, lazily(points), false);
   }
+  addLayer("surveyed", `Control points and check points (${data.surveyed.length})`, data.surveyed.length ? surveyed : null, true);
   addLayer("path", "Path of the drone", path, true);
   Object.keys(linkKinds).forEach((kind) => {
     const { count, pairs } = data.links[kind], [title, color, dashed] = linkKinds[kind];
     const some = pairs.length < count ? `, ${pairs.length} drawn` : "";
-    addLayer(kind, `${title} (${count}${some})`, count ? linkLayer(kind) : null, false, swatch(color, dashed));
+    const style = { "6 5": "dashed", "1 5": "dotted" }[dashed];
+    addLayer(kind, `${title} (${count}${some})`, count ? linkLayer(kind) : null, false, swatch(color, style));
   });
   addLayer("keyframes", `Keyframes (${placed.length})`, keyframes, false);
 

@@ -16,7 +16,7 @@ from slam.core.units import unit
 from slam.core.version import VERSION
 from slam.report.advice import limit_sentence
 from slam.report.facts import Facts, sentence
-from slam.report.map_page.features import floor_points, keyframes, links
+from slam.report.map_page.features import floor_points, keyframes, links, surveyed_points
 from slam.report.map_page.rasters import read_images, tile_set, value_grid
 from slam.report.mosaic_facts import mosaic_facts
 from slam.report.page import render_page
@@ -48,6 +48,7 @@ def write_map_page(
         "keyframes": keyframes(estimate, flight, facts.gaps),
         "links": links(estimate),
         "points": floor_points(estimate),
+        "surveyed": surveyed_points(estimate.control),
         "tiles": _tiles(folder),
         "grids": _grids(folder),
         "colours": _colours(),

@@ -61,6 +61,8 @@ class QualityFigures(NamedTuple):
     x_m: float
     y_m: float
     """Ground with the largest standard deviation."""
+    worst_pictures: int
+    """Number of pictures that show it; 0 where none is known."""
     seam_share: float
     """Largest difference in brightness between two pictures of one place, as a share."""
     seam_x_m: float
@@ -88,7 +90,9 @@ def quality_figures(path: Path) -> QualityFigures:
     shown = np.isfinite(pictures)
     covered = float(np.mean(shown))
     count, area_m2, x_m, y_m = _holes(shown, at)
-    largest = *_largest(std_m, at), *_largest(seam, at)
+    known = np.isfinite(std_m).any()
+    views = int(np.nan_to_num(pictures.ravel()[int(np.nanargmax(std_m))])) if known else 0
+    largest = *_largest(std_m, at), views, *_largest(seam, at)
     return QualityFigures(_median(std_m), *largest, _median(seam), covered, count, area_m2, x_m, y_m)
 
 

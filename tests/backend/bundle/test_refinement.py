@@ -202,7 +202,7 @@ def test_a_refinement_that_is_stopped_early_says_so(monkeypatch: pytest.MonkeyPa
         return minimise_bundle(cost, at, 1, 0.0)
 
     monkeypatch.setattr("backend.bundle.rounds.minimise_bundle", one_step)
-    assert refine(made.measurements, made.start).not_converged == "1 iterations done"
+    assert refine(made.measurements, made.start).not_converged == "1 iteration done"
 
 
 def test_a_keyframe_without_a_sensor_of_its_own_is_as_far_off_as_stated():

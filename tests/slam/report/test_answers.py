@@ -188,7 +188,7 @@ def test_contradicted_matches_are_counted_apart_from_unproven_ones():
     )
     found = answers(replace(estimate, loops=loops), flight)[AGAIN]
     assert "2 others were rejected: the rest of the map contradicts 1" in found
-    assert "1 show too little" in found
+    assert "1 shows too little to tell whether it is right" in found
     page = html.unescape(render(replace(estimate, loops=loops), summarise(estimate), flight))
     assert re.search(r"<td>contradicted</td><td>they contradict the other links", page)
     assert re.search(r"<td>unproven</td><td>they have too few points", page)

@@ -13,7 +13,7 @@ def test_the_words_of_a_match_keep_all_figures_of_its_reason():
         "no unit that the page does not define"
     )
     disagrees = reason_in_words("disagrees by 8.6 sigma (limit 4.7): 0.14 m, 1.2 deg")
-    assert disagrees.endswith("(8.6 standard deviations (limit 4.7): 0.14 m, 1.2°)")
+    assert disagrees.endswith("(8.6 standard deviations, limit 4.7: 0.14 m, 1.2°)")
 
 
 @pytest.mark.parametrize(

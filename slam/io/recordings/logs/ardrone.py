@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
+from backend.wording import counted
 from slam.io.body_axes import angles_from_aviation
 from slam.io.files import refusal
 from slam.io.recordings.logs import field_values
@@ -132,10 +133,10 @@ def open_recording(path: Path) -> Recording:
     warnings = []
     if lost:
         warnings.append(
-            f"{lost} bytes hold no packet (damaged or cut short) and were passed over; {COPY_AGAIN}"
+            f"{counted(lost, 'byte')} without a packet (damaged or cut short) passed over; {COPY_AGAIN}"
         )
     if timeless:
-        warnings.append(f"{timeless} packets without a time left out; record with all options")
+        warnings.append(f"{counted(timeless, 'packet')} without a time left out; record with all options")
     return field_recording(path, DESCRIPTION, series, RULES, tuple(warnings), {"vehicle": "AR.Drone"})
 
 

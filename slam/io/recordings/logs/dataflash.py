@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import counted
 from slam.io.body_axes import angles_from_aviation
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
@@ -182,11 +183,11 @@ def open_recording(path: Path) -> Recording:
     unread = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
     damage = (
         *[
-            f"{lost} bytes of the log hold no message (damaged or cut short) and were passed over; "
+            f"{counted(lost, 'byte')} of the log without a message (damaged or cut short) passed over; "
             f"{COPY_AGAIN}"
         ]
         * bool(lost),
-        *[f"{late} messages have a stamp that no clock has (damaged) and were passed over; {COPY_AGAIN}"]
+        *[f"{counted(late, 'message')} with a stamp that no clock has (damaged) passed over; {COPY_AGAIN}"]
         * bool(late),
     )
     return field_recording(path, DESCRIPTION, series, rules, damage, _metadata(series), unread)

@@ -91,7 +91,7 @@ def test_loops_of_one_place_beside_rejected_ones_are_named():
     kept = solved.edge_kept.copy()
     kept[-1] = False
     (sentence,) = unchecked_components(from_pose_graph(made), replace(solved, edge_kept=kept))
-    assert "only loops near vertex 0 and vertex 11 were kept, and 1 loops elsewhere" in sentence
+    assert "only loops near vertex 0 and vertex 11 were kept, and 1 loop elsewhere" in sentence
     assert unchecked_components(from_pose_graph(made), solved) == []
 
 
@@ -117,7 +117,8 @@ def test_an_edge_without_information_is_left_out_and_reported(information: float
     assert solved.edge_reason[-1] == "carries no information"
     assert not solved.edge_kept[-1]
     assert (
-        "1 of 12 edges carry no information (the first is vertex 0 to vertex 11): left out" in solved.warnings
+        "1 of 12 edges carries no information (the first is vertex 0 to vertex 11): left out"
+        in solved.warnings
     )
     assert "rest on odometry alone" in solved.status
 
@@ -134,7 +135,7 @@ def test_one_direction_without_information_counts_as_none():
     made = walk([])
     made.information[3] = np.diag([1e-300, 100.0, 100.0])
     solved = solve_pose_graph(made)
-    assert any("1 of 11 edges tell nothing about some direction" in w for w in solved.warnings)
+    assert any("1 of 11 edges tells nothing about some direction" in w for w in solved.warnings)
     assert "not observed" in solved.status
     assert solved.covariances is not None
     assert np.isnan(solved.covariances[5]).all()
@@ -172,7 +173,7 @@ def test_odometry_that_only_rejected_odometry_checks_is_named(at: int):
     (sentence,) = unchecked_components(from_pose_graph(made), replace(solved, edge_kept=kept))
     ends = [f"vertex {k} to vertex {k + 1}" for k in (9 - at, at)]
     assert sentence == (
-        f"1 edges (the first is {ends[0]}) are checked only by odometry that was rejected (the first is"
+        f"1 edge (the first is {ends[0]}) is checked only by odometry that was rejected (the first is"
         f" {ends[1]}): either may be what is wrong"
     )
 
@@ -185,8 +186,8 @@ def test_odometry_beside_a_rejected_step_of_a_kilometre_is_not_ok(tmp_path: Path
     made.ij_T[20, :2, 3] *= 1000
     solved = solve_pose_graph(made, covariances=False)
     assert np.count_nonzero(~solved.edge_kept) == 1
-    assert "1 edges (the first is vertex " in solved.status
-    assert "are checked only by odometry that was rejected (the first is vertex " in solved.status
+    assert "1 edge (the first is vertex " in solved.status
+    assert "is checked only by odometry that was rejected (the first is vertex " in solved.status
 
 
 def test_rejected_odometry_between_poses_with_loops_leaves_nothing_unchecked():

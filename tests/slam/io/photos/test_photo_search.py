@@ -45,7 +45,7 @@ def test_links_that_leave_the_folder_are_not_read(tmp_path):
     assert flight.frames.names == ("a.jpg",)
     assert warned(flight, "a link that leads out of the folder", "(out.jpg)")
     assert warned(flight, "the same file as another photograph", "(inside.jpg)")
-    assert warned(flight, "1 links to folders are not followed", "(folder)")
+    assert warned(flight, "1 link to a folder is not followed", "(folder)")
     (tmp_path / "link").symlink_to(folder, target_is_directory=True)
     assert import_photos(tmp_path / "link").frames.names == ("a.jpg",)
 

@@ -31,7 +31,7 @@ def test_gps_of_some_photographs_only(tmp_path):
     assert flight.gps.stamps_s.tolist() == [0, 6]
     assert np.isnan(flight.gps.altitude_m).tolist() == [False, True]
     assert warned(flight, "2 of 4 photographs have no GPS position")
-    assert warned(flight, "1 of 2 GPS positions have no altitude")
+    assert warned(flight, "1 of 2 GPS positions has no altitude")
 
 
 @pytest.mark.parametrize("place", [None, (30.0, -98.0)])
@@ -136,4 +136,4 @@ def test_damaged_xmp_is_noted(tmp_path):
     bomb = b'<!DOCTYPE a [<!ENTITY b "c"><!ENTITY d "&b;&b;">]><a>&d;</a>'
     for packet in (b"<x:xmpmeta><broken", bomb):
         flight = import_photos(fill(tmp_path, {"a.jpg": with_xmp(jpeg(), packet)}))
-        assert warned(flight, "1 photographs have XMP tags that cannot be read")
+        assert warned(flight, "1 photograph has XMP tags that cannot be read")

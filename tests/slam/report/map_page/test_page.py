@@ -106,7 +106,8 @@ def test_the_page_holds_what_the_estimate_has(tmp_path):
     np.testing.assert_allclose(
         frames["sigma"], np.sqrt(np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2)), rtol=1e-5
     )
-    assert data["links"]["rejected"] == {"count": 1, "pairs": [[5, 51, f"unproven: {REJECTION}"]]}
+    assert data["links"]["unproven"] == {"count": 1, "pairs": [[5, 51, REJECTION]]}
+    assert data["links"]["contradicted"]["count"] == 0
     assert data["links"]["loop"]["count"] == 2
     assert data["links"]["odometry"]["count"] == 59
     assert not any(frames["unseen"])
@@ -212,7 +213,7 @@ def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
             "points",
             "path",
             "loop",
-            "rejected",
+            "unproven",
             "odometry",
             "keyframes",
         )
@@ -310,7 +311,7 @@ def test_a_graph_without_pictures_is_a_map_too(tmp_path):
         written(tmp_path, estimate),
         "return [...document.querySelectorAll('#layers input')].map((box) => box.id);",
     )
-    assert found == [f"show-{name}" for name in ("path", "loop", "rejected", "odometry", "keyframes")]
+    assert found == [f"show-{name}" for name in ("path", "loop", "unproven", "odometry", "keyframes")]
 
 
 @needs_browser

@@ -126,7 +126,7 @@ def test_only_ranges_to_the_ground_are_taken(tmp_path):
     assert np.array_equal(flight.sonar.range_m, [1.5, np.nan, np.nan, np.nan, 2.5], equal_nan=True)
     assert (flight.sonar.min_range_m, flight.sonar.max_range_m) == (0.25, 30.0)
     assert flight.sonar.noise_std_m == 0.5
-    assert any("1 readings of sensors that do not look down" in line for line in flight.warnings)
+    assert any("1 reading of sensors that do not look down" in line for line in flight.warnings)
 
 
 def odometry(frame: int, velocity_frame: int, velocity: tuple, stamp_us: int = 10**6):

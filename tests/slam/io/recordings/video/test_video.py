@@ -371,7 +371,7 @@ def test_an_impossible_altitude_is_missing_and_told(tmp_path):
     path.write_text("".join(cue(k, 1000 * k, 1000 * k + 1000, text) for k, text in enumerate(texts, 1)))
     flight = read(path)
     assert np.isnan(flight.gps.altitude_m).tolist() == [False, False, True, False]
-    assert any("1 values of altitude beyond" in line for line in flight.warnings)
+    assert any("1 value of altitude beyond" in line for line in flight.warnings)
 
 
 def test_a_subtitle_whose_date_is_damaged_is_left_out():
