@@ -13,74 +13,73 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.edge_windows import (
+    WINDOW_PX,
+    CornerStep,
+    by_corners,
+    is_structured,
+    mean_shift,
+    measured,
+    solved,
+)
 from frontend.flow import NOISE_FLOOR
 from frontend.flow_frame import FlowFrame
 from frontend.gates import GateConfig, local_scale
-from frontend.homography import CAUCHY_SIGMAS, HomographyConfig, jacobian, transfer
+from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, overlap
-from frontend.robust import NORMAL, median
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Grey = NDArray[np.float32]
 
-WINDOW_PX = 16
-"""Side of the windows."""
 BLUR_PX = 1.2
 """Standard deviation of the blur before the pictures are compared: pixels sample a sharp edge too coarsely to
 be interpolated, and show steps along a slanted line that move with the pixels."""
 REDUCED = 4
 """Reduction of the first level. Its reach is several of its pixels, less than the distance of two lines."""
-LINE_SHARE = 0.08
-"""Least share of the information across a line that detail along it must have: noise of the pixels and steps
-along a slanted line have less."""
-VISIBLE_SHARE = 0.1
-"""Least information of a window over that of a typical one with a line."""
-LEAST_CONTRAST = 5.0
-"""Least change of the grey level, per pixel of the blurred picture, at the strongest edges: several standard
-deviations of the noise of a camera's pixels."""
-LEAST_WINDOWS = 6
-"""Fewest windows with structure: two lines across half a picture."""
-OPEN_PX = 1.0
-"""A direction in which the corners of the picture would have a larger standard deviation is open: detail of
-the pictures farther apart is no longer the same."""
-SHAPE_SHARE = 0.01
-"""Standard deviation of the shape of a predicted picture, over its side: tilt and height to a percent."""
-STEPS, STILL_PX = 12, 5e-3
-"""Most Gauss-Newton steps at a level, and the displacement below which it ends."""
-AROUND_PX = 2.0
-"""If the pictures do not come to look alike, the start is moved by so many reduced pixels each way."""
+STEPS, STILL_PX = 12, (5e-3, 0.05)
+"""Most Gauss-Newton steps at a level, and the displacement in pixels of each level below which it ends."""
+NEAR_PX = 1.0
+"""Standard deviation of a prediction from which whole pictures align: their blurred lines overlap."""
 MOST_UNEXPLAINED = 0.1
 """Largest share of the variance of the common picture that may differ after the alignment."""
+STEP_PX = 2.0 * REDUCED
+"""Distance of neighbouring starts: half of it, a reduced pixel, is within the reach of each."""
+SEARCH_SIGMAS, MOST_STEPS = 3.0, 3
+"""Starts lie within so many standard deviations of the prediction, and so many steps from it at most."""
+PLAUSIBLE, CERTAIN = -2 * np.log(1e-4), -2 * np.log(1e-3)
+"""Largest squared distance of a displacement from its prediction, in standard deviations: farther is one of
+10 000 with two degrees of freedom. Of two displacements one is a thousand times as likely as the other where
+their squared distances differ by the second number."""
 
 
-class _Windows(NamedTuple):
-    """Windows with structure, in axes along and across their strongest edge."""
+@dataclass(frozen=True)
+class Prediction:
+    """Expected place of a picture in another one."""
 
-    axes: Array
-    """(m, 2, 2) columns: the direction of least change, and that of most."""
-    at: Array
-    """(m, 2) middles."""
-    moved: Array
-    """(m, 2) displacement along the axes."""
-    weight: Array
-    """(m, 2) information relative to that across an edge."""
-
-
-class _Solution(NamedTuple):
-    """A step of the corners of picture i."""
-
-    step: Array
-    """(8,) px."""
+    i_H_j: Array
+    """(3, 3) undistorted pixels of picture j to those of picture i."""
     covariance: Array
-    """(8, 8) px², of the corners of picture i."""
+    """(2, 2) px², of the mean displacement of its corners."""
+
+
+@dataclass(frozen=True)
+class _Aligned:
+    """Result of one start, in pixels of the compared pictures."""
+
+    H: Array
+    covariance: Array
+    """(8, 8) of the corners."""
+    moved: Array
+    """(2,) mean displacement of the corners from the prediction, if the shape is as predicted."""
+    of_moved: Array
+    """Its covariance (2, 2)."""
 
 
 @dataclass(frozen=True)
@@ -112,54 +111,80 @@ class AlignmentTemplate:
     @cached_property
     def is_structured(self) -> bool:
         """Whether the picture shows edges in several windows."""
-        grey = self.levels[0]
-        change = cv2.magnitude(*(_slope(grey, *axis) for axis in ((1, 0), (0, 1))))
-        strongest = _block_max(change * self.seen)
-        return int((strongest > LEAST_CONTRAST).sum()) >= LEAST_WINDOWS
+        return is_structured(self.levels[0], self.seen)
 
     def register(
         self,
         i: int,
         j: int,
         other: AlignmentTemplate,
-        predicted: Array,
+        predicted: Prediction,
         lead: float,
         homography: HomographyConfig,
         gates: GateConfig,
     ) -> Registration | None:
-        """Register picture j, ``other``, to this picture i, starting at a predicted homography (3, 3).
+        """Register picture j, ``other``, to this picture i within the covariance of a prediction.
 
         ``lead``: as in `frontend.motions.Expectation`.
 
-        None where the pictures do not come to look alike.
+        None where the pictures do not come to look alike, or do so at several places.
         """
         corners = self.frame.camera.undistort(self.frame.camera.corners_px)
         to, floor_px = self.frame.reduced_H_full, NOISE_FLOOR * homography.noise_floor_px
-        start = to @ predicted @ np.linalg.inv(to)
-        for right, down in product(*(AROUND_PX * REDUCED * np.array([[0, 1, -1]] * 2))):
-            shift = np.array([[1, 0, right], [0, 1, down], [0, 0, 1]])
-            aligned = self._from_start(other, shift @ start, floor_px, gates)
-            if aligned is not None:
-                break
-        else:
+        found = self._searched(other, predicted, floor_px, gates)
+        if found is None:
             return None
-        H, covariance = aligned
-        i_H_j = np.asarray(np.linalg.inv(to) @ H @ to, dtype=float)
+        i_H_j = np.asarray(np.linalg.inv(to) @ found.H @ to, dtype=float)
         i_H_j /= i_H_j[2, 2]
         covered = overlap(i_H_j, self.frame.camera)
         return Registration(
             i=i, j=j, reason="", matches=np.empty((0, 2), np.int32), i_H_j=i_H_j,
-            corner_covariance=_of_corners(covariance, H, self.frame, corners), noise_px=floor_px,
+            corner_covariance=_of_corners(found.covariance, found.H, self.frame, corners), noise_px=floor_px,
             overlap=covered, least_overlap=covered, lead=lead, by_lines=True,
         )  # fmt: skip
 
+    def _searched(
+        self, other: AlignmentTemplate, predicted: Prediction, floor_px: float, gates: GateConfig
+    ) -> _Aligned | None:
+        """Return the only likely result of all starts within the covariance of the prediction; None where
+        there is none."""
+        to = self.frame.reduced_H_full
+        start = to @ predicted.i_H_j @ np.linalg.inv(to)
+        covariance = predicted.covariance / np.outer(self.frame.scale, self.frame.scale)
+        is_near = bool(np.trace(covariance) < NEAR_PX**2)
+        found: list[tuple[float, _Aligned]] = []
+        for shift in _starts(covariance):
+            if any(_squared(shift - each.moved, each.of_moved) < 1.0 for _, each in found):
+                continue  # It leads to the same place, up to what lines leave open.
+            each = self._from_start(other, start, shift, floor_px, gates) if is_near else None
+            each = each or self._from_start(other, start, shift, floor_px, gates, (1, 0))
+            if each is not None:
+                found.append((_squared(each.moved, covariance + each.of_moved), each))
+        found = sorted([one for one in found if one[0] < PLAUSIBLE], key=lambda one: one[0])
+        if not found:
+            return None
+        (least, best), others = found[0], found[1:]
+        for squared, each in others:
+            apart = _squared(each.moved - best.moved, each.of_moved + best.of_moved)
+            if squared < least + CERTAIN and apart > PLAUSIBLE:
+                return None
+        return best
+
     def _from_start(
-        self, other: AlignmentTemplate, H: Array, floor_px: float, gates: GateConfig
-    ) -> tuple[Array, Array] | None:
-        """Return the homography from the other picture that a start leads to, and the covariance of the
-        corners of this one; None where the pictures do not come to look alike."""
-        covariance = np.empty((8, 8))
-        for level in (1, 0):
+        self,
+        other: AlignmentTemplate,
+        predicted: Array,
+        shift: Array,
+        floor_px: float,
+        gates: GateConfig,
+        levels: tuple[int, ...] = (0,),
+    ) -> _Aligned | None:
+        """Return the result of a start that is shifted from the prediction; None where the pictures do not
+        come to look alike."""
+        H, covariance = np.eye(3), np.empty((8, 8))
+        H[:2, 2] = shift
+        H = H @ predicted
+        for level in levels:
             aligned = _at_level(self, other, H, level, floor_px)
             if aligned is None:
                 return None
@@ -168,27 +193,35 @@ class AlignmentTemplate:
         i_H_j = np.asarray(np.linalg.inv(to) @ H @ to, dtype=float)
         if overlap(i_H_j, camera) < gates.min_overlap or not _alike(self, other, H):
             return None
-        plausible = 1.0 / gates.max_scale < local_scale(i_H_j, camera) < gates.max_scale
-        return (H, covariance) if plausible else None
+        if not 1.0 / gates.max_scale < local_scale(i_H_j, camera) < gates.max_scale:
+            return None
+        off = transfer(H, self._corners) - transfer(predicted, self._corners)
+        return _Aligned(H, covariance, *mean_shift(off.ravel(), covariance, max(self.frame.size_px)))
+
+    @cached_property
+    def _corners(self) -> Array:
+        width, height = self.frame.size_px
+        return np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
 
 
-def _slope(grey: Grey, right: int, down: int) -> Grey:
-    """Return the change of the grey level per pixel."""
-    return np.asarray(cv2.Sobel(grey, cv2.CV_32F, right, down, ksize=1, scale=0.5))
+def _starts(covariance: Array) -> list[Array]:
+    """Return the displacements (2,) from a prediction at which the alignment starts, the most likely one
+    first. Along an axis that is known too poorly they go as far as they may, but none starts where both are.
+    """
+    variance, axes = np.linalg.eigh(covariance)
+    std = np.sqrt(np.maximum(variance, 1e-12))
+    steps = np.maximum(0, np.ceil(SEARCH_SIGMAS * std / STEP_PX - 0.5)).astype(int)
+    if (steps > MOST_STEPS).all():
+        return []
+    each = [np.arange(-n, n + 1) * STEP_PX for n in np.minimum(steps, MOST_STEPS).tolist()]
+    grid = np.array(list(product(*each)))
+    order = np.argsort(((grid / std) ** 2).sum(axis=1), kind="stable")
+    return [np.asarray(axes @ grid[k]) for k in order.tolist()]
 
 
-def _blocks(values: Grey) -> Grey:
-    """Return the values (rows, WINDOW_PX, columns, WINDOW_PX) of whole windows."""
-    h, w = (size // WINDOW_PX for size in values.shape)
-    return values[: h * WINDOW_PX, : w * WINDOW_PX].reshape(h, WINDOW_PX, w, WINDOW_PX)
-
-
-def _block_sum(values: Grey) -> Array:
-    return np.asarray(_blocks(values).sum(axis=(1, 3), dtype=float)).ravel()
-
-
-def _block_max(values: Grey) -> Array:
-    return np.asarray(_blocks(values).max(axis=(1, 3))).ravel()
+def _squared(off: Array, covariance: Array) -> float:
+    """Return the squared distance in standard deviations."""
+    return float(off @ np.linalg.solve(covariance, off))
 
 
 def _warped(
@@ -227,7 +260,7 @@ def _alike(template: AlignmentTemplate, other: AlignmentTemplate, H: Array) -> b
 
 def _at_level(
     template: AlignmentTemplate, other: AlignmentTemplate, H: Array, level: int, floor_px: float
-) -> tuple[Array, _Solution] | None:
+) -> tuple[Array, CornerStep] | None:
     """Return the homography between the whole pictures as improved at a level, and its last step."""
     width, height = template.levels[level].shape[::-1]
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
@@ -235,12 +268,15 @@ def _at_level(
     H = S @ H @ np.linalg.inv(S)
     found, predicted = None, H
     for number in range(STEPS + 1):
-        windows = _windows(template, other, H, level)
+        grey = template.levels[level]
+        warped, common = _warped(template, other, H, level)
+        same = _same_exposure(grey, warped, common)
+        windows = measured(grey, same, common, level) if same is not None else None
         if windows is None:
             return None
-        last = number == STEPS or (found is not None and np.abs(found.step).max() < STILL_PX)
+        last = number == STEPS or (found is not None and np.abs(found.step).max() < STILL_PX[level])
         off = None if last else (transfer(H @ np.linalg.inv(predicted), corners) - corners).ravel()
-        found = _solved(windows, corners, floor_px, max(width, height), off)
+        found = solved(windows, corners, floor_px, max(width, height), off)
         moved = (corners + found.step.reshape(4, 2)).astype(np.float32)
         H = np.asarray(cv2.getPerspectiveTransform(corners.astype(np.float32), moved) @ H, dtype=float)
         if not np.isfinite(H).all() or np.abs(found.step).max() > max(width, height):
@@ -257,84 +293,11 @@ def _reduction(level: int) -> Array:
     return np.array([[s, 0, 0.5 * s - 0.5], [0, s, 0.5 * s - 0.5], [0, 0, 1.0]])
 
 
-def _windows(template: AlignmentTemplate, other: AlignmentTemplate, H: Array, level: int) -> _Windows | None:
-    """Measure the displacement of each window with structure; None where there is too little."""
-    grey = template.levels[level]
-    warped, common = _warped(template, other, H, level)
-    same = _same_exposure(grey, warped, common)
-    if same is None:
-        return None
-    middle = 0.5 * (grey + same)
-    x, y = (_slope(middle, *axis) * common for axis in ((1, 0), (0, 1)))
-    off = same - grey
-    tensor = np.array([[_block_sum(x * x), _block_sum(x * y)], [_block_sum(x * y), _block_sum(y * y)]])
-    right = np.array([_block_sum(x * off), _block_sum(y * off)])
-    strength, axes = np.linalg.eigh(np.moveaxis(tensor, 2, 0))
-    visible = strength[:, 1] > LEAST_CONTRAST**2 * WINDOW_PX / (1 + 15 * level)
-    if np.count_nonzero(visible) < (LEAST_WINDOWS if level == 0 else 1):
-        return None
-    visible &= strength[:, 1] > VISIBLE_SHARE * median(strength[visible, 1])
-    strength, axes = strength[visible], axes[visible]
-    moved = np.einsum("mba,bm->ma", axes, right[:, visible]) / np.maximum(strength, 1e-9)
-    share = strength[:, 0] / strength[:, 1]
-    whole = np.minimum(1.0, strength[:, 1] / median(strength[:, 1]))
-    weight = np.column_stack([np.where(share > LINE_SHARE, share, 0.0), np.ones(len(share))]) * whole[:, None]
-    energy = x * x + y * y
-    row, column = np.indices(grey.shape, dtype=np.float32)
-    total = _block_sum(energy)[visible]
-    at = np.column_stack([_block_sum(energy * along)[visible] / total for along in (column, row)])
-    return _Windows(axes, at, moved, weight)
-
-
-def _solved(windows: _Windows, corners: Array, floor_px: float, side_px: int, off: Array | None) -> _Solution:
-    """Solve for the corners in the directions that the windows determine.
-
-    With the displacement ``off`` (8,) from the prediction, the shape of the picture is held near that of the
-    prediction, whose tilt and height are nearly right.
-
-    Windows along a line see the same edge at a similar place between the pixels, so that the floor of their
-    noise is common to all of them, as many as reach across the picture.
-    """
-    of_corners = _by_corners(windows.at, corners)
-    J = np.einsum("mab,mac->mbc", windows.axes, of_corners).reshape(-1, 8)
-    moved, weight = windows.moved.ravel(), windows.weight.ravel()
-    across = np.abs(windows.moved[:, 1])
-    spread = max(floor_px, NORMAL * median(across))
-    robust = weight / (1.0 + (moved / (CAUCHY_SIGMAS * spread)) ** 2)
-    A = np.asarray((J * robust[:, None]).T @ J)
-    information, directions = np.linalg.eigh(A)
-    used = weight > 0
-    typical_px = np.sqrt((robust * moved**2).sum() / robust.sum())
-    noise_px = np.sqrt(typical_px**2 + floor_px**2 * side_px / WINDOW_PX)
-    closed = information > (noise_px / OPEN_PX) ** 2
-    more = used.sum() / max(1, used.sum() - closed.sum())
-    noise_px = np.sqrt(typical_px**2 * more + floor_px**2 * side_px / WINDOW_PX)
-    step = directions[:, closed] @ (
-        (directions[:, closed].T @ (J.T @ (robust * moved))) / information[closed]
-    )
-    if off is not None:
-        shape = (np.eye(8) - np.kron(np.full((4, 4), 0.25), np.eye(2))) / (SHAPE_SHARE * side_px) ** 2
-        held = shape + np.eye(8) / side_px**2
-        step = np.linalg.solve(A / noise_px**2 + held, J.T @ (robust * moved) / noise_px**2 - held @ off)
-    variance = np.full(8, float(side_px) ** 2)
-    variance[closed] = noise_px**2 / information[closed]
-    return _Solution(step, np.asarray((directions * variance) @ directions.T, dtype=float))
-
-
-def _by_corners(at: Array, corners: Array) -> Array:
-    """Return the derivatives (m, 2, 8) of a homography near the identity at points by its corners."""
-
-    def by_entries(pixel: Array) -> Array:
-        return jacobian(pixel.T, np.column_stack([pixel, np.ones(len(pixel))]).T)
-
-    return np.asarray(by_entries(at) @ np.linalg.inv(by_entries(corners))).reshape(-1, 2, 8)
-
-
 def _of_corners(covariance: Array, H: Array, frame: FlowFrame, corners_px: Array) -> Array:
     """Return the covariance (8, 8) of the corners of picture j in i, in pixels of the camera."""
     width, height = frame.size_px
     own = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
     landed = transfer(H, transfer(frame.reduced_H_full, corners_px))
-    J = np.tile(frame.scale, 4)[:, None] * _by_corners(landed, own).reshape(8, 8)
+    J = np.tile(frame.scale, 4)[:, None] * by_corners(landed, own).reshape(8, 8)
     found = J @ covariance @ J.T
     return np.asarray(0.5 * (found + found.T))

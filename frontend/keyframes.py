@@ -21,7 +21,7 @@ from frontend.features import Extractor, Features
 from frontend.flow import FlowTemplate
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
-from frontend.line_tracking import FloorOf, LineTracker
+from frontend.line_tracking import InstrumentMotion, LineTracker
 from frontend.masking import unless_hidden
 from frontend.motions import MOST_LEAD, Expectation
 from frontend.photographs import Photograph, photographs
@@ -66,7 +66,7 @@ class Tracker:
         known: Callable[[int], Features | None] = lambda frame: None,
         look_ahead: bool = True,
         is_urged: IsUrged = lambda features: False,
-        floor_of: FloorOf | None = None,
+        motion: InstrumentMotion | None = None,
     ) -> None:
         """``masks`` returns the mask of a frame number; 0 marks pixels to ignore. ``known`` returns the
         features of its whole picture, if they were extracted before. ``look_ahead``: see `Views`.
@@ -79,7 +79,7 @@ class Tracker:
         at_once = extractor.config.searched_at_once(camera.size_px)
         self._views, self._unsettled = Views(self._extract, masks, camera.size_px, at_once, look_ahead), 0
         self._template: tuple[int, FlowTemplate] | None = None
-        self._lines = LineTracker(camera, homography, gates, floor_of) if floor_of else None
+        self._lines = LineTracker(camera, homography, gates, motion) if motion else None
         self.rejected: Counter[str] = Counter()
         self.dropped: dict[int, str] = {}
         """Number of each dropped frame -> reason."""

@@ -1,4 +1,5 @@
-"""The place of each picture on the floor, as far as instruments alone tell the motion of the vehicle."""
+"""The place of each picture on the floor, as far as instruments alone tell the motion of the vehicle, and how
+far that departs from the true motion."""
 
 from __future__ import annotations
 
@@ -9,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError
+from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
+from frontend.drift import DriftModel
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import silent
@@ -19,10 +22,16 @@ from slam.mapping.keyframe_readings import KeyframeReadings
 
 Array = NDArray[np.float64]
 
+_TILT_WALK_RAD = 0.01
+"""Random walk of the filter's tilt, per root second."""
+_ACCELERATION_M_S2, _JERK = 1.5, 3.0
+"""Standard deviation and random walk per root second of the acceleration of a small vehicle at slow flight:
+it tilts by up to 10 degrees, and back within a second."""
+
 
 @dataclass(frozen=True)
 class FloorViews:
-    """Homographies from the pictures of a flight to the floor."""
+    """Homographies from the pictures of a flight to the floor, as `frontend.line_tracking` needs them."""
 
     flight: Flight
     camera: Camera
@@ -32,16 +41,31 @@ class FloorViews:
         """Return the homography (3, 3) from undistorted pixels of a frame to the floor in metres."""
         return self.camera.floor_H_image(self._poses[frame])
 
+    def stamp_s(self, frame: int) -> float:
+        """Return the time of a frame."""
+        assert self.flight.frames is not None
+        return float(self.flight.frames.stamps_s[frame])
+
+    @property
+    def drift(self) -> DriftModel:
+        """How the poses depart from the true ones. Without the filter all motion is such a departure."""
+        trust, height_m = self.config.inertial, float(np.median(self._poses[:, 2, 3]))
+        moves = self._filtered is not None
+        return DriftModel(
+            speed_std_m_s=trust.start_speed_m_s,
+            acceleration_std_m_s2=trust.accel_offset_m_s2 if moves else _ACCELERATION_M_S2,
+            acceleration_walk=GRAVITY_M_S2 * _TILT_WALK_RAD if moves else _JERK,
+            place_std_m=height_m * trust.attitude_floor_rad,
+        )
+
     @cached_property
     def _poses(self) -> Array:
         """(f, 4, 4) poses by the filter, or by readings of the tilt, heading and height above one place."""
-        read, filtered = self._read(), self._filtered()
-        if filtered is None or not (filtered[:, 2, 3] > 0).all():
-            return read
-        return filtered
+        return self._read() if self._filtered is None else self._filtered
 
+    @cached_property
     def _filtered(self) -> Array | None:
-        """Return poses (f, 4, 4) by the filter; None where too little was recorded."""
+        """Poses (f, 4, 4) by the filter; None where too little was recorded."""
         from slam.inertial.motion import filter_motion
         from slam.inertial.noise_identification import identify_noise
 
@@ -57,7 +81,8 @@ class FloorViews:
             return None
         assert states is not None
         nearest = np.clip(np.cumsum(inside) - 1, 0, int(inside.sum()) - 1)
-        return np.asarray(states.w_T_b[nearest])
+        found = np.asarray(states.w_T_b[nearest])
+        return found if (found[:, 2, 3] > 0).all() else None
 
     def _read(self) -> Array:
         """Return poses (f, 4, 4) above the origin. What was not read is level, without a turn, or at the

@@ -130,6 +130,8 @@ class FrontEnd:
         width = camera.size_px[0]
         self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
         self.earlier, self.work = earlier or EarlierPass(), EarlierPass()
+        self.masks: Masks = no_masks
+        """Pixels of the pictures that are not used."""
         self.homography = config.homography.for_width(width)
         try:
             self.extractor = Extractor(config.features.for_width(width))
@@ -148,6 +150,7 @@ class FrontEnd:
 
     def track(self, masks: Masks = no_masks) -> Observations:
         """Go through the frames once: mask, track, gate, keyframe."""
+        self.masks = masks
         flight, tracked = self.flight, TrackedPictures(self.tracker(masks))
         assert flight.frames is not None
         for keyframe in self._keyframes(tracked.tracker):

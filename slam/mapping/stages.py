@@ -42,6 +42,7 @@ from slam.mapping.inertial.fusion import fuse_parts
 from slam.mapping.inertial.measurements import inertial_measurements, reported_motion
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import lift_edges
+from slam.mapping.line_loops import close_over_lines
 from slam.mapping.map import Map, largest_first
 from slam.mapping.obstacles import Masks, Obstacles
 from slam.mapping.refine import refine_map
@@ -87,6 +88,7 @@ def hide(context: Context, found: Obstacles) -> tuple[Context, Observations] | N
     front_end = FrontEnd(flight, job.camera, job.config, job.progress, context.front_end.work)
     with job.timer("track"), large_blocks_kept():
         assert context.tracked is not None
+        front_end.masks = found.masks
         observations = without_hidden(context.tracked, front_end, found.masks)
         if observations is None:
             return None
@@ -138,9 +140,12 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
     With inertia, the readings of the IMU and the motion that the vehicle reports then refine joined parts
     together.
 
+    Over floors of lines they always do, because the pictures leave directions open.
+
     Raises ``InputError`` where no pose of a camera above a floor explains the matches.
     """
-    flight = context.flight
+    flight, is_first = context.flight, not with_inertia
+    with_inertia = with_inertia or any(r.by_lines for r in solved.kept_registrations)
     inertial = inertial_readings(flight.imu) if with_inertia else None
     reported = reported_motion(flight, context.job.config) if with_inertia else None
     with context.timer("refine"), show_compilation(context.job.progress):
@@ -149,7 +154,7 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
         if with_inertia:
             measured = inertial_measurements(flight.imu, context.job.config)
             refined = fuse_parts(parts, refined, context.setup, measured, reported)
-    if (refined.component < 0).all() and not with_inertia:
+    if (refined.component < 0).all() and is_first:
         raise InputError(
             f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
             f"check T_BS (which way it looks) and intrinsics in {flight.camera_file}, and attitude0"
@@ -158,11 +163,13 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
 
 
 def match_overlaps(context: Context, refined: Map) -> Map:
-    """Register all keyframes whose footprints overlap according to the refined poses."""
+    """Register all keyframes whose footprints overlap according to the refined poses, by their features or by
+    the lines that they show."""
     with context.timer("loops"), large_blocks_kept():
         observations = context.front_end.match_overlaps(
             refined.observations, refined.over_floor_T_b, refined.floor_z_m
         )
+        observations = close_over_lines(context.front_end, observations, refined)
     return replace(refined, observations=observations)
 
 

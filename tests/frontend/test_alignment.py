@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from frontend.alignment import AlignmentTemplate
+from frontend.alignment import AlignmentTemplate, Prediction
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration
@@ -48,12 +48,16 @@ HERE = body(0.0, 0.0, 1.0)
 
 
 def aligned(
-    image: Image, w_T_b: Array, lines: Image, off_px: tuple[float, float] = (0.0, 0.0)
+    image: Image,
+    w_T_b: Array,
+    lines: Image,
+    off_px: tuple[float, float] = (0.0, 0.0),
+    std_px: tuple[float, float] = (3.0, 3.0),
 ) -> Registration | None:
     """Align a picture with that from `HERE`, from a start ``off_px`` beside the truth."""
     shift = np.array([[1, 0, off_px[0]], [0, 1, off_px[1]], [0, 0, 1.0]])
     here, there = (AlignmentTemplate.of(each, None, CAMERA) for each in (picture(lines, HERE, 0), image))
-    predicted = shift @ true_homography(CAMERA, HERE, w_T_b)
+    predicted = Prediction(shift @ true_homography(CAMERA, HERE, w_T_b), np.diag(np.square(std_px)))
     return here.register(4, 5, there, predicted, 0.5, HomographyConfig(), GateConfig())
 
 
@@ -116,3 +120,19 @@ def test_a_floor_without_lines_has_no_structure():
     plain = picture(np.full_like(floor(), 120), HERE, 0)
     assert not AlignmentTemplate.of(plain, None, CAMERA).is_structured
     assert AlignmentTemplate.of(picture(floor(), HERE, 0), None, CAMERA).is_structured
+
+
+def test_of_equal_lines_only_the_covariance_of_the_prediction_tells_which_is_which():
+    equal = np.full((480 * GRAIN, 560 * GRAIN), 96, np.uint8)
+    for at in range(2, 560, 24):
+        equal[:, at * GRAIN : (at + 4) * GRAIN] = 224
+        equal[(at - 1) * GRAIN : (at + 3) * GRAIN] = 224
+    w_T_b = body(0.02, -0.01, 1.0)
+    image = picture(equal, w_T_b, 1)
+    assert aligned(image, w_T_b, equal, (1.0, -1.0), (1.0, 1.0)) is not None
+    assert aligned(image, w_T_b, equal, (1.0, -1.0), (1.0, 9.0)) is None
+
+
+def test_a_prediction_of_unknown_place_is_not_searched():
+    lines, w_T_b = floor(), body(0.03, 0.02, 1.0)
+    assert aligned(picture(lines, w_T_b, 1), w_T_b, lines, std_px=(20.0, 20.0)) is None
