@@ -8,6 +8,8 @@ from frontend.camera import Camera
 
 ASSUMED_FOCAL_STD_RATIO = 0.1
 """Relative standard deviation of a focal length that is assumed."""
+PLAUSIBLE_FOCAL = (0.3, 30.0)
+"""Limits of the focal length over the longer side: 118 to 2 degrees of view."""
 NOMINAL_FOCAL_STD_RATIO = 0.03
 """Relative standard deviation of a focal length that is the nominal one of a model (Exif)."""
 CENTER_STD_RATIO = 0.01

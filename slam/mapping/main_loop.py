@@ -18,7 +18,7 @@ from slam.core.progress import Progress
 from slam.core.stage_timer import Stopwatch
 from slam.core.turn_units import in_radians
 from slam.mapping.build_estimate import build_estimate, shared_errors
-from slam.mapping.calibration.refuted import HELD, Freed
+from slam.mapping.calibration.refuted import HELD, Freed, OddFocal, focal_held
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context, Job
 from slam.mapping.floor_visibility import without_horizon_frames
@@ -55,6 +55,7 @@ def map_flight(
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):
         finished = _with_refuted_freed(_finished(job, flight, tracked), flight)
+        finished = _without_odd_focal(finished, flight)
         context, refined = finished.context, finished.refined
         estimate = build_estimate(context, refined, finished.shared, finished.untested)
         stamps_s, poses = refined.observations.stamps_s, refined.over_floor_T_b
@@ -100,6 +101,20 @@ def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
             break
         finished = again
     return finished
+
+
+def _without_odd_focal(finished: _Finished, flight: Flight) -> _Finished:
+    """Warn of an odd focal length that a map has estimated, and map again with the told one where it is
+    better.
+    """
+    context, refined = finished.context, finished.refined
+    odd = OddFocal.of(context.job.camera, refined)
+    if odd is None:
+        return finished
+    held = Freed(focal_held(context.job.camera), context.flight.gps, reason=context.still_held)
+    again = None if odd.is_believed else _again(finished, flight, held)
+    found = again or finished
+    return replace(found, context=replace(found.context, doubted_lens=odd.warning(used=again is None)))
 
 
 def _again(first: _Finished, flight: Flight, freed: Freed) -> _Finished | None:

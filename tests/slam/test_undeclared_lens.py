@@ -187,3 +187,20 @@ def test_a_wrong_focal_length_of_a_maker_is_estimated(ratio: float) -> None:
     assert lens["fx"].told_std > 0.02 * told
     off_m = estimate.w_T_b[:, :3, 3] - made.w_T_c[estimate.frame_index, :3, 3]
     assert np.sqrt(np.mean((off_m - off_m.mean(axis=0)) ** 2)) < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("focal_px", "by_gps"), [(200.0, True), (1100.0, False)])
+def test_an_assumed_focal_length_that_the_pictures_refute_is_told(focal_px: float, by_gps: bool) -> None:
+    """Photographs without tags, of a lens whose view is far from the assumed one."""
+    made = survey()
+    camera = made.flight.camera
+    assert camera is not None
+    assumed = replace(camera, focal_px=(focal_px,) * 2, focal_std_ratio=0.1, radial_std=0.1)
+    gps = made.flight.gps if by_gps else None
+    estimate = optimize(replace(made.flight, camera=assumed, gps=gps, surveyed=()))
+    assert estimate.status.startswith(f"cam0: the assumed focal length, {focal_px:.0f} px, contradicts")
+    assert "the map has that one" in estimate.status
+    lens = estimate.instruments.lens
+    assert lens is not None
+    assert abs(lens["fx"].value / camera.focal_px[0] - 1) < 0.1

@@ -21,6 +21,7 @@ from slam.core.lens_priors import (
     CENTER_STD_RATIO,
     NOMINAL_FOCAL_STD_RATIO,
     NOMINAL_RADIAL_STD,
+    PLAUSIBLE_FOCAL,
     TANGENTIAL_STD,
 )
 from slam.core.messages import Note
@@ -44,8 +45,6 @@ _FOCAL_STD_RATIO = {
 """Relative standard deviation of the focal length by source. CalibratedFocalLength is the designed one (DJI,
 user manual of the Mavic 3M, XMP fields), so nominal. Pixels are square, but the two focal lengths of a
 maker's calibration differ by 0.9 % (DewarpData of a Phantom 4 Multispectral): each is off by 0.6 %."""
-_PLAUSIBLE_FOCAL = (0.3, 30.0)
-"""Limits of the focal length over the longer side: 118 to 2 degrees of view."""
 _MAX_FOCAL_RATIO = 1.15
 """Largest ratio of the two Exif focal lengths. Rounding to a millimetre and crops lead to smaller ones."""
 
@@ -135,7 +134,7 @@ def relative_focal(tags: PhotoTags) -> float:
 
 
 def _is_plausible(focal_px: float, tags: PhotoTags) -> bool:
-    low, high = _PLAUSIBLE_FOCAL
+    low, high = PLAUSIBLE_FOCAL
     return low < focal_px / max(tags.size_px) < high
 
 

@@ -23,7 +23,7 @@ from backend.quantiles import chi_square_limit
 from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
 from slam.core.flight import Gps
-from slam.core.lens_priors import as_assumed, as_nominal
+from slam.core.lens_priors import PLAUSIBLE_FOCAL, as_assumed, as_nominal
 from slam.mapping.calibration.antenna import FARTHEST, NOMINAL_ANTENNA_STD_M, refusal_of_antenna
 from slam.mapping.map import Map
 from slam.mapping.refine_part import pinhole_model
@@ -132,8 +132,8 @@ def is_told_lens_doubted(map_: Map) -> bool:
 def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
     """Return ``camera`` with its lens known as well as the evidence of a ``trial`` says, else as it is.
 
-    The trial has the widest of the priors, that of `as_assumed`. A focal length outside of it has another
-    cause. The lens then stays as told, and the second result is a warning.
+    The trial has the widest of the priors, that of `as_assumed`. Where its focal length is odd, the lens
+    stays as told, and the second result is a warning.
     """
     if trial.bundle is None or trial.bundle.lens is None or trial.camera.lens != camera.lens:
         return camera, ""
@@ -145,15 +145,71 @@ def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
     best = int(np.argmax(evidence))
     if evidence[best] - evidence[0] <= VERY_STRONG:
         return camera, ""
-    told_px, std_px = priors[-1].told_numbers[0], trial.bundle.lens.told_std[0]
-    found_px = trial.camera.focal_px[0]
-    if abs(found_px - told_px) > FARTHEST * std_px:
-        return camera, (
-            f"cam0: the told focal length, {told_px:.0f} px, contradicts pictures and positions, but they "
-            f"show {found_px:.0f} px, which no calibration is wrong by: the map keeps the told lens; its "
-            "heights and slopes are doubted; add control points, or fly at a second height"
-        )
+    if odd := OddFocal.of(camera, trial):
+        return camera, odd.warning(used=False)
     return with_lens_of(priors[best], trial.camera), ""
+
+
+@dataclass(frozen=True)
+class OddFocal:
+    """A focal length that a map has estimated farther from the told one than calibrations are wrong by.
+
+    Pixels that are not square, relief and false matches look like another focal length. But one that was only
+    assumed may be any, so that the pictures are believed where the estimate is one that lenses have.
+    """
+
+    told_px: float
+    found_px: float
+    std_ratio: float
+    """Relative standard deviation of the widest prior."""
+    is_assumed: bool
+    """Whether no better one than an assumed one was told."""
+    is_plausible: bool
+    """Whether a lens may have the estimated one."""
+    by_positions: bool
+    """Whether positions contribute to the estimate."""
+
+    @staticmethod
+    def of(camera: Camera, map_: Map) -> OddFocal | None:
+        """Return the odd estimate of a map made with ``camera``; None for a usual one."""
+        if map_.bundle is None or map_.bundle.lens is None:
+            return None
+        told, told_px, found_px = camera.told or camera, camera.told_numbers[0], map_.camera.focal_px[0]
+        std_ratio = as_assumed(told).focal_std_ratio
+        if abs(found_px - told_px) <= FARTHEST * std_ratio * told_px:
+            return None
+        low, high = PLAUSIBLE_FOCAL
+        return OddFocal(
+            told_px=told_px,
+            found_px=found_px,
+            std_ratio=std_ratio,
+            is_assumed=told.focal_std_ratio == std_ratio,
+            is_plausible=low < found_px / max(camera.size_px) < high,
+            by_positions=map_.georeferenced,
+        )
+
+    @property
+    def is_believed(self) -> bool:
+        """Whether a map is to have the estimate, not the told focal length."""
+        return self.is_assumed and self.is_plausible
+
+    def warning(self, used: bool) -> str:
+        """Return the warning; ``used`` says whether the map has the estimate."""
+        told = "assumed" if self.is_assumed else "told"
+        refuting = "pictures and positions" if self.by_positions else "the pictures"
+        known = "" if self.is_assumed else ", which no calibration is wrong by"
+        choice = "has that one" if used else f"keeps the {told} one"
+        return (
+            f"cam0: the {told} focal length, {self.told_px:.0f} px, contradicts {refuting}, but they "
+            f"show {self.found_px:.0f} px{known}: the map {choice}; its heights and slopes are doubted; give "
+            "the pictures as the camera took them, neither stretched nor cropped, with their tags, or add "
+            "control points, or fly at a second height"
+        )
+
+
+def focal_held(camera: Camera) -> Camera:
+    """Return ``camera`` with the lens that was told before any flight, and its focal length held."""
+    return replace(as_nominal(camera.told or camera), focal_std_ratio=0.0)
 
 
 def with_lens_of(camera: Camera, found: Camera) -> Camera:

@@ -280,7 +280,7 @@ def _stuck_ranges(flight: Flight, map_: Map) -> str:
 def _refuted_lens(context: Context, map_: Map) -> str:
     """Report a declared lens that the map refutes: it has an estimated one instead, or keeps it."""
     refuted, flight, height_m = context.refuted_lens, context.flight, _main_height_m(map_)
-    if refuted is None:
+    if refuted is None or context.doubted_lens:
         return context.doubted_lens
     assert flight.camera is not None
     if refuted.errors is None:

@@ -8,11 +8,14 @@ import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind, lens_displacement
+from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, told_calibration, told_covariance
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
+from slam.core.lens_priors import as_nominal
 from slam.core.units import length, percent
 from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.map import Map
+from slam.mapping.refine_part import pinhole_model
 
 _CERTAIN = 3.0
 """Standard deviations from zero above which a component is reported."""
@@ -64,14 +67,43 @@ def refuted_lens_warning(
 
 
 def told_lens_warning(told: Camera, map_: Map, camera_file: str) -> str:
-    """Return the warning about a lens whose told numbers the evidence of a map refutes."""
-    lens = None if map_.bundle is None else map_.bundle.lens
-    std_px = "" if lens is None else f" ± {float(np.mean(lens.std[:2])):.2g}"
+    """Return the warning about a lens whose told numbers the evidence of a map refutes.
+
+    It names the number that is farthest from what was told of it, in standard deviations.
+    """
+    declared, estimate = _farthest_number(told, map_)
     return (
-        f"cam0: a focal length of {np.mean(told.focal_px):.0f} px ± {percent(told.focal_std_ratio)} and the "
-        "distortion told with it contradict the pictures and positions; this map has "
-        f"{np.mean(map_.camera.focal_px):.0f}{std_px} px instead, as estimated; calibrate the camera and "
-        f"correct its numbers in {camera_file}"
+        f"cam0: {declared}, with what else is told of its lens, contradicts the pictures and positions; this "
+        f"map has {estimate} instead, as estimated; calibrate the camera and correct its numbers in "
+        f"{camera_file}"
+    )
+
+
+def _farthest_number(told: Camera, map_: Map) -> tuple[str, str]:
+    """Return the told number of the lens that is farthest from the map's, and the map's."""
+    # A number that was held was told as certain by nobody.
+    model, lens = pinhole_model(as_nominal(told)), None if map_.bundle is None else map_.bundle.lens
+    numbers, std = told_calibration(model), np.sqrt(np.diag(told_covariance(model)))
+    focal_px = np.mean(numbers[FOCAL])
+    focal = f"a focal length of {focal_px:.0f} px ± {percent(told.focal_std_ratio)}"
+    if lens is None:
+        return focal, f"{np.mean(map_.camera.focal_px):.0f} px"
+    comparable = slice(None) if lens.model == told.lens else slice(TERMS.start)
+    off = np.abs(lens.calibration[comparable] - numbers[comparable]) / std[comparable]
+    worst = int(np.argmax(off))
+    found, found_std = lens.calibration, lens.std
+    if NAMES[lens.model][worst] in ("fx", "fy"):
+        return focal, f"{np.mean(found[FOCAL]):.0f} ± {np.mean(found_std[FOCAL]):.2g} px"
+    if NAMES[lens.model][worst] in ("cx", "cy"):
+        (u, v), (found_u, found_v) = numbers[CENTER], found[CENTER]
+        return (
+            f"a principal point at ({u:.0f}, {v:.0f}) ± {std[worst]:.2g} px",
+            f"({found_u:.0f}, {found_v:.0f}) ± {np.max(found_std[CENTER]):.2g} px",
+        )
+    name = NAMES[lens.model][worst]
+    return (
+        f"a distortion with {name} = {numbers[worst]:.2g} ± {std[worst]:.2g}",
+        f"{name} = {found[worst]:.2g} ± {found_std[worst]:.2g}",
     )
 
 

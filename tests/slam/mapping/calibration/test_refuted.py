@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind
+from frontend.camera import Camera
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M, refusal_of_antenna
-from slam.mapping.calibration.refuted import Suspects, suspects
+from slam.mapping.calibration.refuted import OddFocal, Suspects, focal_held, suspects, with_lens_of
+from slam.mapping.map import Map
 from tests.backend.bundle.test_antenna import RTK, flown, refined
 
 
@@ -36,3 +40,37 @@ def test_an_antenna_is_taken_only_where_positions_tell_it(std_m: float, refused:
     scene = replace(RTK, pixel_std=0.02, told_pixel_std=0.02, position_std_m=(std_m, std_m))
     trial = refined(flown(0, scene), np.zeros(3), NOMINAL_ANTENNA_STD_M)
     assert ("does not tell the antenna's place" in refusal_of_antenna(trial)) == refused
+
+
+def stretched_map(told: Camera, focal_px: float, georeferenced: bool = False) -> Map:
+    """As much of a map as the test of its focal length needs."""
+    bundle = SimpleNamespace(lens=object())
+    camera = replace(told, focal_px=(focal_px, focal_px))
+    return cast(Map, SimpleNamespace(bundle=bundle, camera=camera, georeferenced=georeferenced))
+
+
+@pytest.mark.parametrize(
+    ("std_ratio", "found_px", "is_odd", "is_believed"),
+    [
+        (0.1, 640.0, False, True),
+        (0.1, 1500.0, True, True),
+        (0.1, 52.0, True, False),
+        (0.03, 640.0, False, False),
+        (0.03, 1500.0, True, False),
+    ],
+)
+def test_an_odd_focal_length_is_believed_against_an_assumed_one_alone(
+    std_ratio: float, found_px: float, is_odd: bool, is_believed: bool
+) -> None:
+    told = Camera((500.0, 500.0), (319.5, 239.5), (640, 480), focal_std_ratio=std_ratio)
+    odd = OddFocal.of(told, stretched_map(told, found_px))
+    assert (odd is not None) == is_odd
+    if odd is not None:
+        assert odd.is_believed == is_believed
+        assert f"but they show {found_px:.0f} px" in odd.warning(used=is_believed)
+        assert ("the map has that one" in odd.warning(used=is_believed)) == is_believed
+    # What was told of a lens remains so when a map has estimated it.
+    again = with_lens_of(told, stretched_map(told, found_px).camera)
+    assert (OddFocal.of(again, stretched_map(again, found_px)) is not None) == is_odd
+    assert focal_held(again).focal_px == told.focal_px
+    assert focal_held(again).focal_std_ratio == 0.0
