@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from backend.wording import either
 from slam.core.version import VERSION
 from slam.report.accuracy import map_gain_table
+from slam.report.criticism_answers import criticism_answers
 from slam.report.criticism_pictures import (
     calibration_picture,
     covariate_picture,
@@ -82,6 +84,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         version=VERSION,
         model=result.model.name if result.model else "none",
         result=result,
+        answers=criticism_answers(result),
         tiles=_tiles(result),
         segment=segment,
         segment_image=embedded(segment.picture) if segment else None,
@@ -115,7 +118,7 @@ def _calibration(result: Criticism) -> str | None:
 
 
 def _tiles(result: Criticism) -> list[Item]:
-    tiles = [Item("flights judged", str(len(result.flights)))]
+    tiles = [Item(f"{either(len(result.flights), 'flight', 'flights')} judged", str(len(result.flights)))]
     if result.causes:
         first = result.causes[0]
         tiles.append(Item(f"probability of {first.name}", f"{first.probability:.3f}"))

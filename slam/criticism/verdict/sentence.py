@@ -29,12 +29,12 @@ _LOOK = (
     "look at the pictures of the unexplained channel in the report, and check its sensor, mounting and clock "
     "first. Do not rely on the model's prediction of that channel."
 )
+_LISTED = "fly the manoeuvre that docs/recipes.md lists for these effects, and criticise the flights together"
 _WHAT_TO_DO: Mapping[Verdict, str] = {
     "nothing_wrong": "simulate with the model as it is. To see smaller effects, fly longer, and fly "
     "the manoeuvres that docs/recipes.md lists for each effect.",
     "named": _USE_IT,
-    "ambiguous": "fly the manoeuvre that docs/recipes.md lists for these effects, and criticise the flights "
-    "together. Until then extended.toml predicts flights like these, but perhaps no others.",
+    "ambiguous": f"{_LISTED}. Until then extended.toml predicts flights like these, but perhaps no others.",
     "named_with_remainder": f"{_USE_IT} For the rest, {_LOOK}",
     "unknown": _LOOK,
 }
@@ -43,8 +43,18 @@ _WHAT_TO_DO: Mapping[Verdict, str] = {
 
 def with_sentences(found: Criticism) -> Criticism:
     """Return the criticism with its headline and its details, the lines that it has already among them."""
-    what_next = f"What to do next: {_WHAT_TO_DO[found.verdict]}"
+    what_next = f"What to do next: {_what_to_do(found)}"
     return replace(found, sentence=headline(found), details=(*details(found), *found.details, what_next))
+
+
+def _what_to_do(found: Criticism) -> str:
+    """Return what the pilot should do; a flight that distinguishes the causes is named where one is known."""
+    advice = _WHAT_TO_DO[found.verdict]
+    if not found.next_flight:
+        return advice
+    if found.verdict != "ambiguous":
+        return f"{advice} {found.next_flight}"
+    return advice.replace(_LISTED, f"{found.next_flight.rstrip('.')}; then criticise the flights together")
 
 
 def headline(found: Criticism) -> str:

@@ -16,6 +16,7 @@ from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.evaluation.map_gain import MapErrors, MapGain
+from slam.report.criticism_answers import criticism_answers, unexplained_in_words
 from slam.report.criticism_pictures import (
     covariate_picture,
     gain_picture,
@@ -35,6 +36,8 @@ RANKING = (
     Rank("unknown", 0.01, 0.0),
 )
 
+REMAINDER = "named_with_remainder"
+
 
 def made(verdict: str = "named") -> Criticism:
     gain = Gain(
@@ -52,7 +55,13 @@ def made(verdict: str = "named") -> Criticism:
         ("quadratic_drag", "flow_scale") if verdict == "ambiguous" else (),
         "gyro_x against speed" if "remainder" in verdict else "",
         next_flight="steps of three sizes",
-        details=("Unexplained: gyro_x against speed.",) if "remainder" in verdict else (),
+        details=(
+            "Unexplained: gyro_x ~ speed (z = 7.0).",
+            "What to do next: fly steps of three sizes.",
+            "Noise from reading to reading is larger than stated: gyro 29 times.",
+        )
+        if "remainder" in verdict
+        else (),
         detectable={"sonar_lag": (0.012, "s")},
         ranking=RANKING,
         confusable=(("quadratic_drag", "flow_scale", 0.93),),
@@ -96,7 +105,7 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
     assert "The model lacks &lt;quadratic&gt; drag." in page
     assert "0.437" in page
     assert "sonar_lag" in page  # what could not have been seen
-    assert "steps of three sizes" in page  # the next flight
+    assert ("steps of three sizes" in page) == bool(made(verdict).details)  # the next flight
     assert "the line (3.7) is what chance &lt;seldom&gt; reaches" in page
     assert "flight_09: never moves" in page
     assert "http" not in re.sub(r"Content-Security-Policy|http-equiv", "", page)  # offline
@@ -105,7 +114,7 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
         assert "-61 %" in page
         assert "+10 %" in page  # channels that became worse are listed
     assert ("cannot distinguish" in page) == (verdict == "ambiguous")
-    assert ("gyro_x against speed" in page) == ("remainder" in verdict)
+    assert ("the error of gyro_x changes with speed" in page.lower()) == ("remainder" in verdict)
 
 
 def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
@@ -181,3 +190,28 @@ def test_a_dot_a_part() -> None:
     green = np.abs(picture - [0x00, 0x9E, 0x73]).sum(axis=2) < 30
     red = np.abs(picture - [0xD5, 0x5E, 0x00]).sum(axis=2) < 30
     assert green.sum() > 1.5 * red.sum() > 0  # two gain, one loses
+
+
+def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None:
+    found = {row.label: " ".join((row.value, *row.lines)) for row in criticism_answers(made(REMAINDER))}
+    assert found["Is the model right about these flights?"].startswith("No.")
+    assert (
+        found["What is not explained?"]
+        == "The error of gyro_x changes with speed (by 7.0 standard deviations)."
+    )
+    assert found["What do I do next?"] == "Fly steps of three sizes."
+    assert found["Which sensor is doubted?"].endswith("larger than stated: gyro 29 times.")
+    assert "flight_09: never moves." in found["What was not judged, or could not be seen?"]
+
+
+@pytest.mark.parametrize(
+    ("part", "words"),
+    [
+        ("velocity_std_m_s out of range", "lies outside of what healthy vehicles have."),
+        ("attitude_lag may be control_latency", "may be control_latency instead"),
+        ("timestamp_jitter may be something else", "an effect that the catalogue does not hold."),
+        ("velocity early by 49.1 ms", "velocity early by 49.1 ms."),
+    ],
+)
+def test_what_is_left_over_is_told_in_plain_words(part: str, words: str) -> None:
+    assert words in unexplained_in_words(f"{part}.")

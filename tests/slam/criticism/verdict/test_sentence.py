@@ -142,6 +142,17 @@ def test_effects_that_cannot_be_distinguished_are_no_certain_causes():
     assert f"Effects that the flights cannot distinguish: {listed}." in details(finding)
 
 
+def test_the_next_flight_is_told_with_what_to_do():
+    advised = "To distinguish a from b fly 'climb' once: 3.6 sigma a time."
+    alike, named = (
+        with_sentences(Criticism(verdict, next_flight=advised)).details[-1]
+        for verdict in ("ambiguous", "named")
+    )
+    assert alike.startswith(f"What to do next: {advised.rstrip('.')}; then criticise the flights together.")
+    assert named.endswith(advised)
+    assert "docs/recipes.md" in with_sentences(Criticism("ambiguous")).details[-1]
+
+
 def test_pictures_gain_from_one_to_another():
     px = ChannelError("reprojection", "px", 0.0, 1.3, 0.2)
     text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, PITCH, px),)))
