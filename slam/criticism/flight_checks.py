@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.kalman.filter_parameters import NOISE_FIGURES, figure_of
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -35,6 +34,7 @@ from slam.data_quality.commands import (
     readings_span_s,
 )
 from slam.data_quality.dead_streams import without_dead_streams
+from slam.data_quality.pictures.feature_matches import match_all_pictures
 from slam.simulation.dynamics import COMMAND
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.kalman.filter_parameters import CAMERA, filter_parameters_of
 from slam.criticism.kalman.innovations import referred
@@ -34,6 +33,7 @@ from slam.criticism.without_commands.likelihood import likelihood_of
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.data_quality.pictures.feature_matches import FeatureMatches
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for

@@ -7,13 +7,22 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from slam.criticism.camera.camera_path import CameraPath
-from slam.criticism.camera.feature_matches import FeatureMatches
-from slam.criticism.camera.tones import CONTRAST, FIGURES, SHADING, SHARPNESS, Tones, tones_of, weigh
 from slam.criticism.kalman.filter_parameters import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.smoothing import SmoothedPath
+from slam.data_quality.pictures.feature_matches import FeatureMatches
+from slam.data_quality.pictures.tones import (
+    CONTRAST,
+    FIGURES,
+    SHADING,
+    SHADING_MAP,
+    SHARPNESS,
+    Tones,
+    tones_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -47,6 +56,9 @@ SLOW_SHARPNESS = 0.3
 TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.2, SHARPNESS: 0.6}
 """Tolerated change of the logarithm for each unit of the logarithm of height, or of the floor's scale in the
 picture. On the floors of two generators it is -0.2 in contrast and up to 0.9 in detail."""
+WANDER = np.array([0.006, 0.006, 0.006, 0.004, 0.03, 0.003, 0.003])
+"""Standard deviation of a healthy picture's properties: other floor points are visible, and moving objects
+cover some."""
 
 
 def photometric_score(
@@ -106,7 +118,7 @@ def photometric_score(
         table = np.column_stack(list(patterns.values()))
         known = (share * camera[n] for (kind, n), share in variances.items() if kind == "camera")
         variance += sum(known)
-        found = weigh(tones, figure, table, predicted, healthy, variance, memory, slow)
+        found = _weigh(tones, figure, table, predicted, healthy, variance, memory, slow)
         total += found.by(_columns(directions, list(patterns), variances))
     return total
 
@@ -150,3 +162,52 @@ def _speed2(matches: FeatureMatches, path: SmoothedPath) -> Array:
     left = (c * path.rates[:, 1] - s * path.rates[:, 0]) / height + path.rates[:, 3]
     half2 = (np.hypot(*matches.camera.size_px) / 2) ** 2 * BORDER
     return np.asarray(focal**2 * (ahead**2 + left**2) + half2 * path.rates[:, 5] ** 2)
+
+
+def _weigh(
+    tones: Tones, figure: int, patterns: Array, predicted: Array, nuisances: Array, variance: float,
+    memory: Array, slow: Array,
+) -> LikelihoodScore:  # fmt: skip
+    """Return score and information of patterns in one figure, and of a random property of the n pictures.
+
+    ``patterns`` (p, d) are derivatives of the figure, and ``predicted`` (p,) is its value under the present
+    parameters. ``nuisances`` (p, q) are patterns of healthy cameras, each of one standard deviation. The
+    random property has the correlation ``memory`` (n, n) between pictures and the present ``variance``, whose
+    score is the last entry. ``slow`` (p, s) are patterns that do not count as random.
+    """
+    measured = np.isfinite(tones.std[:, figure])
+    patterns, nuisances, slow = patterns[measured], nuisances[measured], slow[measured]
+    n, p, d = len(memory), int(measured.sum()), patterns.shape[1]
+    if p == 0:
+        return LikelihoodScore.nothing(d + 1)
+    D = np.zeros((p, n))
+    D[np.arange(p), tones.i[measured]] += 1.0
+    D[np.arange(p), tones.j[measured]] -= 1.0
+    y, std = (tones.figures[:, figure] - predicted)[measured], tones.std[measured, figure]
+    std = std * _scale(D, y, std)
+    own = np.ones(p) if figure in (SHADING, SHADING_MAP) else None
+    wander = WANDER[figure] ** 2 * (np.diag(own) if own is not None else D @ D.T)
+    random = D @ memory @ D.T
+    V = np.diag(std**2) + wander + variance * random + nuisances @ nuisances.T
+    factor = cho_factor(V, lower=True)
+    solved = cho_solve(factor, np.column_stack([patterns, y]))
+    information, score = np.zeros((d + 1, d + 1)), np.zeros(d + 1)
+    information[:d, :d] = patterns.T @ solved[:, :d]
+    score[:d] = patterns.T @ solved[:, d]
+    calm = cho_factor(V + 1e2 * slow @ slow.T, lower=True)
+    spread, pulled = cho_solve(calm, random), cho_solve(calm, y)
+    information[d, d] = 0.5 * np.sum(spread * spread.T)
+    score[d] = 0.5 * (pulled @ random @ pulled - np.trace(spread))
+    log_det = 2.0 * float(np.log(np.diag(factor[0])).sum())
+    return LikelihoodScore(information, score, -0.5 * (float(y @ solved[:, d]) + log_det))
+
+
+def _scale(D: Array, y: Array, std: Array) -> float:
+    """Return the ratio, at least 1, of the scatter of pairs of the same pictures to their own noise."""
+    weighted = D / std[:, None]
+    solution = np.linalg.lstsq(weighted, y / std, rcond=1e-9)
+    free = len(y) - int(solution[2])
+    if free < 20:
+        return 1.0
+    left = y / std - weighted @ solution[0]
+    return max(float(np.sqrt(left @ left / free)), 1.0)

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.camera_path import MARGIN_S, camera_path
-from slam.criticism.camera.feature_matches import MATCHES, STEPS, FeatureMatches
 from slam.criticism.camera.lens import floor_of, pixels_of
-from slam.criticism.camera.tones import FEWEST
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
 from slam.data_quality.pictures.cells import CELL_STEPS, Cells
+from slam.data_quality.pictures.feature_matches import MATCHES, STEPS, FeatureMatches
+from slam.data_quality.pictures.tones import FEWEST
 
 Array = NDArray[np.float64]
 

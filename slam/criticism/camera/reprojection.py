@@ -16,7 +16,6 @@ from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.sparse import csr_array
 
 from slam.criticism.camera.camera_path import CameraPath, camera_path
-from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens import NUDGE, WARP_TOLERANCE, floor_of, pixels_of, warp
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
@@ -26,6 +25,7 @@ from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.smoothing import SmoothedPath
 from slam.criticism.threads import in_threads
+from slam.data_quality.pictures.feature_matches import FeatureMatches
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

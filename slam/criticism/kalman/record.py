@@ -30,7 +30,7 @@ from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RAT
 from slam.simulation.stick import Stick, stick_of
 
 if TYPE_CHECKING:
-    from slam.criticism.camera.feature_matches import FeatureMatches
+    from slam.data_quality.pictures.feature_matches import FeatureMatches
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

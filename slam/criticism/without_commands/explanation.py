@@ -43,8 +43,9 @@ from slam.criticism.without_commands.unexplained import (
     noise_of,
     not_shown,
 )
-from slam.criticism.without_commands.whitened_rows import NODE_S, Averages, WhitenedRows
+from slam.criticism.without_commands.whitened_rows import Averages, WhitenedRows
 from slam.data_quality import StreamAnomaly
+from slam.data_quality.inertial_comparison import NODE_S
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.feature_matches import FeatureMatches, match_all_pictures
 from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import whole
@@ -21,10 +20,12 @@ from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, without_dead_zone
 from slam.criticism.threads import in_threads
-from slam.criticism.without_commands.inertial_consistency import inertial_residuals, near_floor
+from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.likelihood import Sizes
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.data_quality.inertial_comparison import near_floor
+from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
 from slam.simulation.model import Model
 
 PROCESS_NOISE = {

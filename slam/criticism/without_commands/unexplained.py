@@ -15,10 +15,10 @@ from slam.criticism.search.effects import LATE
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.consistency import FEWEST_SEGMENTS, ONSET_SEGMENT_S, disagreements, onset
 from slam.criticism.verdict.power import NINE_OF_TEN
-from slam.criticism.without_commands.axes import wrong_axes
 from slam.criticism.without_commands.likelihood import columns_of, fisher_of, segments_of
 from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.data_quality.axes import wrong_axes
 from slam.data_quality.channels import noise_ratio, streams_of
 
 NOISY = 3.0

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from frontend.robust import robust_std
+from slam.data_quality.inertial_comparison import BETWEEN_SAMPLES, FEWEST, moments_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-NODE_S, ABOUT_S = 0.5, 0.1
-"""Spacing of the moments, and half the time about each over which differences are averaged."""
 LONGEST_GAP_S = 0.15
-FEWEST = 20
 INTEGRATED = " as integrated"
 """Suffix of the second estimate of the quantity that a scale multiplies."""
 CHANNELS = {
@@ -27,9 +24,6 @@ CHANNELS = {
 }
 """Name and unit of each component of a comparison."""
 LEAST_SHARE = 0.05
-BETWEEN_SAMPLES = "gyro between samples"
-"""Column of the effect of jumps of the rate between samples. The moment between the samples is unknown. Where
-sticks jump at even times it is always the same."""
 FAR_OFF = 5.0
 
 
@@ -91,38 +85,6 @@ class WhitenedRows:
             table[:, 0] += size * table[:, averages.column(column)]
             averages = replace(averages, table=table)
         return replace(self, off=self.off + size * self.traces[column], averages=averages)
-
-
-class ComparisonMoments(NamedTuple):
-    """ComparisonMoments ``NODE_S`` apart, about which readings are averaged."""
-
-    times_s: Array
-    """(n,)."""
-    begin: Ints
-    """(n,) first reading about a moment, ..."""
-    end: Ints
-    """... and the one after the last."""
-    whole: NDArray[np.bool_]
-    """(n,) whether there are readings about a moment, none of them near the floor."""
-
-    def means(self, table: Array) -> Array:
-        """Return (n, columns) means about each moment, less those of all rows of the table."""
-        total = np.vstack([np.zeros(table.shape[1]), np.cumsum(table - table.mean(axis=0), axis=0)])
-        count = np.maximum(self.end - self.begin, 1)
-        return np.asarray((total[self.end] - total[self.begin]) / count[:, None])
-
-    def together(self, order: int) -> NDArray[np.bool_]:
-        """Return (n - order,) whether a moment and the ``order`` ones after it are whole."""
-        count = len(self.whole) - order
-        return np.asarray(np.all([self.whole[k : count + k] for k in range(order + 1)], axis=0))
-
-
-def moments_of(stamps: Array, near_floor: Array) -> ComparisonMoments:
-    """Return the moments of a stream with stamps (n,); ``near_floor`` (m,) are stamps of low ranges."""
-    nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
-    begin, end = (np.searchsorted(stamps, nodes + side) for side in (-ABOUT_S, ABOUT_S))
-    low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
-    return ComparisonMoments(nodes, begin, end, (end - begin >= 2) & (low == 0))
 
 
 def whitened_rows(

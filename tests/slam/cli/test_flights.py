@@ -119,15 +119,21 @@ def test_info_shows_the_streams(flight, monkeypatch):
     assert "no GPS" in result.stdout
 
 
-def test_info_tells_that_commands_are_on_another_clock(tmp_path, monkeypatch):
+def test_info_tells_exchanged_axes_and_commands_on_another_clock(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     plan = stick_for(["pulse of 1 s forward at 0.25 and coast", "steps of 0.25 to 0.10 and 0.25 to -0.15"])
     flown = simulate_flight(load_model("nominal"), plan, 1)
     late = replace(flown.command, stamps_s=flown.command.stamps_s - 2.0)
-    for name, command in (("sound", flown.command), ("late", late)):
-        write_flight(replace(flown, command=command), tmp_path / name)
-        told = "the vehicle answers 2.0 s after its commands" in run("info", tmp_path / name).stdout
-        assert told == (name == "late")
+    exchanged = replace(flown.velocity, v_m_s=flown.velocity.v_m_s[:, ::-1])
+    told = {}
+    for name, changes in (("sound", {}), ("late", {"command": late}), ("exchanged", {"velocity": exchanged})):
+        write_flight(replace(flown, **changes), tmp_path / name)
+        told[name] = run("info", tmp_path / name).stdout
+    for name, words in (
+        ("late", "the vehicle answers 2.0 s after its commands"),
+        ("exchanged", "velocity ahead reads the velocity to the left that the accelerometer gives"),
+    ):
+        assert [other for other in told if words in told[other]] == [name]
 
 
 def test_optimize_writes_every_file(done):

@@ -9,7 +9,7 @@ import pytest
 
 from slam.criticism import criticise
 from slam.criticism.verdict.consistency import _break
-from slam.criticism.without_commands.axes import wrong_axes
+from slam.data_quality.axes import wrong_axes
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from tests.benchmarks.injections import KINDS

@@ -6,7 +6,7 @@ import json
 from functools import cache
 
 from slam.core.flight import Flight
-from slam.criticism.camera.feature_matches import FeatureMatches, match_all_pictures
+from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
 from slam.simulation.recipe import recipe_from
 from slam.simulation.recording import record
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.homography import transfer
-from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.camera.lens import LENS_MAP_PATTERN, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score
@@ -20,6 +19,7 @@ from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.data_quality.pictures.bilinear_weights import bilinear_weights, places
+from slam.data_quality.pictures.feature_matches import match_all_pictures
 from slam.data_quality.pictures.lens_distortion_map import PairMatches, lens_distortion_map
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.camera_flight import camera_flight

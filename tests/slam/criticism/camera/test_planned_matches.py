@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
@@ -19,6 +18,7 @@ from slam.criticism.next_flight import next_motion, telling_flight
 from slam.criticism.search.effects import effects_for
 from slam.criticism.without_commands.likelihood import likelihood_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
+from slam.data_quality.pictures.feature_matches import match_all_pictures
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS

@@ -10,7 +10,6 @@ from scipy.stats import chi2
 
 from frontend.camera import Camera
 from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
-from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.lens import LENS_MAP_PATTERN, WARPS, floor_of, pixels_of, warp
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import TOLERANCE, reprojection_score
@@ -32,6 +31,7 @@ from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, p
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.smoothing import smoothed
 from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.data_quality.pictures.feature_matches import FeatureMatches
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.model import Model, load_model
 from tests.slam.criticism.camera.camera_flight import camera_flight, matched_flight

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.criticism.camera.camera_path import CameraPath
-from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.photometric import (
     PICTURE_PATTERNS,
     SHADING_PATTERN,
@@ -21,6 +20,7 @@ from slam.criticism.kalman.smoothing import PathErrors, SmoothedPath
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.data_quality.pictures.bilinear_weights import COUNT
 from slam.data_quality.pictures.cells import Cells
+from slam.data_quality.pictures.feature_matches import FeatureMatches
 from slam.data_quality.pictures.lens_distortion_map import LensDistortionMap
 
 Array = NDArray[np.float64]

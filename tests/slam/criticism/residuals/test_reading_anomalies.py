@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.cause import Cause
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
@@ -25,6 +24,7 @@ from slam.criticism.residuals.reading_anomalies import (
 from slam.criticism.verdict.criticism import Criticism
 from slam.data_quality.pictures.bilinear_weights import COUNT
 from slam.data_quality.pictures.cells import Cells
+from slam.data_quality.pictures.feature_matches import FeatureMatches
 from slam.data_quality.pictures.lens_distortion_map import LensDistortionMap
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
-from slam.criticism.without_commands.inertial_consistency import (
+from slam.data_quality.inertial_comparison import (
+    FEWEST,
     IntegralComparison,
     comparisons,
     into_world,
+    moments_of,
     near_floor,
 )
-from slam.criticism.without_commands.whitened_rows import FEWEST, moments_of
 
 Array = NDArray[np.float64]
 

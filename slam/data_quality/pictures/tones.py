@@ -14,12 +14,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from frontend.robust import robust_std
-from slam.criticism.camera.feature_matches import FeatureMatches
-from slam.criticism.kalman.perturbations import LikelihoodScore
 from slam.data_quality.pictures.cells import BRIGHTEST, DARKEST, radius2
+from slam.data_quality.pictures.feature_matches import FeatureMatches
 from slam.data_quality.pictures.lens_shading_map import LensShadingMap, lens_shading_map
 
 Array = NDArray[np.float64]
@@ -34,9 +32,6 @@ FEWEST = 8
 """Least number of matches for the figures of a pair."""
 LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004, 0.004])
 """Least standard deviation of each figure, as pictures are rounded and compressed."""
-WANDER = np.array([0.006, 0.006, 0.006, 0.004, 0.03, 0.003, 0.003])
-"""Standard deviation of a healthy picture's properties: other floor points are visible, and moving objects
-cover some."""
 CLIP = 4.0
 NOT_MEASURED = 0.0, np.inf
 """Value and standard deviation of a figure that a pair does not show."""
@@ -206,52 +201,3 @@ def _extent(pixel: Array) -> float:
 def _depth(matches: FeatureMatches, own: Ints) -> Array:
     level = np.median(np.concatenate([matches.tone_i[own, :3], matches.tone_j[own, :3]]), axis=0)
     return np.asarray(np.log(255.0 / np.maximum(level, 1.0)))
-
-
-def weigh(
-    tones: Tones, figure: int, patterns: Array, predicted: Array, nuisances: Array, variance: float,
-    memory: Array, slow: Array,
-) -> LikelihoodScore:  # fmt: skip
-    """Return score and information of patterns in one figure, and of a random property of the n pictures.
-
-    ``patterns`` (p, d) are derivatives of the figure, and ``predicted`` (p,) is its value under the present
-    parameters. ``nuisances`` (p, q) are patterns of healthy cameras, each of one standard deviation. The
-    random property has the correlation ``memory`` (n, n) between pictures and the present ``variance``, whose
-    score is the last entry. ``slow`` (p, s) are patterns that do not count as random.
-    """
-    measured = np.isfinite(tones.std[:, figure])
-    patterns, nuisances, slow = patterns[measured], nuisances[measured], slow[measured]
-    n, p, d = len(memory), int(measured.sum()), patterns.shape[1]
-    if p == 0:
-        return LikelihoodScore.nothing(d + 1)
-    D = np.zeros((p, n))
-    D[np.arange(p), tones.i[measured]] += 1.0
-    D[np.arange(p), tones.j[measured]] -= 1.0
-    y, std = (tones.figures[:, figure] - predicted)[measured], tones.std[measured, figure]
-    std = std * _scale(D, y, std)
-    own = np.ones(p) if figure in (SHADING, SHADING_MAP) else None
-    wander = WANDER[figure] ** 2 * (np.diag(own) if own is not None else D @ D.T)
-    random = D @ memory @ D.T
-    V = np.diag(std**2) + wander + variance * random + nuisances @ nuisances.T
-    factor = cho_factor(V, lower=True)
-    solved = cho_solve(factor, np.column_stack([patterns, y]))
-    information, score = np.zeros((d + 1, d + 1)), np.zeros(d + 1)
-    information[:d, :d] = patterns.T @ solved[:, :d]
-    score[:d] = patterns.T @ solved[:, d]
-    calm = cho_factor(V + 1e2 * slow @ slow.T, lower=True)
-    spread, pulled = cho_solve(calm, random), cho_solve(calm, y)
-    information[d, d] = 0.5 * np.sum(spread * spread.T)
-    score[d] = 0.5 * (pulled @ random @ pulled - np.trace(spread))
-    log_det = 2.0 * float(np.log(np.diag(factor[0])).sum())
-    return LikelihoodScore(information, score, -0.5 * (float(y @ solved[:, d]) + log_det))
-
-
-def _scale(D: Array, y: Array, std: Array) -> float:
-    """Return the ratio, at least 1, of the scatter of pairs of the same pictures to their own noise."""
-    weighted = D / std[:, None]
-    solution = np.linalg.lstsq(weighted, y / std, rcond=1e-9)
-    free = len(y) - int(solution[2])
-    if free < 20:
-        return 1.0
-    left = y / std - weighted @ solution[0]
-    return max(float(np.sqrt(left @ left / free)), 1.0)
