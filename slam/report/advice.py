@@ -39,7 +39,8 @@ _STEPS: Mapping[str, str] = {
     "flat_floor": "fly higher above the uneven ground, or map it in parts",
     "attitude": "calibrate its level, or fly the same rows in both directions",
     "control": "mark more control points, spread to the corners of the ground",
-    "imu": "calibrate the gain of the accelerometer (at rest on each of its six sides)"
+    "imu": "calibrate the gain of the accelerometer (at rest on each of its six sides) and give it with "
+    "--model, as accel_scale"
     + unless_checked(", or measure one distance on the ground and compare it with map.html"),
     "velocity": "avoid stretches of floor without texture, or record the IMU",
     "barometer": "climb and descend more, or add a height sensor or GPS",

@@ -22,7 +22,7 @@ _MOST_GAPS = 3
 
 def too_bare(facts: Facts, summary: Summary) -> int:
     """Return the number of pictures that show nothing, if they are worth telling."""
-    bare = sum(summary.rejected.get(reason, 0) for reason in SHOW_NOTHING)
+    bare = sum(count for reason, count in summary.rejected.items() if reason.startswith(SHOW_NOTHING))
     return bare if bare > NOTABLE_SHARE * facts.frames else 0
 
 
@@ -130,16 +130,18 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(f"{number} {are} not in the mosaic (summary.json says why)")
     told_doubts = _doubted(summary)
     doubted = "".join(f" {text}" for text in told_doubts)
+    if not told_doubts and not facts.is_graph and summary.status == "ok":
+        doubted = " No instrument is doubted."
     on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
     if told:
         text = "; ".join(told)
         return f"{text[0].upper()}{text[1:]}.{doubted}"
-    if doubted:
+    if told_doubts:
         one = len(told_doubts) == 1
         which = "a warning below doubts an instrument" if one else "warnings below doubt instruments"
         return f"No part of the map, but {which}.{doubted}{on_purpose}"
     warned = by_kind(summary.warnings).warnings
-    return f"Nothing{'; the warnings name what to check' if warned else ''}.{on_purpose}"
+    return f"Nothing{'; the warnings name what to check' if warned else ''}.{doubted}{on_purpose}"
 
 
 def _doubted(summary: Summary) -> list[str]:

@@ -33,7 +33,7 @@ def lost_picture_warnings(flight: Flight, observations: Observations) -> list[st
         return []
     frames: dict[str, list[int]] = defaultdict(list)
     for frame, reason in observations.dropped.items():
-        frames[reason].append(frame)
+        frames[reason.partition(", ")[0]].append(frame)  # what was tried beside is no reason of its own
     lines = []
     for reason, (at_fault, hint) in _HINTS.items():
         left_out = np.sort(np.array(frames[reason], dtype=np.int64))

@@ -197,16 +197,16 @@ def test_contradicted_matches_are_counted_apart_from_unproven_ones():
 
 def test_what_failed_is_told():
     estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
-    purpose = "What was left out (below) was left out on purpose."
-    assert answers(estimate, flight)["What failed?"] == f"Nothing. {purpose}"
-    assert answers(replace(estimate, rejected={}), flight)["What failed?"] == "Nothing."
+    purpose, none = "What was left out (below) was left out on purpose.", "No instrument is doubted."
+    assert answers(estimate, flight)["What failed?"] == f"Nothing. {none} {purpose}"
+    assert answers(replace(estimate, rejected={}), flight)["What failed?"] == f"Nothing. {none}"
     noted = replace(estimate, warnings=("attitude0 is tilted by 4.8 degrees",))
     found = answers(noted, flight)["What failed?"]
     assert found.startswith("No part of the map, but a warning below doubts an instrument.")
     assert "The attitude sensor (roll, pitch and heading) is tilted by 4.8 degrees." in found
     other = replace(estimate, warnings=("one picture is damaged",))
     told = answers(other, flight)["What failed?"]
-    assert told == f"Nothing; the warnings name what to check. {purpose}"
+    assert told == f"Nothing; the warnings name what to check. {none} {purpose}"
     question = "How accurate is a place on it?"
     assert "does not count" not in answers(noted, flight)[question]
     assert (
