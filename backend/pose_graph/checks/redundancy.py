@@ -110,7 +110,7 @@ def _one_place_sentence(problem: Problem, loops: Mask, kept: Mask) -> list[str]:
     return [
         f"only loops near {ends} were kept, and "
         f"{counted(count, 'loop elsewhere was', 'loops elsewhere were')} rejected: odometry alone decided"
-        " between them"
+        " between them; check both"
     ]
 
 
@@ -118,7 +118,8 @@ def _sentence(problem: Problem, members: list[int], rejected: int, kept: Mask) -
     who = format_keys(members, problem.name)
     base = "odometry alone" if problem.trusted[kept].all() else "a tree of edges alone"
     why = f": {counted(rejected, 'edge was', 'edges were')} rejected, and" if rejected else ", and"
-    return f"{who} rest on {base}{why} no loop is left that checks it"
+    do = "add loops, or check the rejected edges and their covariances" if rejected else "add loops"
+    return f"{who} rest on {base}{why} no loop is left that checks it; {do}"
 
 
 def rejected_odometry_warning(problem: Problem, solution: Solution) -> list[str]:

@@ -78,7 +78,7 @@ def test_info_and_optimize_report_rank_deficient_edges(graph, tmp_path, no_figur
     graph.write_text(SQUARE.replace("1 2 1 0 1.5707963 100", "1 2 1 0 1.5707963 0"))
     for command in (("info", graph), ("optimize", graph, "--out", tmp_path / "out")):
         printed = " ".join(run(*command).stdout.split())
-        assert "1 of 4 edges tell nothing about some direction" in printed
+        assert "1 of 4 edges tells nothing about some direction" in printed
 
 
 def test_version_and_help():
