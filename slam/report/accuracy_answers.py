@@ -93,7 +93,7 @@ def _why_uncertain(facts: Facts, mosaic: MosaicFacts) -> str:
     if facts.relative_to:
         away = facts.length(float(np.hypot(mosaic.x_m, mosaic.y_m)))
         told.append(f"it lies {away} from the first keyframe, and errors of scale and heading grow with that")
-    text = ", and ".join(told)
+    text = "; ".join(told)
     return f" {text[0].upper()}{text[1:]}." if text else ""
 
 

@@ -111,16 +111,16 @@ def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:
     from matplotlib.figure import Figure
 
     rows = -(-len(checks) // CHECKS_A_ROW)
-    figure = Figure(figsize=(7.2, 0.3 + 1.05 * rows), dpi=160, layout="constrained")
+    figure = Figure(figsize=(7.2, 0.3 + 1.3 * rows), dpi=160, layout="constrained")
     all_axes = np.ravel(figure.subplots(rows, CHECKS_A_ROW, sharex=True, sharey=True, squeeze=False))
     for axes, check in zip(all_axes, checks, strict=False):
         tenths = np.array(check.tenths)
         axes.bar(np.arange(len(tenths)) + 0.5, len(tenths) * tenths, width=0.9, color=BLUE)
         axes.axhline(1.0, color=GREY, linewidth=0.8)
-        axes.set_title(_words(check.channel), fontsize=7)
+        axes.set_title(_words(check.channel), fontsize=9)
     for axes in all_axes:
         axes.set_ylim(0.0, 2.0)
-        axes.tick_params(labelsize=6)
+        axes.tick_params(labelsize=8)
         axes.set_xticks([])
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_visible(bool(axes.patches))

@@ -34,6 +34,8 @@ VERDICTS = {
     "unusable": "Cannot be judged",
 }
 SHOWN_HORIZONS = {0.0: "picture to picture", 0.5: "0.5 s", 2.0: "2 s", 10.0: "10 s"}
+_MOST_IN_FIGURES = 999.5
+"""Larger values with three significant figures would have an exponent."""
 HELD_OUT_DOTS = (
     "Log likelihood gained on each part when it was held out, in nats (5 nats are odds of 150 to 1); above 0 "
     "the extension predicts it better."
@@ -192,7 +194,7 @@ def ranking_caption(result: Criticism) -> str:
 
 
 def _figure(value: float) -> str:
-    return f"{value:.3g}"
+    return f"{value:.3g}" if abs(value) < _MOST_IN_FIGURES else f"{value:.0f}"
 
 
 def _sized(value: float, unit: str) -> str:

@@ -118,7 +118,7 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if unplaced := facts.keyframes - facts.placed:
         told.append(f"{counted(unplaced, 'pose' if facts.is_graph else 'keyframe')} could not be placed")
     if lost := summary.rejected.get(TRACKING_LOST, 0):
-        times = "once" if lost == 1 else f"{lost} times"
+        times = {1: "once", 2: "twice"}.get(lost, f"{lost} times")
         where = " where the path is dotted" if facts.gaps else ""
         whole = "; the map is in one piece all the same" if facts.maps == 1 else ""
         told.append(

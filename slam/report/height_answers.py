@@ -96,7 +96,7 @@ def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str
     counted = "the tilt" if facts.relative_to else "altitude and tilt"
     text = (
         f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is least "
-        f"certain: this counts {counted} of the whole map, as the used measurements tell it"
+        f"certain: this counts {counted} of the whole map, as far as the measurements tell it"
         f"{'; the lean above comes on top' if tilted else ''}."
     )
     if not worst_m < over_m:

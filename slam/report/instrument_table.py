@@ -22,7 +22,7 @@ _TITLE = (
     "Instruments. The columns behind “doubted?” say how much of the uncertainty that is left each of them "
     "causes (in the variance, at the keyframe farthest from the start; each adds up to 100 %). The one with "
     "the largest share is the one to improve. A small share means that more accurate instruments outweigh "
-    "it, or that it is more accurate than the map needs. Doubted is an instrument that a warning names"
+    "it, or that it is more accurate than the map needs. Doubted is an instrument that a warning names."
 )
 _COLUMNS = (
     "instrument", "readings", "one reading is good to", "used?", "doubted?", "place of the ground", "lengths",

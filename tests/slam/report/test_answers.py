@@ -221,7 +221,7 @@ def test_what_failed_is_told():
     )
     found = answers(lost, flight)["What failed?"]
     assert "Check this first" in found
-    assert "2 times" in found
+    assert "twice" in found
     assert "1 keyframe is not in the mosaic" in found
 
 
