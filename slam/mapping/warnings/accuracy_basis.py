@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from backend.bundle.lens import FOCAL
 from slam.core.flight import Flight
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.names import enumerated
+from slam.core.units import percent
 from slam.mapping.map import Map
 
 
@@ -38,7 +40,7 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     what = "Place, lengths" if map_.georeferenced else "Lengths"
     return (
         f"{what} and their accuracy rest on {source} alone; no second instrument checks them"
-        f"{_assumed(flight, map_)}. {CHECKED_BY_ONE_DISTANCE}"
+        f"{_assumed(flight, map_)}{_heights_by_lens(map_)}. {CHECKED_BY_ONE_DISTANCE}"
     )
 
 
@@ -69,3 +71,19 @@ def _assumed(flight: Flight, map_: Map) -> str:
         if names
     ]
     return f", and {', and '.join(clauses)}" if clauses else ""
+
+
+def _heights_by_lens(map_: Map) -> str:
+    """Name the focal length on which heights rest where positions alone tell lengths.
+
+    Over flat ground at one height, a focal length that is wrong moves the ground up or down and leaves no
+    other trace (`backend.bundle.lens_evidence`).
+    """
+    bundle = map_.bundle
+    if not map_.georeferenced or bundle is None or bundle.range_errors is not None:
+        return ""
+    lens = bundle.lens
+    if lens is not None and lens.is_estimated[FOCAL].any():
+        return ""
+    told = "taken as exact" if lens is None else f"told to {percent(lens.told_std[0] / lens.calibration[0])}"
+    return f", and heights over the ground rest on the focal length, {told}, which this flight does not check"

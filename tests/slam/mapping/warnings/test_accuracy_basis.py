@@ -2,8 +2,10 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from backend.bundle.lens import LensEstimate
 from backend.pose_graph.solution import RangeErrors
 from slam.mapping.warnings.accuracy_basis import accuracy_basis
 
@@ -20,12 +22,14 @@ def basis(
     zero_std_m=0.02,
     focal_std_ratio=0.01,
     assumed=SHARED,
+    lens=None,
 ):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
     measured = SimpleNamespace(positions=("fix",) if gps else (), control=())
     map_ = SimpleNamespace(
         bundle=SimpleNamespace(
             range_errors=errors,
+            lens=lens,
             uses_reported_motion=velocity,
             uses_barometer=barometer,
             optimum=SimpleNamespace(problem=SimpleNamespace(measurements=measured)),
@@ -72,4 +76,18 @@ def test_a_focal_length_that_is_held_is_named():
     assert ", and the camera's focal length is taken as exact." in basis(
         sonar=True, gain_std=0.02, zero_std_m=0.01, focal_std_ratio=0.0
     )
-    assert "focal" not in basis(gps=True, focal_std_ratio=0.0)
+
+
+@pytest.mark.parametrize(
+    ("lens", "told"),
+    [(None, "taken as exact"), ((5.0, 5.0), "told to 0.5 %"), ((5.0, 3.0), "")],
+)
+def test_a_focal_length_behind_heights_is_named_where_the_flight_does_not_tell_it(lens, told):
+    if lens is not None:
+        told_px, found_px = lens
+        std = np.full(9, found_px)
+        lens = LensEstimate("brown", np.full(9, 1000.0), std, np.full(9, told_px))
+    line = basis(gps=True, lens=lens).replace("\N{NO-BREAK SPACE}", " ")
+    assert (f"heights over the ground rest on the focal length, {told}, which this" in line) == bool(told)
+    assert ("focal" in line) == bool(told)
+    assert "focal" not in basis(sonar=True, lens=lens)
