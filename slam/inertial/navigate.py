@@ -106,7 +106,7 @@ def navigate(
             *_identified_errors(inputs, track),
         ),
         trajectory_names=TRAJECTORY_NAMES,
-        accuracy_basis=track_accuracy_basis(inputs.readings, trust),
+        accuracy_basis=track_accuracy_basis(inputs.readings, trust, inputs.end_s - inputs.start_s),
     )
     return Navigation(estimate, track, inputs)
 

@@ -7,6 +7,7 @@ IMU alone determines the changes of velocity.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,17 @@ _ABOVE_NOISE, _FAR_ABOVE_NOISE = 2.0, 3.0
 """Multiples of the accelerometer's integrated noise that the vehicle's changes of velocity must exceed; the
 larger one where nothing but a lack of correlation speaks against the velocity."""
 _CHECK = "the track over ground is not to be trusted; check signs, axes, unit and stamps of velocity0"
+_AXES: Mapping[str, Array] = {
+    "": np.eye(2),
+    "forward and left exchanged": np.array([[0.0, 1.0], [1.0, 0.0]]),
+    "forward turned round": np.diag([-1.0, 1.0]),
+    "left turned round": np.diag([1.0, -1.0]),
+    "both axes turned round": -np.eye(2),
+    "a quarter turn to the left": np.array([[0.0, 1.0], [-1.0, 0.0]]),
+    "a quarter turn to the right": np.array([[0.0, -1.0], [1.0, 0.0]]),
+    "forward and left exchanged and turned round": np.array([[0.0, -1.0], [-1.0, 0.0]]),
+}
+"""Mistakes in the axes: the matrix by which a velocity (n, 2), forward and left, is multiplied."""
 _UNIT = 2.0
 """Largest ratio that noise and gains explain; another unit differs by 3.28 (feet) at least."""
 _NORMAL_STD = 0.954
@@ -58,22 +70,48 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     assert states is not None
     yaw_rad = roll_pitch_yaw_of(states.w_T_b[:, :3, :3])[:, 2]
     level = np.column_stack([np.interp(at_s, read_s, v) for v in velocity.v_m_s[known].T])
-    along = (level[:, 0] + 1j * level[:, 1]) * np.exp(1j * yaw_rad)
-    read = _without_mean(np.column_stack([along.real, along.imag]))
+    turn = np.exp(1j * yaw_rad)
     made = _without_mean(states.w_v_m_s[:, :2])
     moved = float(np.sqrt((made**2).sum(axis=1).mean())) / _noise_m_s(imu.stamps_s, imu.accel_m_s2)
     if moved < _ABOVE_NOISE:
         return ""
     if (np.ptp(velocity.v_m_s[known], axis=0) == 0).all():
         return f"velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?): {_CHECK}"
-    return _compared(read, made, float(at_s[-1] - at_s[0]), moved)
+    chance = _SURE / np.sqrt(2 * max(float(at_s[-1] - at_s[0]) / (0.5 * _WINDOW_S), 1.0))
+    read = {name: _changes(level @ axes, turn) for name, axes in _AXES.items()}
+    return _other_axes(read, made, chance) or _compared(read[""], made, chance, moved)
 
 
-def _compared(read: Array, made: Array, lasts_s: float, moved: float) -> str:
-    """Compare changes of velocity (n, 2); ``moved``: those by the IMU over their noise."""
+def _changes(level: Array, turn: NDArray[np.complex128]) -> Array:
+    """Return changes of velocity (n, 2) in axes that do not turn, from those forward and left (n, 2)."""
+    along = (level[:, 0] + 1j * level[:, 1]) * turn
+    return _without_mean(np.column_stack([along.real, along.imag]))
+
+
+def _correlation(read: Array, made: Array) -> float:
+    return float((read * made).sum()) / float(np.sqrt((read**2).sum() * (made**2).sum()))
+
+
+def _other_axes(read: Mapping[str, Array], made: Array, chance: float) -> str:
+    """Compare changes of velocity (n, 2) by the IMU with those that are read, by names of other axes.
+
+    Other axes must correlate beyond chance, and by as much better than those that are told.
+    """
+    alike = {name: _correlation(changes, made) for name, changes in read.items()}
+    best = max(alike, key=lambda name: alike[name])
+    if alike[best] < chance or alike[best] - alike[""] < chance:
+        return ""
+    return (
+        f"velocity0 changes as imu0 shows with {best} (correlation {alike[best]:.2f}, as it is "
+        f"{alike['']:.2f}; axes or signs?): {_CHECK}"
+    )
+
+
+def _compared(read: Array, made: Array, chance: float, moved: float) -> str:
+    """Compare changes of velocity (n, 2); ``moved``: those by the IMU over their noise. ``chance`` is the
+    correlation of changes that have nothing in common, with its largest error."""
     of_read, of_made = float((read**2).sum()), float((made**2).sum())
-    alike = float((read * made).sum()) / np.sqrt(of_read * of_made)
-    chance = _SURE / np.sqrt(2 * max(lasts_s / (0.5 * _WINDOW_S), 1.0))
+    alike = _correlation(read, made)
     larger = float((read * made).sum()) / of_made
     if alike < -chance:
         return f"velocity0 changes against what imu0 shows (correlation {alike:.2f}; signs?): {_CHECK}"

@@ -16,6 +16,7 @@ from slam.cli import app
 from slam.cli.estimate import figures
 from slam.core.errors import InputError
 from slam.core.progress import COMPILING
+from slam.core.units import length
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import gauge
 from slam.inertial.accuracy_basis import track_accuracy_basis
@@ -262,11 +263,15 @@ def test_correlated_error_is_identified_from_summed_innovations(flight, navigati
 
 def test_the_accuracy_of_the_track_names_the_one_instrument_that_it_rests_on(flight, navigation):
     """In axes at constant velocity all else reads the same: no test of the data finds such an error."""
+    lasts_s = navigation.inputs.end_s - navigation.inputs.start_s
     assert navigation.estimate.accuracy_basis == (
         "The track over ground and its accuracy rest on velocity0 alone: at a fixed heading no other "
-        "instrument shows a constant error of it, and ± 0.06 m/s is assumed."
+        "instrument shows a constant error of it, and the accuracy counts none. "
+        f"0.06 m/s would move the end of the track by {length(0.06 * lasts_s, True)}."
     )
     assert summary_record(navigation)["accuracy_basis"] == navigation.estimate.accuracy_basis
     fixes = replace(navigation.inputs.readings, w_p_b_m=navigation.inputs.readings.velocity_m_s)
-    assert track_accuracy_basis(fixes, InertialTrust()) == ""
-    assert "GPS receiver alone" in track_accuracy_basis(replace(fixes, velocity_m_s=None), InertialTrust())
+    assert track_accuracy_basis(fixes, InertialTrust(), 1.0) == ""
+    assert "GPS receiver alone" in track_accuracy_basis(
+        replace(fixes, velocity_m_s=None), InertialTrust(), 1.0
+    )
