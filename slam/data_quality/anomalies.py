@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.data_quality.axes import wrong_axes
-from slam.data_quality.channels import streams_of
+from slam.data_quality.channels import larger_noise, streams_of
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import log_apart
 from slam.data_quality.frozen import Frozen, frozen
@@ -43,12 +43,13 @@ def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
 
 
 def readings_in_words(flight: Flight) -> list[str]:
-    """Return a line for each anomaly of a flight's streams, for readings of another axis than their own, and
-    for commands that are on another clock."""
+    """Return a line for each anomaly of a flight's streams, for readings of another axis than their own, for
+    noise that is larger than stated, and for commands that are on another clock."""
     apart, late = log_apart(flight), clock_error(flight)
     return [
         *(anomaly.words for anomaly in stream_anomalies(flight)),
         *wrong_axes(flight)[0],
+        *larger_noise([flight]),
         *([apart] if apart else []),
         *([str(late)] if late is not None and not apart else []),
     ]

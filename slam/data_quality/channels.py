@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,8 @@ from slam.core.flight import Flight
 Array = NDArray[np.float64]
 
 FEWEST = 100
+NOISY = 3.0
+"""Least ratio of noise to the stated figure that is reported: half an order of magnitude."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,15 @@ def noise_ratio(stream: InstrumentReadings) -> float:
     std = np.array([robust_std(column) for column in second.T]) / np.sqrt(6.0)
     stated = stream.noise_std > 0.0
     return float(np.max(std[stated] / stream.noise_std[stated], initial=0.0))
+
+
+def larger_noise(flights: Sequence[Flight]) -> list[str]:
+    """Return a sentence on instruments whose readings scatter far more than the recording states."""
+    ratios: dict[str, float] = {}
+    for stream in (s for flight in flights for s in streams_of(flight)):
+        ratios[stream.name] = max(ratios.get(stream.name, 0.0), noise_ratio(stream))
+    lines = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if ratio > NOISY]
+    return [f"Noise from reading to reading is larger than stated: {', '.join(lines)}."] if lines else []
 
 
 def streams_of(flight: Flight) -> list[InstrumentReadings]:

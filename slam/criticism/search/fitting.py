@@ -20,10 +20,11 @@ from slam.criticism.search.fitted_parameters import (
     MEAN_PERTURBATIONS,
     NOISE_NUISANCES,
     NUISANCES,
+    FittedParameter,
     fitted_parameter,
 )
-from slam.criticism.search.information import fisher_information
-from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
+from slam.criticism.search.information import FisherInformation, fisher_information
+from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, similar_nats
 
 Array = NDArray[np.float64]
@@ -64,10 +65,8 @@ def fit_nuisances(
     if not model.out_of_model and sum(record.duration_s for record in records) > LONG_S:
         rounds[-1] = list(records)
     for flights in rounds:
-        perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
-        changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]
-        found = fisher_information(flights, parameters, perturbations, changes)
-        maximum = quadratic_likelihood(found, parameters, model, {}, nuisances=NUISANCES).maximise(effects)
+        found, quadratic = _expanded(flights, model, parameters, effects, NUISANCES)
+        maximum = quadratic.maximise(effects)
         for column, move in zip(maximum.columns, maximum.step, strict=True):
             fitted = fitted_parameter(found.columns[column])
             if fitted in NOISE_NUISANCES:
@@ -76,6 +75,21 @@ def fit_nuisances(
                 move = np.clip(np.clip(move, -LARGEST_STEP, LARGEST_STEP), low - at, high - at)
             parameters = fitted.stepped(parameters, fitted.bounded(float(move), parameters))
     return parameters
+
+
+def _expanded(
+    records: Sequence[Record],
+    model: FilterParameters,
+    parameters: FilterParameters,
+    effects: Sequence[Effect],
+    nuisances: Sequence[FittedParameter],
+) -> tuple[FisherInformation, QuadraticLikelihood]:
+    """Return the likelihood about ``parameters`` in some nuisances, those of the mean among them, and
+    effects."""
+    perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
+    changes = [*(n for n in NOISE_NUISANCES if n in nuisances), *(c for e in effects for c in e.changes)]
+    fisher = fisher_information(records, parameters, perturbations, changes)
+    return fisher, quadratic_likelihood(fisher, parameters, model, {}, nuisances=nuisances)
 
 
 def refit(
@@ -89,16 +103,11 @@ def refit(
     for effect in effects:
         parameters = effect.at_profiled_value(parameters)
     effects = [e.free for e in effects]
-    with_changes = [e for e in effects if e.changes]
     best: tuple[float, FilterParameters] | None = None
     share, step, columns = 1.0, np.zeros(0), []
     trial = parameters
     for _ in range(ITERATIONS):
-        perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
-        fisher = fisher_information(
-            records, trial, perturbations, [c for e in with_changes for c in e.changes]
-        )
-        quadratic = quadratic_likelihood(fisher, trial, model, {}, nuisances=MEAN_NUISANCES)
+        fisher, quadratic = _expanded(records, model, trial, effects, MEAN_NUISANCES)
         loose = [e for e in effects if all(c in fisher.columns for c in e.columns)]
         nats = float(fisher.log_likelihood.sum()) - quadratic.penalty_at_current(
             [c for e in loose for c in e.relaxes]

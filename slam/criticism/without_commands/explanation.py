@@ -40,11 +40,11 @@ from slam.criticism.without_commands.sensor_comparison import SensorComparison, 
 from slam.criticism.without_commands.unexplained import (
     axes_of,
     left_over_in_comparisons,
-    noise_of,
     not_shown,
 )
 from slam.criticism.without_commands.whitened_rows import Averages, WhitenedRows
 from slam.data_quality import StreamAnomaly
+from slam.data_quality.channels import larger_noise
 from slam.data_quality.inertial_comparison import NODE_S
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
@@ -56,7 +56,7 @@ STANDS_OUT = (
     "set by hand where instruments are compared with each other: of 150 simulated healthy cases the greatest "
     "reaches 3.8"
 )
-"""``python -m slam.criticism.calibrate 150 9000 --without-commands``."""
+"""``python -m tests.benchmarks.criticism_thresholds 150 9000 --without-commands``."""
 NO_COMMANDS = (
     "no command log: the inputs of the vehicle are not known; its instruments are compared with each other "
     "and its motion is not judged"
@@ -133,7 +133,7 @@ class ComparedFlights:
             covariate=next(drawn, None),
             extended=with_certainty(with_terms(self.model, found.causes), found.causes),
             flights=tuple(f.name for f, known in zip(self.flights, self.rows, strict=True) if known),
-            details=(*noise_of(self.flights), *hidden),
+            details=(*larger_noise(self.flights), *hidden),
             dropped=(*self.sensors.dropped, NO_COMMANDS),
             limits=NOT_JUDGED,
         )

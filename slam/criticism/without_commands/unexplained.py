@@ -19,10 +19,7 @@ from slam.criticism.without_commands.likelihood import columns_of, fisher_of, se
 from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 from slam.data_quality.axes import wrong_axes
-from slam.data_quality.channels import noise_ratio, streams_of
 
-NOISY = 3.0
-"""Least ratio of noise to the stated figure that is reported: half an order of magnitude."""
 COULD_NOT = "These flights could not show"
 
 
@@ -69,15 +66,6 @@ def not_shown(
     if float(np.ptp(times_s)) < FEWEST_SEGMENTS * ONSET_SEGMENT_S:
         lines.append("an error that begins within a flight")
     return [f"{COULD_NOT} {', '.join(lines)}."]
-
-
-def noise_of(flights: Sequence[Flight]) -> list[str]:
-    """Return a sentence on instruments whose readings scatter far more than the recording states."""
-    ratios: dict[str, float] = {}
-    for stream in (s for flight in flights for s in streams_of(flight)):
-        ratios[stream.name] = max(ratios.get(stream.name, 0.0), noise_ratio(stream))
-    lines = [f"{name} {ratio:.2g} times" for name, ratio in ratios.items() if ratio > NOISY]
-    return [f"Noise from reading to reading is larger than stated: {', '.join(lines)}."] if lines else []
 
 
 def in_words(names: Sequence[str], found: Sequence[Sequence[str]]) -> list[str]:

@@ -1,9 +1,9 @@
-"""Thresholds from simulated healthy flights: ``python -m slam.criticism.calibrate [CASES] [FIRST]``.
+"""Thresholds of criticism from simulated healthy flights.
 
-Prints for each case the greatest z of all terms, of residual patterns and of pairs of terms as a line of
-JSON. With all cases done, it prints the thresholds that one healthy case in a hundred exceeds. Every third
-case has Student's tails. For flights without commands it prints the greatest z of the terms alone, and no
-threshold.
+``python -m tests.benchmarks.criticism_thresholds [CASES] [FIRST]`` prints for each case the greatest z of all
+terms, of residual patterns and of pairs of terms as a line of JSON. With all cases done, it prints the
+thresholds that one healthy case in a hundred exceeds. Every third case has Student's tails. For flights
+without commands it prints the greatest z of the terms alone, and no threshold.
 """
 
 from __future__ import annotations
@@ -82,7 +82,9 @@ def main(cases: int, first: int, camera: CameraModel | None = None) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m slam.criticism.calibrate", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.benchmarks.criticism_thresholds", description=__doc__
+    )
     parser.add_argument("cases", nargs="?", type=int, default=60)
     parser.add_argument("first", nargs="?", type=int, default=0, help="seed of the first case")
     parser.add_argument("--pictures", action="store_true", help="flights with a camera")
