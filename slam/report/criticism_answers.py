@@ -30,6 +30,7 @@ _IN_WORDS: tuple[tuple[str, str], ...] = (
     (r"^(.*) out of range$", r"\1: the best value lies outside of what healthy vehicles have"),
     (r"^(.*) ~ (.*) \(z = ([-\d.]+)\)$", r"the error of \1 changes with \2 (by \3 standard deviations)"),
     (r"^(.*) \(z = ([-\d.]+)\)$", r"\1 (by \2 standard deviations)"),
+    (r"^(.*) (early|late) by ([-\d.]+) ms$", r"the readings of \1 come \3 ms too \2 by their stamps"),
     (r"^(.*) may be something else$", r"\1 may be an effect that the catalogue does not hold"),
     (r"^(.*) may be (.*)$", r"\1 may be \2 instead: both have similar effects in these flights"),
 )
@@ -57,7 +58,8 @@ def criticism_answers(result: Criticism) -> tuple[Item, ...]:
 
 def _item(question: str, lines: Sequence[str]) -> Item | None:
     """Return the question with its lines, the first of which is the answer in short; None without lines."""
-    shown = [f"{line[0].upper()}{line[1:]}" if " " in line.split(":")[0] else line for line in lines if line]
+    # A name of an effect or of a reading keeps its letters.
+    shown = [f"{x[0].upper()}{x[1:]}" if x.split()[0].isalpha() else x for x in lines if x]
     return Item(question, shown[0], tuple(shown[1:])) if shown else None
 
 
@@ -87,7 +89,10 @@ def _doubted(result: Criticism) -> str:
 
 def _unseen(result: Criticism, unshown: Sequence[str]) -> list[str]:
     """Return what was not judged, and which errors are too small for these flights."""
-    told = [result.limits, *(f"{line}." for line in result.dropped), *unshown]
+    # What limits the verdict is told with its reason among what was dropped, where it is there.
+    begins = tuple(line.partition(":")[0] for line in result.dropped)
+    limits = "" if result.limits.partition(":")[0].lower() in begins else result.limits
+    told = [limits, *(f"{line}." for line in result.dropped), *unshown]
     if result.detectable:
         told.append(
             "An effect smaller than “What these flights could not have shown” lists would have been missed."

@@ -210,7 +210,8 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
         ("velocity_std_m_s out of range", "lies outside of what healthy vehicles have."),
         ("attitude_lag may be control_latency", "may be control_latency instead"),
         ("timestamp_jitter may be something else", "an effect that the catalogue does not hold."),
-        ("velocity early by 49.1 ms", "velocity early by 49.1 ms."),
+        ("velocity early by 49.1 ms", "the readings of velocity come 49.1 ms too early by their stamps."),
+        ("gyro_bias.x is -0.1 to 0.2 rad/s", "gyro_bias.x is -0.1 to 0.2 rad/s."),
     ],
 )
 def test_what_is_left_over_is_told_in_plain_words(part: str, words: str) -> None:
