@@ -22,10 +22,12 @@ from frontend.camera import Camera
 from frontend.edge_windows import (
     WINDOW_PX,
     CornerStep,
+    Held,
     by_corners,
     is_structured,
     mean_shift,
     measured,
+    place_and_shape,
     solved,
 )
 from frontend.flow import NOISE_FLOOR
@@ -149,15 +151,15 @@ class AlignmentTemplate:
         """Return the only likely result of all starts within the covariance of the prediction; None where
         there is none."""
         to = self.frame.reduced_H_full
-        start = to @ predicted.i_H_j @ np.linalg.inv(to)
         covariance = predicted.covariance / np.outer(self.frame.scale, self.frame.scale)
+        predicted = Prediction(to @ predicted.i_H_j @ np.linalg.inv(to), covariance)
         is_near = bool(np.trace(covariance) < NEAR_PX**2)
         found: list[tuple[float, _Aligned]] = []
         for shift in _starts(covariance):
             if any(_squared(shift - each.moved, each.of_moved) < 1.0 for _, each in found):
                 continue  # It leads to the same place, up to what lines leave open.
-            each = self._from_start(other, start, shift, floor_px, gates) if is_near else None
-            each = each or self._from_start(other, start, shift, floor_px, gates, (1, 0))
+            each = self._from_start(other, predicted, shift, floor_px, gates) if is_near else None
+            each = each or self._from_start(other, predicted, shift, floor_px, gates, (1, 0))
             if each is not None:
                 found.append((_squared(each.moved, covariance + each.of_moved), each))
         found = sorted([one for one in found if one[0] < PLAUSIBLE], key=lambda one: one[0])
@@ -173,7 +175,7 @@ class AlignmentTemplate:
     def _from_start(
         self,
         other: AlignmentTemplate,
-        predicted: Array,
+        predicted: Prediction,
         shift: Array,
         floor_px: float,
         gates: GateConfig,
@@ -183,9 +185,9 @@ class AlignmentTemplate:
         come to look alike."""
         H, covariance = np.eye(3), np.empty((8, 8))
         H[:2, 2] = shift
-        H = H @ predicted
+        H = H @ predicted.i_H_j
         for level in levels:
-            aligned = _at_level(self, other, H, level, floor_px)
+            aligned = _at_level(self, other, H, predicted, level, floor_px)
             if aligned is None:
                 return None
             H, covariance = aligned[0], aligned[1].covariance
@@ -195,7 +197,7 @@ class AlignmentTemplate:
             return None
         if not 1.0 / gates.max_scale < local_scale(i_H_j, camera) < gates.max_scale:
             return None
-        off = transfer(H, self._corners) - transfer(predicted, self._corners)
+        off = transfer(H, self._corners) - transfer(predicted.i_H_j, self._corners)
         return _Aligned(H, covariance, *mean_shift(off.ravel(), covariance, max(self.frame.size_px)))
 
     @cached_property
@@ -259,14 +261,23 @@ def _alike(template: AlignmentTemplate, other: AlignmentTemplate, H: Array) -> b
 
 
 def _at_level(
-    template: AlignmentTemplate, other: AlignmentTemplate, H: Array, level: int, floor_px: float
+    template: AlignmentTemplate,
+    other: AlignmentTemplate,
+    H: Array,
+    predicted: Prediction,
+    level: int,
+    floor_px: float,
 ) -> tuple[Array, CornerStep] | None:
-    """Return the homography between the whole pictures as improved at a level, and its last step."""
+    """Return the homography between the whole pictures as improved at a level, and its last step.
+
+    The steps before it hold the prediction, so that it stays in the directions that lines leave open.
+    """
     width, height = template.levels[level].shape[::-1]
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=float)
     S = _reduction(level)
-    H = S @ H @ np.linalg.inv(S)
-    found, predicted = None, H
+    H, expected = (S @ each @ np.linalg.inv(S) for each in (H, predicted.i_H_j))
+    found, side_px = None, max(width, height)
+    information = place_and_shape(predicted.covariance * S[0, 0] ** 2, side_px)
     for number in range(STEPS + 1):
         grey = template.levels[level]
         warped, common = _warped(template, other, H, level)
@@ -275,11 +286,11 @@ def _at_level(
         if windows is None:
             return None
         last = number == STEPS or (found is not None and np.abs(found.step).max() < STILL_PX[level])
-        off = None if last else (transfer(H @ np.linalg.inv(predicted), corners) - corners).ravel()
-        found = solved(windows, corners, floor_px, max(width, height), off)
+        off = (transfer(H @ np.linalg.inv(expected), corners) - corners).ravel()
+        found = solved(windows, corners, floor_px, side_px, None if last else Held(off, information))
         moved = (corners + found.step.reshape(4, 2)).astype(np.float32)
         H = np.asarray(cv2.getPerspectiveTransform(corners.astype(np.float32), moved) @ H, dtype=float)
-        if not np.isfinite(H).all() or np.abs(found.step).max() > max(width, height):
+        if not np.isfinite(H).all() or np.abs(found.step).max() > side_px:
             return None
         if last:
             break

@@ -38,6 +38,9 @@ pixels."""
 SHAPE_SHARE = 0.01
 """Standard deviation of the shape of a predicted picture, over its side: tilt and height to a percent."""
 
+_MEAN = np.tile(np.eye(2) / 4, 4)
+"""(2, 8) mean displacement of four corners."""
+
 
 class EdgeWindows(NamedTuple):
     """Windows with structure, in axes along and across their strongest edge."""
@@ -50,6 +53,15 @@ class EdgeWindows(NamedTuple):
     """(m, 2) displacement along the axes."""
     weight: Array
     """(m, 2) information relative to that across an edge."""
+
+
+class Held(NamedTuple):
+    """Prediction of the corners of picture i."""
+
+    off: Array
+    """(8,) displacement of the corners from it."""
+    information: Array
+    """(8, 8) px⁻²."""
 
 
 class CornerStep(NamedTuple):
@@ -97,12 +109,11 @@ def measured(grey: Grey, same: Grey, common: NDArray[np.uint8], level: int) -> E
 
 
 def solved(
-    windows: EdgeWindows, corners: Array, floor_px: float, side_px: int, off: Array | None
+    windows: EdgeWindows, corners: Array, floor_px: float, side_px: int, held: Held | None
 ) -> CornerStep:
     """Solve for the corners in the directions that the windows determine.
 
-    With the displacement ``off`` (8,) from the prediction, the shape of the picture is held near that of the
-    prediction, whose tilt and height are nearly right.
+    If they are ``held``, the corners stay as near to their prediction as its information says.
 
     Windows along a line see the same edge at a similar place between the pixels, so that the floor of their
     noise is common to as many of them as it takes a slanted line to move to another place.
@@ -125,9 +136,9 @@ def solved(
     step = directions[:, closed] @ (
         (directions[:, closed].T @ (J.T @ (robust * moved))) / information[closed]
     )
-    if off is not None:
-        held = _shape_held(side_px)
-        step = np.linalg.solve(A / noise_px**2 + held, J.T @ (robust * moved) / noise_px**2 - held @ off)
+    if held is not None:
+        right = J.T @ (robust * moved) / noise_px**2 - held.information @ held.off
+        step = np.linalg.solve(A / noise_px**2 + held.information, right)
     variance = np.full(8, float(side_px) ** 2)
     variance[closed] = noise_px**2 / information[closed]
     return CornerStep(step, np.asarray((directions * variance) @ directions.T, dtype=float))
@@ -141,10 +152,11 @@ def _sharing(windows: EdgeWindows, side_px: int) -> float:
     return float(reach_px.mean() / WINDOW_PX)
 
 
-def _shape_held(side_px: int) -> Array:
-    """Return the information (8, 8) of corners that are predicted in shape, and freely in place."""
+def place_and_shape(covariance: Array, side_px: int) -> Array:
+    """Return the information (8, 8) of the corners of a picture, whose mean displacement is predicted with a
+    covariance (2, 2), and whose tilt and height are nearly right."""
     shape = (np.eye(8) - np.kron(np.full((4, 4), 0.25), np.eye(2))) / (SHAPE_SHARE * side_px) ** 2
-    return np.asarray(shape + np.eye(8) / side_px**2)
+    return np.asarray(shape + _MEAN.T @ np.linalg.inv(covariance) @ _MEAN)
 
 
 def mean_shift(off: Array, covariance: Array, side_px: int) -> tuple[Array, Array]:
@@ -156,9 +168,8 @@ def mean_shift(off: Array, covariance: Array, side_px: int) -> tuple[Array, Arra
     line is free.
     """
     information = np.linalg.inv(covariance)
-    known = np.linalg.inv(information + _shape_held(side_px))
-    mean = np.tile(np.eye(2) / 4, 4)
-    return mean @ (known @ (information @ off)), np.asarray(mean @ known @ mean.T)
+    known = np.linalg.inv(information + place_and_shape(np.eye(2) * side_px**2, side_px))
+    return _MEAN @ (known @ (information @ off)), np.asarray(_MEAN @ known @ _MEAN.T)
 
 
 def by_corners(at: Array, corners: Array) -> Array:
