@@ -38,6 +38,7 @@ from backend.bundle.inertial.graph import (
     add_inertial,
 )
 from backend.bundle.lens import start_numbers, told_calibration, told_covariance
+from backend.bundle.noise_level import over_typical
 from backend.bundle.reported.graph import ReportedPart, add_reported
 from backend.bundle.world import WorldTransform
 from backend.measurements import NO_REPORTED_NOISE, FloorTracks, Measurements, PinholeModel, ReportedNoise
@@ -210,13 +211,15 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
     measurements, c_T_b = problem.measurements, problem.c_T_b
     robust = partial(gtsam.noiseModel.Robust.Create, gtsam.noiseModel.mEstimator.Huber.Create(1.345))
     if measurements.attitudes:
-        model = robust(gtsam.noiseModel.Isotropic.Sigma(2, noise.roll_pitch_rad))
-        for a in measurements.attitudes:
+        ratio = over_typical([a.std_rad[:2].max() for a in measurements.attitudes])
+        for a, std in zip(measurements.attitudes, noise.roll_pitch_rad * ratio, strict=True):
             c_up = c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad)
+            model = robust(gtsam.noiseModel.Isotropic.Sigma(2, std))
             graph.push_back(level_factor(POSE(a.k), WORLD, c_up, model))
     if measurements.ranges:
-        model = robust(gtsam.noiseModel.Isotropic.Sigma(1, noise.range_m))
-        for r in measurements.ranges:
+        ratio = over_typical([r.std_m for r in measurements.ranges])
+        for r, std in zip(measurements.ranges, noise.range_m * ratio, strict=True):
+            model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
             graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s))
     if measurements.positions:
         for p in measurements.positions:
@@ -225,8 +228,9 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
             model = robust(gtsam.noiseModel.Diagonal.Precisions(precision))
             graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
     if measurements.heights:
-        model = robust(gtsam.noiseModel.Isotropic.Sigma(1, noise.height_m))
-        for h in measurements.heights:
+        ratio = over_typical([h.std_m for h in measurements.heights])
+        for h, std in zip(measurements.heights, noise.height_m * ratio, strict=True):
+            model = robust(gtsam.noiseModel.Isotropic.Sigma(1, std))
             graph.push_back(height_factor(POSE(h.k), WORLD, h.height_m, model, problem.camera.b_T_c))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import gtsam
@@ -13,7 +14,7 @@ from backend.bundle.barometer import HEIGHTS, height_residuals
 from backend.bundle.control import mark_residuals, survey_residuals
 from backend.bundle.factors import ANTENNA, DATUM, LOG_GAIN, LOG_SCALE, OFFSET, body_up
 from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, Variables, metric_poses
-from backend.bundle.noise_level import least_std, pooled, redundancy_factor
+from backend.bundle.noise_level import least_std, over_typical, pooled, redundancy_factor
 from backend.bundle.observations import Cameras
 from backend.bundle.projections import residuals
 from backend.measurements import FloorTracks, Measurements
@@ -171,8 +172,8 @@ def _sensor_noise(
         tilt = np.array(
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
         )
-        nominal = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
-        level = replace(level, roll_pitch_rad=pooled(nominal, robust_autocorrelated_std(tilt), len(tilt)))
+        stated = [a.std_rad[:2].max() for a in measurements.attitudes]
+        level = replace(level, roll_pitch_rad=_pooled(stated, tilt))
     if len(measurements.positions) > 3:
         position_m = _position_noise(measurements, w_T_b, world, level.position_m, absorbed)
         level = replace(level, position_m=position_m)
@@ -191,13 +192,17 @@ def _sensor_noise(
         f_T_s = np.array([metric[r.k] @ c_T_b @ r.b_T_s for r in measurements.ranges])
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])
-        nominal = float(np.median([r.std_m for r in measurements.ranges]))
-        level = replace(level, range_m=pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
+        level = replace(level, range_m=_pooled([r.std_m for r in measurements.ranges], off[:, None]))
     if len(measurements.heights) > 3:
         off = height_residuals(measurements.heights, w_T_b, values.atVector(HEIGHTS))
-        nominal = float(np.median([h.std_m for h in measurements.heights]))
-        level = replace(level, height_m=pooled(nominal, robust_autocorrelated_std(off[:, None]), len(off)))
+        level = replace(level, height_m=_pooled([h.std_m for h in measurements.heights], off[:, None]))
     return level
+
+
+def _pooled(stated: Sequence[float], off: Array) -> float:
+    """Return the noise of a typical reading, from the stated deviations (n,) and the residuals (n, d)."""
+    even = off / over_typical(stated)[:, None]
+    return pooled(float(np.median(stated)), robust_autocorrelated_std(even), len(off))
 
 
 def _position_noise(

@@ -6,6 +6,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,3 +48,13 @@ def pooled(nominal: float, found: float, count: int) -> float:
 
 def _left(count: int, absorbed: Array) -> float:
     return max(count - float(absorbed.sum()), 1.0)
+
+
+def over_typical(stated: Sequence[float]) -> Array:
+    """Return the stated deviations (n,) of readings over their median: a reading at the edge of a recording,
+    or beside a gap, may be several times as uncertain as the others. One that states none counts as typical.
+    """
+    std = np.asarray(stated, dtype=float)
+    known = np.isfinite(std) & (std > 0)
+    typical = np.median(std[known]) if known.any() else 1.0
+    return np.where(known, std / typical, 1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -63,3 +65,18 @@ def test_a_direction_that_lines_leave_open_is_as_uncertain_as_the_picture_is_wid
     std_m = np.sqrt(found.covariances[-1][[3, 4], [3, 4]])
     assert std_m[0] == pytest.approx(np.sqrt(COUNT - 1) * OPEN_PX / 2 / 200.0, rel=0.5)
     assert std_m[1] < 0.3
+
+
+def test_a_range_weighs_as_little_as_its_stated_deviation_says():
+    measurements, w_T_b = measured(1, open_along=False)
+    loose = tuple(replace(pair, covariance=1e4 * pair.covariance) for pair in measurements.aligned)
+    measurements = replace(measurements, aligned=loose)
+    off = [
+        SlantRange(r.k, 1.06 if r.k == 3 else 1.0, 0.06 if r.k == 3 else 0.01) for r in measurements.ranges
+    ]
+    equal = [replace(r, std_m=0.01) for r in off]
+    height_m, as_others_m = (
+        refine(replace(measurements, ranges=tuple(ranges)), w_T_b).w_T_b[:, 2, 3] for ranges in (off, equal)
+    )
+    assert abs(height_m[3] - np.delete(height_m, 3).mean()) < 0.01
+    assert as_others_m[3] - np.delete(as_others_m, 3).mean() > 0.015
