@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import json
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from slam.core.control_points import ControlReport, PointResidual
 from slam.core.floor_points import FloorPoints
 from slam.io.geotiff import Grid, write_bands
 from slam.report.advice import limit_sentence
@@ -26,6 +28,14 @@ from tests.slam.report.map_page.largest_page import largest_page
 HOSTILE = "</script><script>alert(1)</script><!-- \u2028 \x1b[31m {{ 7 * 7 }}"
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="Chromium is not installed")
 SIGMA_M = 0.01
+SURVEYED = ControlReport(
+    points=(
+        PointResidual(
+            name="P<1>", role="check", used=False, reason="", views=3,
+            surveyed_m=(2.0, 1.0, math.nan), residual_m=(0.03, 0.04, math.nan),
+        ),
+    )
+)  # fmt: skip
 
 
 def written(folder: Path, estimate=None, flight=None) -> Path:
@@ -178,7 +188,7 @@ def test_nothing_placed_gives_no_page(tmp_path):
 def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
     with_rasters(tmp_path)
     found = in_browser(
-        written(tmp_path, with_points(), made_flight()),
+        written(tmp_path, replace(with_points(), control=SURVEYED), made_flight()),
         """
         const boxes = [...document.querySelectorAll("#layers input")];
         const before = boxes.map((box) => box.checked);
@@ -211,6 +221,7 @@ def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
             "elevation",
             "sigma",
             "points",
+            "surveyed",
             "path",
             "loop",
             "unproven",
@@ -226,6 +237,8 @@ def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
     assert len(points) == 200
     assert "seen in 2 keyframes" in points[0]
     assert "position known to 10 mm" in points[0]
+    (surveyed,) = (words for words in found["words"] if words.startswith("Check point P<1>"))
+    assert "the map has it 50.0" in surveyed
     assert found["clips"][0] != found["clips"][1]
 
 
