@@ -22,6 +22,11 @@ def with_error(value: float, std: float, sign: str = "") -> str:
     return f"{value:{sign}.{digits}f} ± {std:.{digits}f}"
 
 
+def spaced(of: str) -> str:
+    """Return a unit after a space, to follow a figure; a factor, whose unit is 1, has none."""
+    return "" if of == "1" else f" {of}"
+
+
 def unit(metric: bool) -> str:
     """Return the unit of lengths: metres, or the camera's mean height where the scale is not observed."""
     return "m" if metric else "heights"

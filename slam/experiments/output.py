@@ -12,6 +12,7 @@ import numpy as np
 
 from slam.core.plot_style import png
 from slam.core.summary import json_text
+from slam.core.units import spaced
 from slam.core.version import VERSION
 from slam.experiments.experiment import Conclusion, Experiment, Row, SeedStatistics, Trial
 from slam.experiments.registry import experiment
@@ -129,7 +130,7 @@ def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, st
     """Lines of the short table, one for each figure of the first row: experiment, quantity, figure,
     verdict."""
     row = conclusion.rows[0]
-    unit = "" if row.unit == "1" else f" {row.unit}"
+    unit = spaced(row.unit)
     figures = [(column, shown(value) + unit) for column, value in row.paper.items()]
     figures += [(column, shown(figure) + unit) for column, figure in row.ours.items()]
     first = (name, f"{row.name}", "", conclusion.verdict)

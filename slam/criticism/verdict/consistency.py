@@ -18,6 +18,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
+from slam.core.units import spaced
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import segments
 from slam.criticism.kalman.record import Record
@@ -167,7 +168,7 @@ def disagreements(found: SearchResult) -> list[str]:
                 catalogue_value(effect, k, float(x), found.last.parameters, 0.0)
                 for x in (sizes.min(), sizes.max())
             )
-            sizes_of = f"{least:.2g} to {most:.2g} {unit} by segments of {SEGMENT_S:g} s"
+            sizes_of = f"{least:.2g} to {most:.2g}{spaced(unit)} by segments of {SEGMENT_S:g} s"
             descriptions.append(f"{name} is {sizes_of}{like}")
     return descriptions
 
@@ -212,7 +213,7 @@ class Onset:
         effect, _, parameter = self.column.rpartition(".")
         unit = CATALOGUE[effect].parameter(parameter).unit
         return (
-            f"{self.column} changes by {self.change:.2g}{'' if unit == '1' else f' {unit}'} at about "
+            f"{self.column} changes by {self.change:.2g}{spaced(unit)} at about "
             f"{self.time_s:.0f} s (z = {self.z:.1f})"
         )
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.progress import Progress, Tally, silent
+from slam.core.units import spaced
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
@@ -195,9 +196,8 @@ def _is_beyond(
 
 def _in_words(constant: FittedParameter, parameters: FilterParameters, model: FilterParameters) -> str:
     low, high = constant.healthy_range(model)
-    unit = "" if constant.unit == "1" else f" {constant.unit}"
     value = constant.value_in(parameters)
-    return f"{constant.name} is {value:.3g}{unit} (healthy: {low:.3g} to {high:.3g})"
+    return f"{constant.name} is {value:.3g}{spaced(constant.unit)} (healthy: {low:.3g} to {high:.3g})"
 
 
 def _flies(effect: Effect) -> bool:

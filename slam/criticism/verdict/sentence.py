@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from slam.core.names import enumerated
+from slam.core.units import spaced
 from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.power import within_reach
@@ -83,7 +84,7 @@ def details(found: Criticism) -> tuple[str, ...]:
         lines.append(f"Noise is correlated from one sample to the next, which is healthy: {shares}.")
     if found.verdict == "nothing_wrong" and (seen := within_reach(found.detectable)):
         sizes = (
-            f"{name} {found.detectable[name][0]:.2g}{_spaced(found.detectable[name][1])}"
+            f"{name} {found.detectable[name][0]:.2g}{spaced(found.detectable[name][1])}"
             for name in _one_a_family(seen)
         )
         lines.append(f"Smallest sizes that nine of ten such flights would have shown: {', '.join(sizes)}.")
@@ -139,7 +140,7 @@ def _named(found: Criticism) -> str:
     if len(lacking := _lacking(found)) > 1 or (lacking and not found.probable):
         return f"The model lacks {enumerated(lacking)}."
     lead = found.probable[0] if found.probable else found.causes[0]
-    sizes = ", ".join(f"{n} = {p.value:.3g}{_spaced(p.unit)}" for n, p in lead.parameters.items())
+    sizes = ", ".join(f"{n} = {p.value:.3g}{spaced(p.unit)}" for n, p in lead.parameters.items())
     bracket = f"({sizes}{'; ' if sizes else ''}probability {lead.probability:.2f})"
     if found.probable:
         return f"The model lacks {lead.name}: {CATALOGUE[lead.name].meaning} {bracket}."
@@ -222,8 +223,3 @@ def _one_a_family(names: Iterable[str]) -> list[str]:
     for name in names:
         first.setdefault(CATALOGUE[name].family, name)
     return list(first.values())
-
-
-def _spaced(unit: str) -> str:
-    """Return the unit after a space; a factor has none."""
-    return "" if unit == "1" else f" {unit}"
