@@ -49,6 +49,8 @@ class Mapped:
     """RMS error of the positions (``ate_m``)."""
     mean_error_m: float = np.nan
     """Mean error of the positions."""
+    shape_error_m: float = np.nan
+    """RMS error of the positions after a similarity, which leaves no error of the scale."""
     landmark_percent: float = np.nan
     """RMS error of the distances between landmarks."""
     log_scale: float = np.nan
@@ -141,6 +143,7 @@ def judged_map(estimate: Estimate, found: Evaluation) -> Mapped:
         path_m=float(np.linalg.norm(np.diff(tracks.reference_m, axis=0), axis=1).sum()),
         error_m=found.ate_m.rmse if estimate.metric else found.ate_sim3_m.rmse,
         mean_error_m=float(apart_m.mean()),
+        shape_error_m=found.ate_sim3_m.rmse,
         landmark_percent=float(np.sqrt(np.nanmean(np.square(percent)))) if _any(percent) else np.nan,
         log_scale=float(np.log(found.scale)),
         scale_std=np.nan if estimate.scale_std is None else estimate.scale_std,

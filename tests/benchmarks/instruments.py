@@ -131,8 +131,17 @@ def _of_kind(kind: str, found: list[Flown]) -> list[Metric]:
     if KINDS[kind].gap_s:
         metrics += _of_gaps(kind, gaps, len(found))
     if kind == "floor of lines":
-        percent = [100 * m.mean_error_m / m.path_m for m in maps]
-        metrics.append(at_most(f"{kind}: mean error of the path", _rms(percent), "%", 0.1))
+        percent, shape = (
+            _rms([100 * error_m / m.path_m for m, error_m in zip(maps, errors_m, strict=True)])
+            for errors_m in ([m.mean_error_m for m in maps], [m.shape_error_m for m in maps])
+        )
+        metrics.append(
+            at_most(
+                f"{kind}: mean error of the path", percent, "%", 0.1,
+                f"RMS {shape:.2g} % after a similarity; the scale is reported with a standard deviation of "
+                f"{100 * _rms([m.scale_std for m in maps]):.2g} %",
+            )
+        )  # fmt: skip
     return metrics
 
 
