@@ -22,6 +22,7 @@ _RIGHT: Mapping[str, str] = {
     "unusable": "Not known: these data cannot be judged.",
 }
 """Verdict -> whether the model is right about the flights."""
+_MORE = " More is wrong than that explains."
 _UNEXPLAINED, _NEXT = "Unexplained: ", "What to do next: "
 _SAME, _NOISE, _UNSHOWN = "Effects that the flights cannot distinguish", "Noise ", "These flights could not"
 _INSTRUMENTS = {"imu": "gyro or accelerometer", "sonar": "the height sensor", "camera": "the camera"}
@@ -45,7 +46,10 @@ def criticism_answers(result: Criticism) -> tuple[Item, ...]:
     unexplained = [unexplained_in_words(line.removeprefix(_UNEXPLAINED)) for line in told[_UNEXPLAINED]]
     sizes = ["Sizes and their 95 % intervals stand under “The extension”."] if result.causes else []
     rows = (
-        _item("Is the model right about these flights?", [_RIGHT[result.verdict]]),
+        _item(
+            "Is the model right about these flights?",
+            [f"{_RIGHT[result.verdict]}{_MORE * bool(unexplained and result.causes)}"],
+        ),
         _item("What is wrong, and how sure is that?", [*causes, *sizes]),
         _item("What else could it be?", _else(result, told[_SAME])),
         _item("What is not explained?", unexplained),
