@@ -42,8 +42,9 @@ def demo(
         results = write_results(
             folder, estimate, flight, MosaicOptions(previous_output=out), progress, accuracy
         )
-    screen.print(outcome_table(results.facts, results.summary, results.mosaic))
-    for table in accuracy.evaluated.tables:
+    told = accuracy.evaluated
+    screen.print(outcome_table(results.facts, results.summary, results.mosaic, told.checks_lengths))
+    for table in told.tables:
         screen.table(table)
     pictures = (
         "mosaic.png",

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from backend.wording import counted
 from slam.core.errors import one_line
-from slam.core.messages import by_kind
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE, by_kind
 from slam.core.units import percent
 from slam.report.facts import Facts
 from slam.report.left_out import counted_by_kind, left_out
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _MOST_WARNINGS = 8
 """Warnings shown on the terminal; summary.json and the report hold all."""
+_COMPARED = "The distances between landmarks below check them."
+"""Words in place of the request for a distance where known ones were compared."""
 
 
 def rich_table(figures: FigureTable) -> Table:
@@ -44,12 +46,17 @@ def rich_table(figures: FigureTable) -> Table:
     return made
 
 
-def outcome_table(facts: Facts, summary: Summary, mosaic: MosaicFacts | None = None) -> Table:
-    """Return the table of an optimization's result."""
+def outcome_table(
+    facts: Facts, summary: Summary, mosaic: MosaicFacts | None = None, compared: bool = False
+) -> Table:
+    """Return the table of an optimization's result.
+
+    ``compared``: a table with known distances on the ground follows, so that none has to be measured.
+    """
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=False)
     made.add_column(style="bold")
     made.add_column(overflow="fold")
-    for name, value in _outcome_rows(facts, summary, mosaic):
+    for name, value in _outcome_rows(facts, summary, mosaic, compared):
         made.add_row(name, Text(one_line(value)))
     return made
 
@@ -69,7 +76,9 @@ def _position_sigma(facts: Facts) -> str:
     return text + (f"; mostly the common scale ({percent(facts.scale_std)})" if facts.mostly_scale else "")
 
 
-def _outcome_rows(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> list[tuple[str, str]]:
+def _outcome_rows(
+    facts: Facts, summary: Summary, mosaic: MosaicFacts | None, compared: bool
+) -> list[tuple[str, str]]:
     placed = f"{facts.placed} of {facts.keyframes} placed"
     if not facts.is_graph:
         placed += f", from {counted(facts.frames, 'picture')}"
@@ -93,7 +102,10 @@ def _outcome_rows(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) ->
         ("time, memory", f"{sum(summary.timing_s.values()):.1f} s, {summary.peak_rss_mb:.0f} MB"),
     ]
     if summary.accuracy_basis:
-        rows.insert(-1, ("accuracy", summary.accuracy_basis))
+        basis = summary.accuracy_basis
+        rows.insert(
+            -1, ("accuracy", basis.replace(CHECKED_BY_ONE_DISTANCE, _COMPARED) if compared else basis)
+        )
     if summary.error is not None:
         rows.insert(
             3, ("error", f"{summary.error:.6g} after {counted(summary.iterations or 0, 'iteration')}")

@@ -16,6 +16,7 @@ from rich.console import Console
 from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin, Truth
+from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.plot_style import ground_labels
 from slam.core.summary import json_text, summarise
 from slam.core.units import length
@@ -226,6 +227,18 @@ def test_a_map_without_a_scale_has_no_metres(no_figures):
     told.print(outcome_table(gather(estimate, made_flight()), summarise(estimate)))
     assert re.search(r"typically [\d.]+ heights", told.file.getvalue().replace("\N{NO-BREAK SPACE}", " "))
     assert not re.search(r"[0-9]\s(mm|m|km)\b", told.file.getvalue())
+
+
+def test_the_terminal_asks_for_no_distance_where_known_ones_were_compared():
+    estimate = replace(made_estimate(), accuracy_basis=f"One sensor. {CHECKED_BY_ONE_DISTANCE}")
+    said = []
+    for compared in (False, True):
+        told = Console(file=io.StringIO(), width=200)
+        told.print(
+            outcome_table(gather(estimate, made_flight()), summarise(estimate), None, compared=compared)
+        )
+        said.append(CHECKED_BY_ONE_DISTANCE in told.file.getvalue())
+    assert said == [True, False]
 
 
 def test_links_lead_to_the_files_that_exist(tmp_path, no_figures):
