@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from backend.wording import counted
 from slam.core.flight import Flight, Truth
 from slam.core.messages import Note, same_kind
 from slam.io.clock import sort_by_time
@@ -105,7 +106,7 @@ def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[
     length = np.linalg.norm(table.values[:, 3:7], axis=1)
     complete = np.isfinite(table.values).all(axis=1) & (np.abs(length - 1) < 1e-2)
     if not complete.all():
-        notes.append(f"{int((~complete).sum())} rows without a complete pose dropped")
+        notes.append(f"{counted(int((~complete).sum()), 'row')} without a complete pose dropped")
     if not complete.any():
         return None, notes
     values = table.values[complete]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import either
 from slam.core.estimate import Estimate
 from slam.core.instrument import Instrument
 from slam.core.units import SPACE, length, percent
@@ -216,16 +217,17 @@ def sentence(facts: Facts, status: str, ground_std_m: tuple[float, float] | None
     thing = "poses" if facts.is_graph else "keyframes"
     if facts.placed == 0:
         return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
-    of_map = "" if facts.is_graph else " (the pictures that the map is made of)"
+    of_map = "" if facts.is_graph or facts.keyframes == 1 else " (the pictures that the map is made of)"
     whole = (
-        f"All {facts.keyframes}"
+        ("The only" if facts.keyframes == 1 else f"All {facts.keyframes}")
         if facts.placed == facts.keyframes
         else f"{facts.placed} of {facts.keyframes}"
     )
     maps = (
         "one consistent map" if facts.maps <= 1 else f"{facts.maps} separate maps that share no common ground"
     )
-    text = f"{whole} {thing}{of_map} lie on {maps}"
+    noun = thing[:-1] if facts.keyframes == 1 else thing
+    text = f"{whole} {noun}{of_map} {either(facts.placed, 'lies', 'lie')} on {maps}"
     on_ground = ground_std_m is not None and bool(np.isfinite(ground_std_m[0]))
     typical_m, worst_m = (
         ground_std_m if ground_std_m is not None and on_ground else (facts.sigma_median_m, facts.sigma_max_m)

@@ -63,8 +63,10 @@ def fix_messages(fixes: Fixes, agreement: Agreement) -> FixMessages:
             warnings.append(_step_line(fixes, good_altitude, bad_altitude, step))
         else:
             line = (
-                f"gps0: {outliers} of {count} altitudes contradict the pictures and the other altitudes, and "
-                f"are not used: {_with_distance(fixes, bad_altitude, agreement.off_m[bad_altitude, 2])}"
+                f"gps0: {outliers} of {count} altitudes {either(outliers, 'contradicts', 'contradict')} "
+                "the pictures "
+                f"and the other altitudes, and {either(outliers, 'is', 'are')} not used: "
+                f"{_with_distance(fixes, bad_altitude, agreement.off_m[bad_altitude, 2])}"
             )
             if _too_many(outliers, count):
                 warnings.append(line + _DOUBT)

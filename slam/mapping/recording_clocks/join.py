@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from backend.clocks.picture_clock import SURE
+from backend.wording import counted
 from slam.core.errors import InputError
 from slam.core.flight import FIELD_BY_FOLDER, STREAMS, Flight
 from slam.core.progress import Progress, silent
@@ -119,7 +120,8 @@ def _moved(flight: Flight, clock: KnownClock, reference: str) -> Flight:
     moved = replace(flight.restamped(STREAMS, clock.on_reference), sources=tuple(sources))
     if clock.steps:
         moved = moved.with_warning(
-            f"{flight.name}: its clock steps {clock.steps} times against that of {reference}; a map looks "
+            f"{flight.name}: its clock steps {counted(clock.steps, 'time')} against that of {reference}; a "
+            "map looks "
             "for steps of cam0, and other streams keep them"
         )
     return _turned(moved, clock, reference)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.wording import counted
 from slam.io.body_axes import angles_from_ned_quaternion
 from slam.io.recordings.logs import field_values
 from slam.io.recordings.logs.field_rules import FieldRule, FieldSeries, field_recording
@@ -44,7 +45,8 @@ def _attitude(fields: Fields) -> Converted:
     if "quat_reset_counter" in fields:
         resets = int((np.diff(column(fields, "quat_reset_counter")) != 0).sum())
     notes = (
-        f"the autopilot's filter reset its attitude {resets} times, at which the yaw may step; check the "
+        f"the autopilot's filter reset its attitude {counted(resets, 'time')}, at which the yaw may step; "
+        "check the "
         "heading there",
     )
     return angles_from_ned_quaternion(columns(fields, *_names("q", 4))), notes * bool(resets)
@@ -192,7 +194,8 @@ def _damage(log: ULog, cut: bool) -> tuple[str, ...]:
     if log.dropouts:
         lost_s = sum(dropout.duration for dropout in log.dropouts) * 1e-3
         lines.append(
-            f"the logger lost data {len(log.dropouts)} times, {lost_s:.2f} s in all; use a faster card, or "
+            f"the logger lost data {counted(len(log.dropouts), 'time')}, {lost_s:.2f} s in all; use a "
+            "faster card, or "
             "log less"
         )
     if log.file_corruption:

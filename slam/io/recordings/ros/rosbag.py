@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import counted, either
 from frontend.camera import Camera
 from slam.core.messages import same_kind
 from slam.core.progress import Progress
@@ -93,7 +94,7 @@ class _Series:
         what = (
             "messages have no header"
             if not (self.has_header or self.is_of_px4)
-            else f"{self.without_stamp} stamps are zero"
+            else counted(self.without_stamp, "stamp is zero", "stamps are zero")
         )
         return [f"{what}: the time of recording is used; stamp them where they are measured"]
 
@@ -251,7 +252,12 @@ def _pass(bag: OpenBag, by_topic: dict[str, list[_Series]], progress: Progress) 
         ]
     progress("reading messages", count, total)
     return (
-        [f"{total - count} of {total} messages are missing in the bag; {COPY_AGAIN}"] if count < total else []
+        [
+            f"{total - count} of {total} messages {either(total - count, 'is', 'are')} missing in the bag; "
+            f"{COPY_AGAIN}"
+        ]
+        if count < total
+        else []
     )
 
 

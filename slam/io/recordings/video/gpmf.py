@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from backend.wording import either
 from slam.io.recordings.logs.field_values import FIX_3D, known_fixes
 from slam.io.recordings.recording import COPY_AGAIN, StreamReadings
 from slam.io.recordings.video import gopro_imu
@@ -89,7 +90,8 @@ def read_gopro(path: Path, track: Mp4Track) -> GoproTrack:
     used = (key, *gopro_imu.KEYS) if len(imu_s) else (key,)
     others = tuple((name, count) for name, count in sorted(counts.items()) if name not in used)
     line = (
-        f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata are damaged or of an unknown "
+        f"{damaged} of {len(track.sizes)} payloads of GoPro's metadata {either(damaged, 'is', 'are')} "
+        "damaged or of an unknown "
         f"layout; {COPY_AGAIN}"
     )
     return GoproTrack(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.wording import either
 from slam.core.errors import InputError
 from slam.core.progress import Progress
 from slam.io.content import HEAD_BYTES
@@ -209,7 +210,8 @@ def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | N
     if track is None:
         return None, "", ()
     subtitles, lost = subtitles_of_track(path, track)
-    line = f"{lost} of {len(track.sizes)} subtitles lead out of the file and are lost; {COPY_AGAIN}"
+    line = f"{lost} of {len(track.sizes)} subtitles "
+    f"{either(lost, 'leads out of the file and is', 'lead out of the file and are')} lost; {COPY_AGAIN}"
     return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
 
 

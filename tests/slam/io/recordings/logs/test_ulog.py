@@ -208,7 +208,7 @@ def test_resets_of_the_autopilots_filter_are_told(tmp_path):
 def test_losses_of_the_logger_are_reported(tmp_path):
     dropout = message(b"O", (120).to_bytes(2, "little"))
     flight = read(log(tmp_path / "a.ulg", {"sensor_combined": (IMU, "6f", imu_rows())}, tail=dropout))
-    assert "the logger lost data 1 times, 0.12 s in all; use a faster card, or log less" in flight.warnings
+    assert "the logger lost data 1 time, 0.12 s in all; use a faster card, or log less" in flight.warnings
 
 
 def test_a_truncated_log_gives_what_it_has(tmp_path):
