@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,10 +20,27 @@ MOST_WANDER = 0.6
 have 1; independent jitter has at most 0.4, even in order of arrival."""
 
 
-def off_even_clock_s(times_s: Array, period_s: float) -> Array:
-    """Return (n,) stamp minus even clock, for each segment between long gaps; NaN without an even clock."""
+@dataclass(frozen=True)
+class StampOffsets:
+    """Stamps of one stream beside its even clock."""
+
+    period_s: float
+    off_s: Array
+    """(readings,) stamp minus even clock; NaN without an even clock."""
+
+    @property
+    def scatter_s(self) -> float:
+        """Standard deviation of ``off_s``."""
+        return float(np.nanstd(self.off_s))
+
+
+def stamp_offsets(times_s: Array) -> StampOffsets | None:
+    """Return the offsets of stamps (n,), each segment between long gaps with a clock of its own; None without
+    an even clock."""
+    period_s = float(np.ptp(times_s)) / max(len(times_s) - 1, 1)
     edges = np.flatnonzero(np.diff(times_s) > LONG_GAP * period_s) + 1
-    return np.concatenate([_off_s(part) for part in np.split(times_s, edges)])
+    off_s = np.concatenate([_off_s(part) for part in np.split(times_s, edges)])
+    return StampOffsets(period_s, off_s) if np.isfinite(off_s).any() else None
 
 
 def _off_s(times_s: Array) -> Array:

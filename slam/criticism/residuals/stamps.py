@@ -8,7 +8,6 @@ they fit the even clock, ``timestamp_jitter`` is reported with its scatter, and 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,27 +20,13 @@ from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
-from slam.data_quality.even_clock import LEAST_SCATTER_S, off_even_clock_s
+from slam.data_quality.even_clock import LEAST_SCATTER_S, StampOffsets, stamp_offsets
 
 Array = NDArray[np.float64]
 
 SLOW = 3.0
 """Least period in scatters. Stamps of a faster stream overtake one another, and their offsets in sorted order
 are smaller than the jitter."""
-
-
-@dataclass(frozen=True)
-class _Stamps:
-    """Stamps of one stream of one flight."""
-
-    period_s: float
-    off_s: Array
-    """(readings,) stamp minus even clock; NaN without an even clock."""
-
-    @property
-    def scatter_s(self) -> float:
-        """Standard deviation of ``off_s``."""
-        return float(np.nanstd(self.off_s))
 
 
 def without_jitter(
@@ -69,19 +54,14 @@ def _nats(records: Sequence[Record], parameters: FilterParameters) -> Array:
     return np.array(in_threads(lambda record: whole(record, fitted).log_likelihood, records))
 
 
-def _streams(record: Record) -> dict[int, _Stamps]:
+def _streams(record: Record) -> dict[int, StampOffsets]:
     """Return the streams with an even clock, by kind."""
-    found = {}
-    for kind in np.unique(record.kinds).tolist():
-        times_s = record.times_s[record.kinds == kind]
-        period_s = float(np.ptp(times_s)) / max(len(times_s) - 1, 1)
-        off_s = off_even_clock_s(times_s, period_s)
-        if np.isfinite(off_s).any():
-            found[kind] = _Stamps(period_s, off_s)
-    return found
+    kinds = np.unique(record.kinds).tolist()
+    found = {kind: stamp_offsets(record.times_s[record.kinds == kind]) for kind in kinds}
+    return {kind: offsets for kind, offsets in found.items() if offsets is not None}
 
 
-def _evened(record: Record, streams: dict[int, _Stamps]) -> Record:
+def _evened(record: Record, streams: dict[int, StampOffsets]) -> Record:
     """Return the record at the even times of its streams."""
     times_s = record.times_s.copy()
     for kind, stamps in streams.items():
@@ -89,7 +69,7 @@ def _evened(record: Record, streams: dict[int, _Stamps]) -> Record:
     return in_order(record, times_s, record.kinds, record.values, record.landing)
 
 
-def _scatter(streams: Sequence[_Stamps]) -> Interval:
+def _scatter(streams: Sequence[StampOffsets]) -> Interval:
     """Return the jitter's standard deviation from streams with long periods, or from the slowest stream."""
     slow = [s for s in streams if s.period_s > SLOW * s.scatter_s]
     slow = slow or [max(streams, key=lambda s: s.period_s)]

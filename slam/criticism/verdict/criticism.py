@@ -13,6 +13,8 @@ from slam.criticism.verdict.covariate import Covariate
 from slam.simulation.model import Model
 
 Array = NDArray[np.float64]
+CORRELATION_DIGITS = 4
+"""Digits of a correlation that are told."""
 Verdict = Literal["nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable"]
 
 
@@ -128,7 +130,9 @@ class Criticism:
                 for r in self.ranking
             ],
             "noise_correlation": {n: _short(x) for n, x in self.noise_correlation.items()},
-            "confusable": [{"names": [a, b], "cosine": round(c, 4)} for a, b, c in self.confusable],
+            "confusable": [
+                {"names": [a, b], "cosine": round(c, CORRELATION_DIGITS)} for a, b, c in self.confusable
+            ],
             "shapes": [{"name": name, "z": round(z, 2)} for name, z in self.patterns],
             "nuisances": {n: _interval(x) for n, x in self.nuisances.items()},
             "checks": {

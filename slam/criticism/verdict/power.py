@@ -3,7 +3,7 @@ separate."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from itertools import combinations
 
@@ -13,6 +13,7 @@ from slam.criticism.search.effects import Effect, catalogue_value
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import AT
 from slam.criticism.search.quadratic_likelihood import SEEN
+from slam.criticism.verdict.criticism import CORRELATION_DIGITS
 from slam.simulation.terms import CATALOGUE
 
 CONFUSED = 0.9
@@ -70,7 +71,13 @@ def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], 
         if ((information > SEEN) & (left > LEAST_SHARE * information)).all():
             seen[effect.name] = effect
     pairs = [(a, b, quadratic.correlation(seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)]
-    return tuple(sorted((p for p in pairs if p[2] > CONFUSED), key=lambda p: -p[2]))
+    return most_alike_first(p for p in pairs if p[2] > CONFUSED)
+
+
+def most_alike_first(pairs: Iterable[tuple[str, str, float]]) -> tuple[tuple[str, str, float], ...]:
+    """Sort pairs of names by their correlation, those with the same told one by name: rounding errors do not
+    change their order."""
+    return tuple(sorted(pairs, key=lambda pair: (-round(pair[2], CORRELATION_DIGITS), pair[:2])))
 
 
 def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float]:

@@ -30,6 +30,7 @@ from slam.criticism.verdict.posterior import (
     posterior_of,
     probabilities,
 )
+from slam.criticism.verdict.power import most_alike_first
 from slam.simulation.terms import CATALOGUE
 
 ODD = Effect("vehicle.drag_1_s out of range", relaxes=("vehicle.drag_1_s",))
@@ -279,3 +280,9 @@ def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatc
 @pytest.mark.parametrize("probability", [0.97, 1.0])
 def test_one_by_itself_is_named(probability: float):
     assert reported(cause("flow_scale", probability), unknown=0.01)[0] == "named"
+
+
+def test_rounding_errors_do_not_change_which_terms_look_most_alike():
+    for error in (-1e-12, 1e-12):
+        pairs = [("a", "z", 0.95 + error), ("a", "b", 0.95), ("c", "d", 0.97)]
+        assert [pair[:2] for pair in most_alike_first(pairs)] == [("c", "d"), ("a", "b"), ("a", "z")]
