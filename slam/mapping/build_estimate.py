@@ -30,6 +30,7 @@ from slam.mapping.calibration.clock_offset import (
 from slam.mapping.calibration.held_mount import held_mount_covariance, with_mount_error
 from slam.mapping.calibration.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.calibration.lens import lens_numbers
+from slam.mapping.calibration.refuted import is_held_lens_suspect
 from slam.mapping.calibration.velocity_errors import velocity_errors, velocity_warning
 from slam.mapping.config import PipelineConfig
 from slam.mapping.context import Context
@@ -141,17 +142,19 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
     return chained, (context.bridges.join(odometry) if in_parts else odometry).w_T_b
 
 
-def shared_errors(map_: Map) -> tuple[SystematicErrors | None, list[str]]:
-    """Return the errors that all pictures or positions share, and a line where they cannot be tested for."""
+def shared_errors(map_: Map) -> tuple[SystematicErrors | None, list[str], bool]:
+    """Return the errors that all pictures or positions share, a line where they cannot be tested for, and
+    whether a held lens is suspect without any."""
     if map_.bundle is None:
-        return None, []
+        return None, [], False
     try:
         tested = error_test(map_.bundle)
         line = antenna_untold_warning(map_.bundle, tested) if tested else ""
-        return tested.errors if tested else None, [line] if line else []
+        suspect = tested is not None and is_held_lens_suspect(map_.bundle, tested)
+        return tested.errors if tested else None, [line] if line else [], suspect
     except BackendError as error:
         line = f"errors that all pictures or all positions share cannot be tested for: {error}"
-        return None, [f"{line}; compare one distance with the ground"]
+        return None, [f"{line}; compare one distance with the ground"], False
 
 
 def _ground_covariances(map_: Map) -> Array | None:

@@ -77,6 +77,8 @@ class _Finished:
     refined: Map
     shared: SystematicErrors | None
     untested: Sequence[str]
+    lens_is_suspect: bool
+    """Whether a held lens may be wrong although ``shared`` has no error of it."""
 
 
 def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) -> _Finished:
@@ -90,7 +92,9 @@ def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) 
 def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
     """Map the flight again as long as the pictures refute a calibration that the map holds."""
     for _ in HELD:
-        freed = freed_calibrations(finished.context, finished.refined, finished.shared)
+        freed = freed_calibrations(
+            finished.context, finished.refined, finished.shared, finished.lens_is_suspect
+        )
         if freed is None:
             break
         if freed.changes_nothing(finished.context.job.camera):

@@ -198,19 +198,22 @@ def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Contex
     return context, refine(context, again, with_inertia=True)
 
 
-def freed_calibrations(context: Context, refined: Map, errors: SystematicErrors | None) -> Freed | None:
+def freed_calibrations(
+    context: Context, refined: Map, errors: SystematicErrors | None, lens_is_suspect: bool
+) -> Freed | None:
     """Return what is told of the instruments after the calibrations are freed that the pictures refute.
 
     They are held ones whose ``errors`` displace the poses by more than their covariances state, a lens of
-    another model, and one that is told as more certain than the evidence says. The result is None where
-    nothing is refuted.
+    another model, and one that is told as more certain than the evidence says, which is computed where the
+    lens is doubted or suspect. The result is None where nothing is refuted.
     """
     camera, gps = context.job.camera, context.flight.gps
     if refined.camera.lens != camera.lens:
         return Freed(with_lens_of(camera, refined.camera), gps)
     suspected = suspects(refined.bundle, errors)
     if errors is None or not suspected.refuted:
-        return _freed_from_told(context, refined)
+        doubted = lens_is_suspect or is_told_lens_doubted(refined)
+        return _freed_from_told(context, refined) if doubted else None
     with context.timer("refine"):
         trial = refine_map(refined, suspected.free(context.setup), context.job.progress)
     refuted, reason = freed_by(trial.bundle, suspected, errors)
@@ -225,8 +228,6 @@ def freed_calibrations(context: Context, refined: Map, errors: SystematicErrors 
 def _freed_from_told(context: Context, refined: Map) -> Freed | None:
     """Return the lens with a wider prior, if its evidence is much stronger than that of what is told."""
     camera = context.job.camera
-    if not is_told_lens_doubted(refined):
-        return None
     with context.timer("refine"):
         widest = replace(context.setup, camera=as_assumed(camera))
         found, doubted = lens_by_evidence(camera, refine_map(refined, widest, context.job.progress))

@@ -67,6 +67,19 @@ def test_a_moderate_distortion_is_reported(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("k1", "seed"), [(-0.02, 23), (0.02, 61), (-0.01, 62)])
+def test_a_slight_distortion_that_looks_like_relief_is_estimated(k1: float, seed: int) -> None:
+    """At most 1.4 px at the corners. Relief and noise of the attitude grow to explain it: no test is beyond
+    chance. With the held lens the map is 1 to 3 % off, and its NEES 400 to 1400."""
+    flight = undeclared(k1, seed)
+    estimate = optimize(flight)
+    assert "cam0: the told lens, held as exact, contradicts the pictures" in estimate.status
+    found = evaluate(estimate, flight)
+    assert found.ate_m.rmse < 0.015
+    assert found.nees.pose.mean < 2 * 6
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("view_deg", [64.0, 90.0, 110.0])
 def test_a_fisheye_that_is_declared_as_a_pinhole_is_reported(view_deg: float) -> None:
     estimate = optimize(fisheye(view_deg, 0))
@@ -151,6 +164,7 @@ def test_a_fisheye_that_is_declared_is_no_error(view_deg: float) -> None:
 @pytest.mark.slow
 def test_no_false_alarm_over_twenty_flights() -> None:
     assert [normal(seed)[1].instruments.systematic for seed in range(20)] == [None] * 20
+    assert not any("told lens" in normal(seed)[1].status for seed in range(20))
 
 
 @pytest.mark.slow

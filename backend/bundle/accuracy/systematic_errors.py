@@ -71,6 +71,8 @@ class ErrorTest:
     detectable: Mapping[Kind, float]
     """Standard deviation of the least certain coefficient of each kind; a kind that the unknowns absorb
     whatever its size is missing."""
+    p_values: Mapping[Kind, float]
+    """Probability of the score of each of these kinds by chance, each tested alone."""
 
 
 def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
@@ -95,10 +97,10 @@ def error_test(bundle: Bundle) -> ErrorTest | None:
     except SingularMatrixError:
         raise BackendError("the equations of the refinement are singular by rounding") from None
     detectable = {kind: scores.largest_std(kind) for kind in scores.columns}
+    p_values = {kind: scores.test([kind], ()).p_value for kind in scores.columns}
     found, alternatives = scores.search()
-    if not found:
-        return ErrorTest(None, detectable)
-    return ErrorTest(_errors(bundle, scores, moved, found, alternatives), detectable)
+    errors = _errors(bundle, scores, moved, found, alternatives) if found else None
+    return ErrorTest(errors, detectable, p_values)
 
 
 def _errors(

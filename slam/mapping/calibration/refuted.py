@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from backend.bundle.accuracy.systematic_errors import FALSE_ALARMS, SystematicErrors
+from backend.bundle.accuracy.systematic_errors import FALSE_ALARMS, ErrorTest, SystematicErrors
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, Kind
 from backend.bundle.lens import told_calibration, told_covariance
 from backend.bundle.lens_evidence import VERY_STRONG, log_evidence_of_priors
@@ -34,6 +34,11 @@ HELD: tuple[Held, ...] = ("lens", "antenna")
 """Calibrations that may be held."""
 _KINDS: dict[Held, tuple[Kind, ...]] = {"lens": LENS_KINDS, "antenna": ("position offset",)}
 """Kinds of errors that each calibration makes where it is wrong."""
+
+
+_SUSPECT = 0.05
+"""Probability by chance of a held lens's score below which its evidence is computed, which then decides: one
+flight in twenty with a right lens is refined once more."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,17 @@ def freed_by(
     reason = refusal_of_antenna(trial) if "antenna" in suspected.refuted else ""
     determined: dict[Held, bool] = {"lens": trial.lens is not None, "antenna": not reason}
     return tuple(Refuted(what, errors) for what in suspected.refuted if determined[what]), reason
+
+
+def is_held_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
+    """Return whether a held lens may be wrong although no error of it is beyond chance.
+
+    The relief of the ground and the noise of all measurements are estimated with the held lens, and grow to
+    explain what it gets wrong. Against that noise, the score of the lens has little power.
+    """
+    if bundle.lens is not None or tested.errors is not None:
+        return False
+    return any(tested.p_values.get(kind, 1.0) < _SUSPECT for kind in LENS_KINDS)
 
 
 def is_told_lens_doubted(map_: Map) -> bool:

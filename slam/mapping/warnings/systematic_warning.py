@@ -8,7 +8,7 @@ import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.bundle.accuracy.systematic_terms import Kind, lens_displacement
-from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, told_calibration, told_covariance
+from backend.bundle.lens import CENTER, FOCAL, NAMES, TERMS, is_uncertain, told_calibration, told_covariance
 from frontend.camera import Camera
 from slam.core.instrument_errors import AntennaPlace
 from slam.core.lens_priors import as_nominal
@@ -72,6 +72,11 @@ def told_lens_warning(told: Camera, map_: Map, camera_file: str) -> str:
     It names the number that is farthest from what was told of it, in standard deviations.
     """
     declared, estimate = _farthest_number(told, map_)
+    if not is_uncertain(pinhole_model(told)):
+        return (
+            "cam0: the told lens, held as exact, contradicts the pictures; this map has an estimated one "
+            f"instead, with {estimate}; calibrate the camera and correct its numbers in {camera_file}"
+        )
     return (
         f"cam0: {declared}, with what else is told of its lens, contradicts the pictures and positions; this "
         f"map has {estimate} instead, as estimated; calibrate the camera and correct its numbers in "
