@@ -27,6 +27,8 @@ class StepMotion:
     """(n, c) by the instrument, NaN where it has no reading; rad or m."""
     made: Array
     """(n, c) by the map."""
+    lasts_s: Array
+    """(n,) duration of each step."""
     is_way: bool = False
     """Whether it is a way on the ground (m), and not a turn (rad)."""
     noise: float = 0.0
@@ -61,26 +63,27 @@ def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Ste
     w_R_b = Rotation.from_matrix(poses[:, :3, :3])
     first, last = w_R_b[near], w_R_b[near + 1]
     turned = (first.inv() * last).as_rotvec()
-    span_s = (end_s - begin_s)[:, None]
+    lasts_s = end_s - begin_s
+    span_s = lasts_s[:, None]
     motions: list[StepMotion] = []
     if flight.imu is not None:
         read = _mean(flight.imu.stamps_s, flight.imu.gyro_rad_s, begin_s, end_s) * span_s
-        motions.append(StepMotion("imu0 (gyro)", read, turned))
+        motions.append(StepMotion("imu0 (gyro)", read, turned, lasts_s))
     if flight.attitude is not None:
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
         made = np.diff(np.unwrap(roll_pitch_yaw_of(poses[:, :3, :3]), axis=0), axis=0)[near]
         noise_rad = np.sqrt(2.0) * max(flight.attitude.noise_std_rad)
         motions += [
-            StepMotion("attitude0 (roll, pitch)", read[:, :2], made[:, :2], noise=noise_rad),
-            StepMotion("attitude0 (yaw)", read[:, 2:], made[:, 2:], noise=noise_rad),
+            StepMotion("attitude0 (roll, pitch)", read[:, :2], made[:, :2], lasts_s, noise=noise_rad),
+            StepMotion("attitude0 (yaw)", read[:, 2:], made[:, 2:], lasts_s, noise=noise_rad),
         ]
     if flight.velocity is not None:
         read = _mean(flight.velocity.stamps_s, flight.velocity.v_m_s, begin_s, end_s) * span_s
         half_way = first * Rotation.from_rotvec(0.5 * turned)
         level_R_w = Rotation.from_euler("z", -roll_pitch_yaw_of(half_way.as_matrix())[:, 2:])
         made = level_R_w.apply(np.diff(poses[:, :3, 3], axis=0)[near])[:, :2]
-        motions.append(StepMotion("velocity0", read, made, is_way=True))
+        motions.append(StepMotion("velocity0", read, made, lasts_s, is_way=True))
     return motions
 
 

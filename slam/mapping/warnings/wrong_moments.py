@@ -56,7 +56,8 @@ def _line(steps: KeyframeSteps, names: Sequence[str], off: dict[str, Mask], run:
 def deviations(motion: StepMotion) -> Array:
     """Return (n,) by how many standard deviations each step differs from the map's; 0 without a reading.
 
-    The noise is that of most steps. A common gain and a bias are taken out.
+    The noise is that of most steps. It is larger in longer ones, in proportion at most: errors of a velocity
+    last, and an attitude drifts. A common gain and a bias are taken out.
     """
     known: Mask = np.asarray(np.isfinite(motion.read).all(axis=1))
     found = np.zeros(len(known))
@@ -65,7 +66,9 @@ def deviations(motion: StepMotion) -> Array:
         return found
     off = read - _gain(read, made) * made
     off -= np.median(off, axis=0)
-    spread = np.maximum(NORMAL * np.median(np.abs(off), axis=0), max(motion.noise, 1e-9))
+    longer = np.maximum(motion.lasts_s[known] / np.median(motion.lasts_s[known]), 1.0)
+    spread = NORMAL * np.median(np.abs(off), axis=0) * longer[:, None]
+    spread = np.maximum(spread, max(motion.noise, 1e-9))
     allowed = GAIN_ERROR * np.linalg.norm(read, axis=1, keepdims=True)
     found[known] = (np.maximum(np.abs(off) - allowed, 0.0) / spread).max(axis=1)
     return found

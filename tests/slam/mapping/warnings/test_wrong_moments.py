@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.core.flight import Flight
-from slam.mapping.warnings.motions import KeyframeSteps
+from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
 from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, deviations, wrong_moments
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
@@ -67,6 +67,19 @@ def test_one_instrument_alone_is_not_believed(flight: Flight):
     steps = KeyframeSteps.of(broken, *_way(broken))
     assert deviations(steps.motions[0]).max() > GATE_SIGMAS
     assert told(broken) == []
+
+
+def test_a_step_that_lasts_longer_may_be_off_by_more() -> None:
+    """Most steps of a start from the ground are short; an error of the velocity lasts."""
+    rng = np.random.default_rng(0)
+    lasts_s = np.array([0.1] * 20 + [1.2] * 2)
+    made = rng.normal(0, 0.01, (22, 2))
+    slow = made + rng.normal(0, 0.01, (22, 2)) * lasts_s[:, None]
+    motion = StepMotion("velocity0", slow, made, lasts_s, is_way=True)
+    assert deviations(motion).max() < GATE_SIGMAS
+    # The error of a step of usual length is judged as before.
+    wrong = replace(motion, read=slow + np.eye(22, 2) * 0.1)
+    assert deviations(wrong)[0] > GATE_SIGMAS
 
 
 def _way(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
