@@ -65,7 +65,7 @@ def test_photographs_that_are_not_placed_are_named(capfd):
     assert estimate.not_placed == {
         names[4]: "too few features",
         names[6]: "unreadable: truncated",
-        names[10]: "overlaps too little with any other",
+        names[10]: "could not be joined to any other picture",
     }
     assert summarise(estimate).to_json()["not_placed"] == estimate.not_placed
     assert f"not on the map ({names[10]})" in estimate.status
@@ -82,7 +82,7 @@ def test_a_photograph_that_belongs_to_nothing_is_left_out():
     assert estimate.component.tolist() == [0] * 8 + [-1]
     assert np.isnan(estimate.w_T_b[8]).all()
     assert np.isnan(estimate.covariances[8]).all()
-    assert "1 keyframe overlaps too little with any other: not on the map" in estimate.status
+    assert "1 keyframe could not be joined to any other picture: not on the map" in estimate.status
     with_sonar = optimize(replace(flight, sonar=replace(here.sonar, stamps_s=here.sonar.stamps_s * 1.1)))
     assert "no metric scale" not in with_sonar.status
 

@@ -81,6 +81,8 @@ class PhotoTags:
     makers store the angles of the gimbal."""
     airframe: Angles | None = None
     """Attitude of the vehicle."""
+    attitude_faults: tuple[str, ...] = ()
+    """Why tags of an attitude are not used."""
     xmp_damaged: bool = False
 
 
@@ -202,20 +204,33 @@ def _time(tags: dict[int, Any], gps: dict[int, Any]) -> dict[str, Any]:
 
 
 def _attitude_angles(xmp: Xmp) -> dict[str, Any]:
+    faults: list[str] = []
     return {
         # Parrot and Skydio have DJI's convention under other names.
-        "gimbal": _angles(xmp, "drone", "GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
-        or _angles(xmp, "drone", "CameraYawDegree", "CameraPitchDegree", "CameraRollDegree")
-        or _angles(xmp, "drone", *(f"CameraOrientationNED.{name}" for name in ("Yaw", "Pitch", "Roll"))),
-        "mount": _angles(xmp, "camera", "Yaw", "Pitch", "Roll"),
-        "airframe": _angles(xmp, "drone", "FlightYawDegree", "FlightPitchDegree", "FlightRollDegree")
-        or _angles(xmp, "drone", *(f"VehicleOrientationNED.{name}" for name in ("Yaw", "Pitch", "Roll"))),
+        "gimbal": _angles(xmp, "drone", faults, "GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
+        or _angles(xmp, "drone", faults, "CameraYawDegree", "CameraPitchDegree", "CameraRollDegree")
+        or _angles(xmp, "drone", faults, *_nested("CameraOrientationNED")),
+        "mount": _angles(xmp, "camera", faults, "Yaw", "Pitch", "Roll"),
+        "airframe": _angles(xmp, "drone", faults, "FlightYawDegree", "FlightPitchDegree", "FlightRollDegree")
+        or _angles(xmp, "drone", faults, *_nested("VehicleOrientationNED")),
+        "attitude_faults": tuple(faults),
     }
 
 
-def _angles(xmp: Xmp, family: Any, *names: str) -> Angles | None:
-    yaw, pitch, roll = (number(xmp.text(family, name)) for name in names)
-    if yaw is None or pitch is None or abs(yaw) > 360 or abs(pitch) > 180:
+def _nested(structure: str) -> list[str]:
+    return [f"{structure}.{name}" for name in ("Yaw", "Pitch", "Roll")]
+
+
+def _angles(xmp: Xmp, family: Any, faults: list[str], *names: str) -> Angles | None:
+    """Return yaw, pitch and roll; None, with a fault if they are present, where yaw or pitch is no angle."""
+    texts = [xmp.text(family, name) for name in names]
+    found = [number(told) for told in texts]
+    for name, told, value, largest in zip(names, texts, found, (360, 180), strict=False):
+        if told and (value is None or abs(value) > largest):
+            faults.append(f"{name} is {text(told)[:40]}, no angle in degrees")
+            return None
+    yaw, pitch, roll = found
+    if yaw is None or pitch is None:
         return None
     return yaw, pitch, roll if roll is not None and abs(roll) <= 180 else 0.0
 

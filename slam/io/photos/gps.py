@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.wording import either
+from backend.wording import counted, either
 from slam.core.flight import Gps
 from slam.core.messages import Note
 from slam.core.names import listed
 from slam.io.photos.photo_set import Photo
 from slam.io.photos.position import UNSIGNED, PhotoPosition
+from slam.io.photos.unused_tags import unused_tags
 
 Array = NDArray[np.float64]
 
@@ -89,19 +88,9 @@ def _accuracy(fixes: Sequence[PhotoPosition]) -> tuple[tuple[float, float, float
 
 def _faults(positions: Sequence[PhotoPosition], names: Sequence[str]) -> list[str]:
     """Return one line for each kind of tag that is present but not used, with its photographs."""
-    found: dict[str, list[tuple[str, str]]] = defaultdict(list)
-    for name, position in zip(names, positions, strict=True):
-        for fault in position.faults:
-            found[re.sub(r"[-+\d.]+(e[-+]?\d+)?", "#", fault)].append((name, fault))
-    lines = []
-    for those in found.values():
-        example = those[0][1] + (" (the first)" if len({fault for _, fault in those}) > 1 else "")
-        line = f"position tags not used in {_photographs(len(those))}: {example}"
-        line += f" ({listed([name for name, _ in those])})"
-        if UNSIGNED in example:
-            line += "; write the letters, for example with exiftool -GPSLatitudeRef=N -GPSLongitudeRef=E"
-        lines.append(line)
-    return lines
+    lines = unused_tags("position", [(n, p.faults) for n, p in zip(names, positions, strict=True)])
+    letters = "; write the letters, for example with exiftool -GPSLatitudeRef=N -GPSLongitudeRef=E"
+    return [line + letters * (UNSIGNED in line) for line in lines]
 
 
 def _with_letters_of_others(
@@ -130,12 +119,8 @@ def _with_letters_of_others(
             faults=tuple(fault for fault in positions[k].faults if UNSIGNED not in fault),
         )
     line = (
-        f"{_photographs(len(lacking))} without the letters N or S, E or W: those of the others, "
+        f"{counted(len(lacking), 'photograph')} without the letters N or S, E or W: those of the others, "
         f"{there[0]} and {there[1]}, assumed ({listed([names[k] for k in lacking])}); "
         "write the letters where that is wrong"
     )
     return complete, [line] if lacking else []
-
-
-def _photographs(count: int) -> str:
-    return f"{count} photograph{'s' if count > 1 else ''}"

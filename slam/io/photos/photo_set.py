@@ -22,6 +22,7 @@ from slam.io.photos.bands import band_of, chosen_band
 from slam.io.photos.camera import relative_focal
 from slam.io.photos.exif import Angles, PhotoTags, read_tags
 from slam.io.photos.search import find_photos
+from slam.io.photos.unused_tags import unused_tags
 
 Array = NDArray[np.float64]
 
@@ -81,16 +82,20 @@ def select_photos(folder: Path, progress: Progress, band: str | None = None) -> 
             folder, f"no photograph in it can be used: {'; '.join(lines)}", "repair or replace them"
         )
     without = sum(photo.w_R_b is None for photo in photos)
+    faults = unused_tags(
+        "attitude", [(photo.name, photo.tags.attitude_faults) for photo in photos if photo.w_R_b is None]
+    )
     if source is None or without == len(photos):
         attitude = (
-            "no attitude recorded: straight down assumed; use a gimbal, as a tilted camera bends the map"
+            f"no attitude {'can be used' if faults else 'recorded'}: straight down assumed; use a gimbal, "
+            "as a tilted camera bends the map"
         )
     else:
         roll, pitch, yaw = source.std_deg
         good = f"{max(roll, pitch):g} degrees and the heading to {yaw:g}"
         attitude = f"attitude from {source.description}, assumed to be good to {good}"
         attitude = Note(attitude + (f"; {counted(without, 'photograph')} without it" if without else ""))
-    return PhotoSet(tuple(photos), source, (*found.remarks, *lines, *band_remarks, attitude))
+    return PhotoSet(tuple(photos), source, (*found.remarks, *lines, *band_remarks, *faults, attitude))
 
 
 def _read(
@@ -169,8 +174,8 @@ def _down_looking(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> li
     for photo in photos:
         if photo.w_R_b is not None and tilt_deg(photo.w_R_b) > MAX_TILT_DEG:
             reason = (
-                f"looks more than {MAX_TILT_DEG:g} degrees away from straight down; this map needs the "
-                "camera down"
+                f"looks more than {MAX_TILT_DEG:g} degrees away from straight down by its tags; this map "
+                "needs the camera down; where the tags are wrong, remove their angles"
             )
             left_out[reason].append(photo.name)
         else:

@@ -201,10 +201,10 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
             "within a part only, or fly again with rows that overlap by half"
         )
     if lost:
-        who = counted(len(lost), "keyframe overlaps", "keyframes overlap")
         lines.append(
-            f"{who} too little with any other: not on the map ({listed(lost)}); fly slower or "
-            "with more overlap if you need that ground"
+            f"{counted(len(lost), 'keyframe')} {ALONE}: not on the map ({listed(lost)}); look at "
+            f"{either(len(lost), 'it', 'them')}: fly slower or with more overlap if you need that ground, "
+            "and leave pictures of water or of another place out"
         )
     vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
     if vague:

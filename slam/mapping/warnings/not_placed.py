@@ -7,7 +7,7 @@ from slam.core.flight import Flight
 from slam.core.names import listed
 from slam.mapping.map import Map
 
-ALONE = "overlaps too little with any other"
+ALONE = "could not be joined to any other picture"
 """Reason of a keyframe that no edge connects."""
 
 

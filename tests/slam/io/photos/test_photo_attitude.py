@@ -69,3 +69,21 @@ def test_attitude_of_some_photographs_only(tmp_path):
     flight = import_photos(fill(tmp_path, files))
     assert flight.attitude.stamps_s.tolist() == [2]
     assert warned(flight, "2 photographs without it")
+
+
+@pytest.mark.parametrize("yaw", ["nan", "45,0", "45 deg", "400"])
+def test_an_attitude_that_cannot_be_read_is_told_by_name(tmp_path, yaw):
+    files = {f"{k}.jpg": jpeg(drone=NADIR | {"GimbalYawDegree": yaw}) for k in range(2)}
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.attitude is None
+    fault = f"GimbalYawDegree is {yaw}, no angle in degrees"
+    assert f"attitude tags not used in 2 photographs: {fault} (0.jpg, 1.jpg)" in flight.warnings
+    assert warned(flight, "no attitude can be used: straight down assumed")
+
+
+def test_an_attitude_of_another_source_is_used_in_place_of_one_that_cannot_be_read(tmp_path):
+    airframe = {"FlightYawDegree": "30", "FlightPitchDegree": "0", "FlightRollDegree": "0"}
+    files = {"a.jpg": jpeg(drone=NADIR | airframe | {"GimbalYawDegree": "nan"})}
+    flight = import_photos(fill(tmp_path, files))
+    assert_allclose(np.degrees(flight.attitude.roll_pitch_yaw_rad), [[0, 0, 60]], atol=1e-6)
+    assert not warned(flight, "attitude tags not used")
