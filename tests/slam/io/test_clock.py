@@ -72,7 +72,7 @@ def test_repeated_rows_and_equal_stamps_are_counted():
     stamps[10] = stamps[9]
     out, remarks = one(stamps)
     assert len(out.stamps_ns) == len(stamps) - 1
-    assert remarks == ["s: 1 rows with the stamp of another row dropped; check the recorder if they are many"]
+    assert remarks == ["s: 1 row with the stamp of another row dropped; check the recorder if they are many"]
     assert 10 not in out.values  # the first is kept
 
 

@@ -141,7 +141,7 @@ def test_pictures_missing_truncated_and_of_another_size(folder):
 
     Image.fromarray(picture(0, (50, 50))).save(data / "003.png")
     (data / "stray.png").touch()
-    flight = assert_warned(folder, "1 of 30 pictures are missing")
+    flight = assert_warned(folder, "1 of 30 pictures is missing")
     assert [frame.read() is None for frame in flight.frames][:5] == [False, True, True, True, False]
     assert flight.frames.load.failures == {1: "missing", 2: "truncated", 3: "is 50 x 50 px, not 48 x 36"}
     assert_warned(folder, "cam0", "not listed")

@@ -65,7 +65,7 @@ def test_a_wrong_point_is_named_and_left_out():
     assert verdict.used.tolist() == [False] + [True] * 5 + [False] * 3
     report = verdict.report(bundle, verdict.used)
     (line,) = control_warnings(report)
-    assert "1 of 6 contradict the others and the pictures, and are not used: P0 by 9.9" in line
+    assert "1 of 6 contradicts the others and the pictures, and is not used: P0 by 9.9" in line
     wrong, *_, check, last = report.points
     assert wrong.residual_m == pytest.approx((-10.0, 0.0, 0.0), abs=0.3)
     assert check.residual_m == pytest.approx(tuple(places[7] - points[7].w_p_m), abs=0.1)
@@ -110,7 +110,7 @@ def test_a_wrong_point_is_harmless_in_a_small_map():
     wrong = replace(made.flight, surveyed=(moved(made.flight.surveyed[0], 10.0), *made.flight.surveyed[1:]))
     estimate = optimize(wrong)
     assert rms(off_m(made, estimate)) < 0.3
-    assert "1 of 5 contradict the others and the pictures, and are not used: P0 by 10 m" in estimate.status
+    assert "1 of 5 contradicts the others and the pictures, and is not used: P0 by 10 m" in estimate.status
     assert [p.used for p in estimate.control.points] == [False, True, True, True, True]
     record = summarise(estimate).to_json()
     assert record["control_points"][0]["residual_m"] == pytest.approx((-10.0, 0.0, 0.0), abs=0.3)
