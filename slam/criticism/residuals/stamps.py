@@ -79,6 +79,3 @@ def _scatter(streams: Sequence[StampOffsets]) -> Interval:
     chance = 1.96 * float(square.std() / np.sqrt(len(square))) / (2.0 * sigma)
     reach = float(np.hypot(chance, MISFIT * sigma))
     return Interval(sigma, "s", max(sigma - reach, 0.0), sigma + reach)
-
-
-__all__ = ["without_jitter"]

@@ -118,7 +118,8 @@ def _judged(
 ) -> JudgedCauses:
     """Divide the chosen terms ``fitted`` by their probability, and add the anomalies of single readings."""
     found = explanation.found
-    left = sorted(found.last.score_tests(found.chosen, found.last.patterns), key=lambda s: -s.z)
+    tests = found.last.score_tests(found.chosen, found.last.patterns)
+    left = sorted(tests, key=lambda s: (-round(s.z, 2), s.effect.name))
     pattern_z = with_misfit(limits.patterns, max((c.z for c in fitted), default=0.0))
     left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)
     likely, faint = split_by_probability(fitted, found, explanation.posterior, explanation.doubts, left_z)

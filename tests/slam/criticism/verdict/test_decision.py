@@ -11,8 +11,10 @@ import pytest
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.search import SearchResult
-from slam.criticism.verdict import decision
+from slam.criticism.search.thresholds import load_thresholds
+from slam.criticism.verdict import decision, judge
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import (
     by_importance,
@@ -286,3 +288,14 @@ def test_rounding_errors_do_not_change_which_terms_look_most_alike():
     for error in (-1e-12, 1e-12):
         pairs = [("a", "z", 0.95 + error), ("a", "b", 0.95), ("c", "d", 0.97)]
         assert [pair[:2] for pair in most_alike_first(pairs)] == [("c", "d"), ("a", "b"), ("a", "z")]
+
+
+def test_rounding_errors_do_not_change_which_pattern_is_strongest():
+    for error in (-1e-9, 1e-9):
+        tests = [ScoreTest(Effect(name), 5.0, z) for name, z in (("b", 4.5 + error), ("a", 4.5), ("c", 6.0))]
+        last = SimpleNamespace(score_tests=lambda *_, tests=tests: tests, patterns=())
+        found = SimpleNamespace(chosen=(), last=last, model=SimpleNamespace(out_of_model=False))
+        posterior = SimpleNamespace(probability={SOMETHING_ELSE: 0.0})
+        explanation = SimpleNamespace(found=found, posterior=posterior, doubts={})
+        left = judge._judged(explanation, (), [], load_thresholds()).left
+        assert [test.effect.name for test in left] == ["c", "a", "b"]
