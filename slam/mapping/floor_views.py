@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 
 _TILT_WALK_RAD = 0.01
 """Random walk of the filter's tilt, per root second."""
+_HEIGHT_M = 2.0
+"""Height where none was measured. Pictures show speed over height alone: the speed of slow flight is then
+half a height in a second."""
 _ACCELERATION_M_S2, _JERK = 1.5, 3.0
 """Standard deviation and random walk per root second of the acceleration of a small vehicle at slow flight:
 it tilts by up to 10 degrees, and back within a second."""
@@ -99,7 +102,7 @@ class FloorViews:
             (r.k, (poses[r.k, :3, :3] @ r.b_T_s[:3] @ [0, 0, r.range_m, -1])[2]) for r in readings.ranges
         ]
         heights = np.array([height for _, height in ranged])
-        poses[:, 2, 3] = np.median(heights) if len(heights) else 1.0
+        poses[:, 2, 3] = np.median(heights) if len(heights) else _HEIGHT_M
         for (k, _), height in zip(ranged, heights, strict=True):
             if height > 0:
                 poses[k, 2, 3] = height

@@ -11,11 +11,12 @@ from frontend.homography import transfer
 from frontend.registration import Registration
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
+from slam.core.progress import silent
 from slam.evaluation.association import poses_at
 from slam.evaluation.nees import nees
 from slam.evaluation.trajectory import gauge
 from slam.mapping.config import PipelineConfig
-from slam.mapping.front_end import Observations
+from slam.mapping.front_end import FrontEnd, Observations
 from slam.mapping.pipeline import optimize_with_observations
 from slam.simulation import load_recipe, simulate
 
@@ -84,3 +85,12 @@ def test_links_and_loops_are_as_exact_as_told(mapped):
 def test_no_picture_of_the_flight_breaks_the_track(mapped):
     _, _, seen = mapped
     assert all(link is not None for link in seen.links[1:])
+
+
+@pytest.mark.slow
+def test_lines_are_followed_without_a_sonar_and_without_an_imu(mapped):
+    flight, _, _ = mapped
+    for missing in ("sonar", "imu"):
+        less = replace(flight, **{missing: None})
+        seen = FrontEnd(less, less.camera, PipelineConfig(), silent).track()
+        assert all(link is not None for link in seen.links[1:])
