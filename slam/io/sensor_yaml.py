@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from backend.wording import either
 from slam.io.files import brief, read_text, refusal
 
 Array = NDArray[np.float64]
@@ -92,7 +93,8 @@ class YamlFile:
             raise refusal(self.path, f"has no {key}", f"add it with {wanted} numbers")
         value = self.fields[key]
         if not isinstance(value, list) or len(value) not in count:
-            raise self.refuse(key, "is not a list of the right length", f"write {wanted} numbers in [ ]")
+            numbers = either(max(count), "number", "numbers")
+            raise self.refuse(key, "is not a list of the right length", f"write {wanted} {numbers} in [ ]")
         return tuple(self._finite(key, v) for v in value)
 
     def transform(self, key: str = "T_BS") -> Array:

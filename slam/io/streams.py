@@ -190,6 +190,10 @@ def _sonar(source: Source) -> Sonar:
         raise sensor.refuse(
             "max_range", f"is {high:g} where min_range is {low:g}", "write min_range < max_range"
         )
+    (largest,) = _limits("sonar0")
+    if high > largest:
+        # Else the noise, which the range bounds, would be blamed.
+        raise sensor.refuse("max_range", f"is {high:g}", f"write the sensor's own, at most {largest:g} m")
     scale_std = sensor.std("scale_std", Sonar.scale_std, MAX_SHARE_STD)
     datum_std_m = sensor.std("datum_std", Sonar.datum_std_m, high)
     beam_rad = sensor.number("beam_width", Sonar.beam_width_rad)

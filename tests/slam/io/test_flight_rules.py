@@ -116,6 +116,8 @@ YAML = [
     ("command0", r"max_tilt: .*", "max_tilt: 30", "degrees?"),
     ("imu0", r"rate_hz: .*", "rate_hz: often", "'often'"),
     ("sonar0", r"min_range: .*", "min_range: 9", "min_range < max_range"),
+    ("sonar0", r"max_range: .*", "max_range: 1e300", "max_range is 1e+300"),
+    ("sonar0", r"noise_std: .*", "noise_std: 0.1", "write 1 number in"),
     ("sonar0", r"beam_width: .*", "beam_width: 25", "degrees?"),
     ("sonar0", r"data: \[[^]]*\]", "data: [1,0,0,30, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "30 m from the body"),
     ("attitude0", r"noise_std: .*", "noise_std: [1, 2]", "3 numbers"),
