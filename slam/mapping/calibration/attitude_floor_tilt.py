@@ -21,7 +21,7 @@ from slam.mapping.keyframe_readings import attitudes_at
 Array = NDArray[np.float64]
 
 LEAST_KEYFRAMES = 8
-_NOTABLE_RAD = np.radians(2.0)
+NOTABLE_RAD = np.radians(2.0)
 """Smallest tilt that is reported: the zero of an attitude is seldom better than a degree."""
 SURE = 4.0
 """Significance of a reported tilt, in standard deviations."""
@@ -96,7 +96,7 @@ def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:
     if tilt is None:
         return ""
     size, std = tilt.steadier
-    if size < max(_NOTABLE_RAD, SURE * std):
+    if size < max(NOTABLE_RAD, SURE * std):
         return ""
     where, cause = "", "the ground slopes, or the camera's mounting (T_BS) or the attitude is off"
     if tilt.stays_in_world:

@@ -41,6 +41,7 @@ from slam.mapping.warnings.motions import KeyframeSteps
 from slam.mapping.warnings.not_placed import ALONE, not_placed_warnings
 from slam.mapping.warnings.one_place import one_place_warning
 from slam.mapping.warnings.single_join import single_join_warnings
+from slam.mapping.warnings.slope_by_attitude import slope_by_attitude_warning
 from slam.mapping.warnings.systematic_warning import (
     explains,
     is_outside_covariances,
@@ -168,6 +169,7 @@ def _reasons(
         *(camera_anomalies(flight.camera) if flight.camera is not None else ()),
         *(imu_axis_anomalies(flight.imu) if flight.imu is not None else ()),
         attitude_floor_tilt_warning(tilt) if tilt is not None and tilt.is_too_large else "",
+        slope_by_attitude_warning(map_),
         _stuck_ranges(flight, map_) or _range_contradiction(context, map_),
         *_motion_warnings(flight, map_, by_metres),
         clock_contradiction(map_.clock, context.clock)

@@ -1,0 +1,53 @@
+"""A slope of the ground that the attitude alone tells: positions are too coarse or too close together."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.factors import SLOPE
+from backend.bundle.graph import WORLD
+from backend.bundle.refinement import Bundle
+from backend.sparse_cholesky import SingularMatrixError
+from slam.mapping.calibration.attitude_floor_tilt import NOTABLE_RAD, SURE
+from slam.mapping.map import Map
+
+Array = NDArray[np.float64]
+
+
+def slope_by_attitude_warning(map_: Map) -> str:
+    """Return a warning where the ground slopes notably by the attitude, and positions do not show it.
+
+    A wrong zero of the attitude, or a wrong mount of the camera, then looks like a slope. The refinement
+    knows the noise of the attitude, but not its zero. The result is empty elsewhere.
+    """
+    bundle = map_.bundle
+    if not map_.georeferenced or bundle is None or not bundle.optimum.problem.measurements.attitudes:
+        return ""
+    turn = np.array(bundle.floor_slope_rad)
+    size = float(np.linalg.norm(turn))
+    if size < NOTABLE_RAD:
+        return ""
+    try:
+        told = float(bundle.optimum.standard_deviations(WORLD)[SLOPE].max())
+    except SingularMatrixError:
+        return ""
+    by_positions = _std_by_positions(bundle, np.array([-turn[1], turn[0]]) / size)
+    if size < SURE * told or size > SURE * by_positions:
+        return ""
+    return (
+        f"the ground of the map slopes by {np.degrees(size):.1f}° because attitude0 is tilted so against "
+        f"the floor in the pictures; positions alone show a slope to ± {np.degrees(by_positions):.1g}° "
+        "only, so it may also be the camera's mounting (T_BS) or the zero of the attitude: heights across the "
+        "map may be wrong by as much; check the mounting with the vehicle level, or fly over a larger area"
+    )
+
+
+def _std_by_positions(bundle: Bundle, across: Array) -> float:
+    """Return the standard deviation in rad of a slope along the unit vector (2,) by heights alone."""
+    placed = [p.w_p_b_m for p in bundle.optimum.problem.measurements.positions if np.isfinite(p.std_m[2])]
+    if len(placed) < 2:
+        return np.inf
+    along = np.array(placed)[:, :2] @ across
+    spread = float(np.linalg.norm(along - along.mean()))
+    return float(bundle.noise.position_m[2]) / spread if spread > 0 else np.inf
