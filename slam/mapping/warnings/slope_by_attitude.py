@@ -39,7 +39,7 @@ def slope_by_attitude_warning(map_: Map) -> str:
         f"the ground of the map slopes by {np.degrees(size):.1f}° because attitude0 leans so against "
         f"the floor in the pictures; positions alone tell it to ± {np.degrees(by_positions):.1g}° "
         "only, so it may also be the camera's mounting (T_BS) or the zero of the attitude: heights across "
-        "the map may be wrong by as much; check the mounting with the vehicle level, or fly over a larger area"
+        "the map may be wrong by as much; check the mounting with the vehicle level, or fly over more ground"
     )
 
 
