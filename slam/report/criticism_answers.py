@@ -63,7 +63,7 @@ def criticism_answers(result: Criticism) -> tuple[Item, ...]:
 def _item(question: str, lines: Sequence[str]) -> Item | None:
     """Return the question with its lines, the first of which is the answer in short; None without lines."""
     # A name of an effect or of a reading keeps its letters.
-    shown = [f"{x[0].upper()}{x[1:]}" if x.split()[0].isalpha() else x for x in lines if x]
+    shown = [f"{x[0].upper()}{x[1:]}" if x.split()[0].rstrip(",").isalpha() else x for x in lines if x]
     return Item(question, shown[0], tuple(shown[1:])) if shown else None
 
 
@@ -88,7 +88,10 @@ def _doubted(result: Criticism) -> str:
     ]
     if result.verdict == "unusable":
         return ""
-    return f"{enumerated(named)}." if named else "None: no cause that was found is an error of a sensor."
+    if named:
+        return f"{enumerated(named)}."
+    check = " Check those whose readings “What is not explained?” names." if result.unexplained else ""
+    return f"None: no cause that was found is an error of a sensor.{check}"
 
 
 def _unseen(result: Criticism, unshown: Sequence[str]) -> list[str]:
