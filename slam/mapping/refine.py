@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.aligned_pair import AlignedPair
+from backend.bundle.contradicted import contradicted_keyframes
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
@@ -219,8 +220,13 @@ class _Evidence:
         control: ControlComparison,
         first: _Used,
     ) -> tuple[MapPart, Agreement | None]:
-        """Refine the part, and again while the refined map changes the verdict on a fix or control point."""
+        """Refine the part, and again while the refined map changes the verdict on a fix or control point.
+
+        A precise fix that is wrong can hold its keyframe where the pictures contradict it, and then it agrees
+        with the map. It is compared once more with a map that does not use it.
+        """
         agreement, used_points = first.agreement, first.points
+        doubted = np.zeros(len(agreement.used) if agreement else 0, bool)
         for _ in range(_MOST_SELECTIONS):
             setup = base.with_fixes(agreement).with_control(used_points)
             refined = self._refined(setup, part)
@@ -239,6 +245,8 @@ class _Evidence:
             used, settled = agreement, np.array_equal(verdict.used, used_points)
             if fixes is not None and used is not None:
                 agreement = part.refined_fixes(fixes).exact(bundle.w_T_b)
+                held = used.used & fixes.of_keyframes(contradicted_keyframes(bundle.optimum)) & ~doubted
+                agreement, doubted = agreement.without(held), doubted | held
                 settled = settled and agreement.same(used)
             if settled:
                 break

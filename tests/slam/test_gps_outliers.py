@@ -14,6 +14,8 @@ from slam.core.geodesy import enu_from_geodetic, geodetic_from_enu
 from slam.core.units import SPACE
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.pipeline import optimize
+from tests.benchmarks.gps_outliers import matched, named_fixes
+from tests.benchmarks.metric import Skipped
 from tests.slam.small_flight import ORIGIN, flown, photographs
 
 STD_M = 0.03
@@ -107,7 +109,7 @@ def test_tags_that_are_moved_alike_along_one_line_change_nothing(moved, m):
     assert estimate.status == "ok"
     assert far_m < 2.0
     assert abs(scale - 1) < 0.02
-    (line,) = (line for line in estimate.warnings if "contradict the pictures" in line)
+    (line,) = (line for line in estimate.warnings if "the pictures and the other fixes" in line)
     assert f"{len(moved)} of 12 fixes" in line
     assert all(f"photo_{k:02}.jpg" in line for k in moved)
 
@@ -140,3 +142,18 @@ def test_a_receiver_that_states_too_much_is_contradicted():
     estimate = optimize(with_positions(np.zeros((14, 3)), std_m=0.002))
     assert "gps0: states 0.002 m" in estimate.status
     assert "the stated accuracy is doubted" in estimate.status
+
+
+@pytest.mark.slow
+def test_a_precise_tag_that_is_wrong_does_not_hold_its_photograph():
+    """The first photograph of `isfm` is 14 m aside by its RTK tag: the map bends until it agrees with it."""
+    try:
+        made = matched("isfm")
+    except Skipped as reason:
+        pytest.skip(str(reason))
+    moved = made.fixes_m.copy()
+    moved[0] += [9.5, -10.0, 14.5]
+    everything = np.ones(len(moved), bool)
+    flight, found, off_m = made.solved(moved, everything)
+    assert np.flatnonzero(named_fixes(flight, found)).tolist() == [0]
+    assert off_m < 1.1 * made.solved(moved, np.arange(len(moved)) > 0)[2]

@@ -43,6 +43,10 @@ class FixComparison:
         off_m = self.fixes.w_p_b_m - self.fixes.on_map(self.stamps_s, w_T_b)
         return exact_agreement(off_m, self.fixes.std_m)
 
+    def of_keyframes(self, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return (n,) the fixes that are nearest in time to the keyframes ``which`` (m,)."""
+        return which[nearest(self.stamps_s, self.fixes.stamps_s)]
+
     def messages(self, agreement: Agreement) -> FixMessages:
         """Return remarks and warnings about the fixes."""
         return fix_messages(self.fixes, agreement)

@@ -8,7 +8,7 @@ After refinement the map stands where the fixes have put it, and the limit is th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,10 @@ class Agreement:
         """Return whether both use the same fixes."""
         used = np.array_equal(self.used, other.used)
         return used and np.array_equal(self.altitude_used, other.altitude_used)
+
+    def without(self, fixes: Mask) -> Agreement:
+        """Return the verdict with some more ``fixes`` (n,) left out."""
+        return replace(self, used=self.used & ~fixes, altitude_used=self.altitude_used & ~fixes)
 
     @property
     def count(self) -> int:
