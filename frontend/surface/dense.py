@@ -81,41 +81,55 @@ def dense_heights(
 
     Heights agree if they differ by less than a pixel ``gsd_m`` of the parallax over the best base.
     """
-    dense = _searched(FIRST, views, sees, look, lattice, gsd_m)
-    height, std = dense.height_m, dense.std_m
-    unknown = (~np.isfinite(height)).astype(np.uint8)
-    r, c = np.nonzero(cv2.morphologyEx(unknown, cv2.MORPH_OPEN, np.ones((HOLE_CELLS, HOLE_CELLS), np.uint8)))
+    unknown = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
+    dense = _searched(FIRST, views, sees, look, lattice, gsd_m, DenseHeights(unknown, unknown))
+    hole = (~np.isfinite(dense.height_m)).astype(np.uint8)
+    r, c = np.nonzero(cv2.morphologyEx(hole, cv2.MORPH_OPEN, np.ones((HOLE_CELLS, HOLE_CELLS), np.uint8)))
     if len(r) == 0:
         return dense
     # One rectangle around all holes: the pairs of a tile are mostly the same in all of them.
-    box = slice(r.min(), r.max() + 1), slice(c.min(), c.max() + 1)
-    x0_m, y0_m = lattice.x0_m + c.min() * lattice.step_m, lattice.y0_m - r.min() * lattice.step_m
-    around = Lattice(x0_m, y0_m, lattice.step_m, *height[box].shape)
-    found = _searched(IN_HOLES, views, sees, look, around, gsd_m)
-    hole = ~np.isfinite(height[box])
-    height[box][hole], std[box][hole] = found.height_m[hole], found.std_m[hole]
+    box = _slice_around(r, lattice.rows), _slice_around(c, lattice.cols)
+    x0_m, y0_m = lattice.x0_m + box[1].start * lattice.step_m, lattice.y0_m - box[0].start * lattice.step_m
+    before = DenseHeights(dense.height_m[box], dense.std_m[box])
+    around = Lattice(x0_m, y0_m, lattice.step_m, *before.height_m.shape)
+    found = _searched(IN_HOLES, views, sees, look, around, gsd_m, before)
+    height, std = dense.height_m.copy(), dense.std_m.copy()
+    height[box], std[box] = found.height_m, found.std_m
     return DenseHeights(height, std)
 
 
+def _slice_around(cells: NDArray[np.int64], of: int) -> slice:
+    """Return the rows or columns of holes, with one on each side: its heights are those to continue."""
+    return slice(max(int(cells.min()) - 1, 0), min(int(cells.max()) + 2, of))
+
+
 def _searched(
-    search: Search, views: Sequence[MosaicView], sees: Sees, look: Look, lattice: Lattice, gsd_m: float
+    search: Search,
+    views: Sequence[MosaicView],
+    sees: Sees,
+    look: Look,
+    lattice: Lattice,
+    gsd_m: float,
+    before: DenseHeights,
 ) -> DenseHeights:
-    """Return the heights by the pairs of one search; a coarser scale fills what finer ones do not know."""
+    """Return the heights of before, and by the pairs of one search where they are unknown.
+
+    A coarser scale fills what finer ones do not know.
+    """
     pairs, offered = _pairs(search, views, sees, lattice)
     layers: list[list[Layer]] = []
     for a, b in pairs:
         first, second = look(a), look(b)
         if first is not None and second is not None:
             layers.append(_pair_layers(first, second, lattice, gsd_m, search.scales))
-    height = np.full((lattice.rows, lattice.cols), np.nan, np.float32)
-    std = height.copy()
     if not layers:
-        return DenseHeights(height, std)
+        return before
+    height, std = before.height_m.copy(), before.std_m.copy()
     nodes = [np.arange(n) * NODES // max(lattice.rows, lattice.cols) for n in (lattice.rows, lattice.cols)]
     needed = np.clip(offered, 1, AGREEING)[np.ix_(*nodes)]
     for scale, of_scale in zip(search.scales, zip(*layers, strict=True), strict=True):
         heights, in_view, unit_m = (np.stack(part) for part in zip(*of_scale, strict=True))
-        found = _agreed(heights, in_view, unit_m, scale * gsd_m / search.best, needed)
+        found = _agreed(heights, in_view, unit_m, scale * gsd_m / search.best, needed, before.height_m)
         unknown = ~np.isfinite(height)
         height[unknown], std[unknown] = found.height_m[unknown], found.std_m[unknown]
     return DenseHeights(height, std)
@@ -223,16 +237,24 @@ def _on_cells(points: GroundPoints, lattice: Lattice, scale: int) -> tuple[Float
 
 
 def _agreed(
-    layers: Float32, range_in_view: Mask, unit_m: Array, agree_m: float, needed: NDArray[np.int64]
+    layers: Float32,
+    range_in_view: Mask,
+    unit_m: Array,
+    agree_m: float,
+    needed: NDArray[np.int64],
+    before_m: Float32,
 ) -> DenseHeights:
     """Return the median of the layers (p, rows, cols) and its standard deviation.
 
     ``unit_m`` (p,) is the height of one disparity of each.
 
     Of two middle values the one is taken with which more pairs agree: the mean of a roof and the ground would
-    be neither. Where fewer than ``needed`` (rows, cols) pairs agree, the height is unknown. A height by one
-    pair alone, or by pairs none of which has its whole range of heights in view, must continue those around:
-    nothing else checks it. Where no other height is checked, a pair with its range in view counts alone.
+    be neither. Where fewer than ``needed`` (rows, cols) pairs agree, the height is unknown.
+
+    A height by one pair alone must continue those around it, as nothing else checks it: the heights
+    ``before_m`` (rows, cols), NaN where unknown, and those that two pairs check. Where neither is known, a
+    pair with its range of heights in view counts alone. A height by pairs none of which has its range in view
+    must agree with the nearest one itself: all of them may be wrong in the same way.
     """
     ordered = np.sort(layers, axis=0)  # NaN last
     count = np.isfinite(layers).sum(axis=0)
@@ -246,10 +268,16 @@ def _agreed(
     agrees = np.abs(layers - height) <= agree_m
     known, in_view = np.isfinite(height), (agrees & range_in_view).any(axis=0)
     checked = known & in_view & (support >= AGREEING)
-    doubtful = known & ~(checked if checked.any() else in_view)
+    alone = known & in_view & ~checked
     # Pairs share pictures and the pattern of the ground, so their errors do not average out.
     pixel_m = np.sqrt(np.tensordot(unit_m**2, agrees, axes=1) / np.maximum(support, 1))
-    height[doubtful & ~_continues(height, doubtful, agree_m + np.maximum(pixel_m, agree_m))] = np.nan
+    within_m = agree_m + np.maximum(pixel_m, agree_m)
+    counts = checked if checked.any() or np.isfinite(before_m).any() else in_view
+    sure = np.where(np.isfinite(before_m), before_m, np.where(counts, height, np.nan))
+    while (joins := alone & ~np.isfinite(sure) & _agree_with_nearest(height, sure, within_m)).any():
+        sure[joins] = height[joins]
+    beside = known & ~in_view & _agree_with_nearest(height, sure, within_m)
+    height[~beside & ~(in_view & np.isfinite(sure))] = np.nan
     off = np.sort(np.abs(layers - height), axis=0)
     middle = np.maximum((count - 1) // 2, 0)
     spread = NORMAL * np.take_along_axis(off, middle[None], axis=0)[0]
@@ -265,20 +293,17 @@ def _disparity_std_px(layers: Float32, unit_m: Array) -> float:
     return robust_std(off_px[known]) if known.any() else DISPARITY_STD_PX
 
 
-def _continues(height: Float32, doubtful: Mask, within_m: Array) -> Mask:
-    """Return (rows, cols) whether a height agrees with the nearest one that is not doubtful or already does.
+def _agree_with_nearest(height: Float32, sure: Float32, within_m: Array) -> Mask:
+    """Return (rows, cols) whether a height agrees with the nearest one that is ``sure``, NaN where none is.
 
     ``within_m`` (rows, cols) is what both may be off by together.
     """
-    sure = np.isfinite(height) & ~doubtful
-    while sure.any():
-        _, label = cv2.distanceTransformWithLabels(
-            (~sure).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        of_label = np.zeros(int(label.max()) + 1, np.float32)
-        of_label[label[sure]] = height[sure]
-        joined = doubtful & ~sure & (np.abs(height - of_label[label]) <= within_m)
-        if not joined.any():
-            break
-        sure |= joined
-    return np.asarray(sure)
+    known = np.isfinite(sure)
+    if not known.any():
+        return known
+    _, label = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    of_label = np.zeros(int(label.max()) + 1, np.float32)
+    of_label[label[known]] = sure[known]
+    return np.asarray(np.abs(height - of_label[label]) <= within_m)

@@ -133,16 +133,36 @@ def test_a_pair_alone_must_continue_the_heights_around_it():
     in_view[:, :, :8] = False
     needed = np.where(np.isfinite(layers).all(axis=0), 2, 1)
     unit_m = np.array([0.1, 0.1])
-    found = _agreed(layers, in_view, unit_m, 0.1, needed)
+    nothing = np.full(layers.shape[1:], np.nan, np.float32)
+    found = _agreed(layers, in_view, unit_m, 0.1, needed, nothing)
     assert np.isnan(found.height_m[:10, :4]).all()
     assert found.height_m[10:] == pytest.approx(1.0, abs=0.03)
     assert found.height_m[:10, 4:] == pytest.approx(1.0, abs=0.03)
-    in_whole_view = _agreed(layers, np.isfinite(layers), unit_m, 0.1, needed)
+    in_whole_view = _agreed(layers, np.isfinite(layers), unit_m, 0.1, needed, nothing)
     assert np.isnan(in_whole_view.height_m[:10, :4]).all(), "no second pair checks them"
     assert np.array_equal(np.isfinite(in_whole_view.std_m), np.isfinite(in_whole_view.height_m))
-    assert (
-        _agreed(layers[:1], np.isfinite(layers[:1]), unit_m[:1], 0.1, needed).height_m[:10, :4] == -3.0
-    ).all()
+    alone = layers[:1], np.isfinite(layers[:1]), unit_m[:1], 0.1, needed
+    assert (_agreed(*alone, nothing).height_m[:10, :4] == -3.0).all()
+    before = nothing.copy()
+    before[-1] = 1.0
+    beside = _agreed(*alone, before).height_m
+    assert np.isnan(beside[:10, :4]).all(), "a height by one pair continues those that were known before"
+    assert np.isfinite(beside[10:-1, :8]).all()
+
+
+def test_heights_whose_range_is_not_in_view_do_not_lead_away_from_the_sure_ones():
+    """Two pairs whose pictures end here are wrong in the same way: more and more, farther and farther out."""
+    layers = np.ones((2, 20, 40), np.float32)
+    layers[:, :, :20] = 1.0 - 0.15 * np.arange(20, 0, -1, dtype=np.float32)
+    beside = np.ones(layers.shape, bool)
+    beside[:, :, :20] = False
+    needed, unknown = np.full((20, 40), 2), np.full((20, 40), np.nan, np.float32)
+    found = _agreed(layers, beside, np.array([0.1, 0.1]), 0.1, needed, unknown).height_m
+    assert np.nanmin(found) >= 0.8
+    in_view = _agreed(
+        layers, np.ones(layers.shape, bool), np.array([0.1, 0.1]), 0.1, needed, unknown
+    ).height_m
+    assert np.array_equal(in_view, layers[0])
 
 
 def test_the_deviation_of_a_height_follows_from_the_bases_of_its_pairs():
@@ -151,12 +171,15 @@ def test_the_deviation_of_a_height_follows_from_the_bases_of_its_pairs():
     layers = (0.3 * unit_m[:, None, None] * rng.normal(size=(3, 80, 80))).astype(np.float32)
     layers[1:, :, :40] = np.nan
     seen = np.isfinite(layers)
-    found = _agreed(layers, seen, unit_m, 0.5, np.where(seen[1], 2, 1))
+    nothing = np.full((80, 80), np.nan, np.float32)
+    found = _agreed(layers, seen, unit_m, 0.5, np.where(seen[1], 2, 1), nothing)
     alone = found.std_m[:, :40]
     assert alone == pytest.approx(0.03, rel=0.1)
     assert np.std(found.height_m[:, :40]) == pytest.approx(alone.mean(), rel=0.1)
     assert (found.std_m[:, 40:] > 0.03).all(), "no height is certain because two pairs agree by chance"
-    two = _agreed(layers[:2, :, :40], seen[:2, :, :40], unit_m[:2], 0.5, np.ones((80, 40), int))
+    two = _agreed(
+        layers[:2, :, :40], seen[:2, :, :40], unit_m[:2], 0.5, np.ones((80, 40), int), nothing[:, :40]
+    )
     assert two.std_m == pytest.approx(0.1 / 3), "nothing tells the deviation of disparities"
 
 
