@@ -22,11 +22,14 @@ APART = np.array([0, 0, 0, 0, 1, 1, 1, 1])
 CHAINS = [(0, 1), (1, 2), (2, 3), (4, 5), (5, 6), (6, 7)]
 
 
-def with_pairs(pairs: list[tuple[int, int]]) -> Map:
-    """A map of eight keyframes in one part that accepted ``pairs`` join."""
+def with_pairs(pairs: list[tuple[int, int]], matches: dict[tuple[int, int], int] | None = None) -> Map:
+    """A map of eight keyframes in one part that accepted ``pairs`` join, with 100 ``matches`` or as told."""
     whole = made_map(np.tile(np.eye(4), (8, 1, 1)), np.zeros(8, int))
-    none = np.zeros((0, 2), int)
-    registrations = tuple(Registration(i, j, "", none, np.eye(3), np.eye(8), 1.0, 0.5) for i, j in pairs)
+    told = {pair: np.zeros((count, 2), int) for pair, count in (matches or {}).items()}
+    usual = np.zeros((100, 2), int)
+    registrations = tuple(
+        Registration(i, j, "", told.get((i, j), usual), np.eye(3), np.eye(8), 1.0, 0.5) for i, j in pairs
+    )
     return replace(
         whole,
         edges=Edges(registrations, (), whole.edges.heights),
@@ -35,12 +38,21 @@ def with_pairs(pairs: list[tuple[int, int]]) -> Map:
 
 
 def test_one_pair_between_two_stretches_is_found():
-    assert single_joins(with_pairs([*CHAINS, (1, 6)]), APART) == [(1, 6, 4)]
+    assert single_joins(with_pairs([*CHAINS, (1, 6)]), APART) == [(1, 6, 4, 1)]
 
 
 @pytest.mark.parametrize("more", [[(2, 7)], [(3, 4)]])
 def test_a_second_pair_or_a_link_confirms_it(more):
     assert single_joins(with_pairs([*CHAINS, (1, 6), *more]), APART) == []
+
+
+def test_poor_pairs_do_not_confirm_each_other_nor_a_good_one():
+    pairs = [*CHAINS, (1, 6), (2, 7), (0, 5)]
+    poor = dict.fromkeys([(1, 6), (2, 7), (0, 5)], 20)
+    assert single_joins(with_pairs(pairs, {**poor, (2, 7): 21}), APART) == [(2, 7, 4, 3)]
+    assert single_joins(with_pairs(pairs, {**poor, (2, 7): 100}), APART) == [(2, 7, 4, 3)]
+    assert single_joins(with_pairs(pairs, {**poor, (2, 7): 100, (0, 5): 100}), APART) == []
+    assert single_joins(with_pairs(pairs, poor), np.zeros(8, int)) == []
 
 
 def test_what_instruments_confirm_is_not_doubted():
@@ -63,7 +75,9 @@ def test_a_copy_of_the_floor_behind_a_stretch_without_features_is_doubted():
     found = evaluate(estimate, flight)
     assert found.ate_m is not None
     assert found.ate_m.max > 1.0
-    said = re.search(r"one pair of pictures alone \((.*) s and (.*) s\) joins 8 keyframes", estimate.status)
+    said = re.search(
+        r"pairs? of pictures .*\((?:.*: )?(.*) s and (.*) s\) joins? 8 keyframes", estimate.status
+    )
     assert said is not None
     before_s, behind_s = map(float, said.groups())
     assert before_s < 2.0 < 7.0 < behind_s
