@@ -79,7 +79,7 @@ class Drift:
         moved = np.array([t * t / 2, t, 1.0])  # by an acceleration that sets in at the beginning
         orders = np.array([3, 2, 1])
         sums = orders[:, None] + orders - 1
-        Q[_NOW:, _NOW:] = q * t * np.outer(moved, moved) / sums * np.outer([1, 1, 1], [1, 1, 1])
+        Q[_NOW:, _NOW:] = q * t * np.outer(moved, moved) / sums
         covariance = np.einsum("ij,jakb,lk->ialb", F, self.covariance, F)
         covariance += np.einsum("ik,ab->iakb", Q, np.eye(_AXES))
         return replace(self, stamp_s=stamp_s, mean=F @ self.mean, covariance=covariance)

@@ -36,19 +36,32 @@ def public_classes(tree: ast.Module) -> list[str]:
     return [n.name for n in tree.body if isinstance(n, ast.ClassDef) and not n.name.startswith("_")]
 
 
+def texts_alone(tree: ast.Module) -> list[int]:
+    """Lines of the formatted texts that are used for nothing."""
+    return [
+        each.lineno
+        for each in statements(tree)
+        if isinstance(each, ast.Expr) and isinstance(each.value, ast.JoinedStr)
+    ]
+
+
 @cache
-def findings() -> dict[str, tuple[list[tuple[int, str]], list[str]]]:
-    """Name of every source file -> the fragments in it and its public classes; each is parsed once."""
+def findings() -> dict[str, tuple[list[tuple[int, str]], list[str], list[int]]]:
+    """Name of every source file -> its fragments, public classes and texts alone; each is parsed once."""
     found = {}
     for package in ("slam", "frontend", "backend"):
         for path in sorted((ROOT / package).rglob("*.py")):
             tree = ast.parse(path.read_text(encoding="utf-8"))
-            found[path.relative_to(ROOT).as_posix()] = fragments(tree), public_classes(tree)
+            found[path.relative_to(ROOT).as_posix()] = (
+                fragments(tree),
+                public_classes(tree),
+                texts_alone(tree),
+            )
     return found
 
 
 def test_no_docstring_begins_with_a_fragment():
-    assert {name: wrong for name, (wrong, _) in findings().items() if wrong} == {}
+    assert {name: wrong for name, (wrong, *_) in findings().items() if wrong} == {}
 
 
 def test_a_fragment_is_seen():
@@ -56,9 +69,18 @@ def test_a_fragment_is_seen():
     assert fragments(ast.parse(source)) == [(1, "Where"), (4, "Of"), (7, "What")]
 
 
+def test_no_text_stands_alone():
+    """A line of a text that lacks its brackets is a statement of its own, and the text ends before it."""
+    assert {name: lines for name, (_, _, lines) in findings().items() if lines} == {}
+
+
+def test_a_text_alone_is_seen():
+    assert texts_alone(ast.parse('a = "what "\nf"{a}"\nprint(f"{a}")\n')) == [2]
+
+
 def test_public_class_names_are_unique():
     homes = defaultdict(list)
-    for name, (_, classes) in findings().items():
+    for name, (_, classes, _) in findings().items():
         for public in classes:
             homes[public].append(name)
     assert {name: files for name, files in homes.items() if len(files) > 1} == {}

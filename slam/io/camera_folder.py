@@ -173,8 +173,8 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
     unlisted = len(set(entries) - set(table.names))
     if unlisted:
         notes.append(
-            f"{counted(unlisted, 'file')} in data/ not listed in data.csv and ignored; add a line for each "
-            "that the map shall use"
+            f"{counted(unlisted, 'file')} in data/ {either(unlisted, 'is', 'are')} not listed in data.csv; "
+            "add a line for each that the map shall use"
         )
     _check_sizes(paths, camera, notes)
     stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)

@@ -125,37 +125,34 @@ class FrontEnd:
         config: PipelineConfig,
         progress: Progress,
         earlier: EarlierPass | None = None,
+        masks: Masks = no_masks,
     ) -> None:
-        """``earlier``: work on the same pictures without masks."""
+        """``earlier``: work on the same pictures without masks. ``masks``: pixels that are not used."""
         width = camera.size_px[0]
         self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
         self.earlier, self.work = earlier or EarlierPass(), EarlierPass()
-        self.masks: Masks = no_masks
-        """Pixels of the pictures that are not used."""
+        self.masks = masks
         self.homography = config.homography.for_width(width)
         try:
             self.extractor = Extractor(config.features.for_width(width))
         except FeatureUnavailableError as error:
             raise InputError(str(error)) from None
 
-    def tracker(
-        self, masks: Masks = no_masks, look_ahead: bool = True, is_urged: IsUrged = lambda features: False
-    ) -> Tracker:
+    def tracker(self, look_ahead: bool = True, is_urged: IsUrged = lambda features: False) -> Tracker:
         """Return the tracker of one pass over the frames; ``look_ahead`` and ``is_urged`` as there."""
         return Tracker(
-            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks,
-            self.earlier.features, look_ahead, is_urged,
+            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes,
+            self.masks, self.earlier.features, look_ahead, is_urged,
             FloorViews(self.flight, self.camera, self.config) if look_ahead else None,
         )  # fmt: skip
 
-    def track(self, masks: Masks = no_masks) -> Observations:
+    def track(self) -> Observations:
         """Go through the frames once: mask, track, gate, keyframe."""
-        self.masks = masks
-        flight, tracked = self.flight, TrackedPictures(self.tracker(masks))
+        flight, tracked = self.flight, TrackedPictures(self.tracker())
         assert flight.frames is not None
         for keyframe in self._keyframes(tracked.tracker):
             tracked.add(keyframe)
-        return self.observations(tracked, masked=masks is not no_masks)
+        return self.observations(tracked)
 
     def _keyframes(self, tracker: Tracker) -> Iterator[Keyframe]:
         frames = self.flight.frames
@@ -168,14 +165,14 @@ class FrontEnd:
             yield keyframe
         self.progress("track", len(frames), len(frames))
 
-    def observations(self, tracked: TrackedPictures, masked: bool = False) -> Observations:
+    def observations(self, tracked: TrackedPictures) -> Observations:
         """Return what tracking found."""
         flight, tracker = self.flight, tracked.tracker
         assert flight.frames is not None
         unreadable = {k: f"unreadable: {reason}" for k, reason in flight.frames.failures.items()}
         failures = unreadable | tracked.failures
         index = np.array(tracked.frame_index, dtype=np.int64)
-        if not masked:
+        if self.masks is no_masks:
             # Features on moving objects were removed.
             whole = {frame: k for k, frame in enumerate(tracked.frame_index) if frame not in tracker.moving}
             self.work = EarlierPass(tracked.store, whole)

@@ -64,9 +64,9 @@ def track(
     ``earlier``: work on the same pictures without masks. ``tracked``: pictures that are tracked already.
     Raises ``InputError`` where fewer than two pictures are usable.
     """
-    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier)
+    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, masks)
     with job.timer("track"), large_blocks_kept():
-        observations = front_end.observations(tracked) if tracked else front_end.track(masks)
+        observations = front_end.observations(tracked) if tracked else front_end.track()
         recorded, found = flight, _tracked_clock(flight, job, observations)
         flight = on_one_clock(recorded, found)
         if flight.imu is not recorded.imu:
@@ -85,10 +85,10 @@ def hide(context: Context, found: Obstacles) -> tuple[Context, Observations] | N
     The result is None where the pictures must be tracked again with these masks.
     """
     job, flight = context.job, found.cleared(context.flight)
-    front_end = FrontEnd(flight, job.camera, job.config, job.progress, context.front_end.work)
+    earlier = context.front_end.work
+    front_end = FrontEnd(flight, job.camera, job.config, job.progress, earlier, found.masks)
     with job.timer("track"), large_blocks_kept():
         assert context.tracked is not None
-        front_end.masks = found.masks
         observations = without_hidden(context.tracked, front_end, found.masks)
         if observations is None:
             return None

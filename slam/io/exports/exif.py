@@ -46,7 +46,11 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
         do = "give the folder that the map was made of"
         raise refusal(folder, f"no photograph of the map can be copied: {'; '.join(lost)}", do)
     unused = len(paths.keys() - positions.keys())
-    return (*lost, *(f"{counted(unused, 'photograph')} not on the map, and not copied",) * bool(unused))
+    return (
+        *lost,
+        *(f"{counted(unused, 'photograph is', 'photographs are')} not on the map, and not copied",)
+        * bool(unused),
+    )
 
 
 def _positions(exported: ExportedMap) -> dict[str, CameraPosition]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from backend.wording import counted
+from backend.wording import counted, either
 from slam.core.geodesy import position_fault
 from slam.core.messages import Note
 from slam.core.rotations import roll_pitch_yaw_of
@@ -115,7 +115,8 @@ def _unless_held(values: Array) -> Converted:
     """Return the rows that differ from the row before, and the others as missing."""
     keep = changed_rows(values)
     held = int(np.isfinite(values[:, 0]).sum() - keep.sum())
-    notes = (Note(f"{counted(held, 'row repeats', 'rows repeat')} the value before, left out"),)
+    repeat = counted(held, "row repeats", "rows repeat")
+    notes = (Note(f"{repeat} the value before and {either(held, 'is', 'are')} left out"),)
     return np.where(keep[:, None], values, np.nan), notes * bool(held)
 
 
@@ -205,7 +206,7 @@ def read_table(path: Path) -> Table:
     known = np.isfinite(fields["time"])
     if lost := int((~known).sum()):
         notes.append(
-            f"{path.name}: {counted(lost, 'row')} without a time left out; write times there if they "
+            f"{path.name}: {counted(lost, 'row has', 'rows have')} no time; write times there if they "
             "should count"
         )
     fields = {name: values[known] for name, values in fields.items()}

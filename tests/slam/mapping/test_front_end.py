@@ -86,9 +86,11 @@ def test_a_pass_with_masks_repeats_only_what_they_change():
 
     work, results, compared = [], [], []
     for earlier in (None, first.work):
-        front_end = FrontEnd(flight, flight.camera, CONFIG, lambda *done: compared.append(done), earlier)
+        front_end = FrontEnd(
+            flight, flight.camera, CONFIG, lambda *done: compared.append(done), earlier, masks
+        )
         count = counting(front_end)
-        results.append(front_end.neighbours(front_end.track(masks)))
+        results.append(front_end.neighbours(front_end.track()))
         work.append((count["extracted"], sum(stage == "neighbours" for stage, *_ in compared)))
         compared.clear()
     alone, again = results

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -18,7 +17,7 @@ from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin, Truth
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.plot_style import ground_labels
-from slam.core.summary import json_text, summarise
+from slam.core.summary import summarise
 from slam.core.units import length
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate_text import trajectory_text
@@ -26,7 +25,6 @@ from slam.report.accuracy import Evaluated, FigureTable
 from slam.report.facts import gather, sentence
 from slam.report.left_out import left_out
 from slam.report.optimize_report import Accuracy, Mosaics, render, write_report
-from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
 
 HOSTILE = "<script>alert(1)</script>\n../../etc\x1b[31m\u202egnp.exe & \"quoted\" '$\\frac{x'"
@@ -284,68 +282,6 @@ def test_words_of_the_reasons_are_explained_where_they_can_occur(no_figures):
     assert "docs/method" in flown
 
 
-def test_hundreds_of_rejected_loops_do_not_bury_the_path():
-    estimate = made_estimate()
-    wrong = tuple(LoopVerdict(k % 29, 30 + k % 30, "rejected", "disagrees by 9 sigma") for k in range(600))
-    red = [_share_of(trajectory_picture(replace(estimate, loops=loops))) for loops in (wrong[:50], wrong)]
-    assert red[1] < 2 * red[0]
-
-
-def test_the_band_of_heights_says_how_wide_it_is_and_can_be_seen():
-    """Tenths of a millimetre on a height of a metre are no wider than a line."""
-    png = np.asarray(Image.open(io.BytesIO(altitude_picture(made_estimate(sigma_m=0.02)))).convert("RGB"))
-    assert (np.abs(png.astype(int) - [0xF0, 0xC5, 0x66]).sum(axis=2) < 30).mean() > 0.02
-
-
-def _share_of(png: bytes) -> float:
-    """Of what is neither grey nor blue: dashed lines in red and pale red."""
-    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
-    return float((pixels[..., 0] - pixels[..., 2] > 20).mean())
-
-
-def test_ellipses_lie_along_the_uncertain_direction():
-    """A flight that knows x and not y: the picture differs from one that knows y and not x."""
-    estimate = made_estimate()
-    wide = estimate.covariances.copy()
-    wide[:, 3, 3], wide[:, 4, 4] = 1e-2, 1e-6
-    tall = estimate.covariances.copy()
-    tall[:, 3, 3], tall[:, 4, 4] = 1e-6, 1e-2
-    orange = [_extent_of_orange(trajectory_picture(replace(estimate, covariances=c))) for c in (wide, tall)]
-    assert orange[0][0] > orange[1][0], "wider where x is not known"
-    assert orange[1][1] > orange[0][1], "taller where y is not known"
-
-
-@pytest.mark.parametrize(
-    "sigma_m", [1e-5, *(pytest.param(m, marks=pytest.mark.slow) for m in (0.01, 1.0)), 100.0]
-)
-def test_ellipses_are_drawn_at_a_size_that_can_be_read(sigma_m):
-    """Whatever their true size: neither points nor a tangle that hides the path."""
-    covariances = np.tile(np.diag([1e-5] * 3 + [sigma_m**2] * 3), (60, 1, 1))
-    png = trajectory_picture(replace(made_estimate(), covariances=covariances))
-    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
-    share = (np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30).mean()
-    assert 0.001 < share < 0.02
-
-
-def _extent_of_orange(png: bytes) -> tuple[int, int]:
-    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
-    rows, columns = np.nonzero(np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30)
-    return int(np.ptp(columns)), int(np.ptp(rows))
-
-
-def test_a_thumbnail_is_small_and_white_where_there_is_nothing(tmp_path):
-    picture = np.zeros((300, 5000, 4), np.uint8)
-    picture[:, 2500:] = [10, 200, 30, 255]
-    Image.fromarray(picture).save(tmp_path / "mosaic.png")
-    small = np.asarray(Image.open(io.BytesIO(thumbnail(tmp_path / "mosaic.png"))))
-    height, width, channels = small.shape
-    assert channels == 3
-    assert 1000 <= width <= 2000
-    assert width / height == pytest.approx(5000 / 300, rel=0.02)
-    assert np.abs(small[:, : int(0.45 * width)].astype(int) - 255).max() <= 2
-    assert np.abs(small[:, int(0.55 * width) :].astype(int) - [10, 200, 30]).max() <= 4
-
-
 def test_before_and_after_stand_side_by_side(tmp_path, no_figures):
     for name in ("a.png", "b.png"):
         Image.fromarray(np.full((40, 50, 4), 128, np.uint8)).save(tmp_path / name)
@@ -359,24 +295,6 @@ def test_before_and_after_stand_side_by_side(tmp_path, no_figures):
     assert "x = -2.0 to 3.0 m" in one.text
     assert "y = -1.0 to 3.0 m" in one.text
     assert "Before" not in one.text
-
-
-def test_summary_has_the_keys_of_the_contract():
-    estimate = made_estimate()
-    record = summarise(estimate, landmarks=2).to_json()
-    assert set(record) == {
-        "status", "frames", "keyframes", "edges", "landmarks", "timing_s", "peak_rss_mb", "warnings", "notes",
-            "height_sensor",
-    }  # fmt: skip
-    assert record["edges"] == {"odometry": 59, "loop": 2, "rejected": estimate.rejected}
-    assert 10 < record["peak_rss_mb"] < 10_000
-    graph = summarise(estimate, graph_alone=True).to_json()
-    assert set(graph) - set(record) == {"error", "iterations"}
-
-
-def test_json_has_no_nan():
-    text = json_text({"a": float("nan"), "b": [float("inf"), 1.5], "c": ("x",)})
-    assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": ["x"]}
 
 
 def test_the_chain_is_laid_on_the_first_keyframe():

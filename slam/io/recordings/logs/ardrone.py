@@ -133,10 +133,10 @@ def open_recording(path: Path) -> Recording:
     warnings = []
     if lost:
         warnings.append(
-            f"{counted(lost, 'byte')} without a packet (damaged or cut short) passed over; {COPY_AGAIN}"
+            f"{counted(lost, 'byte holds', 'bytes hold')} no packet, damaged or cut short; {COPY_AGAIN}"
         )
     if timeless:
-        warnings.append(f"{counted(timeless, 'packet')} without a time left out; record with all options")
+        warnings.append(f"{counted(timeless, 'packet has', 'packets have')} no time; record with all options")
     return field_recording(path, DESCRIPTION, series, RULES, tuple(warnings), {"vehicle": "AR.Drone"})
 
 

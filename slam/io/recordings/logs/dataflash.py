@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.wording import counted
+from backend.wording import counted, either
 from slam.io.body_axes import angles_from_aviation
 from slam.io.csv_stream import MAX_STAMP_NS
 from slam.io.files import refusal
@@ -183,11 +183,11 @@ def open_recording(path: Path) -> Recording:
     unread = [(name, name, count) for name, count in sorted(counts.items()) if count and name not in used]
     damage = (
         *[
-            f"{counted(lost, 'byte')} of the log without a message (damaged or cut short) passed over; "
-            f"{COPY_AGAIN}"
+            f"{counted(lost, 'byte')} of the log {either(lost, 'holds', 'hold')} no message, damaged or cut "
+            f"short; {COPY_AGAIN}"
         ]
         * bool(lost),
-        *[f"{counted(late, 'message')} with a stamp that no clock has (damaged) passed over; {COPY_AGAIN}"]
+        *[f"{counted(late, 'message has', 'messages have')} a stamp that no clock has; {COPY_AGAIN}"]
         * bool(late),
     )
     return field_recording(path, DESCRIPTION, series, rules, damage, _metadata(series), unread)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.wording import counted
+from backend.wording import counted, either
 from slam.core.messages import Note
 from slam.io.body_axes import body_from_frd
 
@@ -64,7 +64,8 @@ def known_fixes(values: Array, fix: Array) -> Array:
 def only_down(range_m: Array, is_down: NDArray[np.bool_], is_valid: NDArray[np.bool_]) -> Converted:
     """Return ranges (n, 1) of sensors that look down; NaN for others and for invalid readings."""
     aside = int((~is_down).sum())
-    notes = (Note(f"{counted(aside, 'reading')} of sensors that do not look down left out"),)
+    left_out = f"{either(aside, 'is', 'are')} left out"
+    notes = (Note(f"{counted(aside, 'reading')} of sensors that do not look down {left_out}"),)
     return np.where(is_down & is_valid, range_m, np.nan)[:, None], notes * bool(aside)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from backend.wording import counted
+from backend.wording import counted, either
 from slam.core.messages import Note
 from slam.io.body_axes import angles_from_aviation, angles_from_ned_quaternion
 from slam.io.files import refusal
@@ -141,11 +141,12 @@ def open_recording(path: Path) -> Recording:
     ]
     if lost:
         warnings.append(
-            f"{counted(lost, 'byte')} of the log without a packet (damaged or cut short) passed over; "
-            f"{COPY_AGAIN}"
+            f"{counted(lost, 'byte')} of the log {either(lost, 'holds', 'hold')} no packet, damaged or cut "
+            f"short; {COPY_AGAIN}"
         )
     if doubles:
-        warnings.append(Note(f"{counted(doubles, 'message')} received twice taken once"))
+        line = f"{counted(doubles, 'message was', 'messages were')} received twice, and one of each counts"
+        warnings.append(Note(line))
     metadata = {"vehicle": autopilot} if autopilot else {}
     unread = [(f"message {number}", "MAVLink", count) for number, count in sorted(others.items())]
     return field_recording(path, DESCRIPTION, series, rules, tuple(warnings), metadata, unread)

@@ -210,8 +210,8 @@ def _subtitles_of(path: Path, tracks: Sequence[Mp4Track]) -> tuple[Subtitles | N
     if track is None:
         return None, "", ()
     subtitles, lost = subtitles_of_track(path, track)
-    line = f"{lost} of {len(track.sizes)} subtitles "
-    f"{either(lost, 'leads out of the file and is', 'lead out of the file and are')} lost; {COPY_AGAIN}"
+    lead_out = either(lost, "leads out of the file and is", "lead out of the file and are")
+    line = f"{lost} of {len(track.sizes)} subtitles {lead_out} lost; {COPY_AGAIN}"
     return subtitles, f"{path.name} {track.code}", (line,) * bool(lost)
 
 

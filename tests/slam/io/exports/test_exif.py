@@ -167,7 +167,7 @@ def test_a_set_comes_back_with_the_estimated_positions(tmp_path):
     estimate = made_map(*(pose((10.0 * k, 20.0, 30.0)) for k in range(3)), origin=ORIGIN)
     source = exported(estimate, photos=tmp_path / "photos")
     notes = export_map(source, "exif", tmp_path / "copies")
-    assert notes == ("1 photograph not on the map, and not copied",)
+    assert notes == ("1 photograph is not on the map, and not copied",)
     assert {p: p.read_bytes() for p in sorted((tmp_path / "photos").rglob("*.jpg"))} == before
     assert sorted(p.name for p in (tmp_path / "copies").iterdir()) == ["P0.jpg", "P1.jpg", "P2.jpg"]
     gps = import_photos(tmp_path / "copies").gps

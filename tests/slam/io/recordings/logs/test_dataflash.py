@@ -162,7 +162,7 @@ def test_damaged_bytes_are_passed_over_and_counted(tmp_path):
     path.write_bytes(bytes(content[:-7]))
     flight = read(path)
     assert len(flight.imu.stamps_s) == 18, "one damaged, one cut short"
-    assert any(f"{size + size - 7} bytes of the log without a message" in line for line in flight.warnings)
+    assert any(f"{size + size - 7} bytes of the log hold no message" in line for line in flight.warnings)
 
 
 @pytest.mark.parametrize("content", [b"", b"hello", b"\xa3\x95\x80"])

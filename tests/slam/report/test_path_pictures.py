@@ -1,0 +1,76 @@
+"""Pictures of a report: the path from above, the heights, and small pictures of the mosaic."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from slam.core.estimate import LoopVerdict
+from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
+from tests.slam.made_estimate import made_estimate
+
+
+def test_hundreds_of_rejected_loops_do_not_bury_the_path():
+    estimate = made_estimate()
+    wrong = tuple(LoopVerdict(k % 29, 30 + k % 30, "rejected", "disagrees by 9 sigma") for k in range(600))
+    red = [_share_of(trajectory_picture(replace(estimate, loops=loops))) for loops in (wrong[:50], wrong)]
+    assert red[1] < 2 * red[0]
+
+
+def test_the_band_of_heights_says_how_wide_it_is_and_can_be_seen():
+    """Tenths of a millimetre on a height of a metre are no wider than a line."""
+    png = np.asarray(Image.open(io.BytesIO(altitude_picture(made_estimate(sigma_m=0.02)))).convert("RGB"))
+    assert (np.abs(png.astype(int) - [0xF0, 0xC5, 0x66]).sum(axis=2) < 30).mean() > 0.02
+
+
+def _share_of(png: bytes) -> float:
+    """Of what is neither grey nor blue: dashed lines in red and pale red."""
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
+    return float((pixels[..., 0] - pixels[..., 2] > 20).mean())
+
+
+def test_ellipses_lie_along_the_uncertain_direction():
+    """A flight that knows x and not y: the picture differs from one that knows y and not x."""
+    estimate = made_estimate()
+    wide = estimate.covariances.copy()
+    wide[:, 3, 3], wide[:, 4, 4] = 1e-2, 1e-6
+    tall = estimate.covariances.copy()
+    tall[:, 3, 3], tall[:, 4, 4] = 1e-6, 1e-2
+    orange = [_extent_of_orange(trajectory_picture(replace(estimate, covariances=c))) for c in (wide, tall)]
+    assert orange[0][0] > orange[1][0], "wider where x is not known"
+    assert orange[1][1] > orange[0][1], "taller where y is not known"
+
+
+@pytest.mark.parametrize(
+    "sigma_m", [1e-5, *(pytest.param(m, marks=pytest.mark.slow) for m in (0.01, 1.0)), 100.0]
+)
+def test_ellipses_are_drawn_at_a_size_that_can_be_read(sigma_m):
+    """Whatever their true size: neither points nor a tangle that hides the path."""
+    covariances = np.tile(np.diag([1e-5] * 3 + [sigma_m**2] * 3), (60, 1, 1))
+    png = trajectory_picture(replace(made_estimate(), covariances=covariances))
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
+    share = (np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30).mean()
+    assert 0.001 < share < 0.02
+
+
+def _extent_of_orange(png: bytes) -> tuple[int, int]:
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
+    rows, columns = np.nonzero(np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30)
+    return int(np.ptp(columns)), int(np.ptp(rows))
+
+
+def test_a_thumbnail_is_small_and_white_where_there_is_nothing(tmp_path):
+    picture = np.zeros((300, 5000, 4), np.uint8)
+    picture[:, 2500:] = [10, 200, 30, 255]
+    Image.fromarray(picture).save(tmp_path / "mosaic.png")
+    small = np.asarray(Image.open(io.BytesIO(thumbnail(tmp_path / "mosaic.png"))))
+    height, width, channels = small.shape
+    assert channels == 3
+    assert 1000 <= width <= 2000
+    assert width / height == pytest.approx(5000 / 300, rel=0.02)
+    assert np.abs(small[:, : int(0.45 * width)].astype(int) - 255).max() <= 2
+    assert np.abs(small[:, int(0.55 * width) :].astype(int) - [10, 200, 30]).max() <= 4
