@@ -14,7 +14,7 @@ from slam.data_quality.channels import larger_noise, streams_of
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import log_apart
 from slam.data_quality.frozen import Frozen, frozen
-from slam.data_quality.lines import strongest_line
+from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
 
 

@@ -15,7 +15,7 @@ from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, RANGE
 from slam.criticism.kalman.record import Record
-from slam.data_quality.lines import FEWEST, common_line
+from slam.data_quality.oscillation import FEWEST, common_line
 
 Array = NDArray[np.float64]
 

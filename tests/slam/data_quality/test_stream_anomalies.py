@@ -9,7 +9,7 @@ import pytest
 
 from slam.data_quality.channels import InstrumentReadings
 from slam.data_quality.frozen import frozen
-from slam.data_quality.lines import strongest_line
+from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
 
 RATE_HZ, STD = 50.0, 0.02

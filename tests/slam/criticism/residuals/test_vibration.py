@@ -13,7 +13,7 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import IMU
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.unmodelled import vibration_of
-from slam.data_quality.lines import log_tail, over_neighbours
+from slam.data_quality.oscillation import log_tail, over_neighbours
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
