@@ -60,32 +60,87 @@ def with_points(pixels: Image, pixel_m: float, corner: tuple[float, float], poin
     ``corner``: x and y of its upper left corner; ``pixel_m``: the side of a pixel.
     """
     marked = pixels.copy()
-    for mark in points:
-        at = round((mark.x - corner[0]) / pixel_m), round((corner[1] - mark.y) / pixel_m)
-        tall = (_SURVEYED_SHARE if mark.surveyed else _LETTER_SHARE) * marked.shape[1]
-        radius = max(2, round((0.8 if mark.surveyed else 0.4) * tall))
-        edge = max(1, round(0.08 * tall))
-        for color, thickness in ((_WHITE,) * 3, 4 * edge), (_BLACK, edge):
-            if mark.surveyed:
-                corners = np.round(at + radius * _TRIANGLE).astype(np.int32)
+    pens = [_Pen.of(mark, pixel_m, corner, marked.shape[1]) for mark in points]
+    taken = [pen.sign for pen in pens]
+    for pen in pens:
+        for color, thickness in ((_WHITE,) * 3, 4 * pen.edge), (_BLACK, pen.edge):
+            if pen.mark.surveyed:
+                corners = np.round(pen.at + pen.radius * _TRIANGLE).astype(np.int32)
                 cv2.polylines(marked, [corners], True, color, thickness, cv2.LINE_AA)
             else:
-                cv2.circle(marked, at, radius, color, thickness, cv2.LINE_AA)
-        _name(marked, mark.name, at, radius, edge, tall / _CAPITAL_PX)
+                cv2.circle(marked, pen.at, pen.radius, color, thickness, cv2.LINE_AA)
+    for pen in pens:
+        # The first of the freest places: a name at the right of its sign is read best.
+        place = min(pen.places(), key=lambda box: box.cut_off(marked) + sum(map(box.shared_px, taken)))
+        taken.append(place)
+        pen.write(marked, place)
     return marked
 
 
-def _name(marked: Image, name: str, at: tuple[int, int], radius: int, edge: int, size: float) -> None:
-    """Write a name with a white border at the right of a mark, or at its left where it would be cut off."""
-    wide = cv2.getTextSize(name, cv2.FONT_HERSHEY_SIMPLEX, size, edge)[0][0]
-    aside = round(1.4 * radius)
-    left = at[0] + aside if at[0] + aside + wide <= marked.shape[1] else at[0] - aside - wide
-    low = at[1] - round(0.6 * radius)
-    # A thicker pen does not make a border: the font of OpenCV 5 takes the thickness as its weight.
-    around = [(i * edge, j * edge) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
-    for (right, down), color in [*((shift, (_WHITE,) * 3) for shift in around), ((0, 0), _BLACK)]:
-        place = left + right, low + down
-        cv2.putText(marked, name, place, cv2.FONT_HERSHEY_SIMPLEX, size, color, edge, cv2.LINE_AA)
+class _Box(NamedTuple):
+    """A rectangle of a picture, in pixels."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def shared_px(self, other: _Box) -> int:
+        """Area that two rectangles share."""
+        wide = min(self.right, other.right) - max(self.left, other.left)
+        tall = min(self.bottom, other.bottom) - max(self.top, other.top)
+        return max(0, wide) * max(0, tall)
+
+    def cut_off(self, picture: Image) -> int:
+        """Area that lies outside a picture."""
+        whole = (self.right - self.left) * (self.bottom - self.top)
+        return whole - self.shared_px(_Box(0, 0, picture.shape[1], picture.shape[0]))
+
+
+@dataclass(frozen=True)
+class _Pen:
+    """The sizes with which a mark is drawn, in pixels."""
+
+    mark: Mark
+    at: tuple[int, int]
+    radius: int
+    edge: int
+    tall: float
+
+    @classmethod
+    def of(cls, mark: Mark, pixel_m: float, corner: tuple[float, float], width_px: int) -> _Pen:
+        at = round((mark.x - corner[0]) / pixel_m), round((corner[1] - mark.y) / pixel_m)
+        tall = (_SURVEYED_SHARE if mark.surveyed else _LETTER_SHARE) * width_px
+        radius = max(2, round((0.8 if mark.surveyed else 0.4) * tall))
+        return cls(mark, at, radius, max(1, round(0.08 * tall)), tall)
+
+    @property
+    def sign(self) -> _Box:
+        """The ring or the triangle."""
+        (x, y), r = self.at, self.radius
+        return _Box(x - r, y - r, x + r, y + r)
+
+    def places(self) -> list[_Box]:
+        """Places for the name: beside the sign, right before left, above its middle before below it."""
+        wide = cv2.getTextSize(self.mark.name, cv2.FONT_HERSHEY_SIMPLEX, self.size, self.edge)[0][0]
+        aside, up = round(1.4 * self.radius), round(0.6 * self.radius)
+        (x, y), tall = self.at, round(self.tall)
+        lefts, lows = (x + aside, x - aside - wide), (y - up, y + up + tall)
+        return [_Box(left, low - tall, left + wide, low) for low in lows for left in lefts]
+
+    @property
+    def size(self) -> float:
+        """Size of the font."""
+        return self.tall / _CAPITAL_PX
+
+    def write(self, marked: Image, place: _Box) -> None:
+        """Write the name with a white border."""
+        edge, name = self.edge, self.mark.name
+        # A thicker pen does not make a border: the font of OpenCV 5 takes the thickness as its weight.
+        around = [(i * edge, j * edge) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+        for (right, down), color in [*((shift, (_WHITE,) * 3) for shift in around), ((0, 0), _BLACK)]:
+            at = place.left + right, place.bottom + down
+            cv2.putText(marked, name, at, cv2.FONT_HERSHEY_SIMPLEX, self.size, color, edge, cv2.LINE_AA)
 
 
 def with_marks(pixels: Image, pixel_m: float, unit: str, on_earth: bool) -> Image:

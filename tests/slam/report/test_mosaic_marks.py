@@ -52,3 +52,12 @@ def test_a_name_that_would_be_cut_off_stands_at_the_left():
     names = [Mark("long name", 4.9, 1.5, True), Mark("long name", 0.1, 1.5, True)]
     at_right, at_left = (with_points(picture, 0.01, (0.0, 3.0), [mark]) != 128 for mark in names)
     assert np.count_nonzero(at_right[:, :480]) == pytest.approx(np.count_nonzero(at_left[:, 20:]), rel=0.1)
+
+
+def test_names_of_marks_side_by_side_do_not_cover_each_other():
+    """Each of two marks near each other adds as much ink as it has alone."""
+    picture = np.full((300, 500, 3), 128, np.uint8)
+    a, b = Mark("A", 2.5, 1.5), Mark("B", 2.7, 1.58)
+    alone = [np.count_nonzero(with_points(picture, 0.01, (0.0, 3.0), [mark]) != 128) for mark in (a, b)]
+    both = np.count_nonzero(with_points(picture, 0.01, (0.0, 3.0), [a, b]) != 128)
+    assert both == pytest.approx(sum(alone), rel=0.05)
