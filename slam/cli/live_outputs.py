@@ -105,7 +105,7 @@ def _messages(mapper: LiveMapper, flight: Flight, path: Path) -> Iterator[None]:
                 links = {
                     "neighbours": [(e.i, e.j) for e in found if e.is_kept and e.kind == "odometry"],
                     "kept": [(e.i, e.j) for e in found if e.is_kept and e.kind == "loop"],
-                    "rejected": [(e.i, e.j) for e in found if not e.is_kept],
+                    "contradicted": [(e.i, e.j) for e in found if not e.is_kept],
                 }
                 pairs = {name: np.array(ends, dtype=np.int64).reshape(-1, 2) for name, ends in links.items()}
                 grown.update(frames, stamps_ns, w_T_b, pairs, is_end)

@@ -33,6 +33,17 @@ MAP_TRAJECTORIES = ("chain of homographies", "without loops", "with loops")
 """Names of the three trajectories of a map: the plain chain, the odometry, and the result."""
 
 
+CONTRADICTED, UNPROVEN = "contradicted", "unproven"
+"""Why a loop was rejected: the rest of the map contradicts it, or it shows too little to tell."""
+_CONTRADICTIONS = ("out of reach", "implausible", "folded or no overlap", "disagrees")
+"""Beginnings of the reasons of rejected loops that the rest of the map contradicts."""
+
+
+def rejection_kind(reason: str) -> str:
+    """Return whether a rejected loop is contradicted or unproven, from its reason."""
+    return CONTRADICTED if reason.startswith(_CONTRADICTIONS) else UNPROVEN
+
+
 @dataclass(frozen=True)
 class LoopVerdict:
     """The decision about one loop candidate."""
@@ -43,6 +54,11 @@ class LoopVerdict:
     verdict: Literal["kept", "rejected"]
     reason: str
     """Why a rejected loop was rejected, in words with figures; empty for a kept one."""
+
+    @property
+    def finding(self) -> str:
+        """The verdict, in which a rejected loop is contradicted or unproven."""
+        return self.verdict if self.verdict == "kept" else rejection_kind(self.reason)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backend.wording import counted, either
-from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.estimate import CONTRADICTED, Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
 from slam.report.advice import main_cause
 from slam.report.checked_lengths import basis
 from slam.report.facts import Facts
-from slam.report.left_out import is_contradicted
 from slam.report.mosaic_facts import MosaicFacts
 
 if TYPE_CHECKING:
@@ -209,7 +208,7 @@ def _beside(estimate: Estimate) -> str:
 def loops(estimate: Estimate, facts: Facts) -> str:
     """Return how often places were recognised, and what speaks for and against the matches."""
     rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
-    against = [loop for loop in rejected if is_contradicted(loop.reason)]
+    against = [loop for loop in rejected if loop.finding == CONTRADICTED]
     contradicted = len(against)
     if facts.loops_kept:
         text = (

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from backend.wording import counted
+from slam.core.estimate import CONTRADICTED, UNPROVEN, rejection_kind
 
 _OF_HEIGHT = " of the camera's height"
 """Words for a length before metres are known, in mean heights of the camera over the floor."""
-CONTRADICTED, UNPROVEN = "contradicted", "unproven"
-"""Verdicts on rejected matches: the rest of the map contradicts it, or it shows too little to tell."""
 _LOOP = "loop: "
 _NO = "No: "
 """Beginning of an advice to do nothing."""
@@ -71,33 +70,29 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
     ),
 )
 """Beginning of a reason -> what it counts, and whether to act."""
-_LINKS: tuple[tuple[str, str, str, bool], ...] = (
-    ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE, True),
-    ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE, True),
-    ("folded or no overlap", "match in a way that no camera above a floor can see", _OTHER_PLACE, True),
-    ("too few", "have too few points in common", _UNPROVEN, False),
-    ("no plane fits", "have no flat piece of ground in common", _UNPROVEN, False),
-    ("outlier share", "have points in common of which most disagree", _UNPROVEN, False),
-    ("inliers crowded", "have points in common in one small place only", _WEAK, False),
-    ("homography poorly determined", "fit each other only vaguely", _WEAK, False),
+_LINKS: tuple[tuple[str, str, str], ...] = (
+    ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE),
+    ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE),
+    ("folded or no overlap", "match in a way that no camera above a floor can see", _OTHER_PLACE),
+    ("too few", "have too few points in common", _UNPROVEN),
+    ("no plane fits", "have no flat piece of ground in common", _UNPROVEN),
+    ("outlier share", "have points in common of which most disagree", _UNPROVEN),
+    ("inliers crowded", "have points in common in one small place only", _WEAK),
+    ("homography poorly determined", "fit each other only vaguely", _WEAK),
     (
         "disagrees",
         "contradict the other links",
         "Only if the mosaic is cut or doubled where many of them lie (map.html shows them): fly that place "
         "again with more overlap.",
-        True,
     ),
-    ("agrees, but", "agree, but too little is known of where they lie", _WEAK, False),
+    ("agrees, but", "agree, but too little is known of where they lie", _WEAK),
     (
         "its part of the graph",
         "lie in a part that could not be solved",
         "See “Check this first” above.",
-        False,
     ),
 )
-"""The same of pairs of pictures, and whether the rest of the map contradicts the pair; else it is unproven:
-the pair shows too little to tell whether it is right. Other reasons are those of files that cannot be read.
-"""
+"""The same of pairs of pictures. Other reasons are those of files that cannot be read."""
 _UNREADABLE = (
     "unreadable", "picture cannot be read", "missing", "not a file", "truncated", "damaged", "empty",
     "zeroed", "larger than", "is ", "no PNG", "a TIFF",
@@ -127,7 +122,7 @@ class LeftOut:
     @property
     def verdict(self) -> str:
         """Verdict of a rejection on a match; empty for other data."""
-        return verdict_of(self.reason) if self.kind == "match" else ""
+        return rejection_kind(self.reason.removeprefix(_LOOP)) if self.kind == "match" else ""
 
     @property
     def kind(self) -> str:
@@ -138,20 +133,9 @@ class LeftOut:
         return next((kind for begin, kind in kinds.items() if self.reason.startswith(begin)), "link")
 
 
-def verdict_of(reason: str) -> str:
-    """Return the verdict of a rejection on a match."""
-    return CONTRADICTED if is_contradicted(reason) else UNPROVEN
-
-
-def is_contradicted(reason: str) -> bool:
-    """Return whether a rejected match contradicts the rest of the map; else too little speaks for it."""
-    bare = reason.removeprefix(_LOOP)
-    return next((false for beginning, _, _, false in _LINKS if bare.startswith(beginning)), False)
-
-
 def reason_in_words(reason: str) -> str:
     """Return why a match was rejected, in plain words, with the figures of the reason."""
-    words = next((f"they {what}" for beginning, what, _, _ in _LINKS if reason.startswith(beginning)), reason)
+    words = next((f"they {what}" for beginning, what, _ in _LINKS if reason.startswith(beginning)), reason)
     figures = reason.partition(" by " if reason.startswith("disagrees by ") else ": ")[2]
     for short, words_ in (
         ("sigma (", "standard deviations, "),
@@ -211,7 +195,7 @@ def _found(reason: str) -> tuple[str, str]:
     for beginning, what, act in () if of_loops else _REASONS:
         if bare.startswith(beginning):
             return what, act
-    for beginning, what, act, _ in _LINKS:
+    for beginning, what, act in _LINKS:
         if bare.startswith(beginning):
             if of_loops:
                 return f"Pairs of pictures of two visits that {what}", act

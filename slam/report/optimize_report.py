@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backend.wording import counted, either
-from slam.core.estimate import Estimate
+from slam.core.estimate import CONTRADICTED, Estimate
 from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
@@ -33,7 +33,7 @@ from slam.report.instrument_errors import (
     velocity_text,
 )
 from slam.report.instrument_table import instrument_table
-from slam.report.left_out import is_contradicted, left_out, reason_in_words, verdict_of
+from slam.report.left_out import left_out, reason_in_words
 from slam.report.map_picture import map_picture, picture, surveyed_marks
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.mosaic_marks import MapMarks
@@ -136,7 +136,7 @@ def render(
         else None,
         left_out=left_out(summary.rejected),
         rejected_loops=_rejected_loops(estimate),
-        verdicts={verdict_of(loop.reason) for loop in estimate.loops if loop.verdict == "rejected"},
+        verdicts={loop.finding for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),
         accuracy=(*accuracy.tables, *instrument_table(estimate, flight)),
         evaluated=told,
@@ -229,13 +229,13 @@ def _streams(summary: Summary) -> tuple[Item, ...]:
 
 def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
     rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
-    rejected.sort(key=lambda loop: not is_contradicted(loop.reason))  # the others are less worth a look
+    rejected.sort(key=lambda loop: loop.finding != CONTRADICTED)  # the others are less worth a look
     names = estimate.frame_names
     return tuple(
         RejectedLoop(
             f"{loop.i} – {loop.j}",
             f"{names[loop.i]} – {names[loop.j]}",
-            verdict_of(loop.reason),
+            loop.finding,
             reason_in_words(loop.reason),
         )
         for loop in rejected[:_MOST_REJECTED]

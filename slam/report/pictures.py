@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.estimate import Estimate
+from slam.core.estimate import CONTRADICTED, UNPROVEN, Estimate
 from slam.core.plot_style import (
     BLUE,
     GREEN,
@@ -29,7 +29,6 @@ from slam.core.units import length, unit
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.report.facts import heights_over_floor, is_placed
 from slam.report.gaps import Gap
-from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted
 from slam.report.mosaic_marks import MapMarks, with_marks, with_points
 
 if TYPE_CHECKING:
@@ -176,9 +175,8 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
     from matplotlib.collections import LineCollection
 
     kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
-    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
-    contradicted = [(loop.i, loop.j) for loop in rejected if is_contradicted(loop.reason)]
-    unproven = [(loop.i, loop.j) for loop in rejected if not is_contradicted(loop.reason)]
+    contradicted = [(loop.i, loop.j) for loop in estimate.loops if loop.finding == CONTRADICTED]
+    unproven = [(loop.i, loop.j) for loop in estimate.loops if loop.finding == UNPROVEN]
     for pairs, most, color, dash, alpha, what in (
         (unproven, _MOST_REJECTED, GREY, (0, (1, 3)), 0.8, UNPROVEN),
         (contradicted, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.6, CONTRADICTED),

@@ -14,11 +14,11 @@ from frontend.photographs import LoadsReduced
 from frontend.workers import Workers
 from slam.core.control_points import ControlReport
 from slam.core.errors import one_line
-from slam.core.estimate import Estimate
+from slam.core.estimate import CONTRADICTED, UNPROVEN, Estimate
 from slam.core.flight import Flight, Frames, Image
 from slam.core.units import length
 from slam.report.gaps import Gap
-from slam.report.left_out import CONTRADICTED, UNPROVEN, reason_in_words, verdict_of
+from slam.report.left_out import reason_in_words
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
     for loop in estimate.loops:
         if loop.verdict == "rejected":
             why = reason_in_words(loop.reason)
-            rejected[verdict_of(loop.reason)].append((loop.i, loop.j, why))
+            rejected[loop.finding].append((loop.i, loop.j, why))
     found = {}
     for kind, pairs in {**edges, **rejected}.items():
         shown = [pair for pair in pairs if placed[pair[0]] and placed[pair[1]]]

@@ -2,7 +2,8 @@
 
 import pytest
 
-from slam.report.left_out import CONTRADICTED, UNPROVEN, is_contradicted, left_out, reason_in_words
+from slam.core.estimate import CONTRADICTED, UNPROVEN, LoopVerdict
+from slam.report.left_out import left_out, reason_in_words
 
 
 def test_the_words_of_a_match_keep_all_figures_of_its_reason():
@@ -20,7 +21,7 @@ def test_the_words_of_a_match_keep_all_figures_of_its_reason():
     "reason", ["disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg", "implausible: 3 m", "out of reach"]
 )
 def test_a_match_that_the_map_contradicts_is_no_unproven_one(reason):
-    assert is_contradicted(reason)
+    assert LoopVerdict(0, 9, "rejected", reason).finding == CONTRADICTED
     assert left_out({f"loop: {reason}": 2})[0].verdict == CONTRADICTED
 
 
@@ -29,7 +30,7 @@ def test_a_match_that_the_map_contradicts_is_no_unproven_one(reason):
     ["too few inliers", "no plane fits the matches", "outlier share above gamma_1", "agrees, but too little"],
 )
 def test_a_match_that_shows_too_little_is_unproven(reason):
-    assert not is_contradicted(reason)
+    assert LoopVerdict(0, 9, "rejected", reason).finding == UNPROVEN
     assert left_out({f"loop: {reason}": 2})[0].verdict == UNPROVEN
     assert left_out({"too few features": 2})[0].verdict == ""
 

@@ -8,14 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.errors import one_line
-from slam.core.estimate import Estimate
+from slam.core.estimate import CONTRADICTED, UNPROVEN, Estimate
 from slam.io.exports.foxglove import messages
 
 Array = NDArray[np.float64]
 Message = Any
 
-COLOURS = {"neighbours": (138, 143, 152), "kept": (0, 158, 115), "rejected": (213, 94, 0)}
-"""Verdict -> colour; green and vermillion of Okabe and Ito, which colour-blind readers can distinguish."""
+COLOURS = {
+    "neighbours": (138, 143, 152),
+    "kept": (0, 158, 115),
+    CONTRADICTED: (213, 94, 0),
+    UNPROVEN: (204, 121, 167),
+}
+"""Verdict -> colour of Okabe and Ito, which colour-blind readers can distinguish."""
 MOST_ENTITIES = 2000
 """Links of a verdict: each is an object that a viewer draws, and that can be clicked."""
 
@@ -29,11 +34,14 @@ def link_entities(estimate: Estimate, shown: NDArray[np.int64], stamp_ns: int) -
     at, known = estimate.w_T_b[:, :3, 3], np.isin(np.arange(len(estimate.w_T_b)), shown)
     neighbours = [(e.i, e.j) for e in estimate.relative_poses if e.kind == "odometry"]
     kept = [(e.i, e.j, "") for e in estimate.relative_poses if e.kind == "loop"]
-    rejected = [(v.i, v.j, v.reason) for v in estimate.loops if v.verdict == "rejected"]
+    rejected = {
+        finding: [(v.i, v.j, v.reason) for v in estimate.loops if v.finding == finding]
+        for finding in (CONTRADICTED, UNPROVEN)
+    }
     pairs = np.array([p for p in neighbours if known[list(p)].all()], dtype=np.int64).reshape(-1, 2)
     entities = [messages.lines(stamp_ns, "neighbours", at[pairs], COLOURS["neighbours"])] * bool(len(pairs))
     notes = []
-    for verdict, found in (("kept", kept), ("rejected", rejected)):
+    for verdict, found in {"kept": kept, **rejected}.items():
         placed = [link for link in found if known[[link[0], link[1]]].all()]
         step = max(1, -(-len(placed) // MOST_ENTITIES))
         if step > 1:

@@ -23,7 +23,7 @@ def state(placed: list[bool], kept=NONE, rejected=NONE) -> tuple:
         10 * k,
         k * 10**9,
         w_T_b.reshape(-1, 4, 4),
-        {"neighbours": NONE, "kept": kept, "rejected": rejected},
+        {"neighbours": NONE, "kept": kept, "contradicted": rejected},
     )
 
 
@@ -65,7 +65,7 @@ def test_path_and_links_are_written_with_new_keyframes(path):
     assert [len(message.poses) for _, message in found(path, "/slam/path")] == [1, 2, 3]
     *_, (_, scene) = found(path, "/slam/links")
     ends = {entity.id: [p.x for p in entity.lines[0].points] for entity in scene.entities}
-    assert ends == {"neighbours": [], "kept": [0, 1], "rejected": [0, 2, 1, 2]}
+    assert ends == {"neighbours": [], "kept": [0, 1], "contradicted": [0, 2, 1, 2]}
 
 
 def grow(path, count: int, **options) -> None:

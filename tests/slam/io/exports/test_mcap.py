@@ -55,7 +55,7 @@ def rasters(folder: Path, grid: Grid) -> Path:
 def whole(tmp_path_factory) -> Path:
     """A map with everything."""
     folder = tmp_path_factory.mktemp("map")
-    rejected = LoopVerdict(0, 1, "rejected", "off by 7 m")
+    rejected = LoopVerdict(0, 1, "rejected", "disagrees by 7 sigma")
     estimate = made_map(
         *map(pose, AT),
         covariances=COVARIANCES,
@@ -163,14 +163,19 @@ def test_ground_has_the_mosaic_s_colours_at_the_surface_s_heights(whole):
 def test_links_have_the_colour_and_the_reason_of_their_verdict(whole):
     ((_, scene),) = messages(whole, "/slam/links")
     found = {entity.id: entity for entity in scene.entities}
-    assert list(found) == ["neighbours", "kept 0-1", "rejected 0-1"]
-    (line,) = found["rejected 0-1"].lines
+    assert list(found) == ["neighbours", "kept 0-1", "contradicted 0-1"]
+    (line,) = found["contradicted 0-1"].lines
     assert [(p.x, p.y, p.z) for p in line.points] == list(AT)
     assert line.type == line.LINE_LIST
     assert line.color.r > 2 * line.color.g
     assert found["kept 0-1"].lines[0].color.g > 2 * found["kept 0-1"].lines[0].color.r
-    about = {pair.key: pair.value for pair in found["rejected 0-1"].metadata}
-    assert about == {"verdict": "rejected", "from": "P0.jpg", "to": "P1.jpg", "reason": "off by 7 m"}
+    about = {pair.key: pair.value for pair in found["contradicted 0-1"].metadata}
+    assert about == {
+        "verdict": "contradicted",
+        "from": "P0.jpg",
+        "to": "P1.jpg",
+        "reason": "disagrees by 7 sigma",
+    }
 
 
 def test_places_status_and_warnings(whole):
@@ -221,7 +226,7 @@ def test_many_links_are_thinned_with_a_note(tmp_path, monkeypatch):
     monkeypatch.setattr(links, "MOST_ENTITIES", 2)
     estimate = made_map(*map(pose, AT), loops=(LoopVerdict(0, 1, "rejected", ""),) * 5)
     notes = export_map(exported(estimate), "mcap", tmp_path / "map.mcap")
-    assert notes == ("drawn: 2 of 5 rejected links; loops.csv has all",)
+    assert notes == ("drawn: 2 of 5 unproven links; loops.csv has all",)
 
 
 def test_pictures_of_another_flight_are_refused(tmp_path):
