@@ -68,10 +68,10 @@ class Gain:
 
     @property
     def foremost(self) -> ChannelError | None:
-        """The channel with the greatest relative gain two seconds ahead, or from picture to picture. It is
-        None where no error falls by more than ``MISFIT``, or where there are no errors."""
-        better = [c for c in self.judged if 0 < c.after < (1.0 - MISFIT) * c.before]
-        return min(better, key=lambda c: c.after / c.before, default=None)
+        """The channel with the greatest relative gain two seconds ahead, or from picture to picture; else at
+        another horizon. It is None where no error falls by more than ``MISFIT``."""
+        better = [c for c in self.channels if 0 < c.after < (1.0 - MISFIT) * c.before]
+        return min(better, key=lambda c: (c not in self.judged, c.after / c.before), default=None)
 
     @property
     def judged(self) -> tuple[ChannelError, ...]:
@@ -82,7 +82,9 @@ class Gain:
     def flies_worse(self) -> bool:
         """Whether some channel's error two seconds ahead grows by more than ``MISFIT`` and none falls by as
         much."""
-        return self.foremost is None and any(c.after > (1.0 + MISFIT) * c.before for c in self.judged)
+        return self.foremost not in self.judged and any(
+            c.after > (1.0 + MISFIT) * c.before for c in self.judged
+        )
 
 
 @dataclass(frozen=True)

@@ -212,7 +212,7 @@ def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str,
     values: dict[str, Interval] = {}
     for k, nuisance in enumerate(NUISANCES):
         x, std = expansion.quadratic.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
-        if best is not None and nuisance.name in best.std:
+        if best is not None and best.std.get(nuisance.name):  # 0 if no flight of the fit shows the constant
             x, std = nuisance.value_in(best.parameters), 1.96 * best.std[nuisance.name]
         ends = [x, x - std, x + std]
         if nuisance.form == "log":

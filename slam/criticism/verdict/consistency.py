@@ -57,12 +57,15 @@ CERTAIN_Z = 5.0
 """With 20 parameters the 1 % point of the statistic is 4.2 (Andrews, 1993, table I, by Bonferroni)."""
 
 
+_BETWEEN = "from flight to flight", "during a flight", "from channel to channel"
+
+
 @dataclass(frozen=True)
 class PartConsistency:
     """Consistency of a cause between parts of the flights."""
 
     by: str
-    """Kind of part: ``flight``, ``time`` or ``channel``."""
+    """Between which parts it changes: one of ``_BETWEEN``."""
     z: float
     """Normal deviate of the chi-square of their differences."""
     excess: float
@@ -100,8 +103,7 @@ def consistencies(
             continue
         answers.append(
             tuple(
-                _consistency(by, traces, white, part[:, i], own, precision)
-                for i, by in enumerate(("flight", "time", "channel"))
+                _consistency(by, traces, white, part[:, i], own, precision) for i, by in enumerate(_BETWEEN)
             )
         )
     return answers
@@ -149,7 +151,7 @@ def contradictions(
         whole = found.last.score_tests(rest, [effect])[0]
         if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if effect.is_saturation else whole.z):
             continue
-        descriptions[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
+        descriptions[effect.name] = f"changes {worst.by} (z = {worst.z:.1f})"
         if not effect.is_saturation and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
     return descriptions, refuted

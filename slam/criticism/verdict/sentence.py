@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from slam.core.names import enumerated
 from slam.core.units import spaced
-from slam.criticism.cause import FAINT, JUDGED_HORIZON_S, LIKELY, NOT_AHEAD_S, Cause, Gain
+from slam.criticism.cause import FAINT, LIKELY, NOT_AHEAD_S, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
@@ -27,8 +27,8 @@ _USE_IT = (
     "repair or calibrate it, and fly again to see it gone."
 )
 _LOOK = (
-    "look at the pictures of the unexplained channel in the report, and check its sensor, mounting and clock "
-    "first. Do not rely on the model's prediction of that channel."
+    "look at the pictures of what is unexplained in the report, and check the sensor, mounting and clock "
+    "that it concerns first. Do not rely on the model's predictions there."
 )
 _LISTED = "fly the manoeuvre that docs/recipes.md lists for these effects, and criticise the flights together"
 _WHAT_TO_DO: Mapping[Verdict, str] = {
@@ -77,7 +77,8 @@ def details(found: Criticism) -> tuple[str, ...]:
         together = "With all causes together, " if len(found.causes) > 1 else ""
         lines.append(f"{together}{ahead if together else ahead[0].upper() + ahead[1:]}.")
     if found.equivalence_set and found.verdict == "ambiguous":
-        lines.append(f"Effects that the flights cannot distinguish: {_with_probabilities(found)}.")
+        alike = ", ".join(f"{n} (probability {found.probability_of(n):.2f})" for n in found.equivalence_set)
+        lines.append(f"Effects that the flights cannot distinguish: {alike}.")
     lines += [f"Unexplained: {part}." for part in found.unexplained]
     if found.noise_correlation:
         shares = ", ".join(f"{name} ({share:.2f})" for name, share in found.noise_correlation.items())
@@ -182,15 +183,14 @@ def _gain_of_channel(gain: Gain) -> str:
     if most.horizon_s == NOT_AHEAD_S:
         what = "the reprojection error from picture to picture"
     else:
-        what = f"the error of {most.channel} {JUDGED_HORIZON_S:g} s ahead"
+        what = f"the error of {most.channel} {most.horizon_s:g} s ahead"
     return f"on held-out {gain.by}s {what} is {most.after:.2g} {most.unit} instead of {most.before:.2g}"
 
 
 def _gain_in_nats(gain: Gain) -> str:
     if gain.by is None:
         return f"single readings show it, by {gain.nats:.0f} nats of log likelihood"
-    no_better = gain.foremost is None and gain.channels
-    ahead = f", and no channel is better {JUDGED_HORIZON_S:g} s ahead" if no_better else ""
+    ahead = ", and no channel is predicted better" if gain.foremost is None and gain.channels else ""
     return f"on held-out {gain.by}s the log likelihood gains {gain.nats:.0f} nats{ahead}"
 
 
@@ -212,10 +212,6 @@ def _excluded(cause: Cause) -> str:
 def _listed_causes(causes: Sequence[Cause]) -> str:
     """Return the names with their probabilities."""
     return enumerated([f"{c.name} (probability {c.probability:.2f})" for c in causes])
-
-
-def _with_probabilities(found: Criticism) -> str:
-    return ", ".join(f"{n} (probability {found.probability_of(n):.2f})" for n in found.equivalence_set)
 
 
 def _one_a_family(names: Iterable[str]) -> list[str]:

@@ -173,16 +173,22 @@ def test_the_next_best_is_reported_where_it_is_excluded():
     assert "next best" not in sentence(lead_nats=float("inf"))
 
 
-@pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])
+@pytest.mark.parametrize("channels", [(), (WORSE,)])
 def test_where_no_reading_gains_the_likelihood_is_reported(channels: tuple[ChannelError, ...]):
     text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, *channels),)))
     assert "the log likelihood gains 45 nats" in text
 
 
+def test_a_gain_at_another_horizon_is_told_with_that_horizon():
+    text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, SOON, WORSE),)))
+    assert f"of {SOON.channel} {SOON.horizon_s:g} s ahead is {SOON.after:.2g}" in text
+    assert made(NAMES[0], 1.0, SOON, WORSE).gain.flies_worse
+
+
 def test_a_gain_that_no_reader_could_see_is_none():
     hardly = ChannelError("pitch", "rad", 2.0, 0.0210, 0.0208)
     text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, hardly),)))
-    assert "no channel is better 2 s ahead" in text
+    assert "no channel is predicted better" in text
     assert "0.021" not in text
     assert "2 s ahead" not in headline(Criticism("named", causes=(made(NAMES[0], 1.0),)))
 
