@@ -168,7 +168,7 @@ def _pause(flight: Flight, record: Record) -> str:
 def _unusable(flight: Flight) -> str:
     span_s = readings_span_s(flight)
     if span_s is None:
-        return "no imu, attitude, velocity or sonar readings to judge"
+        return "no usable imu, attitude, velocity or sonar readings are left to judge"
     begin, end = span_s
     if end - begin < SHORTEST_S:
         return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"

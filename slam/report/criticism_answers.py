@@ -77,6 +77,10 @@ def _else(result: Criticism, alike: Sequence[str]) -> list[str]:
             told.append(f"Instead of {cause.name} (probability {cause.probability:.2f}) perhaps {rivals}.")
     if result.causes and not told:
         told.append("Nothing else in the catalogue explains these flights as well.")
+        found = {cause.name for cause in result.causes}
+        near = {b if a in found else a for a, b, _ in result.confusable if (a in found) != (b in found)}
+        if near:
+            told.append(f"{enumerated(sorted(near))} would look much alike here, but fits them worse.")
     return told
 
 
@@ -90,7 +94,7 @@ def _doubted(result: Criticism) -> str:
         return ""
     if named:
         return f"{enumerated(named)}."
-    check = " Check those whose readings “What is not explained?” names." if result.unexplained else ""
+    check = " What is not explained may still be one." if result.unexplained else ""
     return f"None: no cause that was found is an error of a sensor.{check}"
 
 

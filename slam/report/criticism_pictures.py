@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_BARS = 12
+RIVALS = 3
+"""Number of causes that are shown for comparison though they are improbable: those that stand out most."""
 SHOWN_PROBABILITY = 0.005
 """Least probability of a bar: below it two digits show 0.00."""
 CHECKS_A_ROW = 6
@@ -81,7 +83,13 @@ def ranking_picture(result: Criticism) -> bytes:
     """Draw bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
     always = [r for r in result.ranking if r.name in _IN_WORDS]
     chosen = {cause.name for cause in result.causes}
-    possible = [r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen]
+    next_ = sorted(
+        (r for r in result.ranking if r not in always and r.name not in chosen), key=lambda r: -r.z
+    )
+    next_ = next_[:RIVALS]
+    possible = [
+        r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen or r in next_
+    ]
     named = sorted((r for r in possible if r not in always), key=lambda r: (-r.probability, -r.z))
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
     from matplotlib.figure import Figure

@@ -23,6 +23,7 @@ from slam.report.page import Item, embedded, render_page
 if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.criticism import Criticism
+    from slam.criticism.cause import Gain
     from slam.evaluation.map_gain import MapGain
 
 VERDICTS = {
@@ -98,6 +99,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
         by=gain.by if gain else None,
+        of_pictures=gain is not None and any(c.horizon_s == 0.0 for c in gain.channels),
         gain_caption=HELD_OUT_DOTS if gain and gain.by else IN_SAMPLE_DOTS,
         calibration=_calibration(result),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
@@ -124,12 +126,22 @@ def _tiles(result: Criticism) -> list[Item]:
     if result.causes:
         first = result.causes[0]
         tiles.append(Item(f"probability of {first.name}", f"{first.probability:.3f}"))
-        what = "log likelihood of held-out data" if first.gain.by else "log likelihood of its readings"
-        tiles.append(Item(what, f"{first.gain.nats:+.1f} nats"))
+        tiles.append(_gain_tile(first.gain))
     elif result.ranking:
         strongest = max(result.ranking, key=lambda r: r.z)
         tiles.append(Item(f"strongest of all ({strongest.name})", f"{strongest.z:.1f} sigma"))
     return tiles
+
+
+def _gain_tile(gain: Gain) -> Item:
+    """Return the gain of the causes in the error that falls most, or else in the likelihood."""
+    most = gain.foremost
+    if gain.by and most:
+        ahead = f"{most.horizon_s:g} s ahead" if most.horizon_s else "from picture to picture"
+        change = f"{100 * (most.after / most.before - 1):+.0f} %"
+        return Item(f"error of {most.channel} {ahead}, on held-out data", change)
+    what = "log likelihood of held-out data" if gain.by else "log likelihood of its readings"
+    return Item(what, f"{gain.nats:+.1f} nats")
 
 
 def cause_rows(result: Criticism) -> list[CauseRow]:
@@ -181,7 +193,8 @@ def covariate_caption(result: Criticism) -> str:
     )
     text = (
         f"Vertical axis: {what}. Horizontal axis: the error that {found.cause} predicts. The means without "
-        "it follow the dashed line as far as it explains the error; those with it should be flat."
+        "it follow the dashed line as far as it explains the error; those with it should be flat, and a "
+        "slope of these is left unexplained."
     )
     if not found.rival:
         return text

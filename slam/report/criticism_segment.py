@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.criticism.verdict.criticism import Criticism
     from slam.simulation.model import Model
+    from slam.simulation.replay import Comparison
 
 Array = NDArray[np.float64]
 
@@ -49,6 +50,13 @@ class _Misfit:
     measured: Array
     before: Array
     after: Array
+    restarts_s: Array
+
+    def line_of(self, predicted: Array) -> tuple[Array, Array]:
+        """Return the times from the first reading, and predictions, with a break at every restart."""
+        at = np.searchsorted(self.stamps_s, self.restarts_s)
+        at = at[(at > 0) & (at < len(self.stamps_s))]
+        return np.insert(self.stamps_s - self.stamps_s[0], at, np.nan), np.insert(predicted, at, np.nan)
 
 
 def evidence_segment(result: Criticism, flights: Sequence[Flight]) -> Segment | None:
@@ -100,17 +108,19 @@ def before_after_picture(
                 continue
             if old.name.startswith("imu.") or (channel is None and old.noise_std <= 0):
                 continue  # the noise of an imu hides the effect; a truth has no noise to scale by
-            found = _worst(flight.name, old.name, old.unit, old.noise_std, old.stamps_s, old.measured,
-                           old.restarted, new.restarted)  # fmt: skip
+            found = _worst(flight.name, old, new, pair[0].restarts_s)
             if found is not None and (best is None or found.size > best.size):
                 best = found
     if best is None:
         return None
     figure, axes = new_figure(7.2, 3.2)
     time = best.stamps_s - best.stamps_s[0]
-    axes.plot(time, best.measured, ".", color=GREY, markersize=3, label="measured")
-    axes.plot(time, best.before, color=VERMILLION, linewidth=1.4, label=f"model {model.name}")
-    axes.plot(time, best.after, color=BLUE, linewidth=1.4, label="extended model")
+    axes.plot(time, best.measured, ".", color=GREY, markersize=5, label="measured")
+    for side, name, colour in (
+        (best.before, f"model {model.name}", VERMILLION),
+        (best.after, "extended model", BLUE),
+    ):
+        axes.plot(*best.line_of(side), ".-", color=colour, markersize=3, linewidth=1.4, label=name)
     axes.set_xlabel(f"time from {best.stamps_s[0]:.1f} s of {best.flight} [s]")
     axes.set_ylabel(f"{best.channel} [{best.unit}]")
     legend_below(axes)
@@ -118,24 +128,23 @@ def before_after_picture(
     fitted = "; the extension was fitted on the other flights" if best.flight in (unseen or {}) else ""
     caption = (
         f"{best.channel} over the {SEGMENT_S:g} s with the model's largest error{fitted}. Both models get "
-        f"the same commands and restart from the measured state every {RESTART_S:g} s; nothing else is fed "
-        f"back. Error {rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
+        f"the same commands and restart from the measured state every {RESTART_S:g} s, where the lines "
+        f"break; nothing else is fed back. Root mean square error {rms[0]:.3g} {best.unit} before, "
+        f"{rms[1]:.3g} {best.unit} after."
     )
     return Segment("Before and after", png(figure), caption)
 
 
-def _worst(
-    flight: str, channel: str, unit: str, noise_std: float, stamps_s: Array, measured: Array,
-    before: Array, after: Array,
-) -> _Misfit | None:  # fmt: skip
-    """The window of a channel in which ``before`` has its largest misfit."""
+def _worst(flight: str, old: Comparison, new: Comparison, restarts_s: Array) -> _Misfit | None:
+    """The window of a channel in which the ``old`` model's prediction has its largest misfit."""
+    stamps_s, measured, before, after = old.stamps_s, old.measured, old.restarted, new.restarted
     known = np.isfinite(measured) & np.isfinite(before) & np.isfinite(after)
     end = np.searchsorted(stamps_s, stamps_s + SEGMENT_S)
     count = np.concatenate([[0], np.cumsum(known)])
     inside = count[end] - count[:-1]
     if inside.max(initial=0) < FEWEST_SAMPLES:
         return None
-    off = np.where(known, np.abs(before - measured), 0.0) / (noise_std or 1.0)
+    off = np.where(known, np.abs(before - measured), 0.0) / (old.noise_std or 1.0)
     # A single second echo is not a misfit of the model.
     off = np.minimum(off, np.quantile(off[known], 1.0 - CLIPPED_SHARE))
     total = np.concatenate([[0.0], np.cumsum(off)])
@@ -143,8 +152,8 @@ def _worst(
     k = int(np.argmax(error))
     part = slice(k, int(end[k]))
     return _Misfit(
-        size=float(error[k]), flight=flight, channel=channel, unit=unit, stamps_s=stamps_s[part],
-        measured=measured[part], before=before[part], after=after[part],
+        size=float(error[k]), flight=flight, channel=old.name, unit=old.unit, stamps_s=stamps_s[part],
+        measured=measured[part], before=before[part], after=after[part], restarts_s=restarts_s,
     )  # fmt: skip
 
 

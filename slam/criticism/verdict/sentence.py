@@ -206,7 +206,7 @@ def _excluded(cause: Cause) -> str:
     explained = FAIR_SHARE * 0.5 * cause.z**2
     if len(cause.alternatives) > 1 or not cause.rival or not 0.0 < cause.lead_nats < explained:
         return ""
-    return f"; {cause.rival}, the next best, explains {cause.lead_nats:.0f} nats less"
+    return f"; {cause.rival}, the next best, fits the flights worse by {cause.lead_nats:.0f} nats"
 
 
 def _listed_causes(causes: Sequence[Cause]) -> str:

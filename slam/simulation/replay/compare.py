@@ -66,6 +66,8 @@ class Replay:
     skipped: dict[float, int]
     """Horizon -> number of roll-outs that could not begin for lack of readings."""
     shown_s: float
+    restarts_s: Array
+    """Begins of the roll-outs, one after the other, that a channel's ``restarted`` joins."""
     pushes_s: tuple[tuple[float, float], ...]
     """Begin and end of each time in which the stick asks for a tilt."""
     warnings: tuple[str, ...]
@@ -137,6 +139,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
         rollouts=counts,
         skipped=skipped,
         shown_s=shown_s,
+        restarts_s=np.array([roll.begin_s for roll in consecutive]),
         pushes_s=stick.pushes_s(whole.begin_s, end_s),
         warnings=(*notes, *starts.warnings),
     )

@@ -19,7 +19,7 @@ MOTION = (
         family="motion",
         acts_on="command",
         parameters=(size("T", "s", 0.03, 0.25, 2.0),),
-        equation="the vehicle follows s(t - T)",
+        equation="the vehicle follows the stick s(t - T)",
         confounders=("attitude_lag",),
         excitation=(
             "pulses of 0.3 s or less, logged at 50 Hz or more; a clock offset of the log has the same effect"

@@ -201,7 +201,7 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
         == "The error of gyro_x changes with speed (by 7.0 standard deviations)."
     )
     assert found["What do I do next?"] == "Fly steps of three sizes."
-    assert "Check those whose readings" in found["Which sensor is doubted?"]
+    assert "What is not explained may still be one" in found["Which sensor is doubted?"]
     assert found["Which sensor is doubted?"].endswith("larger than stated: gyro 29 times.")
     assert "flight_09: never moves." in found["What was not judged, or could not be seen?"]
 

@@ -168,7 +168,7 @@ def test_the_next_best_is_reported_where_it_is_excluded():
     def sentence(**how) -> str:
         return " ".join(details(Criticism("named", causes=(made(NAMES[0], 1.0, SPEED, **how),))))
 
-    assert "asymmetric_drag, the next best, explains 20 nats less" in sentence()
+    assert "asymmetric_drag, the next best, fits the flights worse by 20 nats" in sentence()
     assert "next best" not in sentence(alternatives=NAMES[1:2])
     assert "next best" not in sentence(lead_nats=float("inf"))
 
