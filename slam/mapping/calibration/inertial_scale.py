@@ -57,6 +57,13 @@ class AccelerometerScale:
         )
 
     @property
+    def share(self) -> float:
+        """Weight of its lengths in those of a map that uses them beside its own."""
+        if self.map_std is None:
+            return 1.0
+        return self.map_std**2 / (self.map_std**2 + self.lengths.log_std**2)
+
+    @property
     def helps(self) -> bool:
         """Whether the map's scale would be known better with it."""
         return not self.contradiction and (

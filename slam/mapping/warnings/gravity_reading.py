@@ -7,8 +7,9 @@ error to expect is
     e = (reading - g) / g * (g s_e)^2 / ((g s_e)^2 + s_b^2)
 
 with the standard deviations s_e and s_b that the map assumes of both (the posterior mean of two Gaussian
-variables whose sum is known; Bar-Shalom, Li and Kirubarajan 2001, section 1.4.14). It changes the lengths of
-the map by e times the sensitivity of the scale to the gain. As with other errors that all measurements share
+variables whose sum is known; Bar-Shalom, Li and Kirubarajan 2001, section 1.4.14). It changes lengths by the
+accelerometer by e times the sensitivity of their scale to the gain. Those of the map change by the share that
+the accelerometer has in them beside other instruments. As with other errors that all measurements share
 (`slam.mapping.warnings.systematic_warning`), the status names it where it exceeds what the map states.
 """
 
@@ -49,9 +50,10 @@ def gravity_line(context: Context, map_: Map) -> GravityLine:
         return GravityLine(
             reading.warning, Note(f"{reading.reads}; the lengths of the map do not rest on it")
         )
-    expected = expected_length_error(
+    by_accelerometer = expected_length_error(
         reading, inertial.found.gain_slopes, config.trust.accel_gain_std, config.inertial.accel_offset_m_s2
     )
+    expected = inertial.share * by_accelerometer
     stated = map_.bundle.scale_std if map_.bundle is not None else None
     return judged(reading, expected, stated)
 
@@ -76,7 +78,7 @@ def judged(reading: GravityReading, expected: float, stated: float | None) -> Gr
 def expected_length_error(
     reading: GravityReading, gain_slopes: tuple[float, float, float], gain_std: float, offset_std_m_s2: float
 ) -> float:
-    """Return the share by which lengths are expected to be wrong, as the module defines it.
+    """Return the share by which lengths by the accelerometer are expected to be wrong, as the module says.
 
     ``gain_slopes``: d log(scale) / d log(gain) along the axes of the body.
     """

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from backend.bundle.graph import ScalePrior
+from backend.inertial_scale.scale import InertialScale
 from backend.measurements import GRAVITY_M_S2
 from slam.core.imu_at_rest import GravityReading
 from slam.core.messages import is_note
+from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.warnings.gravity_reading import expected_length_error, judged
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -33,6 +38,18 @@ def test_only_the_axes_along_gravity_count() -> None:
     turned = expected_length_error(reading(9.0, np.array([1.0, 0, 0])), slopes, 0.02, 0.3)
     assert turned == pytest.approx(9 * upright)
     assert expected_length_error(reading(9.0), slopes, 1e-9, 0.3) == pytest.approx(0, abs=1e-12)
+
+
+def test_lengths_of_a_map_follow_the_accelerometer_by_its_share() -> None:
+    """They are the weighted mean of two measurements, as least squares have it: here of a range and of an
+    accelerometer that is 1.4 % wrong."""
+    found = InertialScale(1.0, 0.01, (0.0,) * 3, (0.1,) * 3, (0.0,) * 3, (0.1,) * 3, (0.0, 0.0, 0.6))
+    alone = AccelerometerScale(found, ScalePrior(1.0, 0.0144), None)
+    assert alone.share == 1.0
+    weights = 1 / np.array([0.0521, 0.0144])
+    (merged,) = np.linalg.lstsq(weights[:, None], weights * [0.0, 0.014], rcond=None)[0]
+    beside_ranges = replace(alone, map_std=0.0521)
+    assert beside_ranges.share * 0.014 == pytest.approx(merged)
 
 
 @pytest.mark.parametrize(("stated", "in_status"), [(0.02, False), (0.004, True), (None, True)])
