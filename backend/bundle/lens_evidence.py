@@ -1,7 +1,7 @@
 """Evidence of what is told of a lens: priors of several widths about the same numbers, compared.
 
-The lens is estimated under the widest prior. About that estimate the likelihood is taken as normal, so that
-the marginal likelihood of each narrower prior has a closed form, at the same noise and observations.
+The lens is estimated under one prior, best the widest. About that estimate the likelihood is taken as normal,
+so that the marginal likelihood of every other prior has a closed form, at the same noise and observations.
 
 Relief and matches that are wrong together make residuals of one picture dependent, so that the covariance of
 the estimate is too small. The likelihood therefore counts by its design effect: the variance between pictures
@@ -36,17 +36,18 @@ VERY_STRONG = 5.0
 def log_evidence_of_priors(optimum: BundleOptimum, told: Sequence[PinholeModel]) -> Array:
     """Return the logarithms of the marginal likelihoods of what cameras ``told``, up to a common constant.
 
-    ``optimum`` was found under the widest prior, with the same mean. The first of the cameras has the
-    narrowest one. Raises ``SingularMatrixError`` where the flight leaves a direction open.
+    ``optimum`` was found under a prior with the same mean. What is extrapolated from a narrow one is less
+    exact. The first of the cameras has the narrowest prior. Raises ``SingularMatrixError`` where the flight
+    leaves a direction open.
     """
     reduced = optimum.linearise().eliminate()
-    widest = told_covariance(optimum.problem.camera)
-    unit = np.sqrt(np.diag(widest))
+    prior = told_covariance(optimum.problem.camera)
+    unit = np.sqrt(np.diag(prior))
     scale = np.outer(unit, unit)
     lens = Cameras.of(optimum.problem, optimum.values).calibration
     off = (lens - told_calibration(optimum.problem.camera)) / unit
     posterior = np.linalg.inv(reduced.calibration_covariance / scale)
-    information = posterior - np.linalg.inv(widest / scale)
+    information = posterior - np.linalg.inv(prior / scale)
     # The gradient of the likelihood by the told numbers: at the estimate, the prior holds against it.
     gradient = posterior @ off
     priors = [told_covariance(camera) / scale for camera in told]

@@ -212,7 +212,7 @@ def freed_calibrations(
         return Freed(with_lens_of(camera, refined.camera), gps)
     suspected = suspects(refined.bundle, errors)
     if errors is None or not suspected.refuted:
-        doubted = lens_is_suspect or is_told_lens_doubted(refined)
+        doubted = lens_is_suspect or is_told_lens_doubted(camera, refined)
         return _freed_from_told(context, refined) if doubted else None
     with context.timer("refine"):
         trial = refine_map(refined, suspected.free(context.setup), context.job.progress)

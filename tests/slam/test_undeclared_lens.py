@@ -13,10 +13,13 @@ import pytest
 from slam.cli.source import open_flight
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
+from slam.core.geodesy import geodetic_from_enu
 from slam.core.progress import silent
 from slam.evaluation import evaluate
+from slam.io.photos.camera import photo_camera
+from slam.io.photos.exif import PhotoTags
 from slam.mapping.pipeline import optimize
-from tests.slam.photo_survey import survey
+from tests.slam.photo_survey import FOCAL_PX, ORIGIN, survey
 from tests.slam.small_flight import flown, only, seeing
 from tests.slam.whole_job import normal
 
@@ -201,6 +204,46 @@ def test_a_wrong_focal_length_of_a_maker_is_estimated(ratio: float) -> None:
     assert lens["fx"].told_std > 0.02 * told
     off_m = estimate.w_T_b[:, :3, 3] - made.w_T_c[estimate.frame_index, :3, 3]
     assert np.sqrt(np.mean((off_m - off_m.mean(axis=0)) ** 2)) < 0.03
+
+
+def twelve_photographs(focal_px: float) -> Flight:
+    """Photographs with RTK over flat ground at the height of `ORIGIN`, and tags of a maker's calibration."""
+    flight = survey(rows=4, gps_std_m=0.02).flight
+    assert flight.camera is not None
+    tagged, _ = photo_camera([PhotoTags(flight.camera.size_px, dewarp=(focal_px, focal_px, *[0.0] * 7))])
+    return replace(flight, camera=replace(tagged, b_T_c=flight.camera.b_T_c), surveyed=())
+
+
+def assert_ground_as_told(estimate: Estimate) -> None:
+    """The height of the ground is within two standard deviations, each at most half a per cent of 30 m."""
+    assert estimate.floor_points is not None
+    assert estimate.origin is not None
+    *_, altitude_m = geodetic_from_enu(estimate.floor_points.on_map(estimate.w_T_b), estimate.origin)
+    std_m = np.median(estimate.floor_points.std_m[:, 2])
+    assert abs(np.median(altitude_m) - ORIGIN.altitude_m) < 2 * std_m < 0.3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.96, 1.0, 1.04])
+def test_a_focal_length_in_tags_is_no_calibration(ratio: float) -> None:
+    """Held to half a per cent, the ground was 0.36 m off with 0.1 m told, and the status ok."""
+    estimate = optimize(twelve_photographs(ratio * FOCAL_PX))
+    assert estimate.status == "ok"
+    assert_ground_as_told(estimate)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("std_ratio", [0.0, 0.005])
+@pytest.mark.parametrize("ratio", [0.96, 1.04])
+def test_a_calibration_of_the_user_that_is_wrong_is_told(ratio: float, std_ratio: float) -> None:
+    flight = twelve_photographs(ratio * FOCAL_PX)
+    assert flight.camera is not None
+    others = {} if std_ratio else {"center_std_px": 0.0, "radial_std": 0.0, "tangential_std": 0.0}
+    camera = replace(flight.camera, focal_std_ratio=std_ratio, aspect_std_ratio=0.0, **others)
+    estimate = optimize(replace(flight, camera=camera))
+    assert estimate.status.startswith("cam0: ")
+    assert "contradicts the pictures" in estimate.status
+    assert_ground_as_told(estimate)
 
 
 @pytest.mark.slow

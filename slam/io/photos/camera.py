@@ -36,15 +36,18 @@ _UNDISTORT = "undistort the pictures"
 """Advice where a lens is too wide for the camera model."""
 _FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 _FOCAL_STD_RATIO = {
-    "dewarp": 0.005,
-    "lens": 0.005,
+    "dewarp": NOMINAL_FOCAL_STD_RATIO,
+    "lens": NOMINAL_FOCAL_STD_RATIO,
     "calibrated": NOMINAL_FOCAL_STD_RATIO,
     "tags": NOMINAL_FOCAL_STD_RATIO,
     "assumed": ASSUMED_FOCAL_STD_RATIO,
 }
-"""Relative standard deviation of the focal length by source. CalibratedFocalLength is the designed one (DJI,
-user manual of the Mavic 3M, XMP fields), so nominal. Pixels are square, but the two focal lengths of a
-maker's calibration differ by 0.9 % (DewarpData of a Phantom 4 Multispectral): each is off by 0.6 %."""
+"""Relative standard deviation of the focal length by source. No tag is the calibration of its user: focus and
+temperature are not those of the factory. The two that one maker tells of one lens differ by 2.7 % (DewarpData
+and CalibratedFocalLength of a Phantom 4 Multispectral), and which is nearer no tag tells."""
+_ASPECT_STD_RATIO = 0.005
+"""The same of either focal length of ``DewarpData`` about both. Pixels are square, but these differ by 0.9 %
+(Phantom 4 Multispectral)."""
 _MAX_FOCAL_RATIO = 1.15
 """Largest ratio of the two Exif focal lengths. Rounding to a millimetre and crops lead to smaller ones."""
 
@@ -161,7 +164,7 @@ def _dewarped(camera: Camera, tags: PhotoTags) -> Camera:
         camera,
         focal_px=(fx * scale, fy * scale),
         # The maker states both focal lengths. Of other cameras the pixels are square.
-        aspect_std_ratio=camera.focal_std_ratio,
+        aspect_std_ratio=_ASPECT_STD_RATIO,
         center_px=(u + cx * scale, v + cy * scale),
         distortion=(0.0, 0.0, 0.0, 0.0) if tags.dewarped else tuple(distortion),
     )

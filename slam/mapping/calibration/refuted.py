@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from backend.bundle.accuracy.systematic_errors import FALSE_ALARMS, ErrorTest, SystematicErrors
+from backend.bundle.accuracy.systematic_errors import ErrorTest, SystematicErrors
 from backend.bundle.accuracy.systematic_terms import LENS_KINDS, Kind
-from backend.bundle.lens import told_calibration, told_covariance
 from backend.bundle.lens_evidence import VERY_STRONG, log_evidence_of_priors
 from backend.bundle.refinement import Bundle
-from backend.quantiles import chi_square_limit
 from backend.sparse_cholesky import SingularMatrixError
 from frontend.camera import Camera
 from slam.core.flight import Gps
@@ -29,6 +28,7 @@ from slam.mapping.map import Map
 from slam.mapping.refine_part import pinhole_model
 from slam.mapping.setup import Setup
 
+Array = NDArray[np.float64]
 Held = Literal["lens", "antenna"]
 HELD: tuple[Held, ...] = ("lens", "antenna")
 """Calibrations that may be held."""
@@ -131,18 +131,17 @@ def is_held_lens_suspect(bundle: Bundle, tested: ErrorTest) -> bool:
     return any(tested.p_values.get(kind, 1.0) < _SUSPECT for kind in LENS_KINDS)
 
 
-def is_told_lens_doubted(map_: Map) -> bool:
+def is_told_lens_doubted(camera: Camera, map_: Map) -> bool:
     """Return whether a map contradicts what is told of its lens, or positions that its lens may have bent.
 
-    The estimate is then farther from what is told than chance makes it.
+    The evidence of a wider prior, extrapolated from the told one, is then the larger. The distance from what
+    is told does not show it: what is told as certain pulls the estimate towards itself.
     """
-    lens = None if map_.bundle is None else map_.bundle.lens
-    if map_.bundle is None or lens is None:
+    if map_.stated_accuracy:
+        return True
+    if map_.bundle is None or map_.bundle.lens is None:
         return False
-    told = map_.bundle.optimum.problem.camera
-    off = lens.calibration - told_calibration(told)
-    squares = float(off @ np.linalg.solve(told_covariance(told), off))
-    return bool(map_.stated_accuracy) or squares > chi_square_limit(FALSE_ALARMS, len(off))
+    return bool(_evidence(camera, map_).argmax() > 0)
 
 
 def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
@@ -153,17 +152,31 @@ def lens_by_evidence(camera: Camera, trial: Map) -> tuple[Camera, str]:
     """
     if trial.bundle is None or trial.bundle.lens is None or trial.camera.lens != camera.lens:
         return camera, ""
-    priors = (camera, as_nominal(camera), as_assumed(camera))
-    try:
-        evidence = log_evidence_of_priors(trial.bundle.optimum, [pinhole_model(prior) for prior in priors])
-    except SingularMatrixError:
-        return camera, ""
+    evidence = _evidence(camera, trial)
     best = int(np.argmax(evidence))
     if evidence[best] - evidence[0] <= VERY_STRONG:
         return camera, ""
     if odd := OddFocal.of(camera, trial):
         return camera, odd.warning(used=False)
-    return with_lens_of(priors[best], trial.camera), ""
+    return with_lens_of(_priors(camera)[best], trial.camera), ""
+
+
+def _priors(camera: Camera) -> tuple[Camera, ...]:
+    """Return the lens as told, the narrowest of the priors, and as wider ones."""
+    return camera, as_nominal(camera), as_assumed(camera)
+
+
+def _evidence(camera: Camera, map_: Map) -> Array:
+    """Return the logarithms (3,) of the evidence of each of `_priors` on a map with an estimated lens.
+
+    They are equal where the flight leaves a direction open.
+    """
+    assert map_.bundle is not None
+    priors = _priors(camera)
+    try:
+        return log_evidence_of_priors(map_.bundle.optimum, [pinhole_model(prior) for prior in priors])
+    except SingularMatrixError:
+        return np.zeros(len(priors))
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,13 @@ SCENE = replace(WRONG_LENS, keyframes=16, radial=0.0, center_off_px=(0.0, 0.0), 
 SCENE_AS_TOLD = replace(SCENE, focal_ratio=1.0)
 
 
-def evidence(scene: Scene, seed: int) -> np.ndarray:
-    """Logarithms of the evidence of a maker's focal length, a nominal and an assumed one, less the first."""
+def evidence(scene: Scene, seed: int, under: int = -1) -> np.ndarray:
+    """Logarithms of the evidence of a maker's focal length, a nominal and an assumed one, less the first.
+
+    ``under``: number of the prior with which the map is made.
+    """
     told = [replace(scene.camera, focal_std_ratio=std) for std in (MAKERS, NOMINAL, ASSUMED)]
-    made = make(replace(scene, camera=told[-1]), seed)
+    made = make(replace(scene, camera=told[under]), seed)
     bundle = refine(made.measurements, made.start, made.floor_z_m)
     found = log_evidence_of_priors(bundle.optimum, told)
     return found - found[0]
@@ -40,6 +43,12 @@ def test_a_lens_that_is_as_told_is_not_doubted():
 def test_a_wrong_focal_length_is_refuted(focal_ratio: float):
     found = evidence(replace(SCENE, focal_ratio=focal_ratio), 0)
     assert found[2] > found[1] > VERY_STRONG
+
+
+@pytest.mark.parametrize("focal_ratio", [0.9, 1.1])
+def test_a_map_under_the_told_prior_shows_that_a_wider_one_is_better(focal_ratio: float):
+    assert evidence(SCENE_AS_TOLD, 0, under=0).argmax() == 0
+    assert evidence(replace(SCENE, focal_ratio=focal_ratio), 0, under=0).argmax() > 0
 
 
 @pytest.mark.slow
