@@ -83,11 +83,11 @@ def _loops_against_truth(evaluation: Evaluation) -> str:
 def _map_against_truth(evaluation: Evaluation) -> str:
     if not evaluation.metric:
         return "Its lengths are no metres: the table below compares them with their scale aligned."
-    whom = "the truth" if evaluation.reference == "truth" else "the GPS"
+    whom = "the true path recorded with the flight" if evaluation.reference == "truth" else "the GPS"
     error = evaluation.ate_m
     text = (
-        f"Typically {length(error.rmse)} and at most {length(error.max)}, compared with {whom} at "
-        f"{evaluation.associated} keyframes."
+        f"Typically {length(error.rmse)} and at most {length(error.max)}, compared with {whom}, at "
+        f"the cameras of {evaluation.associated} keyframes."
     )
     if evaluation.landmarks:
         ways = [row.error_percent for row in evaluation.landmarks]
@@ -103,7 +103,10 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         if pose.mean > pose.upper95:
             text += " The errors are larger than the stated uncertainty allows: trust it less."
         else:
-            text += " The errors are no larger than the stated uncertainty allows."
+            text += (
+                " The errors are no larger than the stated uncertainty allows; on one flight they may be far "
+                "smaller, because an error that all lengths share is drawn once."
+            )
     return text
 
 
@@ -136,7 +139,7 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
     for gap in evaluation.loop_gaps:
         errors = (gap.error_m.chain, gap.error_m.odometry, gap.error_m.loops)
         ours = (_length(error) for error in errors)
-        rows.append((f"gap {gap.name}", f"{gap.truth_m:.3f} m", *("" for _ in theirs), *ours))
+        rows.append((f"gap {gap.name}, and its error", f"{gap.truth_m:.3f} m", *("" for _ in theirs), *ours))
     headings = ("paper, stitched", "paper, filter") if theirs else ()
     return FigureTable(
         "Error of the distances between landmarks on the map; chain: each picture placed by the one before"
@@ -236,7 +239,9 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
         if loops.undecided_kept:
             judged += f", {loops.undecided_kept} more undecided"
         rows.append(("loops kept that are true", judged))
-        rows.append(("true loops that were kept", f"{_share(loops.recall)} of {loops.true_pairs}"))
+        rows.append(
+            ("true revisits that were found and kept", f"{_share(loops.recall)} of {loops.true_pairs}")
+        )
         rows.append(("keyframes with a true loop that have one", _share(loops.keyframe_recall)))
     return FigureTable("Against the reference", (), tuple(rows))
 

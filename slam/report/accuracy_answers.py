@@ -13,7 +13,7 @@ from slam.core.estimate import CONTRADICTED, Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
 from slam.report.advice import main_cause
-from slam.report.checked_lengths import basis
+from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -55,7 +55,8 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
         text += (
             " This is how well the fixes of the GPS agree with each other. It does not count a shift that "
             "all of them share, which may be as large as what is "
-            f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.length(facts.gps_std_m)}."
+            f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.length(facts.gps_std_m)}, and larger where a "
+            "base station is wrong: a point of known coordinates on the ground checks the place."
         )
     return text + uncounted(summary)
 
@@ -161,6 +162,9 @@ def _area(facts: Facts, side_m: float, end_m: float) -> str:
     )
 
 
+_CHECKED = unless_checked("", f" Known distances on the ground have checked it ({RESULT}).")
+
+
 def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     """Return by which instruments the lengths of a map are known, and whether they agree."""
     if facts.is_graph:
@@ -188,7 +192,7 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"{upper}, by {facts.scale_source} together. But a warning below names "
             f"{' and '.join(doubted)}: measure one distance on the ground to be sure."
         )
-    return f"Yes, {known}: {facts.scale_source} tell it, and they agree.{_beside(estimate)}"
+    return f"Yes, {known}: {facts.scale_source} tell it, and they agree.{_CHECKED}{_beside(estimate)}"
 
 
 def _beside(estimate: Estimate) -> str:
@@ -254,7 +258,8 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
         return ""
     text = (
         "The mosaic is cut together from many pictures. What moved, or stands above the ground, may be "
-        "cut, doubled or lean; the right one of the three maps below is dark where two pictures differ."
+        "cut, doubled or lean; the right one of the three maps below is the darker, the more two pictures "
+        "differ."
     )
     if np.isfinite(mosaic.seam_share):
         text += (

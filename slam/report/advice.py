@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -39,9 +40,9 @@ _STEPS: Mapping[str, str] = {
     "flat_floor": "fly higher above the uneven ground, or map it in parts",
     "attitude": "calibrate its level, or fly the same rows in both directions",
     "control": "mark more control points, spread to the corners of the ground",
-    "imu": "calibrate the gain of the accelerometer (at rest on each of its six sides) and give it with "
-    "--model, as accel_scale"
-    + unless_checked(", or measure one distance on the ground and compare it with map.html"),
+    "imu": unless_checked("measure one distance on the ground and compare it with map.html, or ")
+    + "calibrate the gain of the accelerometer: record it at rest on each of its six sides, and give the "
+    "gain with slam optimize --model, as accel_scale (docs/recipes.md of the project)",
     "velocity": "avoid stretches of floor without texture, or record the IMU",
     "barometer": "climb and descend more, or add a height sensor or GPS",
     "assumed": "record the instrument that measures them, or state them with their accuracy in sensor.yaml",
@@ -139,7 +140,7 @@ def next_steps(
         steps.append("first do what “Check this first” says: it is worth more than all that follows")
     elif count := len(by_kind(summary.warnings).warnings):
         steps.append(
-            "first do what the warning below advises"
+            _advice(by_kind(summary.warnings).warnings[0])
             if count == 1
             else f"first do what the {count} warnings below advise"
         )
@@ -157,6 +158,14 @@ def next_steps(
     if ground_missing:
         steps.append("cross the missing ground higher, with more light, or with marks on it")
     return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
+
+
+def _advice(warning: str) -> str:
+    """Return the advice with which a warning of several sentences ends, as the first step."""
+    *found, last = re.split(r"(?<=[.?!])\s+(?=[A-Z])", warning)
+    if not found:
+        return "first do what the warning below advises"
+    return f"first, as a warning below advises: {last[0].lower()}{last[1:].rstrip('.')}"
 
 
 def focal_std_ratio(estimate: Estimate) -> float:

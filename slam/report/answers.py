@@ -102,7 +102,11 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if ground is not None and ground.is_measured:
         good = "to find things, and to measure distances, areas and differences in height"
     elif ground is not None:
-        flat = "not for heights, which no two pictures show" if ground.relief_share else "the ground is flat"
+        flat = (
+            "not for heights, which no two pictures show"
+            if ground.relief_share
+            else "not for heights of the ground, which was taken as flat"
+        )
         good = f"{good}; {flat}"
     return good if facts.relative_to else f"{good}; as coordinates on Earth only as the GPS has it"
 
@@ -125,11 +129,14 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
         )
     )
     warned = by_kind(summary.warnings).warnings
+    trusted = (
+        f" if the {facts.scale_source} is right" if estimate.accuracy_basis and facts.scale_source else ""
+    )
     doubted = " What a warning on this page names is excepted." if warned else ""
     if summary.status == "ok":
         return (
             "“ok” promises that the map hangs together, that pictures and instruments agree with each "
-            f"other within the accuracy stated here, and that this accuracy holds.{doubted}{unseen}"
+            f"other within the accuracy stated here, and that this accuracy holds{trusted}.{doubted}{unseen}"
         )
     return (
         "It names every cause that was found by which the map may be wrong by more than the accuracy "
@@ -181,7 +188,7 @@ def _next(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
 
 
 def _left_out(facts: Facts, summary: Summary) -> str:
-    rows = left_out(summary.rejected)
+    rows = left_out(summary.rejected, in_one_piece=facts.maps <= 1 and not facts.is_graph)
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]

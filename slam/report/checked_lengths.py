@@ -30,7 +30,7 @@ def basis(text: str) -> str:
     """Return what an accuracy rests on, whose end asks for a distance unless one was measured."""
     if not text.endswith(CHECKED_BY_ONE_DISTANCE):
         return text
-    done = f"Known distances on the ground have checked them ({RESULT})."
+    done = f"Known distances on the ground have checked the lengths ({RESULT})."
     return text.removesuffix(CHECKED_BY_ONE_DISTANCE) + unless_checked(CHECKED_BY_ONE_DISTANCE, done)
 
 

@@ -22,7 +22,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
     tilted = is_tilt_doubted(summary)
     text = f"{_verdict(estimate, facts, summary.status, tilted)} Heights {facts.datum}."
     if tilted:
-        text += " A warning below names attitude0, by which the whole map may lean."
+        text += " A warning below names the attitude sensor (attitude0), by which the whole map may lean."
     over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
     camera = ""
     if np.isfinite(over_m):
@@ -62,7 +62,10 @@ def _of_ground(estimate: Estimate) -> str:
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."
-    return " None. The ground is taken as flat: the pictures show no hills, so it has no heights to measure."
+    return (
+        " None were measured. The ground is taken as flat, because the pictures show no hills; a height in "
+        "elevation.tif is that of a thing that stands on it."
+    )
 
 
 def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:

@@ -19,6 +19,7 @@ _VIEW, _ECHO = "view of a floor point far off", "echo from an obstacle"
 _FIX = "fix contradicts the others"
 _FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
 _SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
+_IN_ONE_PIECE = f"{_NO}the map is in one piece all the same."
 _COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
 _OTHER_PLACE = f"{_NO}ground that looks alike is common, and a false link would bend the map."
 _UNPROVEN = f"{_NO}too little in common to tell whether they show one place; the other links hold the map."
@@ -148,16 +149,18 @@ def reason_in_words(reason: str) -> str:
     return f"{words} ({figures})" if figures and words != reason else words
 
 
-def left_out(rejected: Mapping[str, int]) -> tuple[LeftOut, ...]:
+def left_out(rejected: Mapping[str, int], in_one_piece: bool = False) -> tuple[LeftOut, ...]:
     """Return the rows for counts by reason, those that may call for an action first.
 
+    ``in_one_piece``: the map has one part only, so that lost links did not break it.
     Reasons that are the same in plain words are one row.
     """
     found = dict[tuple[str, str], LeftOut]()
     for reason, count in rejected.items():
         words = _found(reason)
         earlier = found[words].count if words in found else 0
-        found[words] = LeftOut(words[0], reason, earlier + count, words[1])
+        act = _IN_ONE_PIECE if in_one_piece and words[1] == _SLOWER else words[1]
+        found[words] = LeftOut(words[0], reason, earlier + count, act)
     rows = found.values()
     order = ("", CONTRADICTED, UNPROVEN)
 
