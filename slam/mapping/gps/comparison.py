@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.gps.consensus import Agreement, exact_agreement, rough_agreement
 from slam.mapping.gps.fixes import Fixes, nearest
 from slam.mapping.gps.messages import FixMessages, fix_messages
@@ -38,10 +39,29 @@ class FixComparison:
         here_m = self.fixes.on_map(self.stamps_s, w_T_b)
         return rough_agreement(here_m, self.fixes.w_p_b_m, metric, self.fixes.std_m)
 
-    def exact(self, w_T_b: Array) -> Agreement:
-        """Compare with the refined poses ``w_T_b`` (m, 4, 4)."""
+    def exact(self, w_T_b: Array, map_std_m: Array | None = None) -> Agreement:
+        """Compare with the refined poses ``w_T_b`` (m, 4, 4), known to ``map_std_m`` (n, 3) at the fixes."""
         off_m = self.fixes.w_p_b_m - self.fixes.on_map(self.stamps_s, w_T_b)
-        return exact_agreement(off_m, self.fixes.std_m)
+        return exact_agreement(off_m, self.fixes.std_m, map_std_m)
+
+    def map_std_m(self, w_T_b: Array, covariances: Array, unused: NDArray[np.bool_]) -> Array:
+        """Return standard deviations (n, 3) of the antenna on the map at fixes that it does not use, and 0 at
+        the others; ``covariances`` (m, 6, 6) are those of the poses.
+
+        An antenna whose place nobody told moves the map as a whole at one heading. At another heading it
+        differs from that as the attitude does from those of the fixes that the map uses.
+        """
+        std_m = np.zeros((len(unused), 3))
+        if not unused.any() or unused.all():
+            return std_m
+        near = nearest(self.stamps_s, self.fixes.stamps_s)
+        R, of_pose = w_T_b[near, :3, :3], np.nan_to_num(covariances[near, 3:, 3:])
+        turned = R - R[~unused].mean(axis=0)
+        antenna_m = NOMINAL_ANTENNA_STD_M if self.fixes.is_antenna_assumed else 0.0
+        of_pose = R @ of_pose @ np.swapaxes(R, 1, 2)
+        total = of_pose + antenna_m**2 * turned @ np.swapaxes(turned, 1, 2)
+        std_m[unused] = np.sqrt(np.diagonal(total, axis1=1, axis2=2))[unused]
+        return std_m
 
     def of_keyframes(self, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return (n,) the fixes that are nearest in time to the keyframes ``which`` (m,)."""

@@ -124,28 +124,34 @@ def nominal_limit_m(nominal_std_m: tuple[float, float, float]) -> float:
     return STATED_SIGMAS * float(np.hypot(*nominal_std_m[:2]) / np.sqrt(2))
 
 
-def exact_agreement(off_m: Array, nominal_std_m: tuple[float, float, float]) -> Agreement:
+def exact_agreement(
+    off_m: Array, nominal_std_m: tuple[float, float, float], map_std_m: Array | None = None
+) -> Agreement:
     """Compare fixes with a refined map that stands where they have put it.
 
-    ``off_m`` (n, 3) is fix minus map, NaN where either is missing.
+    ``off_m`` (n, 3) is fix minus map, NaN where either is missing. ``map_std_m`` (n, 3) are standard
+    deviations of the map at fixes that it does not use, and 0 at the others.
     """
     n = len(off_m)
     used, altitude_used = np.ones(n, bool), np.ones(n, bool)
+    std_m = np.hypot(nominal_std_m, np.zeros((n, 3)) if map_std_m is None else map_std_m)
+    least_m = STATED_SIGMAS * np.hypot(std_m[:, 0], std_m[:, 1]) / np.sqrt(2)
     known = np.flatnonzero(np.isfinite(off_m[:, :2]).all(axis=1))
     if len(known) < LEAST_FIXES:
         return Agreement(used, altitude_used, off_m)
-    used[known] = _within(np.linalg.norm(off_m[known, :2], axis=1), 2, nominal_limit_m(nominal_std_m))
+    used[known] = _within(np.linalg.norm(off_m[known, :2], axis=1), 2, least_m[known])
     altitude_used &= used
     high = np.flatnonzero(np.isfinite(off_m[:, 2]) & used)
     if len(high) >= LEAST_FIXES:
-        altitude_used[high] &= _within(np.abs(off_m[high, 2]), 1, STATED_SIGMAS * nominal_std_m[2])
+        altitude_used[high] &= _within(np.abs(off_m[high, 2]), 1, STATED_SIGMAS * std_m[high, 2])
     return Agreement(used, altitude_used, off_m)
 
 
-def _within(distance: Array, dimensions: int, least: float) -> Mask:
+def _within(distance: Array, dimensions: int, least: Array) -> Mask:
     """Return which distances (n,) in 1 or 2 dimensions are Gaussian noise: ML with hard assignment.
 
-    The standard deviation starts from the median and is then that of the accepted distances.
+    None below ``least`` (n,) is an outlier. The standard deviation starts from the median and is then that of
+    the accepted distances.
     """
     n = len(distance)
     median = MEDIAN_OF_RAYLEIGH if dimensions == 2 else _MEDIAN_OF_NORMAL
@@ -157,7 +163,7 @@ def _within(distance: Array, dimensions: int, least: float) -> Mask:
         left = max(dimensions * int(good.sum()) - 2 * dimensions, 1)
         # Fixes are compared with a deviation that they themselves give: F instead of chi-square.
         limit = std * np.sqrt(dimensions * f_limit(FALSE_ALARM / n, dimensions, left))
-        now = distance <= max(limit, least)
+        now = distance <= np.maximum(limit, least)
         if np.array_equal(now, good) or now.sum() < LEAST_FIXES:
             break
         good = now

@@ -39,6 +39,11 @@ class Fixes:
     antenna_std_m: float = 0.0
     """Its standard deviation along each axis."""
 
+    @property
+    def is_antenna_assumed(self) -> bool:
+        """Whether the antenna is held at the body's origin because nobody told its place."""
+        return self.antenna_std_m == 0 and not self.antenna_m.any()
+
     def __len__(self) -> int:
         return len(self.stamps_s)
 
