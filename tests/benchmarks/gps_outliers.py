@@ -62,11 +62,15 @@ class Matched:
         flight = replace(self.flight, gps=gps)
         context = Context.of(flight, self.context.job, self.context.front_end, self.map.observations)
         found = refine(context, solve_again(context, self.map), with_inertia=True)
+        off = self.errors_m(found, flight)
+        return flight, found, float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+
+    def errors_m(self, found: Map, flight: Flight) -> Array:
+        """Return the errors (k, 3) of the keyframes' positions on a map of a flight, not aligned."""
         origin = flight.geo_origin()
         assert origin is not None
         truth_m = enu_from_geodetic(*geodetic_from_enu(self.truth_m, self.origin), origin)
-        off = found.w_T_b[:, :3, 3] - truth_m
-        return flight, found, float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+        return found.w_T_b[:, :3, 3] - truth_m
 
 
 @dataclass(frozen=True)
