@@ -39,9 +39,22 @@ Array = NDArray[np.float64]
 
 _NEAR_S = 0.5
 """Largest distance in time from the start of a reading that determines the initial state."""
+_HEIGHT_STD = 0.5
+"""Relative standard deviation of the height at the first picture, where the readings must tell it."""
 _REST_TILT_RAD = 0.01
 _REST_STD = 0.01, 0.003
 """Standard deviations of velocity (m/s) and body rate (rad/s) at rest."""
+
+
+@dataclass(frozen=True)
+class PictureStart:
+    """First picture of a step, and the height there, where no instrument measures one.
+
+    The filter starts at it: before it, nothing is known of the height, which steps between pictures need.
+    """
+
+    stamp_s: float
+    height_m: float
 
 
 @dataclass(frozen=True)
@@ -52,6 +65,8 @@ class Adjustments:
     """Channel -> factor on the nominal white noise."""
     delay_s: Mapping[str, float] = field(default_factory=dict)
     """Channel -> time by which its stamps are late."""
+    start: PictureStart | None = None
+    """None where a height is measured, or is not needed."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +93,8 @@ def filter_input(
     Raises ``InputError`` where the recording is insufficient for the motion.
     """
     start_s, end_s = _span(flight)
+    if adjustments.start is not None:
+        start_s = max(start_s, adjustments.start.stamp_s)
     gyro, accel, rate, acceleration = inertial_of(flight)
     rest_s = zero_velocity_times(flight)
     nominal = Readings(
@@ -97,7 +114,7 @@ def filter_input(
     return FilterInput(
         readings=readings,
         model=_model(flight, trust, rate, acceleration),
-        start=_start(flight, readings, trust, start_s),
+        start=_start(flight, readings, trust, start_s, adjustments.start),
         start_s=start_s,
         end_s=end_s,
         range_scale_std=scale,
@@ -188,27 +205,34 @@ def _adjusted(readings: Readings, adjustments: Adjustments) -> Readings:
     return replace(readings, **changed)
 
 
-def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: float) -> InitialState:
-    """Return the initial state from the first readings."""
+def _start(
+    flight: Flight, readings: Readings, trust: InertialTrust, start_s: float, first: PictureStart | None
+) -> InitialState:
+    """Return the initial state from the first readings and the ``first`` picture."""
     positions = readings.w_p_b_m
     w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad)
     height = _early(readings.range_m, start_s)
     with_altitude = positions is not None and bool(np.isfinite(positions.values[:, 2]).any())
     without_height = readings.range_m is None and not with_altitude
+    start_speed_m_s = trust.start_speed_m_s
     velocity = _early(readings.velocity_m_s, start_s)
     w_v = np.zeros(3)
     if velocity is not None:
         heading = w_R_b[:2, 0] / np.linalg.norm(w_R_b[:2, 0])
         w_v[:2] = heading[0] * velocity[0] - heading[1] * velocity[1], heading @ velocity[::-1]
     least_m = flight.sonar.min_range_m if flight.sonar else 0.0
-    if without_height:  # heights are then relative to the start
+    begin_m = float(height[0]) if height is not None else least_m / 2
+    if without_height and first is not None:
+        begin_m, height_std = first.height_m, _HEIGHT_STD * first.height_m
+        start_speed_m_s *= max(1.0, first.height_m)  # vehicles that fly higher fly faster
+    elif without_height:  # heights are then relative to the start
         height_std = 0.0
     elif height is not None:
         height_std = 0.3
     else:  # at rest, a vehicle is below the least range
         height_std = least_m / 2 if readings.rest_m_s is not None and least_m > 0 else 1.0
     return InitialState(
-        height_m=float(height[0]) if height is not None else least_m / 2,
+        height_m=begin_m,
         height_std_m=height_std,
         w_R_b=w_R_b,
         tilt_std_rad=tilt_std,
@@ -216,9 +240,7 @@ def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: fl
         place_m=triple(positions.values[0])[:2] if positions is not None else (0.0, 0.0),
         place_std_m=float(positions.std[0]) if positions is not None else 0.0,
         w_v_m_s=w_v,
-        velocity_std_m_s=trust.start_speed_m_s
-        if velocity is None
-        else 0.2 + 0.1 * float(np.hypot(*velocity)),
+        velocity_std_m_s=start_speed_m_s if velocity is None else 0.2 + 0.1 * float(np.hypot(*velocity)),
         # At rest, wind and acceleration do not disturb the tilt of the on-board attitude.
         tilt_error_rad=None if readings.rest_m_s is None else min(_REST_TILT_RAD, trust.tilt_error_rad),
         yaw_zero_std_rad=0.3 if positions is not None else 1.0,

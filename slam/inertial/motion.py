@@ -12,6 +12,7 @@ from backend import se3
 from backend.ekf.inputs import CloneMode, InitialState, VisualStep
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import FilterInput
+from slam.inertial.start_height import HEIGHT_ROUNDS
 
 if TYPE_CHECKING:
     from backend.ekf.results import States, Track
@@ -37,7 +38,7 @@ def filter_motion(
     from backend.ekf.track import track
 
     readings = replace(inputs.readings, steps=steps)
-    rounds = 1 if smooth else 0
+    rounds = (HEIGHT_ROUNDS if inputs.adjustments.start else 1) if smooth else 0
     scaled = _scaled_starts(inputs)
 
     def run(start: InitialState, number: int) -> Track:

@@ -19,6 +19,7 @@ from backend.quantiles import chi_square_quantile
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import Adjustments, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
+from slam.inertial.start_height import find_picture_start
 
 if TYPE_CHECKING:
     from backend.ekf.results import InstrumentInnovations, Track
@@ -77,16 +78,18 @@ def identify_noise(
 
     White noise is inflated until innovations are consistent (NIS). Delays are increased while the likelihood
     increases, and kept if the gain is significant. The noise is then inflated again from its nominal value.
+    Without a range the height at the first picture is found before all else.
     Sums of innovations that are still too large show an error that is correlated in time. It belongs to the
     instrument, or to gyro and accelerometer, which predict its readings. Each is inflated as if it were the
     only cause. Finally, an instrument with a credible nominal noise loses its AR(1) errors if that increases
     the likelihood.
     """
+    start = find_picture_start(flight, trust, stamps_s, steps, MAX_DURATION_S)
     trial = _Trial(flight, progress, stamps_s, steps)
-    found = _inflated(trial, trust, Adjustments())
+    found = _inflated(trial, trust, Adjustments(start=start))
     for name in _DELAYED:
         found = _best_candidate(trial, trust, found, name, "delay_s", _DELAYS_S)
-    found = _inflated(trial, trust, Adjustments(delay_s=found.delay_s))
+    found = _inflated(trial, trust, replace(found, noise_factor={}))
     correlated = _inflated_over(trial, trust, found, _WINDOWS_S, _WINDOW_ROUNDS, trial.spread)
     for name in _INERTIAL:
         found = _best_candidate(trial, trust, found, name, "noise_factor", _NOISE_FACTORS)

@@ -82,11 +82,12 @@ def without_false_links(observations: Observations, bridges: InertialBridges) ->
     breaks = tracking_gaps(observations)
     if not breaks:
         return observations
-    lifted = lift_edges(
-        [link for link in observations.links if link is not None], bridges.setup
-    ).relative_poses
-    inertial = bridges.without([broken.pair for broken in breaks]).edges()
-    return remove_links(observations, contradicted(breaks, lifted, inertial))
+    lifted = lift_edges([link for link in observations.links if link is not None], bridges.setup)
+    gaps = bridges.without([broken.pair for broken in breaks]).gaps()
+    poses = lifted.relative_poses
+    if not (gaps.ranged or lifted.heights.metric.all()):
+        poses = tuple(pose for pose in lifted.at_heights(gaps.height_m) if np.isfinite(pose.i_T_j).all())
+    return remove_links(observations, contradicted(breaks, poses, gaps.edges))
 
 
 def remove_links(observations: Observations, reasons: Mapping[TrackingGap, str]) -> Observations:

@@ -21,7 +21,7 @@ from backend.bundle.refinement import refine
 from backend.ekf.inputs import VisualStep
 from backend.measurements import FloorTracks
 from slam.evaluation.association import poses_at
-from slam.mapping.inertial.bridges import inertial_edges
+from slam.mapping.inertial.bridges import filtered_gaps
 from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
 from tests.backend.made_floor import Made, Scene, aligned, make, mark_nees, nees
@@ -145,7 +145,7 @@ def bridge(seed: int, with_velocity: bool, velocity_error_m_s: float = 0.0) -> f
     if velocity is not None:
         velocity = replace(velocity, scale_std=0.0, v_m_s=velocity.v_m_s + velocity_error_m_s)
     flown = replace(flown, velocity=velocity)
-    (edge,) = inertial_edges(flown, stamps_s, tuple(steps))
+    (edge,) = filtered_gaps(flown, stamps_s, tuple(steps)).edges
     truth = np.linalg.inv(w_T_b[edge.i]) @ w_T_b[edge.j]
     return float(nees(edge.i_T_j[None], truth[None], edge.covariance[None])[0])
 

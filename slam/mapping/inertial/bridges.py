@@ -9,7 +9,8 @@ errors.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,20 +19,28 @@ from backend import se3
 from backend.ekf.inputs import VisualStep, renumber_steps
 from backend.errors import BackendError
 from backend.measurements import RelativePose
-from backend.preintegration.limits import MOST_HEIGHTS
+from backend.preintegration.limits import MOST_HEIGHTS, MOST_SIGMAS
+from backend.quantiles import chi_square_quantile
 from frontend.lift import lift
 from frontend.registration import Registration
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import Progress, show_compilation, silent
 from slam.inertial.instruments import InertialTrust
+from slam.mapping.inertial.metres import scaled
 from slam.mapping.map import Map, largest_first
 from slam.mapping.setup import Setup
+
+if TYPE_CHECKING:
+    from backend.ekf.results import States
 
 Array = NDArray[np.float64]
 
 _LEVEL = np.array([2, 3, 4])
 """Rows of a pose's error in which a part of a map is free: heading, x, y. Its floor is level and at z = 0."""
+_MOST_HEIGHT_STD = 0.3
+"""Largest relative deviation of a height by the accelerometer that is worth a check: beyond it lengths may be
+wrong by two times."""
 _HEIGHT = 5
 """Row of the height, which each part fixes by its floor and which has an error all the same."""
 
@@ -53,40 +62,75 @@ def picture_steps(links: Sequence[Registration | None], setup: Setup) -> tuple[V
     )
 
 
-def inertial_edges(
+@dataclass(frozen=True)
+class FilteredGaps:
+    """What the filter tells of the gaps in the chain of pictures."""
+
+    edges: tuple[RelativePose, ...] = ()
+    """One of kind ``inertial`` for each pair of successive keyframes that no picture step joins."""
+    height_m: Array = field(default_factory=lambda: np.empty(0))
+    """(n,) heights of the keyframes; NaN outside the readings."""
+    log_std: Array = field(default_factory=lambda: np.empty(0))
+    """(n,) their relative standard deviations."""
+    ranged: bool = True
+    """Whether ranges tell the heights; else they follow from the accelerometer."""
+
+
+def filtered_gaps(
     flight: Flight,
     stamps_s: Array,
     steps: tuple[VisualStep, ...],
     trust: InertialTrust = InertialTrust(),
     progress: Progress = silent,
-) -> tuple[RelativePose, ...]:
-    """Return relative poses by the filter, one edge of kind ``inertial`` for each pair of successive
-    keyframes that no picture step joins.
+) -> FilteredGaps:
+    """Return the relative poses across gaps, and the heights, by the filter.
 
-    Edges that are too uncertain are left out. Without a sonar, which gives the scale, there are none. Raises
-    ``InputError`` where too little was recorded, and ``BackendError`` where the filter fails.
+    Edges that are too uncertain are left out. There are none where neither ranges nor the accelerometer tell
+    the heights. Raises ``InputError`` where too little was recorded, and ``BackendError`` where the filter
+    fails.
     """
     from slam.inertial.motion import filter_motion
     from slam.inertial.noise_identification import identify_noise
 
     inputs = identify_noise(flight, trust, progress, stamps_s, steps)
     inside = (stamps_s >= inputs.start_s) & (stamps_s <= inputs.end_s)
-    if inputs.readings.range_m is None or inside.sum() < 2:
-        return ()
+    ranged = inputs.readings.range_m is not None
+    if not (ranged or inputs.adjustments.start) or inside.sum() < 2:
+        return FilteredGaps()
     reached = {step.j for step in steps}
     found = filter_motion(
         inputs, stamps_s[inside], steps=renumber_steps(steps, inside), keep="each", progress=progress
     )
     states, numbers = found.smoothed, np.flatnonzero(inside)
     assert states is not None
+    height_m, log_std = np.full((2, len(stamps_s)), np.nan)
+    height_m[inside] = states.w_T_b[:, 2, 3]
+    log_std[inside] = np.sqrt(states.motion_covariances[:, 2, 2]) / height_m[inside]
+    if not ranged and not _shows(states, height_m[inside], log_std[inside], renumber_steps(steps, inside)):
+        return FilteredGaps()
     edges = []
     for k in range(1, len(numbers)):
         i, j = int(numbers[k - 1]), int(numbers[k])
         covariance = states.clone_T_b_covariances[k]
-        height_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
-        if j not in reached and np.trace(covariance[3:, 3:]) < (MOST_HEIGHTS * height_m) ** 2:
+        above_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
+        if j not in reached and np.trace(covariance[3:, 3:]) < (MOST_HEIGHTS * above_m) ** 2:
             edges.append(RelativePose(i, j, states.clone_T_b[k], covariance, "inertial"))
-    return tuple(edges)
+    return FilteredGaps(tuple(edges), height_m, log_std, ranged)
+
+
+def _shows(states: States, height_m: Array, log_std: Array, steps: tuple[VisualStep, ...]) -> bool:
+    """Return whether heights (n,) by the accelerometer are known, and the path shows what the pictures do.
+
+    From a start too far off the smoother may settle elsewhere.
+    """
+    if not (height_m > 0).all() or not (log_std < _MOST_HEIGHT_STD).all():
+        return False
+    seen = np.array([step.i_T_j for step in steps])
+    moved = states.clone_T_b[[step.j for step in steps]].copy()
+    moved[:, :3, 3] /= height_m[[step.i for step in steps], None]
+    off = se3.log(se3.inverse(moved) @ seen)
+    squares = [float(x @ np.linalg.solve(s.covariance, x)) for x, s in zip(off, steps, strict=True)]
+    return bool(np.median(squares) < MOST_SIGMAS**2 * chi_square_quantile(0.5, 6))
 
 
 class InertialBridges:
@@ -103,7 +147,7 @@ class InertialBridges:
     ) -> None:
         self.flight, self.setup, self.links = flight, setup, links
         self.trust, self.progress = trust, progress
-        self._edges: tuple[RelativePose, ...] | None = None
+        self._gaps: FilteredGaps | None = None
 
     def join(self, map_: Map) -> Map:
         """Return the map with its parts in one world frame where bridges exist; an unbroken map is returned
@@ -122,17 +166,38 @@ class InertialBridges:
         return InertialBridges(self.flight, self.setup, kept, self.trust, self.progress)
 
     def edges(self) -> tuple[RelativePose, ...]:
-        """Return one edge for each break; none if the instruments determine it too poorly."""
-        if self._edges is None:
+        """Return one edge in metres for each break of a chain in metres; none if the instruments determine it
+        too poorly."""
+        gaps = self.gaps()
+        return gaps.edges if gaps.ranged else ()
+
+    def gaps(self) -> FilteredGaps:
+        """Return the edges across all breaks, with the heights that make a chain without ranges metric."""
+        if self._gaps is None:
             steps = picture_steps(self.links, self.setup)
             try:
                 stamps_s = self.setup.readings.stamps_s
                 with show_compilation(self.progress):
-                    self._edges = inertial_edges(self.flight, stamps_s, steps, self.trust, self.progress)
+                    self._gaps = filtered_gaps(self.flight, stamps_s, steps, self.trust, self.progress)
             except (InputError, BackendError):
                 # The map stays in parts, and its status says so.
-                self._edges = ()
-        return self._edges
+                self._gaps = FilteredGaps()
+        return self._gaps
+
+    def join_for_checks(self, chain: Map) -> Map:
+        """Return the parts of a chain in one world frame in metres, so that loops between them are checked.
+
+        Without ranges the heights by the accelerometer scale each part first.
+        """
+        if chain.component.max(initial=-1) < 1:
+            return chain
+        gaps = self.gaps()
+        if gaps.ranged:
+            return self.join(chain)
+        if not gaps.edges:
+            return chain
+        in_metres = scaled(chain, gaps.height_m, gaps.log_std, self.setup.config.trust.accel_gain_std)
+        return chain if in_metres is None else joined(in_metres, gaps.edges)
 
 
 @dataclass(frozen=True)
