@@ -116,7 +116,8 @@ def _best_candidate(
         return found
     before, best, gain, worse = trial.likelihood(trust, found), found, 0.0, 0
     for value in candidates:
-        candidate = replace(found, **{kind: {**getattr(found, kind), name: value}})
+        tried = {**getattr(found, kind), name: value}
+        candidate = replace(found, delay_s=tried) if kind == "delay_s" else replace(found, noise_factor=tried)
         likelihood = trial.likelihood(trust, candidate)
         if likelihood - before > gain:
             best, gain, worse = candidate, likelihood - before, 0
