@@ -64,7 +64,7 @@ def picture_steps(links: Sequence[Registration | None], setup: Setup) -> tuple[V
 
 @dataclass(frozen=True)
 class FilteredGaps:
-    """What the filter tells of the gaps in the chain of pictures."""
+    """The filter's answer on the gaps in the chain of pictures."""
 
     edges: tuple[RelativePose, ...] = ()
     """One of kind ``inertial`` for each pair of successive keyframes that no picture step joins."""
