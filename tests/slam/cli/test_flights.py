@@ -183,7 +183,7 @@ def test_evaluate_adds_its_files_and_a_second_run_replaces_all(flight, done, tmp
         n: b for n, b in bytes_of(done).items() if n in unchanged
     }
     page = (out / "report.html").read_text()
-    assert "compared with the truth at" in page
+    assert "compared with the true path recorded with the flight, at" in page
     assert "evaluation_error.png" in page
     assert "Not measured yet" in (done / "report.html").read_text()
     assert run("evaluate", out, "--truth", flight, "--quiet").exit_code == 0
