@@ -92,7 +92,7 @@ def test_a_log_on_another_clock(flight):
 
 def test_no_command_and_no_readings(flight):
     assert "no command log" in unusable(replace(flight, command=None))
-    assert "no imu" in unusable(replace(flight, imu=None, attitude=None, velocity=None, sonar=None))
+    assert "no usable imu" in unusable(replace(flight, imu=None, attitude=None, velocity=None, sonar=None))
 
 
 def test_a_stick_motion_that_no_instrument_shows_is_reported_and_not_called_healthy(flight):
