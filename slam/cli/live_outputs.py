@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slam.core.errors import InputError, explain
+from slam.core.estimate import CONTRADICTED
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -105,7 +106,7 @@ def _messages(mapper: LiveMapper, flight: Flight, path: Path) -> Iterator[None]:
                 links = {
                     "neighbours": [(e.i, e.j) for e in found if e.is_kept and e.kind == "odometry"],
                     "kept": [(e.i, e.j) for e in found if e.is_kept and e.kind == "loop"],
-                    "contradicted": [(e.i, e.j) for e in found if not e.is_kept],
+                    CONTRADICTED: [(e.i, e.j) for e in found if not e.is_kept],
                 }
                 pairs = {name: np.array(ends, dtype=np.int64).reshape(-1, 2) for name, ends in links.items()}
                 grown.update(frames, stamps_ns, w_T_b, pairs, is_end)

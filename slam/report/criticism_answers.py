@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from backend.wording import either
 from slam.core.names import enumerated
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
@@ -80,7 +81,8 @@ def _else(result: Criticism, alike: Sequence[str]) -> list[str]:
         found = {cause.name for cause in result.causes}
         near = {b if a in found else a for a, b, _ in result.confusable if (a in found) != (b in found)}
         if near:
-            told.append(f"{enumerated(sorted(near))} would look much alike here, but fits them worse.")
+            worse = either(len(near), "fits worse", "fit worse")
+            told.append(f"{enumerated(sorted(near))} would look much alike here, but {worse}.")
     return told
 
 

@@ -83,12 +83,10 @@ def ranking_picture(result: Criticism) -> bytes:
     """Draw bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
     always = [r for r in result.ranking if r.name in _IN_WORDS]
     chosen = {cause.name for cause in result.causes}
-    next_ = sorted(
-        (r for r in result.ranking if r not in always and r.name not in chosen), key=lambda r: -r.z
-    )
-    next_ = next_[:RIVALS]
+    others = (r for r in result.ranking if r not in always and r.name not in chosen)
+    rivals = sorted(others, key=lambda r: -r.z)[:RIVALS]
     possible = [
-        r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen or r in next_
+        r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen or r in rivals
     ]
     named = sorted((r for r in possible if r not in always), key=lambda r: (-r.probability, -r.z))
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
