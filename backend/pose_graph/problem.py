@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -57,6 +58,11 @@ class Problem:
     def dof(self) -> int:
         """Number of degrees of freedom of a pose: 3 or 6."""
         return 3 if self.dimension == 2 else 6
+
+    @cached_property
+    def log_sqrt_information(self) -> Array:
+        """(m,) logarithms of the determinants of ``sqrt_information``."""
+        return np.asarray(np.linalg.slogdet(self.sqrt_information)[1])
 
     def name(self, key: int) -> str:
         """Return the name of a key in messages."""

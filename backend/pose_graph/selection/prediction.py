@@ -59,7 +59,8 @@ class LoopInnovations:
         """Return innovations (k, d) and covariances (k, d, d), conditioned on edge number ``one``."""
         covariance = self.covariance
         cross = self.spread @ self.spread[one].T / self.spread.shape[2]
-        gain = np.swapaxes(solve_covariance(covariance[one], np.swapaxes(cross, 1, 2)), 1, 2)
+        k, d, _ = cross.shape  # the columns of all edges in one system
+        gain = solve_covariance(covariance[one], cross.reshape(k * d, d).T).T.reshape(k, d, d)
         return self.residual - gain @ self.residual[one], covariance - gain @ np.swapaxes(cross, 1, 2)
 
     def subset(self, which: Index) -> LoopInnovations:
@@ -167,13 +168,15 @@ def whitened_spread(problem: Problem, w_T: Array, samples: Array, edges: Index) 
 
 def whitened_covariance(problem: Problem, w_T: Array, samples: Array) -> Array:
     """Return the covariances (m, d, d) of `whitened_spread` of all edges, without its samples."""
+    # Many null loops join the same two poses, and differ in their information alone.
+    pairs, pair = np.unique(problem.i * problem.count + problem.j, return_inverse=True)
+    i, j = np.divmod(pairs, problem.count)
     own = samples @ np.swapaxes(samples, 1, 2)
-    i, j = problem.i, problem.j
     turn = problem.adjoint(se3.inverse(w_T[j]) @ w_T[i])
     cross = turn @ (samples[i] @ np.swapaxes(samples[j], 1, 2))
     error = own[j] + turn @ own[i] @ np.swapaxes(turn, 1, 2) - cross - np.swapaxes(cross, 1, 2)
     root = problem.sqrt_information
-    return np.asarray(root @ error @ np.swapaxes(root, 1, 2) / samples.shape[2])
+    return np.asarray(root @ error[pair] @ np.swapaxes(root, 1, 2) / samples.shape[2])
 
 
 def log_prior_volume(problem: Problem, w_T: Array) -> Array:
@@ -181,7 +184,7 @@ def log_prior_volume(problem: Problem, w_T: Array) -> Array:
     extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
     log_volume_ = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
     log_volume_ += np.log(2 * np.pi) if problem.dof == 3 else np.log(8 * np.pi**2)
-    return np.asarray(log_volume_ + np.linalg.slogdet(problem.sqrt_information)[1])
+    return np.asarray(log_volume_ + problem.log_sqrt_information)
 
 
 def first_scale(pending: LoopInnovations, place: Index) -> float:
