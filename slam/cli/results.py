@@ -72,7 +72,7 @@ def write_results(
     write_solution(folder, estimate, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     start = time.perf_counter()
     mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress)
-    write_elevation(estimate, folder, made.ground.surface if made else None)
+    heights = write_elevation(estimate, folder, made.ground.surface if made else None)
     if mcap:
         _write_map_mcap(folder, estimate, flight, progress)
     if options.wanted:
@@ -84,6 +84,7 @@ def write_results(
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
     tables = (*control_tables(estimate.control), *accuracy.tables)
+    mosaics = replace(mosaics, elevation=heights)
     return write_summary_and_report(folder, estimate, flight, mosaics, replace(accuracy, tables=tables))
 
 

@@ -19,6 +19,7 @@ from slam.report.advice import limit_sentence
 from slam.report.answers import PLACE, pilots_answers
 from slam.report.checked_lengths import basis, settled
 from slam.report.facts import Facts, gather, sentence
+from slam.report.heights_figure import heights_figure, heights_figure_words
 from slam.report.instrument_errors import (
     accelerometer_text,
     antenna_text,
@@ -34,12 +35,12 @@ from slam.report.instrument_errors import (
 )
 from slam.report.instrument_table import instrument_table
 from slam.report.left_out import left_out, reason_in_words
-from slam.report.map_picture import map_picture, picture, surveyed_marks
+from slam.report.map_picture import map_picture, picture, shown_area, surveyed_marks
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.mosaic_marks import MapMarks
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
-from slam.report.pictures import altitude_picture, bounds_of, trajectory_picture
+from slam.report.pictures import altitude_picture, trajectory_picture
 from slam.report.streams import STREAM_WORDS
 
 if TYPE_CHECKING:
@@ -68,6 +69,8 @@ class Mosaics:
     after: Path | None = None
     before: Path | None = None
     quality: Path | None = None
+    elevation: Path | None = None
+    """Picture of the heights of the ground."""
 
 
 @dataclass(frozen=True)
@@ -127,8 +130,9 @@ def render(
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
         mosaic=map_picture(mosaics.after, marks, told),
         chain_mosaic=map_picture(mosaics.before, marks, told),
-        widths=_widths(mosaics),
-        covered=[_covered(path, marks) for path in (mosaics.before, mosaics.after)],
+        covered=_covered(mosaics.after, marks),
+        elevation=heights_figure(mosaics.elevation),
+        elevation_words=heights_figure_words(estimate, facts, flight),
         quality=picture(mosaics.quality),
         trajectory=embedded(trajectory_picture(estimate, before, facts.gaps)) if drawable else None,
         altitude=embedded(altitude_picture(estimate, facts.gaps))
@@ -242,20 +246,12 @@ def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
     )
 
 
-def _widths(mosaics: Mosaics) -> tuple[float, float]:
-    """Widths of the mosaics before and after in percent of the wider one: both have the same scale."""
-    paths = mosaics.before, mosaics.after
-    if any(path is None or not path.exists() for path in paths):
-        return 100.0, 100.0
-    before, after = (each.right - each.left for each in (bounds_of(path) for path in paths if path))
-    return 100.0 * before / max(before, after), 100.0 * after / max(before, after)
-
-
 def _covered(path: Path | None, marks: MapMarks) -> str:
-    """Return between which coordinates a mosaic lies, in one sentence; empty where it has no world file."""
+    """Return between which coordinates the picture of a mosaic lies, in one sentence; empty where it has no
+    world file."""
     if path is None or not path.with_suffix(".pgw").exists():
         return ""
-    area, (x, y) = bounds_of(path), marks.axes
+    area, (x, y) = shown_area(path), marks.axes
     return (
         f" From the left edge to the right one {x} = {area.left:.1f} to {area.right:.1f} {marks.unit}, "
         f"from the"

@@ -1,14 +1,10 @@
-"""Figures of a report as PNG or JPEG bytes: no global state, legible in print, colour-blind safe."""
+"""Drawings of a path for a report as PNG: no global state, legible in print, colour-blind safe."""
 
 from __future__ import annotations
 
-import io
-import warnings
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,19 +25,15 @@ from slam.core.units import length, unit
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.report.facts import heights_over_floor, is_placed
 from slam.report.gaps import Gap
-from slam.report.mosaic_marks import MapMarks, with_marks, with_points
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from rasterio.coords import BoundingBox
 
 Array = NDArray[np.float64]
 
 _MOST_KEPT, _MOST_REJECTED = 400, 60
 """Largest number of loops drawn: a thousand lines hide the map, and rejected loops lie right across it."""
 _MOST_ELLIPSES = 60
-_STRIP_PX = 64
-"""Number of rows of a reduced picture that are computed at a time."""
 _ELLIPSE_SHARE = 0.03
 """Ellipses are scaled until the median one spans at most this share of the map."""
 
@@ -96,61 +88,6 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     axes.set_ylabel(f"height [{unit(estimate.metric)}]")
     legend_below(axes, columns=2)
     return png(figure)
-
-
-def bounds_of(path: Path) -> BoundingBox:
-    """Return what a picture with a world file covers, in the unit of that file; without one, in pixels."""
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with rasterio.open(path) as source:
-            return source.bounds
-
-
-def thumbnail(path: Path, most_px: int = 2000, marks: MapMarks | None = None) -> bytes:
-    """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become white.
-
-    ``marks``: points on it, and a scale bar and arrows below it; the picture then needs a world file.
-    """
-    from PIL import Image
-    from rasterio.env import Env
-    from rasterio.errors import NotGeoreferencedWarning
-
-    with warnings.catch_warnings(), Env(GDAL_CACHEMAX=64, GDAL_PAM_ENABLED="NO"):
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a plain picture needs no place on Earth
-        pixels = np.concatenate(list(_shrunk(path, most_px)))
-    if marks is not None:
-        area = bounds_of(path)
-        pixel_m = (area.right - area.left) / pixels.shape[1]
-        if marks.points:
-            pixels = with_points(pixels, pixel_m, (area.left, area.top), marks.points)
-        pixels = with_marks(pixels, pixel_m, marks.unit, marks.on_earth)
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "JPEG", quality=88)
-    return stream.getvalue()
-
-
-def _shrunk(path: Path, most_px: int) -> Iterator[NDArray[np.uint8]]:
-    """Strips of the reduced picture, (h, w, 3) or (h, w), from the top down.
-
-    A PNG can only be read from its beginning: reading out of order would decode all of it again.
-    """
-    import rasterio
-    from rasterio.windows import Window
-
-    with rasterio.open(path) as source:
-        shrink = max(1, -(-max(source.width, source.height) // most_px))
-        width, strip = max(1, source.width // shrink), shrink * _STRIP_PX
-        for top in range(0, source.height, strip):
-            rows = min(strip, source.height - top)
-            pixels = np.moveaxis(source.read(window=Window(0, top, source.width, rows)), 0, -1)
-            if pixels.shape[2] in (2, 4):
-                alpha = pixels[..., -1:].astype(np.float32) / 255
-                pixels = (pixels[..., :-1] * alpha + 255 * (1 - alpha)).astype(np.uint8)
-            size = width, max(1, rows // shrink)
-            yield cv2.resize(np.ascontiguousarray(pixels), size, interpolation=cv2.INTER_AREA)
 
 
 def _path(axes: Axes, position: Array, **style: Any) -> None:

@@ -11,10 +11,13 @@ from frontend.elevation import Elevation
 from frontend.mosaic.surface import HeightSource, Surface
 from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
+from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 
 HEIGHT_BAND = "height over the floor [m]"
+_VEIL = 0.55
+"""Share of white over heights that were not measured: pale, and their colour can still be told."""
 LEAST_SPAN_M = 0.1
 """Range of the colours on a flat floor, half of it below the floor, so that noise does not look like
 hills."""
@@ -42,9 +45,17 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
         return None
     grid = Grid(*corner, cell_m, shape[1], shape[0], estimate.origin, estimate.metric)
     write_bands(out_dir / "elevation.tif", grid, bands, height_tags(estimate))
-    path, by = out_dir / "elevation.png", "the pictures" if surface is not None else "the sonar"
-    write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, by))
+    path = out_dir / "elevation.png"
+    measured = None if surface is None else surface.source != HeightSource.FILLED
+    write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, _measured_by(surface), measured))
     return path
+
+
+def _measured_by(surface: Surface | None) -> str:
+    if surface is None:
+        return "the height sensor"
+    alone = bool((surface.source == HeightSource.SONAR).any())
+    return "the pictures and the height sensor" if alone else "the pictures"
 
 
 def _surface_bands(surface: Surface, elevation: Elevation | None) -> dict[str, NDArray[np.float32]]:
@@ -63,8 +74,16 @@ def _surface_bands(surface: Surface, elevation: Elevation | None) -> dict[str, N
     return bands
 
 
-def elevation_picture(height: NDArray[np.float32], grid: Grid, by: str = "the sonar") -> bytes:
-    """Draw the heights in colour over x and y in metres, as PNG; ``by`` says what measured them."""
+def elevation_picture(
+    height: NDArray[np.float32],
+    grid: Grid,
+    by: str = "the height sensor",
+    measured: NDArray[np.bool_] | None = None,
+) -> bytes:
+    """Draw the heights in colour over x and y in metres, as PNG; ``by`` says what measured them.
+
+    Heights that were not ``measured`` are paler; without a mask, all were.
+    """
     from matplotlib.figure import Figure
 
     rows, cols = height.shape
@@ -78,8 +97,16 @@ def elevation_picture(height: NDArray[np.float32], grid: Grid, by: str = "the so
     drawn = axes.imshow(
         height, cmap="viridis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
     )
-    x, y = ground_labels(on_earth=grid.origin is not None)
+    grey = "not measured"
+    if measured is not None:
+        grey = "no picture"
+        if (filled := ~measured & np.isfinite(height)).any():
+            veil = np.zeros((*height.shape, 4), np.float32)
+            veil[filled] = 1.0, 1.0, 1.0, _VEIL
+            axes.imshow(veil, extent=grid.extent_m, interpolation="nearest")
+            grey = "no picture; pale: filled in"
+    x, y = ground_labels(grid.origin is not None, grid.metric)
     axes.set(xlabel=x, ylabel=y)
-    axes.set_title(f"Height over the floor, by {by} (grey: not measured)", fontsize=10)
-    figure.colorbar(drawn, ax=axes, label="m", fraction=0.046 * rows / cols, pad=0.03)
+    axes.set_title(f"Height over the floor, by {by} (grey: {grey})", fontsize=10)
+    figure.colorbar(drawn, ax=axes, label=unit(grid.metric), fraction=0.046 * rows / cols, pad=0.03)
     return png(figure, cropped=True)

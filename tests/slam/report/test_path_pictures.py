@@ -1,4 +1,4 @@
-"""Pictures of a report: the path from above, the heights, and small pictures of the mosaic."""
+"""Pictures of a report: the path from above, and the heights of the camera."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from slam.core.estimate import LoopVerdict
-from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
+from slam.report.pictures import altitude_picture, trajectory_picture
 from tests.slam.made_estimate import made_estimate
 
 
@@ -61,16 +61,3 @@ def _extent_of_orange(png: bytes) -> tuple[int, int]:
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
     rows, columns = np.nonzero(np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30)
     return int(np.ptp(columns)), int(np.ptp(rows))
-
-
-def test_a_thumbnail_is_small_and_white_where_there_is_nothing(tmp_path):
-    picture = np.zeros((300, 5000, 4), np.uint8)
-    picture[:, 2500:] = [10, 200, 30, 255]
-    Image.fromarray(picture).save(tmp_path / "mosaic.png")
-    small = np.asarray(Image.open(io.BytesIO(thumbnail(tmp_path / "mosaic.png"))))
-    height, width, channels = small.shape
-    assert channels == 3
-    assert 1000 <= width <= 2000
-    assert width / height == pytest.approx(5000 / 300, rel=0.02)
-    assert np.abs(small[:, : int(0.45 * width)].astype(int) - 255).max() <= 2
-    assert np.abs(small[:, int(0.55 * width) :].astype(int) - [10, 200, 30]).max() <= 4

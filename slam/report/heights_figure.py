@@ -1,0 +1,53 @@
+"""The picture of the heights of the ground in a report, and the words below it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
+from slam.core.units import SPACE, percent
+from slam.report.facts import Facts, whence
+from slam.report.page import embedded
+
+
+def heights_figure(path: Path | None) -> str | None:
+    """Return the picture as a data address; None without the file."""
+    return embedded(path.read_bytes()) if path is not None and path.exists() else None
+
+
+def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
+    """Return what the picture shows: heights of what, above what, by which instrument, and how good."""
+    ground = estimate.ground
+    if ground is None or not ground.is_measured:
+        return (
+            "Height of what stands on the ground, over the floor, which the map takes as flat. The height "
+            "sensor alone measured it, and shows no detail smaller than the spot of its beam on the floor. "
+            f"{_of_echo(facts, flight)}Grey: no echo came from there. "
+        )
+    known = f", typically to ±{SPACE}{facts.length(ground.height_std_m)}" if ground.height_std_m else ""
+    filled = (
+        f" Pale: {percent(ground.filled_share)} of the uneven ground, filled in from around and not "
+        "measured: trust no height there."
+        if ground.filled_share
+        else ""
+    )
+    return (
+        "Height of the ground over the floor, which is the level plane that fits the ground best: from "
+        f"{_signed(ground.lowest_m, facts)} to {_signed(ground.highest_m, facts)}, measured by what the "
+        f"pictures show from different sides{known}.{filled} Grey: no picture shows it. "
+    )
+
+
+def _of_echo(facts: Facts, flight: Flight | None) -> str:
+    """Return how accurate one echo is, in one sentence with a space behind; empty without a height sensor."""
+    if flight is None or flight.sonar is None:
+        return ""
+    known = facts.length(flight.sonar.noise_std_m)
+    return (
+        f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}: smaller differences are noise. "
+    )
+
+
+def _signed(height_m: float, facts: Facts) -> str:
+    return f"{facts.length(abs(height_m))} {'below' if height_m < 0 else 'above'} it"

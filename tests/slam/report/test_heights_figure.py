@@ -1,0 +1,46 @@
+"""The picture of the heights of the ground stands on the page, with what it shows and how good it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from PIL import Image
+
+from slam.core.estimate import GroundFacts
+from slam.core.summary import summarise
+from slam.report.facts import gather
+from slam.report.heights_figure import heights_figure_words
+from slam.report.optimize_report import Mosaics, render
+from tests.slam.made_estimate import made_estimate, made_flight
+
+MEASURED = GroundFacts(
+    misregistration_px=(0.1, 0.4), over_floor_px=(0.4, 2.0), relief_share=0.3, filled_share=0.125,
+    lowest_m=-1.5, highest_m=4.0, height_std_m=0.05,
+)  # fmt: skip
+
+
+def test_the_heights_of_the_ground_are_on_the_page(tmp_path, no_figures):
+    path, estimate = tmp_path / "elevation.png", made_estimate()
+    Image.fromarray(np.full((40, 50, 3), 128, np.uint8)).save(path)
+    pages = [
+        render(estimate, summarise(estimate), made_flight(), Mosaics(after=path, elevation=heights))
+        for heights in (path, None)
+    ]
+    assert ["Heights of the ground in colours" in page for page in pages] == [True, False]
+
+
+def test_heights_by_the_pictures_have_range_and_accuracy_and_what_was_filled_in():
+    estimate = replace(made_estimate(), ground=MEASURED)
+    told = heights_figure_words(estimate, gather(estimate, made_flight()), made_flight())
+    words = told.replace("\xa0", " ")
+    assert "from 1.50 m below it to 4.00 m above it" in words
+    assert "typically to ± 50.0 mm" in words
+    assert "12 % of the uneven ground" in words
+
+
+def test_heights_by_the_height_sensor_have_its_accuracy():
+    estimate, flight = made_estimate(), made_flight()
+    words = heights_figure_words(estimate, gather(estimate, flight), flight)
+    assert "height sensor alone" in words
+    assert "smaller differences are noise" in words
