@@ -52,3 +52,21 @@ def length_unit(metres: float) -> tuple[str, float]:
 def _significant(value: float) -> str:
     digits = 2 if value == 0 else int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 2))
     return f"{value:.{digits}f}"
+
+
+def sized(size: float, of: str, digits: int = 3) -> str:
+    """Return a size in its everyday unit, with some significant figures but no exponent where it is large."""
+    factor, name = everyday(size, of)
+    value = factor * size
+    return (
+        f"{value:.{digits}g}{spaced(name)}" if abs(value) < 10**digits - 0.5 else f"{value:.0f}{spaced(name)}"
+    )
+
+
+def everyday(size: float, of: str) -> tuple[float, str]:
+    """Return the factor and the unit in which a size with an SI unit reads well: degrees, percent, ms, mm."""
+    if of in ("rad", "rad/s"):
+        return float(np.degrees(1.0)), of.replace("rad", "deg")
+    small = {"1": (1.0, 100.0, "%"), "s": (0.0995, 1e3, "ms"), "m": (0.0995, 1e3, "mm")}
+    below, factor, name = small.get(of, (0.0, 1.0, of))
+    return (factor, name) if abs(size) < below else (1.0, of)

@@ -53,13 +53,11 @@ class Gain:
     nats: float
     ci95: tuple[float, float]
     by: str | None
-    """Held-out unit, ``flight`` or ``segment``. It is None where single readings show the cause and no size
-    enters."""
+    """Held-out unit, ``flight`` or ``segment``; None where single readings show the cause."""
     parts: tuple[float, ...]
     """Nats of each held-out part, or else of each flight."""
     channels: tuple[ChannelError, ...]
-    """Open-loop roll-out errors before and after, by channel and horizon, and reprojection errors of
-    pictures."""
+    """Errors of roll-outs before and after, by channel and horizon, and reprojection errors."""
 
     @staticmethod
     def of(parts: Array, by: str | None, channels: tuple[ChannelError, ...] = ()) -> Gain:
@@ -80,8 +78,7 @@ class Gain:
 
     @property
     def flies_worse(self) -> bool:
-        """Whether some channel's error two seconds ahead grows by more than ``MISFIT`` and none falls by as
-        much."""
+        """Whether an error two seconds ahead grows by more than ``MISFIT`` and none falls by as much."""
         return self.foremost not in self.judged and any(
             c.after > (1.0 + MISFIT) * c.before for c in self.judged
         )

@@ -59,8 +59,7 @@ def with_terms(model: Model, found: Iterable[Cause | ReadingAnomaly]) -> Model:
 def extended_model(
     model: Model, parameters: FilterParameters, causes: Sequence[str], records: Sequence[Record]
 ) -> Model:
-    """Return the model of some fitted filter parameters. Only terms of ``causes`` enter, each within its
-    equation's limits."""
+    """Return the model of some fitted filter parameters, with terms of ``causes`` alone, within limits."""
     names = (
         "vehicle.gain", "vehicle.drag_1_s", "vehicle.attitude_time_s", "sonar.datum_m",
         *HOLD_NOISES, *NOISE_CORRELATIONS, *NOISE_FIGURES,

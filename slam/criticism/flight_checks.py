@@ -46,8 +46,7 @@ UNSTEERED = "the stick is never moved: the model has no input"
 OUT_OF_MODEL_FACTOR = 1.6
 OUT_OF_MODEL_RATE_HZ = 20.0
 SLOW_HZ = 10.0
-"""Least rate of an instrument: a vehicle answers within a tenth of a second, so slower readings miss most of
-the answer."""
+"""Least rate of an instrument: a vehicle answers within a tenth of a second, which slower readings miss."""
 SHOWN_BY = {
     "forward": (("pitch", "gyro_y", "velocity_x"), "attitude, gyro or speed"),
     "left": (("roll", "gyro_x", "velocity_y"), "attitude, gyro or speed"),
@@ -106,8 +105,7 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
 
 
 def untested_reasons(records: Sequence[Record], shown: Sequence[str]) -> list[str]:
-    """Return reasons why flights could show next to nothing. ``shown`` are the effects that they could have
-    shown."""
+    """Return reasons why flights could show next to nothing but the effects ``shown``."""
     some = f"no more than {', '.join(shown)}" if shown else "none"
     reasons = [f"of {len(CATALOGUE)} effects {some} would have shown at a usual size"]
     for stick, (channels, instruments) in SHOWN_BY.items():

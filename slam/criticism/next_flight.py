@@ -245,7 +245,7 @@ def advice(
         )
     few = np.flatnonzero(times <= MOST_TIMES)
     best = int(few[np.argmin(times[few] * np.array(took_s)[few])])
-    often = "once" if times[best] == 1 else f"{times[best]:.0f} times"
+    often = f"{'once, for' if times[best] == 1 else f'{times[best]:.0f} times, each'} {took_s[best]:.0f} s"
     return f"To distinguish {first} from {second} {motions[best]} {often}: {sigma[best]:.1f} sigma a time."
 
 

@@ -20,8 +20,7 @@ from slam.criticism.threads import in_threads
 from slam.simulation.model import Model
 
 CLOSED_LOOP = 1.5
-"""Factor on the thresholds where a controller flies: its sticks contain more information than the
-instruments."""
+"""Factor on the thresholds where a controller flies: its sticks hold more than the instruments."""
 OUT_OF_MODEL = 2.0
 """Factor on the thresholds of an out-of-model vehicle, whose equations are not those of the model."""
 
@@ -64,8 +63,7 @@ def prepare(flights: Sequence[Flight], model: Model, progress: Progress) -> Prep
 def _filtered(
     records: Sequence[Record], parameters: FilterParameters, progress: Progress
 ) -> tuple[list[Record], list[str]]:
-    """Return the records with their reference runs under the healthy model, and descriptions of the pictures
-    that contradict these runs."""
+    """Return the records with their runs under the healthy model, and words on pictures against these."""
     flights = Tally(progress, "filter", len(records))
 
     def prepared(record: Record) -> tuple[Record, str]:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
+from slam.core.units import everyday
+from slam.report.effect_names import title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,40 +34,55 @@ SHOWN_SHARE = 0.005
 
 
 def covariate_picture(found: Covariate) -> bytes:
-    """Draw the residuals against the covariate of the leading cause, and against that of its rival."""
+    """Draw the residuals against the covariate of the leading cause, and against that of its rival.
+
+    One panel has the width of both.
+    """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(3.7 * len(found.against), 3.4), dpi=160, layout="constrained")
-    for axes, misses in zip(np.ravel(figure.subplots(1, len(found.against))), found.against, strict=True):
+    figure = Figure(figsize=(7.4, 3.4), dpi=160, layout="constrained")
+    drawn = panels_of(found)
+    for axes, misses in zip(np.ravel(figure.subplots(1, len(drawn))), drawn, strict=True):
         _draw_misses(axes, misses, found)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return png(figure)
 
 
-def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None:
-    x, plain = misses.explained, misses.residuals[""]
-    some = np.unique(np.linspace(0, len(x) - 1, MOST_DOTS).astype(np.int64))
-    axes.plot(x[some], plain[some], ".", color=GREY, markersize=3, alpha=0.5)
+def panels_of(found: Covariate) -> list[ChannelResiduals]:
+    """Return what is drawn: the leading cause, and its rival where its errors have a slope."""
+    return [m for m in found.against if m.cause == found.cause or len(_bins_of(m.explained)[1]) > 1]
+
+
+def _bins_of(x: Array) -> tuple[NDArray[np.int64], list[int]]:
+    """Return the bin of each value, and the bins that hold enough of them for a mean."""
     low, high = np.quantile(x, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])
     edges = np.linspace(low, high, COVARIATE_BINS + 1)
     bins = np.digitize(x, edges)
-    full = [k for k in range(1, len(edges)) if np.sum(bins == k) >= FEWEST_IN_BIN]
+    return bins, [k for k in range(1, len(edges)) if np.sum(bins == k) >= FEWEST_IN_BIN]
+
+
+def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None:
+    factor, unit = everyday(1.0, misses.unit)
+    x, plain = factor * misses.explained, factor * misses.residuals[""]
+    some = np.unique(np.linspace(0, len(x) - 1, MOST_DOTS).astype(np.int64))
+    axes.plot(x[some], plain[some], ".", color=GREY, markersize=3, alpha=0.5)
+    low, high = np.quantile(x, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])
+    bins, full = _bins_of(x)
     middle = [float(np.mean(x[bins == k])) for k in full]
     shown = [low, high, *np.quantile(plain, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])]
-    ways = (("", "without either", VERMILLION), (found.cause, f"with {_words(found.cause)}", BLUE),
-            (found.rival, f"with {_words(found.rival)} instead", ORANGE))  # fmt: skip
+    ways = (("", "without either", VERMILLION), (found.cause, f"with {title_of(found.cause)}", BLUE),
+            (found.rival, f"with {title_of(found.rival)} instead", ORANGE))  # fmt: skip
     for name, label, colour in ways:
         if name in misses.residuals and (name or colour == VERMILLION):
-            means = [float(np.mean(misses.residuals[name][bins == k])) for k in full]
+            means = [factor * float(np.mean(misses.residuals[name][bins == k])) for k in full]
             shown += means
             axes.plot(middle, means, "o-", color=colour, markersize=4, linewidth=1.4, label=label)
     axes.plot([low, high], [low, high], "--", color=GREY, linewidth=1, label="all of it explained")
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set_ylim(min(shown), max(shown))
     axes.locator_params(axis="x", nbins=4)
-    unit = misses.unit
-    axes.set_xlabel(f"what {_words(misses.cause)} says [{unit}]", fontsize=9)
+    axes.set_xlabel(f"error that {title_of(misses.cause)} predicts [{unit}]", fontsize=9)
     axes.set_ylabel(f"{_words(misses.channel)}: missed [{unit}]", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=8)
@@ -94,7 +111,7 @@ def ranking_picture(result: Criticism) -> bytes:
 
     figure = Figure(figsize=(7.2, 0.6 + 0.28 * len(shown)), dpi=160, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    names = [_IN_WORDS.get(r.name, _words(r.name)) for r in shown]
+    names = [_IN_WORDS.get(r.name, title_of(r.name)) for r in shown]
     colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
     left.barh(names, [r.probability for r in shown], color=colours)
     left.set_xlim(0, 1)

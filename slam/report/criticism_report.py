@@ -7,17 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from backend.wording import either
+from slam.core.units import sized, spaced
 from slam.core.version import VERSION
 from slam.report.accuracy import map_gain_table
 from slam.report.criticism_answers import criticism_answers
+from slam.report.criticism_changes import size_over_time
+from slam.report.criticism_evidence import longer_bar
 from slam.report.criticism_pictures import (
     calibration_picture,
     covariate_picture,
     gain_picture,
+    panels_of,
     ranking_picture,
 )
 from slam.report.criticism_segment import evidence_segment
+from slam.report.effect_names import TWO_SIDED, figure, title_of, with_titles
 from slam.report.page import Item, embedded, render_page
 
 if TYPE_CHECKING:
@@ -35,8 +42,7 @@ VERDICTS = {
     "unusable": "Cannot be judged",
 }
 SHOWN_HORIZONS = {0.0: "picture to picture", 0.5: "0.5 s", 2.0: "2 s", 10.0: "10 s"}
-_MOST_IN_FIGURES = 999.5
-"""Larger values with three significant figures would have an exponent."""
+NOT_SHOWN = "not shown by these flights"
 HELD_OUT_DOTS = (
     "Log likelihood gained on each part when it was held out, in nats (5 nats are odds of 150 to 1); above 0 "
     "the extension predicts it better."
@@ -51,12 +57,24 @@ IN_SAMPLE_DOTS = (
 class CauseRow:
     """Table row of one parameter of one cause."""
 
+    title: str
     name: str
     equation: str
     parameter: str
     value: str
     interval: str
     probability: str
+
+
+@dataclass(frozen=True)
+class DetectableRow:
+    """Table row of the smallest visible size of an effect."""
+
+    title: str
+    name: str
+    size: str
+    manoeuvre: str
+    """Manoeuvre that shows a smaller one."""
 
 
 @dataclass(frozen=True)
@@ -80,21 +98,22 @@ def write_criticism_report(
 def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()) -> str:
     """Return the page as HTML with everything embedded."""
     gain = result.causes[0].gain if result.causes else None
-    segment = evidence_segment(result, flights)
+    segments = [s for s in (evidence_segment(result, flights), size_over_time(result)) if s is not None]
     return render_page(
         "criticism_page.html.j2",
         title=VERDICTS[result.verdict],
         version=VERSION,
         model=result.model.name if result.model else "none",
         result=result,
-        answers=criticism_answers(result),
+        sentence=with_titles([result.sentence])[0],
+        answers=criticism_answers(result, [segment.where for segment in segments]),
         tiles=_tiles(result),
-        segment=segment,
-        segment_image=embedded(segment.picture) if segment else None,
+        segments=[(s.title, embedded(s.picture), s.caption) for s in segments],
         covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,
         covariate_caption=covariate_caption(result),
         ranking=embedded(ranking_picture(result)) if result.ranking else None,
         ranking_caption=ranking_caption(result),
+        alike=[title_of(name) for name in result.equivalence_set],
         causes=cause_rows(result),
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
@@ -103,16 +122,12 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         gain_caption=HELD_OUT_DOTS if gain and gain.by else IN_SAMPLE_DOTS,
         calibration=_calibration(result),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
-        nuisances=[
-            Item(name, f"{_figure(n.value)} {_unit(n.unit)} ({_figure(n.low)} to {_figure(n.high)})")
-            for name, n in result.nuisances.items()
-        ]
-        + [
-            Item(f"{name}: noise of one sample with the next", f"{_figure(share)}")
-            for name, share in result.noise_correlation.items()
+        nuisances=nuisance_rows(result),
+        confusable=[
+            Item(f"{title_of(a)} and {title_of(b)}", f"{c:+.2f}", (f"{a}, {b}",))
+            for a, b, c in result.confusable
         ],
-        confusable=[Item(f"{a} and {b}", f"{c:+.2f}") for a, b, c in result.confusable],
-        detectable=[Item(n, f"{_figure(size)} {_unit(u)}") for n, (size, u) in result.detectable.items()],
+        detectable=detectable_rows(result),
     )
 
 
@@ -125,11 +140,11 @@ def _tiles(result: Criticism) -> list[Item]:
     tiles = [Item(f"{either(len(result.flights), 'flight', 'flights')} judged", str(len(result.flights)))]
     if result.causes:
         first = result.causes[0]
-        tiles.append(Item(f"probability of {first.name}", f"{first.probability:.3f}"))
+        tiles.append(Item(f"probability of {title_of(first.name)}", f"{first.probability:.3f}"))
         tiles.append(_gain_tile(first.gain))
     elif result.ranking:
         strongest = max(result.ranking, key=lambda r: r.z)
-        tiles.append(Item(f"strongest of all ({strongest.name})", f"{strongest.z:.1f} sigma"))
+        tiles.append(Item(f"strongest of all ({title_of(strongest.name)})", f"{strongest.z:.1f} sigma"))
     return tiles
 
 
@@ -152,14 +167,12 @@ def cause_rows(result: Criticism) -> list[CauseRow]:
     for cause in result.causes:
         term = CATALOGUE.get(cause.name)
         for k, (name, p) in enumerate(cause.parameters.items()):
-            first = (cause.name, term.equation if term else "", f"{cause.probability:.3f}")
-            shown = first if k == 0 else ("", "", "")
-            rows.append(
-                CauseRow(
-                    shown[0], shown[1], name, _sized(p.value, p.unit),
-                    f"{_figure(p.low)} to {_figure(p.high)}", shown[2],
-                )
-            )  # fmt: skip
+            equation = term.equation if term else ""
+            first = (title_of(cause.name), cause.name, equation, f"{cause.probability:.3f}")
+            shown = first if k == 0 else ("", "", "", "")
+            value = f"{figure(p.value)}{spaced(p.unit)}"
+            interval = f"{figure(p.low)} to {figure(p.high)}"
+            rows.append(CauseRow(*shown[:3], name, value, interval, shown[3]))
     return rows
 
 
@@ -173,11 +186,47 @@ def gain_rows(result: Criticism) -> list[GainRow]:
             change = 100 * (error.after / error.before - 1)
             rows.append(
                 GainRow(
-                    error.channel, SHOWN_HORIZONS[error.horizon_s], _sized(error.before, error.unit),
-                    _sized(error.after, error.unit), f"{change:+.0f} %",
+                    error.channel, SHOWN_HORIZONS[error.horizon_s], sized(error.before, error.unit),
+                    sized(error.after, error.unit), f"{change:+.0f} %",
                 )
             )  # fmt: skip
     return rows
+
+
+def nuisance_rows(result: Criticism) -> list[Item]:
+    """Return the constants of this vehicle with their intervals; one that the flights do not show is marked.
+
+    It is one of which they tell less than the range of healthy vehicles does.
+    """
+    from slam.criticism.kalman.filter_parameters import filter_parameters_of
+    from slam.criticism.search.fitted_parameters import NUISANCES
+
+    assert result.model is not None or not result.nuisances
+    model = filter_parameters_of(result.model) if result.model else None
+    rows = []
+    for nuisance in NUISANCES:
+        found = result.nuisances.get(nuisance.name)
+        if found is None or model is None:
+            continue
+        ends = np.array([found.low, found.high])
+        reach = float(np.ptp(np.log(ends) if nuisance.form == "log" else ends)) / 2.0
+        unseen = (reach / TWO_SIDED) ** 2 * nuisance.prior_precision(model) > 0.5
+        value = f"{figure(found.value)}{spaced(found.unit)} ({figure(found.low)} to {figure(found.high)})"
+        rows.append(Item(nuisance.name, value, (NOT_SHOWN,) if unseen else ()))
+    return rows + [
+        Item(f"{name}: noise of one sample with the next", figure(share))
+        for name, share in result.noise_correlation.items()
+    ]
+
+
+def detectable_rows(result: Criticism) -> list[DetectableRow]:
+    """Return the smallest visible size of each effect, with the manoeuvre that shows a smaller one."""
+    from slam.simulation.terms import CATALOGUE
+
+    return [
+        DetectableRow(title_of(name), name, sized(size, unit), CATALOGUE[name].excitation)
+        for name, (size, unit) in result.detectable.items()
+    ]
 
 
 def covariate_caption(result: Criticism) -> str:
@@ -192,27 +241,16 @@ def covariate_caption(result: Criticism) -> str:
         else "error of the model's prediction over two seconds"
     )
     text = (
-        f"Vertical axis: {what}. Horizontal axis: the error that {found.cause} predicts. The means without "
+        f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. The means without "
         "it follow the dashed line as far as it explains the error; those with it should be flat, and a "
         "slope of these is left unexplained."
     )
-    if not found.rival:
+    if len(panels_of(found)) < 2:
         return text
-    return f"{text} The other panel is the same for {found.rival}, the most probable alternative."
+    return f"{text} The other panel is the same for {title_of(found.rival)}, the most probable alternative."
 
 
 def ranking_caption(result: Criticism) -> str:
     """Caption of the line in the figure of the ranking."""
-    return f"the line ({result.threshold:.1f}) is {result.threshold_means}"
-
-
-def _figure(value: float) -> str:
-    return f"{value:.3g}" if abs(value) < _MOST_IN_FIGURES else f"{value:.0f}"
-
-
-def _sized(value: float, unit: str) -> str:
-    return f"{_figure(value)} {_unit(unit)}".strip()
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit
+    why = longer_bar(result)
+    return f"the line ({result.threshold:.1f}) is {result.threshold_means}.{' ' if why else ''}{why}"

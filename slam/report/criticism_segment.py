@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREY, VERMILLION, legend_below, new_figure, png
+from slam.core.units import everyday
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -37,6 +38,8 @@ class Segment:
     title: str
     picture: bytes
     caption: str
+    where: str
+    """Sentence on the flight and the time that it shows."""
 
 
 @dataclass(frozen=True)
@@ -115,24 +118,31 @@ def before_after_picture(
         return None
     figure, axes = new_figure(7.2, 3.2)
     time = best.stamps_s - best.stamps_s[0]
-    axes.plot(time, best.measured, ".", color=GREY, markersize=5, label="measured")
+    factor, unit = everyday(1.0, best.unit)
+    axes.plot(time, factor * best.measured, ".", color=GREY, markersize=5, label="measured")
     for side, name, colour in (
         (best.before, f"model {model.name}", VERMILLION),
         (best.after, "extended model", BLUE),
     ):
-        axes.plot(*best.line_of(side), ".-", color=colour, markersize=3, linewidth=1.4, label=name)
+        axes.plot(*best.line_of(factor * side), ".-", color=colour, markersize=3, linewidth=1.4, label=name)
     axes.set_xlabel(f"time from {best.stamps_s[0]:.1f} s of {best.flight} [s]")
-    axes.set_ylabel(f"{best.channel} [{best.unit}]")
+    axes.set_ylabel(f"{best.channel} [{unit}]")
     legend_below(axes)
-    rms = [float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)]
+    rms = [
+        factor * float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)
+    ]
     fitted = "; the extension was fitted on the other flights" if best.flight in (unseen or {}) else ""
     caption = (
         f"{best.channel} over the {SEGMENT_S:g} s with the model's largest error{fitted}. Both models get "
         f"the same commands and restart from the measured state every {RESTART_S:g} s, where the lines "
-        f"break; nothing else is fed back. Root mean square error {rms[0]:.3g} {best.unit} before, "
-        f"{rms[1]:.3g} {best.unit} after."
+        f"break; nothing else is fed back. Root mean square error {rms[0]:.3g} {unit} before, "
+        f"{rms[1]:.3g} {unit} after."
     )
-    return Segment("Before and after", png(figure), caption)
+    between = f"{best.stamps_s[0]:.1f} to {best.stamps_s[-1]:.1f} s of {best.flight}"
+    return Segment(
+        "Before and after", png(figure), caption,
+        f"“Before and after” shows {between}, where the model's error is largest.",
+    )  # fmt: skip
 
 
 def _worst(flight: str, old: Comparison, new: Comparison, restarts_s: Array) -> _Misfit | None:
@@ -203,4 +213,8 @@ def readings_picture(term: str, flight: Flight) -> Segment:
     caption = (
         f"{what}, over the {SEGMENT_S:g} s in which it differs most, in the flight that shows most of it."
     )
-    return Segment("What shows it", png(figure), caption)
+    begin, end = stamps_s[rows][[0, -1]]
+    return Segment(
+        "What shows it", png(figure), caption,
+        f"“What shows it” has {begin:.1f} to {end:.1f} s of {flight.name}, where it shows most.",
+    )  # fmt: skip

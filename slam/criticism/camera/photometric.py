@@ -45,8 +45,7 @@ BORDER = 0.35
 SHADING_TOLERANCE, SHADING_MAP_TOLERANCE = 0.01, 0.005
 """Tolerated shading of a healthy lens: darkness of the corners, and root mean square of the shading map."""
 OUTWARD_TOLERANCE = 0.02
-"""Tolerated loss of brightness towards the corners, for points farther from the centre in one of two
-pictures."""
+"""Tolerated loss of brightness towards the corners, for points nearer them in one of two pictures."""
 HEALTHY_STD = {CONTRAST: 0.02, SHARPNESS: 0.08}
 """Standard deviation of the logarithm between places of a healthy floor, whose detail varies."""
 LAMPS_STD = 0.01
@@ -57,8 +56,7 @@ TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.2, SHARPNESS: 0.6}
 """Tolerated change of the logarithm for each unit of the logarithm of height, or of the floor's scale in the
 picture. On the floors of two generators it is -0.2 in contrast and up to 0.9 in detail."""
 WANDER = np.array([0.006, 0.006, 0.006, 0.004, 0.03, 0.003, 0.003])
-"""Standard deviation of a healthy picture's properties: other floor points are visible, and moving objects
-cover some."""
+"""Healthy standard deviation of a picture's properties: other floor points show, and objects move."""
 
 
 def photometric_score(
@@ -128,8 +126,7 @@ def _columns(
     patterns: Sequence[tuple[str, int]],
     variances: Mapping[tuple[str, int], float],
 ) -> Array:
-    """Return the matrix (patterns + 1, directions) from the directions to the columns of a fit: the patterns,
-    and one variance that several directions share."""
+    """Return (patterns + 1, directions) from directions to the columns of a fit: patterns, one variance."""
     shares = np.zeros((len(patterns) + 1, len(directions)))
     for k, direction in enumerate(directions):
         key = (direction.kind, direction.entry)

@@ -37,8 +37,7 @@ _FAINT = 1e-4
 
 
 TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOLERANCE])
-"""Largest apparent error of a healthy camera from features on small pictures; then of its clock, and of
-warps."""
+"""Largest apparent error of a healthy camera by features on small pictures, of its clock, and of warps."""
 _PIXEL_NUDGE = 0.1
 """Step in pixels to either side of a central difference."""
 
@@ -268,8 +267,7 @@ class _Scene:
 def reprojection_errors(
     records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
-    """Return root mean square errors over all matches of the flights with pictures, before and after; empty
-    where none has any."""
+    """Return root mean square errors over all matches, before and after; empty where none has pictures."""
     seen = [k for k, record in enumerate(records) if record.matches is not None]
     if not seen:
         return ()

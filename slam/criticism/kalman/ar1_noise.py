@@ -130,8 +130,7 @@ def covariance_with_reading(noise: Ar1Noise, j: int, row: Array, ph: Array) -> f
 
 @inner_kernel
 def correct_noise(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes: Array) -> None:
-    """Correct the noises by an innovation ``miss`` of variance ``s_var``, and their sensitivities by its
-    ``changes`` (m,)."""
+    """Correct noises by a ``miss`` of variance ``s_var``, and their sensitivities by its ``changes`` (m,)."""
     n, k = noise.cross.shape
     for i in range(k):
         gain = noise.reading_cov[i] / s_var

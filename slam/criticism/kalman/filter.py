@@ -30,15 +30,7 @@ from slam.criticism.kalman.noise_changes import (
     sample_changes,
     spread_by_stamp,
 )
-from slam.criticism.kalman.readings import (
-    FIRST_CHANNEL,
-    IMU,
-    MOMENT,
-    MOVING,
-    RANGE_LAG,
-    SONAR,
-    WIDTH,
-)
+from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOMENT, MOVING, RANGE_LAG, SONAR, WIDTH
 from slam.criticism.kalman.sensitivity import carry, correct_sensitivity, direct_change, force
 from slam.criticism.kalman.steps import (
     correct,

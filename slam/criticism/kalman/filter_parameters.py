@@ -66,8 +66,7 @@ NOISE_FIGURES = (
     "imu.gyro_noise_density", "imu.accel_noise_density", "attitude.noise_std_deg", "velocity.noise_std_m_s",
     "sonar.noise_std_m",
 )  # fmt: skip
-"""Numbers of a model that hold the noise of ``readings.INSTRUMENTS``: densities of the imu, and standard
-deviations."""
+"""Noise of ``readings.INSTRUMENTS`` in a model: densities of the imu, and standard deviations."""
 NOISE_CORRELATIONS = (
     "imu.gyro_noise_correlation", "imu.accel_noise_correlation", "attitude.noise_correlation",
     "velocity.noise_correlation", "sonar.noise_correlation",

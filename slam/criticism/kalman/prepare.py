@@ -101,13 +101,9 @@ def _process_noise(hold: Array, h: float, n: int) -> Array:
 
 
 def noise_changes_for(
-    record: Record,
-    parameters: FilterParameters,
-    changed: Sequence[FilterParameters],
-    coloured: Ar1Noise,
+    record: Record, parameters: FilterParameters, changed: Sequence[FilterParameters], coloured: Ar1Noise
 ) -> NoiseChangeArrays:
-    """Return the filters under ``changed`` parameters of the noise before the first reading, beside AR(1)
-    noises ``coloured``."""
+    """Return filters under ``changed`` noise before the first reading, beside AR(1) noises ``coloured``."""
     (n, k), c = coloured.cross.shape, len(changed)
     slots = np.flatnonzero(coloured.slot != WHITE)
     variance, colour = np.zeros((c, len(CHANNELS))), np.zeros((c, len(CHANNELS)))

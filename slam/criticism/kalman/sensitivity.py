@@ -22,18 +22,7 @@ from slam.criticism.kalman.arrays import (
 )
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import NOISES, POLE, split_state
-from slam.simulation.dynamics import (
-    COMMAND,
-    GUST_X,
-    GUST_Y,
-    PITCH,
-    ROLL,
-    UP,
-    VX,
-    YAW,
-    rates,
-    thrust,
-)
+from slam.simulation.dynamics import COMMAND, GUST_X, GUST_Y, PITCH, ROLL, UP, VX, YAW, rates, thrust
 
 STICKS = len(COMMAND)
 

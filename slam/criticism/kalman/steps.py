@@ -83,8 +83,7 @@ STATES_READ = (
 
 @inner_kernel
 def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
-    """Return whether the gear may be hitting the floor. A vehicle that stands, or is commanded to climb, is
-    excluded: its height is known."""
+    """Return whether the gear may be hitting the floor: not while standing, or while commanded to climb."""
     if stick[UP] > 0.0 or abs(state[VZ]) < STANDS_M_S:
         return False
     return bool(state[Z] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]))

@@ -71,8 +71,7 @@ def split_state(state: Array, full: Array, noise: Array) -> None:
 
 @inner_kernel
 def _thrust_slopes(pitch: float, ahead: float, aside: float, parameters: Array) -> tuple[float, float, float]:
-    """Return the derivatives of the thrust to the side by roll, and of that ahead and to the side by
-    pitch."""
+    """Return the derivatives of the thrust to the side by roll, and of that ahead and aside by pitch."""
     if parameters[SMALL_ANGLE] >= 0.5:
         return -1.0, 1.0, 0.0
     cosine = math.cos(pitch)
@@ -190,8 +189,7 @@ def process_noise(hold: Array, matrix: Array, q: Array) -> None:
 
 @inner_kernel
 def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
-    """Write the transition matrix (n, n) over h seconds: exact in the noises, otherwise to second order of
-    ``slopes`` (10, n)."""
+    """Write the transition (n, n) over h: exact in noises, else to second order of ``slopes`` (10, n)."""
     n = matrix.shape[0]
     decay(hold, h, matrix)
     for i in range(MOVING):
@@ -270,8 +268,7 @@ def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
 def mean_step(
     h: float, state: Array, command: Array, model: ModelArrays, step: StepBuffers, scratch: Scratch
 ) -> None:
-    """Integrate the mean over h by RK4, in place, with the exact decay of the noises. Write the state and
-    noise in the middle into ``step``."""
+    """Integrate the mean over h by RK4, in place, noises decaying exactly; write the middle into ``step``."""
     n, parameters, matrix = state.shape[0], model.parameters, step.matrix
     first, middle, middle_noise = step.rate, step.middle, step.middle_noise
     full, noise, ended, rate = scratch.full, scratch.noise, scratch.ended, scratch.rate

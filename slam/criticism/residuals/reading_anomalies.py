@@ -32,22 +32,16 @@ _Flight = TypeVar("_Flight")
 SECOND_ECHO = (1.6, 2.4)
 """Limits of a spike: its ratio to the predicted range."""
 FEWEST_SPIKES, NATS_A_SPIKE = 2, 9.0
-"""Evidence of a reading that is ten deviations off or more, even with Student's tails, less the cost of its
-rarity."""
-ENTAILS = {
-    "sonar_quantisation": ("sonar_noise out of range",),
-    "sonar_spikes": ("sonar_noise out of range",),
-}
+"""Evidence of a reading ten deviations off or more, even with Student's tails, less its rarity's cost."""
+ENTAILS = {"sonar_quantisation": ("sonar_noise out of range",), "sonar_spikes": ("sonar_noise out of range",)}
 """Nuisance findings that an anomaly explains."""
 LIMIT_STD_M = 0.01
 NATS_A_REPEAT = 4.0
 PASS_S, LEAST_PASS = 1.0, 3
-"""Greatest time between two pictures of one moving object, and least number of its pictures; fewer are
-chance."""
+"""Greatest time between two pictures of a moving object, and least number of them beyond chance."""
 NATS_A_PAIR = 9.0
 SATURATED = 1.5
-"""Factor from the strongest spots to the upper limit of a lamp's strength, since spots on a bright floor
-saturate."""
+"""Factor from the strongest spots to a lamp's greatest strength: spots on a bright floor saturate."""
 CERTAIN = 0.9
 MOST_LOST = 50
 """Greatest number of lost pictures that is tried."""

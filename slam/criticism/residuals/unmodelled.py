@@ -61,8 +61,7 @@ def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]
 
 
 def outliers_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[str]:
-    """Return one phrase for each channel of which the filter rejected more readings than noise explains; a
-    sonar's are spikes."""
+    """Return a phrase for each channel with more rejected readings than noise explains, spikes aside."""
     found = []
     for channel, name in enumerate(CHANNELS):
         if channel == RANGE:

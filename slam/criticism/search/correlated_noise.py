@@ -27,8 +27,7 @@ from slam.criticism.threads import in_threads
 Array = NDArray[np.float64]
 
 MIN_AR1 = 0.05
-"""Least AR(1) coefficient. A smaller one exaggerates innovations by a twentieth at most, and noise is held to
-be white."""
+"""Least AR(1) coefficient. A smaller one exaggerates innovations by a twentieth at most: it is none."""
 STANDS_OUT = 3.0
 """Least normal deviate of the lag-one correlation in every channel of an instrument."""
 LEAD_NATS = 20.0
@@ -75,8 +74,7 @@ def with_ar1_noise(
 
 
 def without_small_ar1(parameters: FilterParameters) -> FilterParameters:
-    """Set negligible AR(1) coefficients to zero, which appear beside a cause that was absent when they were
-    fitted."""
+    """Set negligible AR(1) coefficients to zero: they were fitted while a cause was absent."""
     return replace(
         parameters,
         noise_correlation=np.where(parameters.noise_correlation < MIN_AR1, 0.0, parameters.noise_correlation),
@@ -84,8 +82,7 @@ def without_small_ar1(parameters: FilterParameters) -> FilterParameters:
 
 
 def lag_one_correlation(records: Sequence[Record], passes: Sequence[FilterPass]) -> tuple[Array, Array]:
-    """Return (channels,) lag-one correlations of the innovations, and their normal deviates; NaN where there
-    are none."""
+    """Return (channels,) lag-one correlations of the innovations and their normal deviates; NaN for none."""
     products, pairs, squares = (np.zeros(len(CHANNELS)) for _ in range(3))
     for record, run in zip(records, passes, strict=True):
         for k in range(len(CHANNELS)):

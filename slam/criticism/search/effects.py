@@ -66,8 +66,7 @@ class Effect:
 
     @property
     def is_saturation(self) -> bool:
-        """Whether it saturates: its derivative at the limit does not predict the effect of removing the
-        limit."""
+        """Whether it saturates: its slope at the limit does not predict the effect of removing the limit."""
         return self.is_term and CATALOGUE[self.name].parameters[0].is_limit
 
     @property
@@ -88,14 +87,12 @@ class Effect:
         return parameters
 
     def repeats(self, other: Effect) -> bool:
-        """Whether it is the same quantity, even if tried in another way, such as gusts of another correlation
-        time."""
+        """Whether it is the same quantity, even if tried in another way, such as gusts of another time."""
         return (self.name, self.parameters) == (other.name, other.parameters)
 
 
 def is_variance(perturbation: Perturbation) -> bool:
-    """Whether a size is a square or a variance: it cannot be negative, and differences between segments are
-    no errors of it."""
+    """Whether a size is a square or a variance: not negative, and naturally different between segments."""
     in_camera = perturbation.kind == "camera" and perturbation.entry in SQUARES
     return in_camera or perturbation.name in VARIANCE_PATTERNS
 
@@ -106,8 +103,7 @@ PICTURES = ("camera", "frames")
 """Streams that only pictures show."""
 
 RADIUS_M = 0.1
-"""Step of the radius. The push of the floor is proportional to the square of the radius: the column is
-radius^2, by one difference."""
+"""Step of the radius, whose square the push of the floor follows: the column is radius^2."""
 TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
 """Values of a limit that are tried, as shares of the greatest tilt demanded."""
 LATENCIES_S = (0.015, 0.04, 0.08, 0.15)
@@ -166,8 +162,7 @@ def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
 
 
 def plausible_range(name: str, parameter: str) -> tuple[float, float]:
-    """Return the range of possible values of a term: three times the usual difference from its neutral
-    value."""
+    """Return the range of possible values of a term: three times the usual distance from neutral."""
     limits = CATALOGUE[name].parameter(parameter)
     reach = PLAUSIBLE * max(abs(limits.high - limits.neutral), abs(limits.low - limits.neutral))
     return max(limits.neutral - reach, limits.least), min(limits.neutral + reach, limits.most)
@@ -212,8 +207,7 @@ def _tilt_limits(records: Sequence[Record], parameters: FilterParameters) -> lis
 
 
 def _latencies(parameters: FilterParameters) -> list[Effect]:
-    """Return the latency itself, and for a vehicle without one the values of a grid, whose sensitivities
-    differ."""
+    """Return the latency itself, and for a vehicle without one the values of a grid."""
     tries = LATENCIES_S if parameters.latency_s == 0.0 else ()
     itself = Effect("control_latency", (_moving("control_latency.T"),), (), ("T",), True)
     return [itself, *_at_values("control_latency.T", tries, 0.0)]

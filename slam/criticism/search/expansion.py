@@ -62,8 +62,7 @@ class ScoreTest:
 
     @property
     def worth(self) -> float:
-        """Nats less the cost of the parameters. An effect that is no term counts less, as it names no
-        reason."""
+        """Nats less the cost of the parameters. An effect that is no term names no reason: it counts less."""
         share = 1.0 if all(e.is_term for e in self.effects) else NAMED_FIRST
         return share * self.nats - self.cost
 
@@ -94,8 +93,7 @@ class LikelihoodExpansion:
     def score_tests(
         self, chosen: Sequence[Effect], among: Sequence[Effect | tuple[Effect, Effect]]
     ) -> list[ScoreTest]:
-        """Return score tests of effects, or of two together, beside the chosen ones, greatest nats after
-        their cost first."""
+        """Return score tests of effects, or of pairs, beside the chosen ones, most nats after cost first."""
         base = self.quadratic.maximise(chosen).nats
         found = []
         for tested in among:

@@ -153,8 +153,7 @@ class FittedParameter:
 
 
 def gain_column(name: str) -> str:
-    """Return the name of the column of a noise change's effect on the mean alone: the trust that the filter's
-    gains express."""
+    """Return the column of a noise change's effect on the mean alone: the trust that gains express."""
     return f"weight of {name}"
 
 

@@ -84,8 +84,7 @@ def _expanded(
     effects: Sequence[Effect],
     nuisances: Sequence[FittedParameter],
 ) -> tuple[FisherInformation, QuadraticLikelihood]:
-    """Return the likelihood about ``parameters`` in some nuisances, those of the mean among them, and
-    effects."""
+    """Return the likelihood about ``parameters`` in effects and nuisances, those of the mean included."""
     perturbations = [*MEAN_PERTURBATIONS, *(d for e in effects for d in e.perturbations)]
     changes = [*(n for n in NOISE_NUISANCES if n in nuisances), *(c for e in effects for c in e.changes)]
     fisher = fisher_information(records, parameters, perturbations, changes)
@@ -98,8 +97,7 @@ def refit(
     parameters: FilterParameters,
     effects: Sequence[Effect],
 ) -> tuple[float, FilterParameters]:
-    """Fit the terms and the nuisances of the mean by Gauss-Newton; return log likelihood and parameters at
-    the end."""
+    """Fit terms and nuisances of the mean by Gauss-Newton; return log likelihood and parameters."""
     for effect in effects:
         parameters = effect.at_profiled_value(parameters)
     effects = [e.free for e in effects]

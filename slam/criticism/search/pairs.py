@@ -21,8 +21,7 @@ from slam.simulation.terms import CATALOGUE
 def ranked_pairs(
     expansion: LikelihoodExpansion, rest: Sequence[Effect], without: Effect | None = None
 ) -> list[ScoreTest]:
-    """Return the tests of all pairs of terms that move the mean of readings and have a slope, best first;
-    ``without`` is in none."""
+    """Return tests of all pairs of terms with a slope in the mean, best first; ``without`` is in none."""
     excluded = [*rest, without] if without is not None else rest
     known = [
         e for e in expansion.effects

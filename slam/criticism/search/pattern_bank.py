@@ -51,8 +51,7 @@ LEVEL_SIGNALS = (
 )  # fmt: skip
 """Signals that may act on these targets."""
 TILTING_S = 0.02
-"""Time before the moment over which a rate of tilt is taken: later values contain what the gyro is about to
-read."""
+"""Time before the moment over which a rate of tilt is taken: later values hold what the gyro will read."""
 
 
 def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:

@@ -226,8 +226,7 @@ class QuadraticLikelihood:
         )
 
     def penalty_at_current(self, relaxed: Sequence[str] = ()) -> float:
-        """Return the prior's penalty in nats at the expansion point, to be subtracted from its log
-        likelihood."""
+        """Return the prior's penalty in nats at the expansion point, to be subtracted there."""
         return self._penalty(np.zeros(len(self.names)), self._among(relaxed))
 
     def nats_at(self, step: Array) -> float:
@@ -250,8 +249,7 @@ class QuadraticLikelihood:
         return self.nats_at(other.whole) + float(average)
 
     def _peak(self, a: Array, b: Array, loose: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return the step to the most probable values and their covariance; an active-set method handles the
-        edges."""
+        """Return the step to the most probable values and their covariance, by an active-set method."""
         count = len(self.names)
         half = (self.limits[:, 1] - self.limits[:, 0]) / 2
         precision = np.where(loose, 1e-4, 1.0) * self.precision
@@ -294,8 +292,7 @@ def quadratic_likelihood(
     nuisances: Sequence[FittedParameter] = (*NUISANCES, *GAIN_NUISANCES),
     clustered: bool = False,
 ) -> QuadraticLikelihood:
-    """Return the quadratic likelihood of the flights; errors may be correlated in each segment if
-    ``clustered``."""
+    """Return the quadratic likelihood of the flights, with errors correlated in segments if ``clustered``."""
     share = np.ones(len(fisher.score))
     return QuadraticLikelihood(
         columns=fisher.columns,

@@ -33,8 +33,7 @@ from slam.simulation.terms import CATALOGUE
 LINEAR_Z = 25.0
 """Least z from which candidates are fitted with the filter run anew before one is chosen."""
 CURVED_Z = 6.0
-"""Least z from which the size of a chosen term needs the filter run anew: a landing makes its effect
-nonlinear."""
+"""Least z from which a size needs the filter run anew: a landing makes its effect nonlinear."""
 MOST_TERMS = 6
 STAGES = ("fit", "screen", "compare causes")
 SHORT_S = 80.0
@@ -69,8 +68,7 @@ class SearchResult:
         return self.last, [e for e in self.chosen if e is not effect]
 
     def in_place(self, effect: Effect, name: str) -> list[ScoreTest]:
-        """Return the score tests of a term in place of a chosen effect, of the way of trying it that explains
-        most first."""
+        """Return tests of a term in place of a chosen effect, by the way that explains most first."""
         expansion, beside = self.without(effect)
         return expansion.score_tests(beside, [e for e in expansion.effects if e.name == name])
 
@@ -160,8 +158,7 @@ class _SequentialSearch:
         self._expand(parameters)
 
     def next_parameters(self) -> FilterParameters | None:
-        """Choose terms until a fit is needed; return the parameters with all chosen terms, or None where
-        nothing more is significant."""
+        """Choose terms until a fit is needed; return parameters with all, or None for nothing more."""
         while True:
             significant = self._significant()
             full = len(self.chosen) == MOST_TERMS
@@ -237,8 +234,7 @@ class _SequentialSearch:
 
 
 def beyond(ranked: Sequence[ScoreTest], threshold: float) -> list[ScoreTest]:
-    """Return the score tests beyond the threshold, worthiest first; none where the one that explains most is
-    below it."""
+    """Return the tests beyond the threshold, worthiest first; none where that of the most nats is below."""
     if not any(s.z >= threshold for s in ranked[:1]):
         return []
     return sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)

@@ -19,26 +19,17 @@ from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.next_flight import next_flight
 from slam.criticism.prepare import PreparedFlights
-from slam.criticism.residuals.reading_anomalies import (
-    ReadingAnomaly,
-    reading_anomalies,
-    smallest_in_readings,
-)
+from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, smallest_in_readings
 from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
 from slam.criticism.search.correlated_noise import lag_one_correlation
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
-from slam.criticism.verdict.consistency import contradictions
+from slam.criticism.verdict.consistency import SizeOverTime, changing_sizes, contradictions
 from slam.criticism.verdict.covariate import covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism
-from slam.criticism.verdict.decision import (
-    causes_of,
-    confirmed_terms,
-    errors_of,
-    rollout_probability,
-)
+from slam.criticism.verdict.decision import causes_of, confirmed_terms, errors_of, rollout_probability
 from slam.criticism.verdict.held_out import HeldOut, fitted_parameters, held_out
 from slam.criticism.verdict.judge import Explanation, JudgedCauses
 from slam.criticism.verdict.posterior import likeliest, posterior_of
@@ -139,8 +130,7 @@ class CommandedFlights:
         ]
 
     def completed(self, found: Criticism) -> Criticism:
-        """Return the criticism with the next flight, the extended model and tables; ``unusable`` where these
-        flights could have shown next to nothing."""
+        """Return the criticism with flight, model, tables; ``unusable`` where next to nothing could show."""
         shown = list(within_reach(found.detectable))
         found = replace(found, flights=tuple(record.name for record in self.records))
         if found.verdict == "nothing_wrong" and len(shown) < FEWEST_SHOWN:
@@ -169,6 +159,7 @@ class CommandedFlights:
             noise_correlation=_noise_correlations(parameters),
             checks=_checks(self.records, searched.last),
             covariate=next(iter(drawn), None),
+            changes=self._changes(),
             dropped=self.prepared.dropped,
             extended=with_certainty(self._extended(found.causes, parameters), found.causes),
             unseen=self._models_of_others(found.causes),
@@ -177,9 +168,17 @@ class CommandedFlights:
     def _extended(self, causes: Sequence[Cause], parameters: FilterParameters) -> Model:
         return extended_with_causes(causes, self.anomalies, self.model, parameters, self.records)
 
+    def _changes(self) -> tuple[SizeOverTime, ...]:
+        """Return the sizes over time of causes that are not the same throughout; none where there is none."""
+        found, doubts = self.explanation.found, self.explanation.doubts
+        doubted = {e.name for e in found.chosen if e.name in doubts}
+        if not doubted:
+            return ()
+        model, chosen = found.model, [e.free for e in found.chosen]
+        return changing_sizes(self.records, model, self.explanation.parameters, chosen, doubted)
+
     def _models_of_others(self, causes: Sequence[Cause]) -> dict[str, Model]:
-        """Return for each flight the model fitted on all others; empty where segments of flights were held
-        out."""
+        """Return for each flight the model fitted on all others; empty where segments were held out."""
         together, best = self._together, self.explanation.best
         if together is None or together.by != "flight":
             return {}
@@ -189,14 +188,12 @@ class CommandedFlights:
 
 
 def _untold(readings: Sequence[StreamAnomaly]) -> list[str]:
-    """Describe the anomalies of streams that neither a term nor the innovations show: frozen readings, and
-    rounded ones apart from ranges."""
+    """Describe anomalies of streams that nothing else shows: frozen readings, and rounded ones but ranges."""
     return [r.words for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar")]
 
 
 def _nearest_term(found: SearchResult, threshold: float) -> list[str]:
-    """Describe the term with the greatest score test on the healthy vehicle, if it reaches half the
-    threshold."""
+    """Describe the term with the greatest score test alone, if it reaches half the threshold."""
     known = [s for s in found.first.score_tests([], found.first.effects) if s.effect.is_term]
     best = max(known, key=lambda s: s.z, default=None)
     if best is None or best.z < 0.5 * threshold:

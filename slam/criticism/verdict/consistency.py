@@ -1,30 +1,29 @@
-"""Consistency of a cause: its size in each flight, time and channel, and before and after a moment.
+"""Consistency of a cause: its size in each flight, time and channel.
 
 If one size holds everywhere, the score of each part beside the common sizes is chance. It is a chi-square
 with as many degrees of freedom as the parts have sizes of their own. All common parameters (nuisances, sizes)
 are projected out. Where instruments are compared with each other, errors are correlated, and small
-differences are significant: there only a size that varies by half of itself counts. The greatest difference
-before and after a moment is the sup-Wald statistic of a break at an unknown time (Andrews, 1993).
+differences are significant: there only a size that varies by half of itself counts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.units import spaced
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import segments
+from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect, catalogue_value, is_variance
-from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
-from slam.criticism.search.information import SEGMENT_S, FisherInformation
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
+from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
 from slam.criticism.threads import in_threads
@@ -34,6 +33,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PART_S, MOST_PARTS = 5.0, 1000
+FEWEST_PARTS = 8
+"""Least number of parts of a flight in which a change has a moment."""
 DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
@@ -49,12 +50,6 @@ LARGE = 0.5
 """Least scatter beyond chance, as a share of the size."""
 LEVEL = ("accel_bias.x", "accel_bias.y")
 """Columns along which an attitude error acts like an error of the accelerometer."""
-TRIMMED = 0.15
-"""Least share of a parameter's information on either side of the moment."""
-ONSET_SEGMENT_S = 5.0
-FEWEST_SEGMENTS = 8
-CERTAIN_Z = 5.0
-"""With 20 parameters the 1 % point of the statistic is 4.2 (Andrews, 1993, table I, by Bonferroni)."""
 
 
 _BETWEEN = "from flight to flight", "during a flight", "from channel to channel"
@@ -79,20 +74,7 @@ def consistencies(
 
     ``parameters`` include the effects at their sizes.
     """
-    perturbations = [*MEAN_PERTURBATIONS, *(d for e in chosen for d in e.perturbations)]
-    precision = np.zeros(len(perturbations))
-    precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]
-
-    def one(k: int) -> tuple[Array, Array, Ints]:
-        rows = list(segments(records[k], parameters, perturbations))
-        events = np.concatenate([r.events for r in rows])
-        time = (records[k].times_s[events] // PART_S).astype(np.int64)
-        channels = np.concatenate([r.channels for r in rows])
-        part = np.column_stack([np.full(len(events), k), MOST_PARTS * k + time, channels])
-        return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
-
-    found = in_threads(one, range(len(records)))
-    traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
+    traces, white, part, precision = _rows_of(records, model, parameters, chosen)
     answers: list[tuple[PartConsistency, ...]] = []
     first = len(MEAN_NUISANCES)
     for effect in chosen:
@@ -107,6 +89,32 @@ def consistencies(
             )
         )
     return answers
+
+
+def _rows_of(
+    records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
+) -> tuple[Array, Array, Ints, Array]:
+    """Return sensitivities to the nuisances and to chosen effects, innovations, the numbers of their parts
+    (rows, 3), and the precision of the priors."""
+    perturbations = [*MEAN_PERTURBATIONS, *_moved(chosen)]
+    precision = np.zeros(len(perturbations))
+    precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]
+
+    def one(k: int) -> tuple[Array, Array, Ints]:
+        rows = list(segments(records[k], parameters, perturbations))
+        events = np.concatenate([r.events for r in rows])
+        time = (records[k].times_s[events] // PART_S).astype(np.int64)
+        channels = np.concatenate([r.channels for r in rows])
+        part = np.column_stack([np.full(len(events), k), MOST_PARTS * k + time, channels])
+        return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
+
+    found = in_threads(one, range(len(records)))
+    traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
+    return traces, white, part, precision
+
+
+def _moved(chosen: Sequence[Effect]) -> Iterator[Perturbation]:
+    return (d for e in chosen for d in e.perturbations)
 
 
 def _consistency(
@@ -203,82 +211,54 @@ def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:
 
 
 @dataclass(frozen=True)
-class Onset:
-    """A change of one parameter."""
+class SizeOverTime:
+    """Size of one parameter in the parts of flights that show it, with all else as fitted."""
 
     column: str
-    time_s: float
-    change: float
-    z: float
-
-    def __str__(self) -> str:
-        effect, _, parameter = self.column.rpartition(".")
-        unit = CATALOGUE[effect].parameter(parameter).unit
-        return (
-            f"{self.column} changes by {self.change:.2g}{spaced(unit)} at about "
-            f"{self.time_s:.0f} s (z = {self.z:.1f})"
-        )
-
-
-def onset(found: SearchResult, fisher: FisherInformation, begin_s: Array) -> Onset | None:
-    """Return the most certain change of a term's parameter within a flight, or None.
-
-    ``fisher`` is the information of short segments, which begin at ``begin_s`` (segments,).
-    """
-    changes = [
-        change
-        for effect in found.last.effects if effect.is_term
-        for perturbation in effect.perturbations if not is_variance(perturbation)
-        for change in _changes(found, fisher, begin_s, effect, perturbation.name) if change.z > CERTAIN_Z
-    ]  # fmt: skip
-    return max(changes, key=lambda change: change.z, default=None)
+    unit: str
+    flights: tuple[str, ...]
+    """Flight of each part."""
+    begin_s: Array
+    """(n,) begin of each part, which lasts ``PART_S``."""
+    sizes: Array
+    errors: Array
+    """(n,) standard errors of the sizes."""
+    common: float
+    """Size that fits all parts together."""
 
 
-def _changes(
-    found: SearchResult, fisher: FisherInformation, begin_s: Array, effect: Effect, column: str
-) -> list[Onset]:
-    """Return the likeliest change of a column in each flight, beside the chosen effects; ``begin_s``
-    (segments,) are the times of the segments of ``fisher``."""
-    quadratic = found.last.quadratic
-    effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
-    step = quadratic.maximise(effects).whole
-    rest = quadratic.index([c for e in effects for c in e.columns if c != column])
-    # What is left of the column once the others are projected out.
-    along = np.zeros(len(step))
-    along[quadratic.index([column])] = 1.0
-    information = quadratic.information
-    along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
-    score = (fisher.score - fisher.information @ step) @ along
-    known = (fisher.information @ along) @ along
-    onsets = []
-    for inside in (fisher.flight == flight for flight in np.unique(fisher.flight)):
-        k, change, z = _break(score[inside], known[inside], effect.tolerance)
-        onsets.append(Onset(column, float(begin_s[inside][k]), change, z))
-    return onsets
+def changing_sizes(
+    records: Sequence[Record], model: FilterParameters, parameters: FilterParameters,
+    chosen: Sequence[Effect], names: Container[str],
+) -> tuple[SizeOverTime, ...]:  # fmt: skip
+    """Return the sizes over time of the chosen causes of some ``names``; ``parameters`` include them."""
+    traces, white, part, precision = _rows_of(records, model, parameters, chosen)
+    step = np.linalg.solve(traces.T @ traces + np.diag(precision + RIDGE), white @ traces)
+    left, columns = white - traces @ step, [d.name for d in (*MEAN_PERTURBATIONS, *_moved(chosen))]
+    labels, of_row = np.unique(part[:, 1], return_inverse=True)
+    flights, begin_s = [records[k].name for k in labels // MOST_PARTS], PART_S * (labels % MOST_PARTS)
+    series = []
+    for effect, k in ((e, k) for e in chosen if e.name in names for k in range(len(e.perturbations))):
+        c = columns.index(effect.columns[k])
+        common = fitted_parameter(effect.columns[k]).size_in(parameters) + float(step[c])
+        score, known = np.bincount(of_row, traces[:, c] * left), np.bincount(of_row, traces[:, c] ** 2)
+        series.append(sizes_over_time(effect, k, parameters, common, flights, begin_s, score, known))
+    return tuple(series)
 
 
-def _break(score: Array, information: Array, tolerance: float) -> tuple[int, float, float]:
-    """Return the first segment after the likeliest break, the change there, and its z.
-
-    The variance is that of the segments about the two sizes, no less than that of white rows; the z is
-    Student's, as a normal one.
-    """
-    count, whole = len(score), float(information.sum())
-    if count < FEWEST_SEGMENTS or whole <= 0.0:
-        return 0, 0.0, 0.0
-    at, change, greatest = 0, 0.0, 0.0
-    for k in range(1, count):
-        sides = (slice(0, k), slice(k, count))
-        known = [float(information[side].sum()) for side in sides]
-        if min(known) < TRIMMED * whole:
-            continue
-        sizes = [float(score[side].sum()) / n for side, n in zip(sides, known, strict=True)]
-        variance = 0.0
-        for side, size, n in zip(sides, sizes, known, strict=True):
-            off = score[side] - size * information[side]
-            variance += max(float(np.sum(off**2)) * count / (count - 2), n) / n**2
-        t = abs(sizes[1] - sizes[0]) / np.sqrt(variance + tolerance**2)
-        if t > greatest:
-            at, change, greatest = k, sizes[1] - sizes[0], t
-    z = float(-norm.ppf(max(float(student.sf(greatest, count - 2)), 1e-300)))
-    return at, change, z
+def sizes_over_time(
+    effect: Effect, k: int, parameters: FilterParameters, common: float, flights: Sequence[str],
+    begin_s: NDArray[Any], score: NDArray[Any], information: NDArray[Any],
+) -> SizeOverTime:  # fmt: skip
+    """Return the sizes of an effect's column k from the ``score`` and ``information`` (parts,) of parts of
+    ``flights`` (parts,) beside the ``common`` size."""
+    errors = 1.0 / np.sqrt(np.maximum(information, 1e-300))
+    sure = np.flatnonzero(errors < TELLING * max(abs(common), effect.tolerance))
+    ends = [common + (score * errors**2 + sign * errors)[sure] for sign in (0.0, 1.0, -1.0)]
+    ends.append(np.array([common]))
+    sizes, high, low, whole = (
+        np.array([catalogue_value(effect, k, float(x), parameters, 0.0) for x in end]) for end in ends
+    )
+    unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
+    of_flights, errors = tuple(flights[j] for j in sure.tolist()), 0.5 * np.abs(high - low)
+    return SizeOverTime(effect.columns[k], unit, of_flights, begin_s[sure], sizes, errors, float(whole[0]))

@@ -112,8 +112,7 @@ def covariate_of(
 
 
 def _against(pooled: Mapping[str, dict[tuple[str, str], Array]], cause: str) -> ChannelResiduals | None:
-    """Return the errors of the channel in which the cause removes the greatest share; None where it changes
-    none."""
+    """Return the errors of the channel in which the cause removes the greatest share; None without one."""
     shares = {}
     for channel, plain in pooled[""].items():
         left = pooled[cause][channel]

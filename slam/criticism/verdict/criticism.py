@@ -8,7 +8,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import FAINT, LIKELY, Cause, Gain, Interval
+from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
+from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.covariate import Covariate
 from slam.simulation.model import Model
 
@@ -38,8 +39,7 @@ class ChannelCheck:
     autocorrelation: float
     """Lag-one autocorrelation, of samples of the channel in a row."""
     tenths: tuple[float, ...] = ()
-    """(10,) share of the innovations in each tenth of a standard normal distribution: 0.1 each if the noise
-    is as modelled."""
+    """(10,) share of the innovations in each tenth of a standard normal distribution; ideally 0.1 each."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -52,15 +52,13 @@ class Criticism:
     causes: tuple[Cause, ...] = ()
     equivalence_set: tuple[str, ...] = ()
     remainder: str = ""
-    """Description of what is left over: channel, signal and size of the strongest pattern; empty where
-    nothing is."""
+    """Description of what is left over, such as channel, signal and size of the strongest pattern."""
     next_flight: str = ""
     detectable: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Name -> smallest size that these flights would have shown in nine of ten cases, and its unit."""
     ranking: tuple[Rank, ...] = ()
     confusable: tuple[tuple[str, str, float], ...] = ()
-    """Pairs of terms whose sensitivities in these flights correlate by more than 0.9, with the
-    correlation."""
+    """Pairs of terms whose sensitivities in these flights correlate by more than 0.9, and how much."""
     patterns: tuple[tuple[str, float], ...] = ()
     """Strongest residual patterns beside the causes, and their z."""
     nuisances: dict[str, Interval] = field(default_factory=dict)
@@ -68,8 +66,7 @@ class Criticism:
     """Instrument -> AR(1) coefficient of its noise, where it is above zero, which is healthy."""
     checks: tuple[ChannelCheck, ...] = ()
     covariate: Covariate | None = None
-    """Roll-out errors against what the leading cause predicts of them; None where roll-outs do not show
-    it."""
+    """Roll-out errors against what the leading cause predicts of them; None where they do not show it."""
     threshold: float = 0.0
     """Threshold of the score test in standard deviations."""
     threshold_means: str = ""
@@ -85,6 +82,8 @@ class Criticism:
     """Further sentences on the causes, what is unexplained, the noise and the detectable sizes."""
     dropped: tuple[str, ...] = ()
     """Flights and streams that were not judged, with the reason, one line each."""
+    changes: tuple[SizeOverTime, ...] = ()
+    """Sizes over time of the parameters that are not the same throughout."""
     limits: str = ""
     """Sentence on what the verdict does not judge; empty where it judges everything."""
 
@@ -170,20 +169,14 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "held_out_by": gain.by,
         "parts": [round(x, 2) for x in gain.parts],
         "horizons": [
-            {
-                "channel": c.channel,
-                "horizon_s": c.horizon_s,
-                "before": _short(c.before),
-                "after": _short(c.after),
-                "unit": c.unit,
-            }
-            for c in gain.channels
+            {"channel": c.channel, "horizon_s": c.horizon_s, **_before_after(c)} for c in gain.channels
         ],
-        "channels": {
-            c.channel: {"before": _short(c.before), "after": _short(c.after), "unit": c.unit}
-            for c in gain.judged
-        },
+        "channels": {c.channel: _before_after(c) for c in gain.judged},
     }
+
+
+def _before_after(error: ChannelError) -> dict[str, Any]:
+    return {"before": _short(error.before), "after": _short(error.after), "unit": error.unit}
 
 
 def _short(value: float) -> float:

@@ -66,8 +66,7 @@ def confirmed_terms(records: Sequence[Record], found: SearchResult) -> SearchRes
 def errors_of(
     found: SearchResult, all_together: HeldOut, best: RolloutFit | None = None
 ) -> tuple[ChannelError, ...]:
-    """Return the errors of roll-outs and pictures without the chosen terms and with them; ``all_together`` is
-    their gain on held-out flights."""
+    """Return errors of roll-outs and pictures without the chosen terms, and with ``all_together`` of them."""
     after = all_together.after if best is None else best.left_out
     fitted_by_others = (all_together.before, after)
     channels = rollout_errors(found.records, *fitted_by_others)

@@ -145,8 +145,7 @@ def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) 
 
 
 def _prior_std(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[str, float]:
-    """Return column -> prior standard deviation of a size: that of the evidence's prior, and no less than the
-    size found."""
+    """Return column -> prior standard deviation of a size: the evidence's, no less than the size found."""
     maximum = expansion.quadratic.maximise(effects)
     reach = {}
     for column in (c for e in effects for c in e.columns if c not in e.relaxes):

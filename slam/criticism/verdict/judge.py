@@ -53,8 +53,7 @@ class JudgedCauses:
 
 
 class Evidence(Protocol):
-    """Evidence of flights beside the explanation: with command logs of roll-outs, without them of comparisons
-    of instruments."""
+    """Evidence of flights beside the explanation, of roll-outs or of comparisons of instruments."""
 
     @property
     def explanation(self) -> Explanation:

@@ -31,8 +31,7 @@ ONE_CLASS, CLASS_NATS = 0.95, 10.0
 Of such a lead the share VERY_SIMILAR_NATS / CLASS_NATS counts in the probabilities: an alternative is never
 beside a probability of 1.00."""
 SAME_TRACE = 0.9
-"""Correlation with a term beyond which a pattern counts as the term itself: a range proportional to the climb
-rate is a lag."""
+"""Correlation beyond which a pattern counts as a term itself: a range by the climb rate is a lag."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +39,7 @@ class Posterior:
     """Probabilities of names, and the alternatives to each chosen term."""
 
     probability: dict[str, float]
-    """Probability of every term, and of ``nothing`` and ``unknown``; terms of a pair each count on their
-    own."""
+    """Probability of every term, also of each of a pair, and of ``nothing`` and ``unknown``."""
     alternatives: tuple[tuple[str, ...], ...]
     """Names whose evidence lies within 4 nats in place of each chosen effect, itself first."""
     lead_nats: tuple[float, ...]
@@ -131,8 +129,7 @@ def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
 
 
 def _expansion_without(found: SearchResult, term: Effect) -> LikelihoodExpansion:
-    """Return the expansion that shows what would be missed without a term: the last one, or one without the
-    term if it increases noise."""
+    """Return the expansion that shows what a term explains: the last, or one without it if it adds noise."""
     if not term.changes:
         return found.last
     rest = [e for e in found.chosen if e is not term]
@@ -149,8 +146,7 @@ def _over(found: SearchResult, expansion: LikelihoodExpansion) -> float:
 
 
 def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
-    """Return the alternatives to a saturation, which the search compared with all others with the filter run
-    anew."""
+    """Return the alternatives to a saturation, which the search compared by running the filter anew."""
     chosen = {e.name for e in found.chosen}
     tied = tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
     rival = tied[0] if tied else _second_to_saturation(found)
@@ -201,8 +197,7 @@ def _in_other_words(
 
 
 def likeliest(records: Sequence[Record], found: SearchResult, posterior: Posterior) -> SearchResult:
-    """Replace chosen terms by more probable ones, each by another term or by two, and return the search
-    result."""
+    """Return the search result with chosen terms replaced by more probable ones, each by one or two."""
     other = likelier_term(found, posterior)
     if other is not None:
         place, name = other
@@ -253,8 +248,7 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...
 
 
 def _second_to_saturation(found: SearchResult) -> str:
-    """Return the term that explains most in a saturation's place. Only the first expansion describes the
-    flights without it."""
+    """Return the term that explains most in a saturation's place, by the expansion without it: the first."""
     chosen_names = {e.name for e in found.chosen}
     others = [e for e in found.first.effects if e.is_term and e.name not in chosen_names]
     best = next(iter(found.first.score_tests([], others)), None)
@@ -301,8 +295,7 @@ def _names(effects: Sequence[Effect]) -> frozenset[str]:
 
 
 def probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str, float]:
-    """Return the probability of each name from the evidence in nats of hypotheses, which are sets of
-    names."""
+    """Return the probability of each name from the evidence in nats of hypotheses: sets of names."""
     logs = np.array([w for w, _ in weights])
     share = np.exp(logs - logs.max())
     share /= share.sum()

@@ -1,5 +1,4 @@
-"""Statistical power of flights: the smallest detectable sizes of terms, and the terms that they cannot
-separate."""
+"""Statistical power of flights: the smallest detectable sizes of terms, and terms that look alike."""
 
 from __future__ import annotations
 
@@ -57,8 +56,7 @@ def _score_at_tried_size(expansion: LikelihoodExpansion, effect: Effect) -> floa
 
 
 def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], ...]:
-    """Return pairs of terms whose sensitivities correlate by more than ``CONFUSED`` here, nuisances projected
-    out."""
+    """Return pairs of terms whose sensitivities, nuisances projected out, correlate beyond ``CONFUSED``."""
     # Without a score every nuisance stays in its range, so that its prior alone holds it.
     quadratic = replace(expansion.quadratic, score=np.zeros_like(expansion.quadratic.score))
     seen: dict[str, Effect] = {}
@@ -75,8 +73,7 @@ def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], 
 
 
 def most_alike_first(pairs: Iterable[tuple[str, str, float]]) -> tuple[tuple[str, str, float], ...]:
-    """Sort pairs of names by their correlation, those with the same told one by name: rounding errors do not
-    change their order."""
+    """Sort pairs by their correlation as told, equal ones by name: rounding errors change no order."""
     return tuple(sorted(pairs, key=lambda pair: (-round(pair[2], CORRELATION_DIGITS), pair[:2])))
 
 

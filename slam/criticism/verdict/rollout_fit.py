@@ -49,8 +49,7 @@ LAG, LAG_CONSTANT = "attitude_lag", "vehicle.attitude_time_s"
 FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
 """Constants of the vehicle, and the differences for their slopes."""
 DELAY = {"control_latency.T": 0.01}
-"""Difference for a delay. Smaller ones make the errors rough, as commands move across readings, and fits get
-stuck."""
+"""Difference for a delay. With smaller ones, commands move across readings, and fits get stuck."""
 _FREE = tuple(n for n in MEAN_NUISANCES if n.name in FREE)
 MOST_CANDIDATES = 3
 """Number of terms that are tried beside the chosen ones: those with the greatest score tests beyond chance.
@@ -234,14 +233,12 @@ class _Rollouts:
         self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
 
     def _by_channel(self, flight: int, parameters: FilterParameters) -> list[Array]:
-        """Return the errors of a flight's roll-outs, scaled so that the squares of all flights sum to 1 for a
-        healthy vehicle."""
+        """Return the errors of a flight's roll-outs; squares of all sum to 1 for a healthy vehicle."""
         residuals = rollout_residuals(self._records[flight], self._states[flight], parameters, AHEAD_S, 1.0)
         return [weight * residuals[c] for c, weight in self._weight.items()]
 
     def _away(self, parameters: FilterParameters) -> Array:
-        """Return the distances of the vehicle's constants from healthy ones, weighted so that the flights
-        dominate."""
+        """Return the distances of constants from healthy ones, weighted so that the flights dominate."""
         away = []
         for nuisance in _FREE:
             low, high = nuisance.healthy_range(self._model)

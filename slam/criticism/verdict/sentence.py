@@ -10,8 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from slam.core.names import enumerated
-from slam.core.units import spaced
+from slam.core.units import everyday, sized
 from slam.criticism.cause import FAINT, LIKELY, NOT_AHEAD_S, Cause, Gain
+from slam.criticism.verdict.consistency import FEWEST_PARTS, PART_S
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
@@ -22,45 +23,59 @@ MOST_SENTENCES = 3
 """Greatest number of sentences of a headline."""
 
 
-_USE_IT = (
-    "simulate, replay and map with --model extended.toml. Where the cause is a fault of an instrument, "
-    "repair or calibrate it, and fly again to see it gone."
-)
+_USE_IT = "simulate, replay and map with --model extended.toml."
+_REPAIR = " Repair or calibrate the instrument that has the error, and fly again to see it gone."
 _LOOK = (
-    "look at the pictures of what is unexplained in the report, and check the sensor, mounting and clock "
-    "that it concerns first. Do not rely on the model's predictions there."
+    "check the sensor, mounting and clock that the unexplained error concerns first, and do not rely on the "
+    "model's predictions there."
 )
-_LISTED = "fly the manoeuvre that docs/recipes.md lists for these effects, and criticise the flights together"
 _WHAT_TO_DO: Mapping[Verdict, str] = {
-    "nothing_wrong": "simulate with the model as it is. To see smaller effects, fly longer, and fly "
-    "the manoeuvres that docs/recipes.md lists for each effect.",
+    "nothing_wrong": "simulate with the model as it is.",
     "named": _USE_IT,
-    "ambiguous": f"{_LISTED}. Until then extended.toml predicts flights like these, but perhaps no others.",
+    "ambiguous": f"{_USE_IT} It predicts flights like these, but perhaps no others.",
     "named_with_remainder": f"{_USE_IT} For the rest, {_LOOK}",
     "unknown": _LOOK,
 }
 """Verdict on flights that can be judged -> what their pilot should do."""
+_AGAIN = (
+    "fly the same once more. An error that comes back with the same sticks is the vehicle's, one at the same "
+    "place is the floor's, and one that stays away is the weather's or an instrument's."
+)
+_NEXT_FLIGHT: Mapping[Verdict, str] = {
+    "nothing_wrong": "none is needed. To see smaller effects, fly longer, and fly the manoeuvres that "
+    "docs/recipes.md lists for each effect.",
+    "named": "one of these once more, with the same sticks: by extended.toml nothing should be wrong.",
+    "ambiguous": "fly the manoeuvres that docs/recipes.md lists for these effects, and judge them together.",
+    "named_with_remainder": _AGAIN,
+    "unknown": _AGAIN,
+}
+"""Verdict on flights that can be judged -> the flight that tells more, where no better one is known."""
 
 
 def with_sentences(found: Criticism) -> Criticism:
     """Return the criticism with its headline and its details, the lines that it has already among them."""
-    what_next = f"What to do next: {_what_to_do(found)}"
-    return replace(found, sentence=headline(found), details=(*details(found), *found.details, what_next))
+    faulty = any(CATALOGUE[cause.name].is_of_instrument for cause in found.causes)
+    what = f"What to do next: {_WHAT_TO_DO[found.verdict]}{_REPAIR if faulty else ''}"
+    fly = f"Next flight: {_flight_after(found)}"
+    return replace(found, sentence=headline(found), details=(*details(found), *found.details, what, fly))
 
 
-def _what_to_do(found: Criticism) -> str:
-    """Return what the pilot should do; a flight that distinguishes the causes is named where one is known."""
-    advice = _WHAT_TO_DO[found.verdict]
-    if not found.next_flight:
-        return advice
-    if found.verdict != "ambiguous":
-        return f"{advice} {found.next_flight}"
-    return advice.replace(_LISTED, f"{found.next_flight.rstrip('.')}; then criticise the flights together")
+def _flight_after(found: Criticism) -> str:
+    """Return what to fly next; causes that are equally probable are judged by old and new flights."""
+    together = " Then criticise the flights together." if found.verdict == "ambiguous" else ""
+    if column := next((series.column for series in found.changes), ""):
+        name = column.partition(".")[0]
+        repeat = f"one of {FEWEST_PARTS * PART_S:.0f} s or more. Repeat in it throughout what shows {name}"
+        return f"{repeat}: {CATALOGUE[name].excitation}. Then its sizes over time tell when it changes."
+    if found.next_flight:
+        return f"{found.next_flight}{together}"
+    if each := [f"for {name} {CATALOGUE[name].excitation}" for name in found.equivalence_set if together]:
+        return f"fly {'; '.join(each)}.{together}"
+    return _NEXT_FLIGHT[found.verdict]
 
 
 def headline(found: Criticism) -> str:
-    """Return at most three short sentences: the finding, then what is unexplained, the limits of the verdict
-    and the gain, as far as there is room."""
+    """Return at most three short sentences: the finding, then gain, what is unexplained and the limits."""
     first = {"nothing_wrong": _nothing_wrong, "unknown": _unknown, "ambiguous": _ambiguous}.get(
         found.verdict, _named
     )(found)
@@ -84,17 +99,13 @@ def details(found: Criticism) -> tuple[str, ...]:
         shares = ", ".join(f"{name} ({share:.2f})" for name, share in found.noise_correlation.items())
         lines.append(f"Noise is correlated from one sample to the next, which is healthy: {shares}.")
     if found.verdict == "nothing_wrong" and (seen := within_reach(found.detectable)):
-        sizes = (
-            f"{name} {found.detectable[name][0]:.2g}{spaced(found.detectable[name][1])}"
-            for name in _one_a_family(seen)
-        )
+        sizes = (f"{name} {sized(*found.detectable[name], digits=2)}" for name in _one_a_family(seen))
         lines.append(f"Smallest sizes that nine of ten such flights would have shown: {', '.join(sizes)}.")
     return tuple(lines)
 
 
 def unusable(reasons: Sequence[str], dropped: Sequence[str] = (), advice: str = "") -> Criticism:
-    """Return a verdict on flights that cannot be judged. The headline has the first reason, the details have
-    the others."""
+    """Return a verdict on flights that cannot be judged; its headline has the first reason alone."""
     first, *others = reasons
     more = f", and {len(others)} further reason{'s' if len(others) > 1 else ''}" if others else ""
     text = f"These data cannot be judged: {first}{more}."
@@ -141,7 +152,7 @@ def _named(found: Criticism) -> str:
     if len(lacking := _lacking(found)) > 1 or (lacking and not found.probable):
         return f"The model lacks {enumerated(lacking)}."
     lead = found.probable[0] if found.probable else found.causes[0]
-    sizes = ", ".join(f"{n} = {p.value:.3g}{spaced(p.unit)}" for n, p in lead.parameters.items())
+    sizes = ", ".join(f"{n} = {sized(p.value, p.unit)}" for n, p in lead.parameters.items())
     bracket = f"({sizes}{'; ' if sizes else ''}probability {lead.probability:.2f})"
     if found.probable:
         return f"The model lacks {lead.name}: {CATALOGUE[lead.name].meaning} {bracket}."
@@ -167,8 +178,7 @@ def _unexplained(found: Criticism) -> str:
 
 
 def _foremost_gain(found: Criticism) -> str:
-    """Return a sentence with the gain of the leading cause in the channel that gains most; empty without a
-    cause."""
+    """Return a sentence with the gain of the leading cause where it gains most; empty without a cause."""
     if not found.causes:
         return ""
     text = _gain_of_channel(found.causes[0].gain) or _gain_in_nats(found.causes[0].gain)
@@ -184,7 +194,9 @@ def _gain_of_channel(gain: Gain) -> str:
         what = "the reprojection error from picture to picture"
     else:
         what = f"the error of {most.channel} {most.horizon_s:g} s ahead"
-    return f"on held-out {gain.by}s {what} is {most.after:.2g} {most.unit} instead of {most.before:.2g}"
+    factor, unit = everyday(most.before, most.unit)
+    after, before = (f"{factor * error:.2g}" for error in (most.after, most.before))
+    return f"on held-out {gain.by}s {what} is {after} {unit} instead of {before}"
 
 
 def _gain_in_nats(gain: Gain) -> str:
@@ -195,8 +207,7 @@ def _gain_in_nats(gain: Gain) -> str:
 
 
 def _describe(cause: Cause) -> str:
-    """Describe a cause with its probability, its gain and the lead over its rival; its sizes are in a table
-    of their own."""
+    """Describe a cause with its probability, its gain and its lead; its sizes are in a table of their own."""
     words = f"{CATALOGUE[cause.name].meaning} (probability {cause.probability:.2f})"
     return f"{cause.name}: {words}; {_gain_in_nats(cause.gain)}{_excluded(cause)}."
 

@@ -39,6 +39,7 @@ from slam.criticism.without_commands.likelihood import Sizes, likelihood_of, siz
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.unexplained import (
     axes_of,
+    changing_in_comparisons,
     left_over_in_comparisons,
     not_shown,
 )
@@ -98,8 +99,7 @@ class ComparedFlights:
         return axes_of(self.flights)
 
     def causes(self) -> tuple[Cause, ...]:
-        """Return the chosen terms as causes, with the errors without them and with the sizes that the other
-        parts give."""
+        """Return the chosen terms as causes, with errors without them and with the sizes by other parts."""
         found = self.explanation.found
         if not any(e.is_term for e in found.chosen):
             return ()
@@ -118,8 +118,7 @@ class ComparedFlights:
         return [*self._axes[0], *(r.words for r in self.readings), *left, *unclear]
 
     def completed(self, found: Criticism) -> Criticism:
-        """Return the criticism with the next flight, the extended model, and what the flights could not
-        show."""
+        """Return the criticism with the next flight, the extended model, and what could not be shown."""
         searched, rivals = self.explanation.found, found.equivalence_set[:2]
         advised = ""
         if rivals[1:]:
@@ -136,6 +135,7 @@ class ComparedFlights:
             details=(*larger_noise(self.flights), *hidden),
             dropped=(*self.sensors.dropped, NO_COMMANDS),
             limits=NOT_JUDGED,
+            changes=changing_in_comparisons(searched, self.rows, self.flights),
         )
 
 
@@ -200,8 +200,7 @@ def with_varying_sizes(cause: Cause, found: SearchResult) -> Cause:
 def covariate_in_comparisons(
     rows: Sequence[Sequence[WhitenedRows]], found: SearchResult, lead: Cause
 ) -> Covariate | None:
-    """Return the covariates of the leading cause and its rival in the differences between instruments; None
-    where single readings show the cause."""
+    """Return covariates of the leading cause and its rival in differences; None for single readings."""
     cause, rival = lead.name, lead.rival
     if all(e.name != cause for e in found.chosen):
         return None

@@ -34,8 +34,7 @@ SMALL = 0.2
 """Size at which a term is undone for its derivative, as a share of its usual range: a delay of only some
 milliseconds would show the noise of the attitude between two samples."""
 DELAYS_S = (-0.16, -0.08, 0.0, 0.08, 0.16, 0.24, 0.32)
-"""Delays about which rows may be linear: a speed is averaged over 0.2 s, so rows are linear for half as
-long either way."""
+"""Delays about which rows may be linear: half of the 0.2 s over which a speed is averaged, either way."""
 CERTAIN_NATS = 12.5
 """Least lead of a delay: half the square of five standard deviations, as for every effect."""
 FAINT = 1e-9

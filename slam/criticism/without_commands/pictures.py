@@ -22,12 +22,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import is_variance
 from slam.criticism.search.fitted_parameters import with_steps
 from slam.criticism.search.information import SEGMENT_S
-from slam.criticism.without_commands.likelihood import (
-    PATTERNS,
-    Sizes,
-    direction,
-    picture_columns,
-)
+from slam.criticism.without_commands.likelihood import PATTERNS, Sizes, direction, picture_columns
 from slam.criticism.without_commands.whitened_rows import WhitenedRows
 
 Array = NDArray[np.float64]
@@ -75,8 +70,7 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
 
 
 def _without_healthy(information: Array, score: Array, count: int) -> tuple[Array, Array]:
-    """Return information and score of the first ``count`` errors, with the healthy differences
-    marginalised."""
+    """Return information and score of the first ``count`` errors; healthy differences are marginalised."""
     own, rest = slice(0, count), slice(count, None)
     projected = np.linalg.solve(information[rest, rest], information[rest, own]).T
     return information[own, own] - projected @ information[rest, own], score[own] - projected @ score[rest]

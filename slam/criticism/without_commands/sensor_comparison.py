@@ -59,8 +59,7 @@ class SensorComparison:
         return next((matches for matches in every if matches is not None), None)
 
     def rows(self, sizes: Sizes) -> list[list[WhitenedRows]]:
-        """Return the rows of each flight; those of pictures are linear about such ``sizes`` as the parameters
-        can hold."""
+        """Return the rows of each flight; those of pictures are linear about ``sizes`` of parameters."""
 
         def of_pictures(record: Record | None) -> list[WhitenedRows]:
             if record is None or record.matches is None:

@@ -68,8 +68,7 @@ class WhitenedRows:
     traces: dict[str, Array]
     """Column -> (n,)."""
     noise: float
-    """Standard deviation by which a difference was divided; rad, m/s or m. For pictures it is in units of
-    their own noise."""
+    """Standard deviation that divided a difference: rad, m/s or m, for pictures in units of their noise."""
     averages: Averages | None
     """Averages that they are differences of; None for pictures."""
     log_likelihood: float = 0.0

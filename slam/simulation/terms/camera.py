@@ -88,6 +88,7 @@ def _camera(flight: Flight) -> Camera:
 CAMERA = (
     Term(
         name="focal_length",
+        title="a wrong focal length",
         meaning="the focal length differs from the calibration",
         family="camera",
         acts_on="image",
@@ -104,6 +105,7 @@ CAMERA = (
     ),
     Term(
         name="radial_distortion",
+        title="a lens that bends lines",
         meaning="the lens bends straight lines",
         family="camera",
         acts_on="image",
@@ -117,6 +119,7 @@ CAMERA = (
     ),
     Term(
         name="camera_tilt",
+        title="a camera mounted at an angle",
         meaning="the camera is mounted at an angle",
         family="camera",
         acts_on="image",
@@ -133,6 +136,7 @@ CAMERA = (
     ),
     Term(
         name="camera_time_offset",
+        title="wrong times of the pictures",
         meaning="the pictures have wrong times",
         family="camera",
         acts_on="clock",
@@ -146,6 +150,7 @@ CAMERA = (
     ),
     Term(
         name="rolling_shutter",
+        title="picture rows exposed in turn",
         meaning="the picture's rows are exposed one after the other",
         family="camera",
         acts_on="image",
@@ -159,6 +164,7 @@ CAMERA = (
     ),
     Term(
         name="motion_blur",
+        title="pictures blurred by motion",
         meaning="pictures are blurred when it moves",
         family="camera",
         acts_on="image",
@@ -171,6 +177,7 @@ CAMERA = (
     ),
     Term(
         name="exposure_variation",
+        title="a brightness that varies",
         meaning="brightness and contrast vary from picture to picture",
         family="camera",
         acts_on="image",
@@ -190,6 +197,7 @@ CAMERA = (
     ),
     Term(
         name="vignetting",
+        title="dark corners of the pictures",
         meaning="pictures are darker towards their corners",
         family="camera",
         acts_on="image",
@@ -203,6 +211,7 @@ CAMERA = (
     ),
     Term(
         name="specular_highlights",
+        title="lamps mirrored in the floor",
         meaning="lamps are mirrored in the floor",
         family="camera",
         acts_on="image",
@@ -216,6 +225,7 @@ CAMERA = (
     ),
     Term(
         name="dropped_frames",
+        title="lost pictures",
         meaning="pictures are lost",
         family="camera",
         acts_on="image",

@@ -64,6 +64,7 @@ def _velocity(flight: Flight) -> Velocity:
 FLOW = (
     Term(
         name="flow_derotation",
+        title="rotation in the measured speed",
         meaning="the measured speed contains a share of the rotation",
         family="camera",
         acts_on="sensor",
@@ -79,6 +80,7 @@ FLOW = (
     ),
     Term(
         name="flow_scale",
+        title="a speed wrong by a factor",
         meaning="the measured speed over the floor is wrong by a factor",
         family="motion",
         acts_on="sensor",

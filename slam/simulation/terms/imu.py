@@ -95,6 +95,7 @@ def _without_accel_bias(flight: Flight, values: Array, std: float | None) -> Fli
 IMU = (
     Term(
         name="imu_misalignment",
+        title="an IMU mounted at an angle",
         meaning="the IMU is mounted at an angle",
         family="imu",
         acts_on="sensor",
@@ -110,6 +111,7 @@ IMU = (
     ),
     Term(
         name="gyro_scale",
+        title="a gyro wrong by a factor",
         meaning="the gyro's rates are wrong by a factor",
         family="imu",
         acts_on="sensor",
@@ -126,6 +128,7 @@ IMU = (
     ),
     Term(
         name="gyro_bias",
+        title="a constant error of the gyro",
         meaning="the gyro reads a rate while the vehicle stands still",
         family="imu",
         acts_on="sensor",
@@ -141,6 +144,7 @@ IMU = (
     ),
     Term(
         name="accel_scale",
+        title="an accelerometer wrong by a factor",
         meaning="the accelerometer is wrong by a factor",
         family="imu",
         acts_on="sensor",
@@ -157,6 +161,7 @@ IMU = (
     ),
     Term(
         name="accel_bias",
+        title="a constant error of the accelerometer",
         meaning="the accelerometer has a constant error",
         family="imu",
         acts_on="sensor",

@@ -15,6 +15,7 @@ from slam.simulation.terms.term import Parameter, Term, signed, size
 MOTION = (
     Term(
         name="control_latency",
+        title="a delay of the sticks",
         meaning="the vehicle obeys the sticks late",
         family="motion",
         acts_on="command",
@@ -27,6 +28,7 @@ MOTION = (
     ),
     Term(
         name="attitude_lag",
+        title="a faster or slower tilt",
         meaning="the vehicle reaches the commanded tilt faster or slower",
         family="motion",
         acts_on="command",
@@ -48,6 +50,7 @@ MOTION = (
     ),
     Term(
         name="active_braking",
+        title="braking by itself",
         meaning="it brakes by itself when the stick is released",
         family="motion",
         acts_on="force",
@@ -64,6 +67,7 @@ MOTION = (
     ),
     Term(
         name="asymmetric_drag",
+        title="more drag when slowing down",
         meaning="it slows down harder than it speeds up",
         family="motion",
         acts_on="force",
@@ -74,6 +78,7 @@ MOTION = (
     ),
     Term(
         name="quadratic_drag",
+        title="drag with the square of the speed",
         meaning="the air's drag grows with the square of the speed",
         family="motion",
         acts_on="force",
@@ -84,6 +89,7 @@ MOTION = (
     ),
     Term(
         name="command_nonlinearity",
+        title="an uneven answer to the stick",
         meaning="tilt does not grow in proportion to the stick",
         family="motion",
         acts_on="command",
@@ -97,6 +103,7 @@ MOTION = (
     ),
     Term(
         name="tilt_limit",
+        title="a limit of the tilt",
         meaning="it never tilts beyond a limit, however far the stick is pushed",
         family="motion",
         acts_on="command",
@@ -117,6 +124,7 @@ MOTION = (
     ),
     Term(
         name="battery_sag",
+        title="weaker sticks on a low battery",
         meaning="it answers the sticks less and less as the battery runs down",
         family="motion",
         acts_on="command",
@@ -127,6 +135,7 @@ MOTION = (
     ),
     Term(
         name="trim_offset",
+        title="a tilt with centred sticks",
         meaning="it tilts when the sticks are centred, whatever its heading",
         family="motion",
         acts_on="command",
@@ -140,6 +149,7 @@ MOTION = (
     ),
     Term(
         name="canted_thrust",
+        title="rotors that push aside",
         meaning="its rotors push aside while it flies level, whatever its heading",
         family="motion",
         acts_on="force",
@@ -156,6 +166,7 @@ MOTION = (
     ),
     Term(
         name="steady_wind",
+        title="a steady wind",
         meaning="a steady wind carries it",
         family="motion",
         acts_on="wind",
@@ -166,6 +177,7 @@ MOTION = (
     ),
     Term(
         name="gusts",
+        title="gusts",
         meaning="the wind comes in gusts",
         family="motion",
         acts_on="wind",
@@ -179,6 +191,7 @@ MOTION = (
     ),
     Term(
         name="ground_effect",
+        title="lift near the floor",
         meaning="near the floor its own downwash lifts it",
         family="motion",
         acts_on="force",
@@ -189,6 +202,7 @@ MOTION = (
     ),
     Term(
         name="climb_asymmetry",
+        title="unequal climb and descent",
         meaning="it descends and climbs at different rates for the same stick",
         family="motion",
         acts_on="force",
@@ -199,6 +213,7 @@ MOTION = (
     ),
     Term(
         name="yaw_drag",
+        title="a wrong rate of turn",
         meaning="it turns faster or slower than the stick commands",
         family="motion",
         acts_on="force",
@@ -209,6 +224,7 @@ MOTION = (
     ),
     Term(
         name="position_hold",
+        title="holding its place",
         meaning="it holds its place when the stick is released",
         family="motion",
         acts_on="force",

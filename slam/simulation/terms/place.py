@@ -7,6 +7,7 @@ from slam.simulation.terms.term import Term, signed, size
 PLACE = (
     Term(
         name="floor_slope",
+        title="a sloping floor",
         meaning="the floor slopes",
         family="place",
         acts_on="place",
@@ -18,6 +19,7 @@ PLACE = (
     ),
     Term(
         name="floor_steps",
+        title="steps in the floor",
         meaning="there are steps in the floor",
         family="place",
         acts_on="place",
@@ -29,6 +31,7 @@ PLACE = (
     ),
     Term(
         name="moving_objects",
+        title="things that move on the floor",
         meaning="things move over the floor",
         family="place",
         acts_on="image",

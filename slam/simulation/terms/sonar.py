@@ -115,6 +115,7 @@ def _sonar(flight: Flight) -> Sonar:
 SONAR = (
     Term(
         name="sonar_slant",
+        title="a sonar range that depends on tilt",
         meaning="the sonar's range depends on the tilt in another way",
         family="sonar",
         acts_on="sensor",
@@ -133,6 +134,7 @@ SONAR = (
     ),
     Term(
         name="sonar_tilt",
+        title="a sonar mounted at an angle",
         meaning="the sonar is mounted at an angle",
         family="sonar",
         acts_on="sensor",
@@ -153,6 +155,7 @@ SONAR = (
     ),
     Term(
         name="sonar_temperature",
+        title="a sonar that drifts in warming air",
         meaning="the sonar's scale drifts as the air warms",
         family="sonar",
         acts_on="sensor",
@@ -169,6 +172,7 @@ SONAR = (
     ),
     Term(
         name="sonar_scale",
+        title="a sonar wrong by a factor",
         meaning="the sonar reads too far or too near by a factor",
         family="sonar",
         acts_on="sensor",
@@ -185,6 +189,7 @@ SONAR = (
     ),
     Term(
         name="sonar_bias",
+        title="a constant error of the sonar",
         meaning="the sonar reads too far or too near by a fixed length",
         family="sonar",
         acts_on="sensor",
@@ -199,6 +204,7 @@ SONAR = (
     ),
     Term(
         name="sonar_spikes",
+        title="second echoes of the sonar",
         meaning="the sonar sometimes reads the second echo",
         family="sonar",
         acts_on="sensor",
@@ -210,6 +216,7 @@ SONAR = (
     ),
     Term(
         name="sonar_quantisation",
+        title="a sonar that reads in steps",
         meaning="the sonar reads in steps",
         family="sonar",
         acts_on="sensor",
@@ -223,6 +230,7 @@ SONAR = (
     ),
     Term(
         name="sonar_dead_zone",
+        title="a sonar stuck near the floor",
         meaning="the sonar is stuck near the floor",
         family="sonar",
         acts_on="sensor",
@@ -236,6 +244,7 @@ SONAR = (
     ),
     Term(
         name="sonar_lag",
+        title="a late sonar",
         meaning="the sonar reads with a delay",
         family="sonar",
         acts_on="sensor",

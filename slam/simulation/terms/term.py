@@ -68,6 +68,8 @@ class Term:
     """An effect of a model: the simulator simulates it, criticism selects and fits it."""
 
     name: str
+    title: str
+    """Plain name for a pilot: a noun, with its article where it needs one."""
     meaning: str
     """Meaning in a pilot's words, as a part of a sentence behind the name."""
     family: Family

@@ -19,6 +19,7 @@ def _without_drift(flight: Flight, values: Array, std: float | None) -> Flight:
 TIMING = (
     Term(
         name="clock_drift",
+        title="a clock at a wrong rate",
         meaning="the vehicle's clock runs at another rate than the recorder's",
         family="timing",
         acts_on="clock",
@@ -30,6 +31,7 @@ TIMING = (
     ),
     Term(
         name="timestamp_jitter",
+        title="scattered time stamps",
         meaning="the times of single readings scatter",
         family="timing",
         acts_on="clock",

@@ -68,8 +68,10 @@ def test_a_lag_is_distinguished_from_a_latency_with_the_lag_itself_free(monkeypa
 
 def test_the_quickest_of_the_motions_that_need_few_flights_is_advised():
     motions, took_s = ["fly 'a'", "fly 'b'", "fly 'c'"], [10.0, 10.0, 60.0]
-    assert "fly 'b' once: 4.0 sigma" in advice("x", "y", motions, [2.0, 4.0, 9.0], took_s)
-    assert "fly 'a' 3 times: 2.0 sigma" in advice("x", "y", motions, [2.0, 1.0, 9.0], [10.0, 10.0, 90.0])
+    assert "fly 'b' once, for 10 s: 4.0 sigma" in advice("x", "y", motions, [2.0, 4.0, 9.0], took_s)
+    assert "fly 'a' 3 times, each 10 s: 2.0 sigma" in advice(
+        "x", "y", motions, [2.0, 1.0, 9.0], [10.0, 10.0, 90.0]
+    )
 
 
 def test_a_motion_that_would_be_flown_often_is_no_advice():

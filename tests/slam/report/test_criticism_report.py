@@ -13,17 +13,22 @@ from PIL import Image
 
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
+from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.evaluation.map_gain import MapErrors, MapGain
-from slam.report.criticism_answers import criticism_answers, unexplained_in_words
+from slam.report.criticism_answers import criticism_answers, left_out_by_flight, unexplained_in_words
+from slam.report.criticism_changes import size_over_time
+from slam.report.criticism_evidence import longer_bar
 from slam.report.criticism_pictures import (
     covariate_picture,
     gain_picture,
+    panels_of,
     ranking_picture,
 )
-from slam.report.criticism_report import VERDICTS, render_criticism
+from slam.report.criticism_report import VERDICTS, covariate_caption, nuisance_rows, render_criticism
 from slam.report.criticism_segment import before_after_picture, evidence_segment
+from slam.report.effect_names import with_titles
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -37,6 +42,7 @@ RANKING = (
 )
 
 REMAINDER = "named_with_remainder"
+LEFT_OUT = "Which instrument or flight is doubted, or was left out?"
 
 
 def made(verdict: str = "named") -> Criticism:
@@ -57,7 +63,8 @@ def made(verdict: str = "named") -> Criticism:
         next_flight="steps of three sizes",
         details=(
             "Unexplained: gyro_x ~ speed (z = 7.0).",
-            "What to do next: fly steps of three sizes.",
+            "What to do next: simulate.",
+            "Next flight: steps of three sizes.",
             "Noise from reading to reading is larger than stated: gyro 29 times.",
         )
         if "remainder" in verdict
@@ -105,7 +112,7 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
     assert "The model lacks &lt;quadratic&gt; drag." in page
     assert "0.437" in page
     assert "sonar_lag" in page  # what could not have been seen
-    assert ("steps of three sizes" in page) == bool(made(verdict).details)  # the next flight
+    assert ("Steps of three sizes" in page) == bool(made(verdict).details)  # the next flight
     assert "the line (3.7) is what chance &lt;seldom&gt; reaches" in page
     assert "flight_09: never moves" in page
     assert "http" not in re.sub(r"Content-Security-Policy|http-equiv", "", page)  # offline
@@ -179,7 +186,7 @@ def test_no_hypothesis_shouts(monkeypatch: pytest.MonkeyPatch) -> None:
     ranking_picture(made())
     drawn[0].canvas.draw()
     names = [tick.get_text() for tick in drawn[0].axes[0].get_yticklabels()]
-    assert {"nothing is wrong", "something unknown", "quadratic drag"} <= set(names)
+    assert {"nothing is wrong", "something unknown", "drag with the square of the speed"} <= set(names)
     assert all(name == name.lower() for name in names)
 
 
@@ -200,10 +207,83 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
         found["What is not explained?"]
         == "The error of gyro_x changes with speed (by 7.0 standard deviations)."
     )
-    assert found["What do I do next?"] == "Fly steps of three sizes."
-    assert "What is not explained may still be one" in found["Which sensor is doubted?"]
-    assert found["Which sensor is doubted?"].endswith("larger than stated: gyro 29 times.")
-    assert "flight_09: never moves." in found["What was not judged, or could not be seen?"]
+    assert found["Can I use the model now, and how?"].endswith(
+        "one, but not for what is unexplained: simulate."
+    )
+    assert found["What do I fly next?"] == "Steps of three sizes."
+    assert "What is not explained may still be one" in found[LEFT_OUT]
+    assert "larger than stated: gyro 29 times." in found[LEFT_OUT]
+    assert "flight_09: never moves." in found[LEFT_OUT]
+
+
+def test_an_effect_has_its_plain_name_first_and_its_code_in_brackets_once() -> None:
+    lines = with_titles(["gyro_bias.x varies; steady_wind or gusts", "steady_wind and other_1"])
+    assert lines == [
+        "a constant error of the gyro (gyro_bias.x) varies; a steady wind (steady_wind) or gusts",
+        "a steady wind and other_1",
+    ]
+
+
+def test_all_reasons_for_which_a_flight_was_left_out_stand_in_one_line() -> None:
+    dropped = ("a 2: too few readings", "a 2: nothing is left", "b: never moves", "no command log: no motion")
+    lines = left_out_by_flight(replace(made(), dropped=dropped))
+    assert lines == [
+        "a 2: too few readings; nothing is left.",
+        "b: never moves.",
+        "no command log: no motion.",
+    ]
+    assert left_out_by_flight(replace(made(), dropped=())) == ["No flight was left out."]
+
+
+def test_a_cause_with_a_shorter_bar_is_explained_only_where_there_is_a_longer_one() -> None:
+    assert longer_bar(made()) == ""
+    longer = Rank("gusts", 0.0, 12.0)
+    told = longer_bar(replace(made(), ranking=(*RANKING, longer)))
+    assert told.startswith("Alone, gusts stands out more (12 sigma) than drag with the square of the speed")
+    assert "worse by 20 nats or more" in told
+
+
+def test_a_constant_that_the_flights_do_not_show_is_marked() -> None:
+    wide = Interval(1.0, "1", 0.94, 1.06)  # healthy vehicles have 0.95 to 1.05
+    seen, unseen = (
+        nuisance_rows(replace(made(), nuisances={"vehicle.gain": found}))[0].lines
+        for found in (made().nuisances["vehicle.gain"], wide)
+    )
+    assert seen == ()
+    assert unseen == ("not shown by these flights",)
+
+
+def test_a_rival_whose_errors_have_no_slope_leaves_the_width_to_the_cause() -> None:
+    x = np.linspace(-1.0, 1.0, 200)
+    missed = {"": x, "quadratic_drag": 0.0 * x, "flow_scale": x}
+    cause, rival, flat = (
+        ChannelResiduals(name, "velocity_x", "m/s", at, missed)
+        for name, at in (("quadratic_drag", x), ("flow_scale", x), ("flow_scale", 0.0 * x))
+    )
+    found = Covariate("quadratic_drag", "flow_scale", (cause, rival))
+    assert panels_of(found) == [cause, rival]
+    assert panels_of(replace(found, against=(cause, flat))) == [cause]
+    told = covariate_caption(replace(made(), covariate=replace(found, against=(cause, flat))))
+    assert "other panel" not in told
+
+
+def test_a_size_that_changes_is_drawn_over_time_and_told_with_its_flight() -> None:
+    series = SizeOverTime(
+        "control_latency.T", "s", ("one", "one", "two"), np.array([0.0, 5.0, 0.0]),
+        np.array([0.12, 0.4, 0.2]), np.array([0.02, 0.02, 0.03]), 0.3,
+    )  # fmt: skip
+    shown = size_over_time(replace(made(REMAINDER), changes=(series,)))
+    assert shown is not None
+    assert "T is 0.12 s from 0 to 5 s of one and 0.4 s from 5 to 10 s of one" in shown.where
+    assert size_over_time(made(REMAINDER)) is None
+
+
+def test_sizes_are_told_in_everyday_units() -> None:
+    sizes = {axis: Interval(0.03, "rad", 0.02, 0.04) for axis in "xy"}
+    tilted = Cause("camera_tilt", 1.0, sizes, made().causes[0].gain, 9.0, 0.0)
+    answers = {row.label: row for row in criticism_answers(replace(made(), causes=(tilted,)))}
+    told = answers["How large is it?"].value
+    assert told == "2.43 deg in all: x = 1.72 deg (1.15 to 2.29 deg), y = 1.72 deg (1.15 to 2.29 deg)."
 
 
 @pytest.mark.parametrize(

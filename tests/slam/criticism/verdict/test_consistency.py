@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.criticism.verdict.consistency import _consistency
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.verdict.consistency import _consistency, sizes_over_time
+from slam.simulation.model import load_model
 
 ROWS, PARTS = 6000, 6
 
@@ -35,3 +39,13 @@ def test_one_size_in_all_parts_agrees():
 @pytest.mark.parametrize("sizes", [[1, 1, 1, 1, 1, 0], [1, -1, 1, -1, 1, -1]])
 def test_sizes_that_differ_do_not(sizes):
     assert np.median(deviates(sizes, 20)) > 4.0
+
+
+def test_a_part_that_hardly_shows_a_size_is_left_out_of_its_course():
+    scale = Effect("sonar_scale", (fitted_parameter("sonar_scale.eps").perturbation,), (), ("eps",))
+    given = scale, 0, filter_parameters_of(load_model("nominal")), 0.1, ["a", "a", "b"], np.arange(3.0)
+    found = sizes_over_time(*given, score=np.array([0.0, 50.0, 9.0]), information=np.array([1e4, 1e3, 1.0]))
+    assert found.flights == ("a", "a")
+    assert found.sizes == pytest.approx([0.1, 0.15])
+    assert found.errors == pytest.approx([0.01, 0.0316], rel=0.01)
+    assert found.common == pytest.approx(0.1)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from itertools import product
 from typing import get_args
 
+import numpy as np
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
+from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.sentence import details, headline, unusable, with_sentences
@@ -148,9 +151,25 @@ def test_the_next_flight_is_told_with_what_to_do():
         with_sentences(Criticism(verdict, next_flight=advised)).details[-1]
         for verdict in ("ambiguous", "named")
     )
-    assert alike.startswith(f"What to do next: {advised.rstrip('.')}; then criticise the flights together.")
+    assert alike == f"Next flight: {advised} Then criticise the flights together."
     assert named.endswith(advised)
     assert "docs/recipes.md" in with_sentences(Criticism("ambiguous")).details[-1]
+
+
+def test_only_an_instrument_is_repaired():
+    vehicle, camera = (
+        with_sentences(Criticism("named", causes=(made(name, 1.0, SPEED),))).details[-2]
+        for name in ("active_braking", "camera_tilt")
+    )
+    assert "instrument" not in vehicle
+    assert "calibrate the instrument" in camera
+
+
+def test_what_shows_a_cause_that_changes_is_flown_throughout_one_flight():
+    parts = SizeOverTime("attitude_lag.tau", "s", ("a",), np.zeros(1), np.ones(1), np.ones(1), 1.0)
+    flown = with_sentences(Criticism("named_with_remainder", changes=(parts,))).details[-1]
+    assert "40 s or more" in flown
+    assert CATALOGUE["attitude_lag"].excitation in flown
 
 
 def test_pictures_gain_from_one_to_another():
@@ -181,7 +200,7 @@ def test_where_no_reading_gains_the_likelihood_is_reported(channels: tuple[Chann
 
 def test_a_gain_at_another_horizon_is_told_with_that_horizon():
     text = headline(Criticism("named", causes=(made(NAMES[0], 1.0, SOON, WORSE),)))
-    assert f"of {SOON.channel} {SOON.horizon_s:g} s ahead is {SOON.after:.2g}" in text
+    assert f"of {SOON.channel} {SOON.horizon_s:g} s ahead is {math.degrees(SOON.after):.2g} deg" in text
     assert made(NAMES[0], 1.0, SOON, WORSE).gain.flies_worse
 
 
@@ -208,7 +227,7 @@ def test_only_what_shows_at_a_usual_size_counts_as_tested():
     )
     # The smallest visible sizes are reported as such, apart from the usual ones.
     smallest = "Smallest sizes that nine of ten such flights would have shown"
-    assert details(finding) == (f"{smallest}: quadratic_drag 0.024 1/m, sonar_scale 0.038.",)
+    assert details(finding) == (f"{smallest}: quadratic_drag 0.024 1/m, sonar_scale 3.8 %.",)
 
 
 def test_correlated_noise_is_a_detail_and_white_noise_is_none():
@@ -224,7 +243,9 @@ def test_flights_that_cannot_be_judged_have_one_reason_in_the_headline_and_all_i
 
 
 def test_every_verdict_tells_a_pilot_what_to_do_next():
-    told = {v: with_sentences(Criticism(v)).details[-1] for v in get_args(Verdict) if v != "unusable"}
+    verdicts = [verdict for verdict in get_args(Verdict) if verdict != "unusable"]
+    told, flown = ({v: with_sentences(Criticism(v)).details[k] for v in verdicts} for k in (-2, -1))
+    assert all(line.startswith("Next flight: ") for line in flown.values())
     assert len(set(told.values())) == len(told) == 5
     for verdict, line in told.items():
         assert line.startswith("What to do next: "), verdict

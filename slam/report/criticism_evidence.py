@@ -1,0 +1,136 @@
+"""Evidence of a criticism in sentences: how sure it is, what rules others out, where it shows, what it
+changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from backend.wording import counted, either
+from slam.core.units import everyday, sized
+from slam.report.effect_names import figure, title_of
+
+if TYPE_CHECKING:
+    from slam.criticism import Criticism
+    from slam.criticism.cause import Cause, ChannelError, Gain
+
+_ODDS = "5 nats are odds of 150 to 1"
+_TERMS_ALONE = ("nothing", "unknown")
+"""Hypotheses that are no effects."""
+
+
+def how_sure(result: Criticism) -> list[str]:
+    """Return the probability of each cause, with what it rests on; without a cause, how far all effects are
+    from standing out."""
+    if result.causes:
+        alone = len(result.causes) == 1
+        told = [_sure(cause, "" if alone else f"{cause.name}: ") for cause in result.causes]
+        passed = f"At least {result.threshold:.1f} is asked for, {result.threshold_means}."
+        return [*told, passed] if result.threshold_means else told
+    effects = [rank for rank in result.ranking if rank.name not in _TERMS_ALONE]
+    if not effects:
+        return []
+    most = max(effects, key=lambda rank: rank.z)
+    told = [
+        f"Of all effects {most.name} stands out most, by {most.z:.1f} standard deviations; "
+        f"{result.threshold:.1f} is {result.threshold_means}."
+    ]
+    if result.verdict != "nothing_wrong" and result.patterns:
+        told.append(f"What is not explained stands out by {result.patterns[0][1]:.1f}.")
+    return told
+
+
+def _sure(cause: Cause, name: str) -> str:
+    gain, parts = cause.gain, np.array(cause.gain.parts)
+    text = f"{name}probability {cause.probability:.2f}"
+    if gain.by is None:
+        return f"{text}. Single readings show it, by {gain.nats:.0f} nats of log likelihood ({_ODDS})."
+    better = f"{np.sum(parts > 0)} of {counted(len(parts), gain.by)}"
+    return (
+        f"{text}. Fitted on the others, it predicts {better} better, in all by {gain.nats:.0f} nats of log "
+        f"likelihood ({_ODDS}). It stands out by {cause.z:.1f} standard deviations."
+    )
+
+
+def no_other(cause: Cause) -> str:
+    """Return why the next best effect in the place of a cause is ruled out; empty where there is none."""
+    if not cause.rival or not 0.0 < cause.lead_nats < np.inf:
+        return ""
+    return (
+        f"The next best in place of {cause.name} is {cause.rival}: with it the flights fit worse by "
+        f"{cause.lead_nats:.0f} nats ({_ODDS})."
+    )
+
+
+def where_it_shows(result: Criticism, drawn: Sequence[str]) -> list[str]:
+    """Return in how many flights the leading cause shows, in which most, and what the page shows of it."""
+    if not result.causes:
+        return [*drawn]
+    gain, names = result.causes[0].gain, result.flights
+    parts = np.array(gain.parts)
+    told = f"In {int(np.sum(parts > 0))} of {counted(len(parts), gain.by or 'flight')}"
+    if len(parts) < 2:
+        told = f"In {names[0]}" if len(names) == 1 else ""
+    elif len(parts) == len(names) and gain.by != "segment":
+        most, least = names[int(np.argmax(parts))], names[int(np.argmin(parts))]
+        told += f"; most in {most} ({parts.max():.0f} nats), least in {least} ({parts.min():.0f} nats)"
+    elif len(names) == 1:
+        told += f" of {names[0]}"
+    return [f"{told}." if told else "", *drawn]
+
+
+def what_changes(result: Criticism) -> list[str]:
+    """Return the error before and after of the channel that gains most, and of those that became worse."""
+    if not result.causes:
+        return []
+    gain = result.causes[0].gain
+    if gain.by is None:
+        return ["Single readings, not the prediction of the motion: see “What shows it”."]
+    most = gain.foremost
+    first = f"{_change(most)}, on held-out {gain.by}s." if most else "No error of the prediction falls."
+    return [first, _worse(gain)]
+
+
+def _worse(gain: Gain) -> str:
+    from slam.criticism.search.thresholds import MISFIT
+
+    worse = [_change(error) for error in gain.judged if error.after > (1.0 + MISFIT) * error.before]
+    if not worse:
+        return f"No judged reading is predicted worse by more than {100 * MISFIT:.0f} %."
+    return f"{either(len(worse), 'One', 'Some')} became worse: {'; '.join(worse)}."
+
+
+def _change(error: ChannelError) -> str:
+    factor, unit = everyday(error.before, error.unit)
+    ahead = f"{error.horizon_s:g} s ahead" if error.horizon_s else "from picture to picture"
+    change = 100 * (error.after / error.before - 1) if error.before else 0.0
+    return (
+        f"the error of {error.channel} {ahead} is {figure(factor * error.after)} {unit} instead of "
+        f"{figure(factor * error.before)} ({change:+.0f} %)"
+    )
+
+
+def longer_bar(result: Criticism) -> str:
+    """Return why the most probable cause leads an effect that stands out by more alone; empty where none
+    does."""
+    if not result.causes:
+        return ""
+    lead, z = result.causes[0], {rank.name: rank.z for rank in result.ranking}
+    found = {cause.name for cause in result.causes}
+    longer = [
+        r for r in result.ranking
+        if r.name not in found and r.z > z.get(lead.name, np.inf) and r.probability < lead.probability
+    ]  # fmt: skip
+    if not longer:
+        return ""
+    other = max(longer, key=lambda rank: rank.z)
+    together = " and together with the other causes" if len(result.causes) > 1 else ""
+    worse = f": with it in this place the flights fit worse by {lead.lead_nats:.0f} nats or more"
+    return (
+        f"Alone, {title_of(other.name)} stands out more ({sized(other.z, 'sigma')}) than "
+        f"{title_of(lead.name)} ({sized(z[lead.name], 'sigma')}), and is less probable all the same. The "
+        "right side tests each by itself, as a small change; the probability counts how well it explains "
+        f"the flights at its full size{together}{worse * (0.0 < lead.lead_nats < np.inf)}."
+    )
