@@ -64,15 +64,24 @@ def signatures(store: FeatureStore, config: RetrievalConfig) -> NDArray[np.float
 
 
 def overlapping(
-    camera: Camera, w_T_b: Array, floor_z: float, min_overlap: float, neighbours: int
+    camera: Camera,
+    w_T_b: Array,
+    floor_z: float,
+    min_overlap: float,
+    neighbours: int,
+    world: NDArray[np.int64] | None = None,
 ) -> list[Pair]:
-    """Return pairs i < j with the largest footprint overlaps of each keyframe, by the poses (n, 4, 4)."""
+    """Return pairs i < j with the largest footprint overlaps of each keyframe, by the poses (n, 4, 4).
+
+    ``world`` (n,): poses of different ones have no place relative to each other. None: all are of one.
+    """
     placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
     quads = {int(k): camera.footprint(w_T_b[k], floor_z) for k in placed}
     quads = {k: q.astype(np.float32) for k, q in quads.items() if np.isfinite(q).all()}
     if len(quads) < 2:
         return []
     keys = np.array(list(quads))
+    world = np.zeros(len(w_T_b), dtype=np.int64) if world is None else world
     centre = np.array([quads[k].mean(axis=0) for k in keys])
     size = np.array([np.linalg.norm(quads[k] - quads[k].mean(axis=0), axis=1).max() for k in keys])
     area = {k: float(cv2.contourArea(q)) for k, q in quads.items()}
@@ -81,7 +90,7 @@ def overlapping(
     for a, k in enumerate(keys.tolist()):
         # The radius reaches every overlapping footprint that is no larger; larger ones reach this one.
         for b in tree.query_ball_point(centre[a], 2 * size[a]):
-            if (size[b], b) < (size[a], a):
+            if (size[b], b) < (size[a], a) and world[k] == world[keys[b]]:
                 i, j = sorted((k, int(keys[b])))
                 shared = cv2.intersectConvexConvex(quads[i], quads[j])[0] / max(1e-12, min(area[i], area[j]))
                 if shared >= min_overlap:

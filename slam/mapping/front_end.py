@@ -254,11 +254,17 @@ class FrontEnd:
             replace(observations, refused=(*observations.refused, *beyond)), found.pairs, "loops"
         )
 
-    def match_overlaps(self, observations: Observations, w_T_b: Array, floor_z_m: float) -> Observations:
-        """Compare keyframes that the poses say overlap."""
+    def match_overlaps(
+        self,
+        observations: Observations,
+        w_T_b: Array,
+        floor_z_m: float,
+        world: NDArray[np.int64] | None = None,
+    ) -> Observations:
+        """Compare keyframes that the poses say overlap; ``world`` as in `frontend.loops.overlapping`."""
         loops = self.config.loops
         neighbours = int(np.clip(2 * loops.max_pairs / max(1, len(w_T_b)), 4, 80))
-        pairs = overlapping(self.camera, w_T_b, floor_z_m, loops.min_overlap, neighbours)
+        pairs = overlapping(self.camera, w_T_b, floor_z_m, loops.min_overlap, neighbours, world)
 
         def known(i: int, j: int) -> Array:
             floor_H_i, floor_H_j = (self.camera.floor_H_image(w_T_b[k], floor_z_m) for k in (i, j))

@@ -94,6 +94,11 @@ class Map:
         return np.where((self.component == 0)[:, None, None], poses, np.nan)
 
     @property
+    def world(self) -> NDArray[np.int64]:
+        """(n,) number of the world that each pose is in: positions on Earth put all parts into one."""
+        return np.zeros_like(self.component) if self.georeferenced else self.component
+
+    @property
     def over_floor_T_b(self) -> Array:
         """(n, 4, 4) poses over a floor that is made level at ``floor_z_m``."""
         return over_floor(self.w_T_b, self.slope_rad, self.floor_z_m)

@@ -126,17 +126,6 @@ def close_loops(context: Context, chain: Map) -> Map:
         return replace(_solved(observations, setup, context.on_step), odometry=chain)
 
 
-def _plausible_between_parts(context: Context, matched: Map, observations: Observations) -> Observations:
-    """Drop the pairs that join parts where the instruments exclude it: separate parts overlap by chance."""
-    part = matched.component
-    if part.max(initial=-1) < 1 or matched.odometry is None:
-        return observations
-    known = _known_chain(context, matched.odometry)
-    edges = lift_edges(observations.registrations, context.setup).at_heights(known.height_m)
-    apart = [edge for edge in edges if part[edge.i] != part[edge.j]]
-    return observations.without(implausible_edges(apart, known, context.setup.config.loops))
-
-
 def _known_chain(context: Context, chain: Map) -> KnownPoses:
     """Return the poses of a chain, across its gaps as far as the instruments tell them."""
     bridged = chain if context.flight.gps is not None else context.bridges.join_for_checks(chain)
@@ -183,7 +172,7 @@ def match_overlaps(context: Context, refined: Map) -> Map:
     the lines that they show."""
     with context.timer("loops"), large_blocks_kept():
         observations = context.front_end.match_overlaps(
-            refined.observations, refined.over_floor_T_b, refined.floor_z_m
+            refined.observations, refined.over_floor_T_b, refined.floor_z_m, refined.world
         )
         observations = close_over_lines(context.front_end, observations, refined)
     return replace(refined, observations=observations)
@@ -196,7 +185,6 @@ def solve_again(context: Context, matched: Map) -> Map:
         tilted = context.setup.with_tilts(known.w_T_b, matched.over_floor_covariances)
         # Overlapping footprints may match a look-alike piece of floor beside the common one.
         observations = _plausible(matched.observations, tilted, known)
-        observations = _plausible_between_parts(context, matched, observations)
     with context.timer("graph"):
         return replace(_solved(observations, tilted, context.on_step), odometry=matched.odometry)
 

@@ -79,6 +79,8 @@ def test_overlapping_leaves_out_what_has_no_place_and_uses_the_floor() -> None:
         [body(0, 0, 1), body(0.1, 0, 1), np.full((4, 4), np.nan), body(0, 0, 1, 0, -1.5), body(0, 0.1, 1)]
     )
     assert overlapping(CAMERA, w_T_b, 0.0, 0.5, 10) == [(0, 1), (0, 4), (1, 4)]
+    # Parts of a map that nothing joins have each a world of their own, and overlap by chance.
+    assert overlapping(CAMERA, w_T_b, 0.0, 0.5, 10, np.array([0, 1, 0, 0, 0])) == [(0, 4)]
     apart = np.array([body(0, 0, 1), body(0, 0.7, 1)])
     assert overlapping(CAMERA, apart, 0.0, 0.3, 10) == [(0, 1)]
     assert overlapping(CAMERA, apart, 0.5, 0.3, 10) == []
