@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend import se3
 from backend.measurements import EdgeKind, RelativePose
 from backend.pose_graph.heights import HeightEstimate, adjust_heights
 from frontend.lift import LiftedPoses, level_T_body, lift
@@ -30,20 +31,42 @@ class Edges:
     registrations: tuple[Registration, ...]
     relative_poses: tuple[RelativePose, ...]
     heights: HeightEstimate
+    b_p_c_m: Array = field(default_factory=lambda: np.zeros(3))
+    """(3,) position of the camera on the body."""
+    camera_above_body_m: Array = field(default_factory=lambda: np.zeros(1))
+    """(n,) the same along the vertical, at each keyframe."""
 
     def at_heights(self, height_m: Array) -> tuple[RelativePose, ...]:
-        """Rescale the relative poses to the final heights (n,)."""
+        """Rescale the relative poses to the final heights (n,).
+
+        Pictures tell the motion of the camera, so that the place of the camera on the body is not scaled.
+        """
+        if not self.relative_poses:
+            return ()
+        i = np.array([edge.i for edge in self.relative_poses])
+        above_m, b_p_c_m = self.camera_above_body_m, self.b_p_c_m
+        factor = ((height_m + above_m) / (self.heights.height_m + above_m))[i]
+        i_T_j = np.array([edge.i_T_j for edge in self.relative_poses])
+        of_lever = b_p_c_m - i_T_j[:, :3, :3] @ b_p_c_m
+        i_T_j[:, :3, 3] = factor[:, None] * (i_T_j[:, :3, 3] - of_lever) + of_lever
+        growth = error_growth(factor, b_p_c_m)
+        covariance = growth @ [edge.covariance for edge in self.relative_poses] @ growth.transpose(0, 2, 1)
         return tuple(
-            _scaled(r, float(height_m[r.i] / self.heights.height_m[r.i])) for r in self.relative_poses
+            replace(edge, i_T_j=i_T_j[m], covariance=covariance[m])
+            for m, edge in enumerate(self.relative_poses)
         )
 
 
-def _scaled(edge: RelativePose, factor: float) -> RelativePose:
-    """Return the edge with lengths multiplied by ``factor``."""
-    unit = np.array([1.0] * 3 + [factor] * 3)
-    i_T_j = edge.i_T_j.copy()
-    i_T_j[:3, 3] *= factor
-    return replace(edge, i_T_j=i_T_j, covariance=edge.covariance * np.outer(unit, unit))
+def error_growth(factor: Array, b_p_c_m: Array) -> Array:
+    """Return (n, 6, 6) by what errors of body poses grow where the cameras' lengths grow by ``factor`` (n,).
+
+    Errors have rotation first, and are right perturbations.
+    """
+    b_T_c = np.eye(4)[None].copy()
+    b_T_c[0, :3, 3] = b_p_c_m
+    unit = np.ones((len(factor), 6))
+    unit[:, 3:] = factor[:, None]
+    return se3.adjoint(b_T_c) @ (unit[:, :, None] * se3.adjoint(se3.inverse(b_T_c)))
 
 
 def lift_edges(registrations: Sequence[Registration], setup: Setup) -> Edges:
@@ -55,7 +78,8 @@ def lift_edges(registrations: Sequence[Registration], setup: Setup) -> Edges:
     readings = setup.readings
     lifted = lift(H, covariance, setup.camera, readings.roll_pitch_rad[i], readings.roll_pitch_std_rad[i])
     good = lifted.usable
-    heights = _heights(i[good], j[good], lifted, good, setup)
+    above_m = level_T_body(readings.roll_pitch_rad)[:, 2, :3] @ lifted.b_p_c_m
+    heights = _heights(i[good], j[good], lifted, good, setup, above_m)
     i_T_j, covariance = lifted.scale(heights.height_m[i], heights.height_m[i] * heights.log_std[i])
     apart = np.abs(readings.stamps_s[j] - readings.stamps_s[i]) >= setup.config.loops.min_separation_s
     kept = np.flatnonzero(good).tolist()
@@ -64,13 +88,21 @@ def lift_edges(registrations: Sequence[Registration], setup: Setup) -> Edges:
         RelativePose(int(i[m]), int(j[m]), i_T_j[m], covariance[m], k)
         for m, k in zip(kept, kind, strict=True)
     )
-    return Edges(tuple(registrations[m] for m in kept), poses, heights)
+    return Edges(tuple(registrations[m] for m in kept), poses, heights, lifted.b_p_c_m, above_m)
 
 
 def _heights(
-    i: NDArray[np.int64], j: NDArray[np.int64], lifted: LiftedPoses, good: NDArray[np.bool_], setup: Setup
+    i: NDArray[np.int64],
+    j: NDArray[np.int64],
+    lifted: LiftedPoses,
+    good: NDArray[np.bool_],
+    setup: Setup,
+    above_m: Array,
 ) -> HeightEstimate:
-    """Estimate the body heights from the camera heights, whose ratios the pictures determine."""
+    """Estimate the body heights from the camera heights, whose ratios the pictures determine.
+
+    ``above_m`` (n,): height of the camera above the body.
+    """
     level_up = level_T_body(setup.readings.roll_pitch_rad)[:, 2, :3]
     b_p_c = setup.camera.b_T_c[:3, 3]
     ranges = [r for r in setup.readings.ranges if level_up[r.k] @ r.b_T_s[:3, 2] > LEAST_FALL]
@@ -89,5 +121,4 @@ def _heights(
         np.log(camera_m[above]),
         np.maximum(std[above] / camera_m[above], LEAST_HEIGHT_STD),
     )
-    body_m = agreed.height_m - level_up @ b_p_c
-    return replace(agreed, height_m=np.maximum(body_m, _LOWEST * agreed.height_m))
+    return replace(agreed, height_m=np.maximum(agreed.height_m - above_m, _LOWEST * agreed.height_m))

@@ -121,22 +121,13 @@ def close_loops(context: Context, chain: Map) -> Map:
         radius = search_radius(setup, heights, chain.graph)
         observations = context.front_end.close_loops(chain.observations, radius)
         _refuse_unless(len(observations.registrations) > 0, context.flight, observations)
-        observations = _plausible(observations, setup, _known_chain(context, chain))
+        observations = _plausible(observations, setup, chain.known_poses())
+        bridged = chain if context.flight.gps is not None else context.bridges.join_for_checks(chain)
+        if bridged is not chain:
+            # Not at once: all behind a bridge have its error in common, which would hide a false pair there.
+            observations = _plausible(observations, setup, bridged.known_poses())
     with context.timer("graph"):
         return replace(_solved(observations, setup, context.on_step), odometry=chain)
-
-
-def _known_chain(context: Context, chain: Map) -> KnownPoses:
-    """Return the poses of a chain, across its gaps as far as the instruments tell them."""
-    bridged = chain if context.flight.gps is not None else context.bridges.join_for_checks(chain)
-    heights = bridged.edges.heights
-    return KnownPoses(
-        w_T_b=bridged.w_T_b,
-        covariances=bridged.covariances,
-        component=bridged.component,
-        height_m=heights.height_m,
-        metric=bool(heights.metric.all()),
-    )
 
 
 def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
@@ -279,6 +270,7 @@ def _solved(
         over_floor_covariances=known,
         component=component,
         camera=setup.camera,
+        metric=bool(edges.heights.metric.all()),
         height_std_m=(0.0,) * (int(component.max(initial=-1)) + 1),
     )
 

@@ -84,9 +84,7 @@ def without_false_links(observations: Observations, bridges: InertialBridges) ->
         return observations
     lifted = lift_edges([link for link in observations.links if link is not None], bridges.setup)
     gaps = bridges.without([broken.pair for broken in breaks]).gaps()
-    poses = lifted.relative_poses
-    if not (gaps.ranged or lifted.heights.metric.all()):
-        poses = tuple(pose for pose in lifted.at_heights(gaps.height_m) if np.isfinite(pose.i_T_j).all())
+    poses = lifted.relative_poses if gaps.heights is None else lifted.at_heights(gaps.heights.height_m)
     return remove_links(observations, contradicted(breaks, poses, gaps.edges))
 
 

@@ -9,7 +9,7 @@ errors.
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from backend import se3
 from backend.ekf.inputs import VisualStep, renumber_steps
 from backend.errors import BackendError
 from backend.measurements import RelativePose
+from backend.pose_graph.heights import HeightEstimate
 from backend.preintegration.limits import MOST_HEIGHTS, MOST_SIGMAS
 from backend.quantiles import chi_square_quantile
 from frontend.lift import lift
@@ -27,7 +28,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import Progress, show_compilation, silent
 from slam.inertial.instruments import InertialTrust
-from slam.mapping.inertial.metres import scaled
+from slam.mapping.inertial.metres import in_metres
 from slam.mapping.map import Map, largest_first
 from slam.mapping.setup import Setup
 
@@ -68,12 +69,9 @@ class FilteredGaps:
 
     edges: tuple[RelativePose, ...] = ()
     """One of kind ``inertial`` for each pair of successive keyframes that no picture step joins."""
-    height_m: Array = field(default_factory=lambda: np.empty(0))
-    """(n,) heights of the keyframes; NaN outside the readings."""
-    log_std: Array = field(default_factory=lambda: np.empty(0))
-    """(n,) their relative standard deviations."""
-    ranged: bool = True
-    """Whether ranges tell the heights; else they follow from the accelerometer."""
+    heights: HeightEstimate | None = None
+    """Heights of the keyframes by the accelerometer, NaN outside the readings; None where ranges tell them,
+    or nothing does."""
 
 
 def filtered_gaps(
@@ -94,43 +92,60 @@ def filtered_gaps(
 
     inputs = identify_noise(flight, trust, progress, stamps_s, steps)
     inside = (stamps_s >= inputs.start_s) & (stamps_s <= inputs.end_s)
-    ranged = inputs.readings.range_m is not None
-    if not (ranged or inputs.adjustments.start) or inside.sum() < 2:
+    by_accelerometer = inputs.adjustments.start is not None
+    if not (inputs.readings.range_m or by_accelerometer) or inside.sum() < 2:
         return FilteredGaps()
     reached = {step.j for step in steps}
-    found = filter_motion(
-        inputs, stamps_s[inside], steps=renumber_steps(steps, inside), keep="each", progress=progress
-    )
+    steps = renumber_steps(steps, inside)
+    found = filter_motion(inputs, stamps_s[inside], steps=steps, keep="each", progress=progress)
     states, numbers = found.smoothed, np.flatnonzero(inside)
     assert states is not None
-    height_m, log_std = np.full((2, len(stamps_s)), np.nan)
-    height_m[inside] = states.w_T_b[:, 2, 3]
-    log_std[inside] = np.sqrt(states.motion_covariances[:, 2, 2]) / height_m[inside]
-    if not ranged and not _shows(states, height_m[inside], log_std[inside], renumber_steps(steps, inside)):
-        return FilteredGaps()
+    heights = None
+    if by_accelerometer:
+        heights = heights_by_accelerometer(states, steps, inputs.model.b_p_camera_m)
+        if heights is None:
+            return FilteredGaps()
+        heights = _of_all(heights, inside)
     edges = []
     for k in range(1, len(numbers)):
         i, j = int(numbers[k - 1]), int(numbers[k])
         covariance = states.clone_T_b_covariances[k]
-        above_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
-        if j not in reached and np.trace(covariance[3:, 3:]) < (MOST_HEIGHTS * above_m) ** 2:
+        height_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
+        if j not in reached and np.trace(covariance[3:, 3:]) < (MOST_HEIGHTS * height_m) ** 2:
             edges.append(RelativePose(i, j, states.clone_T_b[k], covariance, "inertial"))
-    return FilteredGaps(tuple(edges), height_m, log_std, ranged)
+    return FilteredGaps(tuple(edges), heights)
 
 
-def _shows(states: States, height_m: Array, log_std: Array, steps: tuple[VisualStep, ...]) -> bool:
-    """Return whether heights (n,) by the accelerometer are known, and the path shows what the pictures do.
+def heights_by_accelerometer(
+    states: States, steps: tuple[VisualStep, ...], b_p_c_m: tuple[float, float, float]
+) -> HeightEstimate | None:
+    """Return the heights of smoothed ``states``, one a picture; None where they are not known.
 
-    From a start too far off the smoother may settle elsewhere.
+    They are not where they are too uncertain, and where the path does not show what the ``steps`` of the
+    camera at ``b_p_c_m`` do: from a start too far off the smoother may settle elsewhere.
     """
-    if not (height_m > 0).all() or not (log_std < _MOST_HEIGHT_STD).all():
-        return False
-    seen = np.array([step.i_T_j for step in steps])
-    moved = states.clone_T_b[[step.j for step in steps]].copy()
-    moved[:, :3, 3] /= height_m[[step.i for step in steps], None]
-    off = se3.log(se3.inverse(moved) @ seen)
+    height_m = states.w_T_b[:, 2, 3]
+    b_T_c = np.eye(4)[None].copy()
+    b_T_c[0, :3, 3] = b_p_c_m
+    camera_m = (states.w_T_b @ b_T_c)[:, 2, 3]
+    if not (np.minimum(height_m, camera_m) > 0).all():
+        return None
+    log_std = np.sqrt(states.motion_covariances[:, 2, 2]) / height_m
+    if not (log_std < _MOST_HEIGHT_STD).all():
+        return None
+    moved = se3.inverse(b_T_c) @ states.clone_T_b[[step.j for step in steps]] @ b_T_c
+    moved[:, :3, 3] /= camera_m[[step.i for step in steps], None]
+    off = se3.log(se3.inverse(moved) @ np.array([step.i_T_j for step in steps]))
     squares = [float(x @ np.linalg.solve(s.covariance, x)) for x, s in zip(off, steps, strict=True)]
-    return bool(np.median(squares) < MOST_SIGMAS**2 * chi_square_quantile(0.5, 6))
+    shown = np.median(squares) < MOST_SIGMAS**2 * chi_square_quantile(0.5, 6)
+    return HeightEstimate(height_m, log_std, np.ones(len(height_m), dtype=bool)) if shown else None
+
+
+def _of_all(heights: HeightEstimate, inside: NDArray[np.bool_]) -> HeightEstimate:
+    """Return the heights of all keyframes, NaN for those that are not ``inside`` (n,) the readings."""
+    height_m, log_std = np.full((2, len(inside)), np.nan)
+    height_m[inside], log_std[inside] = heights.height_m, heights.log_std
+    return HeightEstimate(height_m, log_std, inside)
 
 
 class InertialBridges:
@@ -169,7 +184,7 @@ class InertialBridges:
         """Return one edge in metres for each break of a chain in metres; none if the instruments determine it
         too poorly."""
         gaps = self.gaps()
-        return gaps.edges if gaps.ranged else ()
+        return gaps.edges if gaps.heights is None else ()
 
     def gaps(self) -> FilteredGaps:
         """Return the edges across all breaks, with the heights that make a chain without ranges metric."""
@@ -192,12 +207,11 @@ class InertialBridges:
         if chain.component.max(initial=-1) < 1:
             return chain
         gaps = self.gaps()
-        if gaps.ranged:
-            return self.join(chain)
         if not gaps.edges:
             return chain
-        in_metres = scaled(chain, gaps.height_m, gaps.log_std, self.setup.config.trust.accel_gain_std)
-        return chain if in_metres is None else joined(in_metres, gaps.edges)
+        if gaps.heights is not None:
+            chain = in_metres(chain, gaps.heights, self.setup.config.trust.accel_gain_std)
+        return joined(chain, gaps.edges)
 
 
 @dataclass(frozen=True)

@@ -8,42 +8,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.heights import HeightEstimate
-from slam.mapping.lift_edges import Edges
+from slam.mapping.lift_edges import error_growth
 from slam.mapping.map import Map
 
 Array = NDArray[np.float64]
 
 
-def scaled(chain: Map, height_m: Array, log_std: Array, gain_std: float) -> Map | None:
-    """Return the chain with each part scaled to the heights (n,) of its keyframes, NaN where not known.
+def in_metres(chain: Map, heights: HeightEstimate, gain_std: float) -> Map:
+    """Return the chain with each part scaled to the ``heights`` of its keyframes, NaN where not known.
 
-    The scale of a part is as uncertain as its heights (``log_std``) and the accelerometer's gain together.
-    The result is None where no height of a part is known.
+    The scale of a part is as uncertain as its heights and the accelerometer's gain together. A part without a
+    known height stays as it is. Pictures tell the motion of the camera, so that the parts grow about it.
     """
-    heights = chain.edges.heights
-    ratio, std = np.ones(len(height_m)), np.zeros(len(height_m))
-    w_T_b, covariances = chain.w_T_b.copy(), chain.covariances.copy()
+    n, b_p_c_m = len(chain.component), chain.camera.b_T_c[:3, 3]
+    ratio, std = np.ones(n), np.zeros(n)
+    from_camera = -chain.w_T_b[:, :3, :3] @ b_p_c_m
+    w_p_c = chain.w_T_b[:, :3, 3] - from_camera
+    way = np.zeros((n, 3))
     for part in range(int(chain.component.max(initial=-1)) + 1):
         members = np.flatnonzero(chain.component == part)
-        known = members[np.isfinite(height_m[members])]
-        if not len(known):
-            return None
-        ratio[members] = np.median(height_m[known] / heights.height_m[known])
-        std[members] = np.hypot(np.median(log_std[known]), gain_std)
-        away = w_T_b[members, :3, 3] - w_T_b[members[0], :3, 3]
-        stretch = np.zeros((len(members), 6))
-        stretch[:, 3:] = std[members, None] * np.einsum("nba,nb->na", w_T_b[members, :3, :3], away)
-        covariances[members] += stretch[:, :, None] * stretch[:, None, :]
-    unit = np.ones((len(ratio), 6))
-    unit[:, 3:] = ratio[:, None]
-    w_T_b[:, :3, 3] *= ratio[:, None]
-    covariances *= unit[:, :, None] * unit[:, None, :]
-    in_metres = HeightEstimate(ratio * heights.height_m, std, np.ones(len(ratio), bool))
-    poses = chain.edges.at_heights(in_metres.height_m)
+        known = members[np.isfinite(heights.height_m[members])]
+        way[members] = w_p_c[members] - w_p_c[members[0]]
+        if len(known):
+            camera_m = heights.height_m[known] - from_camera[known, 2]
+            ratio[members] = np.median(camera_m / w_p_c[known, 2])
+            std[members] = np.hypot(np.median(heights.log_std[known]), gain_std)
+    w_T_b = chain.w_T_b.copy()
+    w_T_b[:, :3, 3] = ratio[:, None] * w_p_c + from_camera
+    growth = error_growth(ratio, b_p_c_m)
+    of_scale = np.zeros((n, 6))
+    of_scale[:, 3:] = (std * ratio)[:, None] * np.einsum("nba,nb->na", chain.w_T_b[:, :3, :3], way)
+    covariances = growth @ chain.covariances @ growth.transpose(0, 2, 1)
+    covariances += of_scale[:, :, None] * of_scale[:, None, :]
     return replace(
-        chain,
-        edges=Edges(chain.edges.registrations, poses, in_metres),
-        w_T_b=w_T_b,
-        covariances=covariances,
-        over_floor_covariances=covariances,
+        chain, w_T_b=w_T_b, covariances=covariances, over_floor_covariances=covariances, metric=True
     )

@@ -208,6 +208,23 @@ def test_edges_at_other_heights_are_the_same_edges_in_other_metres():
         assert tall.covariance[0, 4] == pytest.approx(3 * edge.covariance[0, 4])
 
 
+def test_without_ranges_edges_at_known_heights_are_those_with_ranges():
+    """The camera is far from the body's origin, and its place is in metres where heights are not yet."""
+    b_T_c = CAMERA.b_T_c.copy()
+    b_T_c[:3, 3] = 0.3, 0.1, -0.4
+    camera = replace(CAMERA, b_T_c=b_T_c)
+    w_T_b = truth()
+    w_T_b[:, 2, 3] += 0.4
+    registrations = [registration(w_T_b, *pair, camera=camera) for pair in PAIRS]
+    ranged, free = (
+        lift_edges(registrations, replace(setup_of(w_T_b, sonar=sonar), camera=camera))
+        for sonar in (True, False)
+    )
+    assert not free.heights.metric.any()
+    for edge, known in zip(ranged.relative_poses, free.at_heights(ranged.heights.height_m), strict=True):
+        assert known.i_T_j == pytest.approx(edge.i_T_j, abs=1e-6)
+
+
 def test_tilts_that_were_found_replace_the_stated_ones():
     w_T_b = truth()
     told = setup_of(w_T_b, attitude=False)
