@@ -66,19 +66,21 @@ def reasons_of(status: str, lines: Iterable[str]) -> tuple[str, ...]:
     return tuple(reasons) if end == len(status) else (status,)
 
 
-def sentences(line: str) -> str:
-    """Return a message, whose clauses are joined by semicolons, as sentences for a page.
-
-    A semicolon within brackets joins no clauses.
-    """
-    clauses, depth, begin = [], 0, 0
+def clauses(line: str) -> list[str]:
+    """Return the clauses of a message, which semicolons join; one within brackets joins none."""
+    found, depth, begin = [], 0, 0
     for k, character in enumerate(line):
         depth += (character in "([{") - (character in ")]}")
         if character == ";" and depth <= 0:
-            clauses.append(line[begin:k].strip())
+            found.append(line[begin:k].strip())
             begin = k + 1
-    clauses.append(line[begin:].strip())
-    first, *others = [clause for clause in clauses if clause] or [""]
+    found.append(line[begin:].strip())
+    return [clause for clause in found if clause]
+
+
+def sentences(line: str) -> str:
+    """Return a message, whose `clauses` are joined by semicolons, as sentences for a page."""
+    first, *others = clauses(line) or [""]
     text = ". ".join([first.rstrip("."), *(_capital(other).rstrip(".") for other in others)])
     return text if text.endswith(("?", "!", ":")) or not text else f"{text}."
 

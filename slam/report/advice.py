@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam.core.estimate import Estimate
-from slam.core.messages import by_kind
+from slam.core.messages import by_kind, clauses
 from slam.core.units import percent
 from slam.report.checked_lengths import unless_checked
 from slam.report.facts import Facts, heights_over_floor
@@ -138,11 +137,9 @@ def next_steps(
     steps = []
     if summary.status != "ok":
         steps.append("first do what “Check this first” says: it is worth more than all that follows")
-    elif count := len(by_kind(summary.warnings).warnings):
+    elif warnings := by_kind(summary.warnings).warnings:
         steps.append(
-            _advice(by_kind(summary.warnings).warnings[0])
-            if count == 1
-            else f"first do what the {count} warnings below advise"
+            _advice(warnings[0]) if len(warnings) == 1 else f"first act on the {len(warnings)} warnings below"
         )
     if not facts.loops_kept and not facts.is_graph:
         why = "errors do not add up" if facts.relative_to else "the map does not rest on positions alone"
@@ -161,11 +158,11 @@ def next_steps(
 
 
 def _advice(warning: str) -> str:
-    """Return the advice with which a warning of several sentences ends, as the first step."""
-    *found, last = re.split(r"(?<=[.?!])\s+(?=[A-Z])", warning)
-    if not found:
-        return "first do what the warning below advises"
-    return f"first, as a warning below advises: {last[0].lower()}{last[1:].rstrip('.')}"
+    """Return the first step that a warning asks for: the clause with which it ends says what to do."""
+    *found, last = clauses(warning)
+    return (
+        f"first act on the warning below: {last.rstrip('.')}" if found else "first act on the warning below"
+    )
 
 
 def focal_std_ratio(estimate: Estimate) -> float:

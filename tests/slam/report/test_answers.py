@@ -18,7 +18,7 @@ from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.accuracy import Evaluated
-from slam.report.advice import limit, limit_sentence
+from slam.report.advice import limit, limit_sentence, next_steps
 from slam.report.answers import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
@@ -335,3 +335,20 @@ def test_a_status_that_is_not_ok_stands_beside_every_figure():
         "Are the heights true?", "Can I hand its coordinates to others?",
     ):  # fmt: skip
         assert "Check this first" in found[question], question
+
+
+@pytest.mark.parametrize(
+    ("warnings", "step"),
+    [
+        (
+            ("imu0 reads (at rest; 9.9 m/s²) too much; calibrate its gain",),
+            "First act on the warning below: calibrate its gain.",
+        ),
+        (("one picture is damaged",), "First act on the warning below."),
+        (("one picture is damaged", "another is"), "First act on the 2 warnings below."),
+    ],
+)
+def test_the_first_step_is_what_the_only_warning_advises(warnings, step):
+    estimate, flight = replace(made_estimate(), status="ok", warnings=warnings), made_flight()
+    facts, summary = gather(estimate, flight), summarise(estimate)
+    assert next_steps(estimate, facts, summary, ground_missing=False).startswith(step)
