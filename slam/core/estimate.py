@@ -35,7 +35,9 @@ MAP_TRAJECTORIES = ("chain of homographies", "without loops", "with loops")
 
 CONTRADICTED, UNPROVEN = "contradicted", "unproven"
 """Why a loop was rejected: the rest of the map contradicts it, or it shows too little to tell."""
-_CONTRADICTIONS = ("out of reach", "implausible", "folded or no overlap", "disagrees")
+_CONTRADICTIONS = (
+    "out of reach", "implausible", "folded or no overlap", "elsewhere than the pictures between", "disagrees",
+)  # fmt: skip
 """Beginnings of the reasons of rejected loops that the rest of the map contradicts."""
 
 

@@ -73,6 +73,12 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
 """Beginning of a reason -> what it counts, and whether to act."""
 _LINKS: tuple[tuple[str, str, str], ...] = (
     ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE),
+    ("implausible change of scale", "agree only at scales that differ several times", _OTHER_PLACE),
+    (
+        "elsewhere than the pictures between",
+        "lie elsewhere than the pictures between have them",
+        _OTHER_PLACE,
+    ),
     ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE),
     ("folded or no overlap", "match in a way that no camera above a floor can see", _OTHER_PLACE),
     ("too few", "have too few points in common", _UNPROVEN),

@@ -18,7 +18,13 @@ def test_the_words_of_a_match_keep_all_figures_of_its_reason():
 
 
 @pytest.mark.parametrize(
-    "reason", ["disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg", "implausible: 3 m", "out of reach"]
+    "reason",
+    [
+        "disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg",
+        "implausible: 3 m",
+        "out of reach",
+        "elsewhere than the pictures between: 0.40 picture widths off",
+    ],
 )
 def test_a_match_that_the_map_contradicts_is_no_unproven_one(reason):
     assert LoopVerdict(0, 9, "rejected", reason).finding == CONTRADICTED
@@ -44,6 +50,7 @@ def test_a_match_that_shows_too_little_is_unproven(reason):
         "outlier share above gamma_1", "folded or no overlap", "implausible change of scale", "implausible",
         "inliers crowded in one place", "homography poorly determined", "loop: out of reach",
         "loop: disagrees", "late: it arrived while earlier pictures were processed",
+        "loop: elsewhere than the pictures between",
         "loop: agrees, but too little is known of where it lies to trust it", "loop: too few matches",
         "edge without information", "edge disagrees with the rest of the graph", "line without an end",
     ],
@@ -54,6 +61,15 @@ def test_each_reason_has_plain_words_and_says_whether_to_act(reason):
     assert row.act.startswith(("No", "Only if", "Yes", "Look", "Write"))
     assert row.act.endswith(".")
     assert (row.reason, row.count) == (reason, 5)
+
+
+def test_a_change_of_scale_is_no_place_that_the_map_excludes():
+    (scale,), (place,) = (
+        left_out({"loop: implausible change of scale": 1}),
+        left_out({"loop: implausible": 1}),
+    )
+    assert "scales" in scale.what
+    assert "the rest of the map" in place.what
 
 
 def test_what_may_need_an_action_comes_first():
