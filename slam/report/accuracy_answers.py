@@ -13,7 +13,7 @@ from slam.core.estimate import CONTRADICTED, Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent, unit
 from slam.report.advice import main_cause
-from slam.report.checked_lengths import RESULT, basis, unless_checked
+from slam.report.checked_lengths import CHECKED, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -162,9 +162,6 @@ def _area(facts: Facts, side_m: float, end_m: float) -> str:
     )
 
 
-_CHECKED = unless_checked("", f" Known distances on the ground have checked it ({RESULT}).")
-
-
 def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     """Return by which instruments the lengths of a map are known, and whether they agree."""
     if facts.is_graph:
@@ -192,7 +189,8 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"{upper}, by {facts.scale_source} together. But a warning below names "
             f"{' and '.join(doubted)}: measure one distance on the ground to be sure."
         )
-    return f"Yes, {known}: {facts.scale_source} tell it, and they agree.{_CHECKED}{_beside(estimate)}"
+    checked = unless_checked("", f" {CHECKED}")
+    return f"Yes, {known}: {facts.scale_source} tell it, and they agree.{checked}{_beside(estimate)}"
 
 
 def _beside(estimate: Estimate) -> str:

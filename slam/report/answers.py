@@ -188,7 +188,7 @@ def _next(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
 
 
 def _left_out(facts: Facts, summary: Summary) -> str:
-    rows = left_out(summary.rejected, in_one_piece=facts.maps <= 1 and not facts.is_graph)
+    rows = left_out(summary.rejected, facts.in_one_piece)
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]

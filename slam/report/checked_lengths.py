@@ -16,6 +16,7 @@ from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 
 RESULT = "“How far is it from the truth?” under “In short”"
 """Name of the answer that compares lengths with known distances; figures further down name it too."""
+CHECKED = f"Known distances on the ground have checked the lengths ({RESULT})."
 _BEGIN, _OR, _END = "\ue000", "\ue001", "\ue002"
 _IN_TEXT = re.compile(f"{_BEGIN}([^{_OR}]*){_OR}([^{_END}]*){_END}")
 _IN_PAGE = re.compile("<!-- (unless checked|checked): (.*?) -->(.*?)<!-- /(?:unless )?checked -->", re.DOTALL)
@@ -30,8 +31,7 @@ def basis(text: str) -> str:
     """Return what an accuracy rests on, whose end asks for a distance unless one was measured."""
     if not text.endswith(CHECKED_BY_ONE_DISTANCE):
         return text
-    done = f"Known distances on the ground have checked the lengths ({RESULT})."
-    return text.removesuffix(CHECKED_BY_ONE_DISTANCE) + unless_checked(CHECKED_BY_ONE_DISTANCE, done)
+    return text.removesuffix(CHECKED_BY_ONE_DISTANCE) + unless_checked(CHECKED_BY_ONE_DISTANCE, CHECKED)
 
 
 def as_asked(text: str) -> str:

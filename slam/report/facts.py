@@ -82,6 +82,11 @@ class Facts:
             return f"relative to {self.relative_to}"
         return "on Earth" if self.controlled else "on Earth, as the GPS has it,"
 
+    @property
+    def in_one_piece(self) -> bool:
+        """Whether all that was mapped hangs together; False for a graph, which has no pictures to link."""
+        return self.maps <= 1 and not self.is_graph
+
     def length(self, metres: float) -> str:
         """Return a length of this map with its unit."""
         return length(metres, self.metric)

@@ -138,7 +138,7 @@ def render(
         altitude=embedded(altitude_picture(estimate, facts.gaps))
         if drawable and not facts.is_graph
         else None,
-        left_out=left_out(summary.rejected, in_one_piece=facts.maps <= 1 and not facts.is_graph),
+        left_out=left_out(summary.rejected, facts.in_one_piece),
         rejected_loops=_rejected_loops(estimate),
         verdicts={loop.finding for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),
