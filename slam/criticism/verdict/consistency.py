@@ -50,9 +50,8 @@ LARGE = 0.5
 """Least scatter beyond chance, as a share of the size."""
 LEVEL = ("accel_bias.x", "accel_bias.y")
 """Columns along which an attitude error acts like an error of the accelerometer."""
-
-
 _BETWEEN = "from flight to flight", "during a flight", "from channel to channel"
+"""The parts that a cause is compared between, in the order of the columns of `consistencies`."""
 
 
 @dataclass(frozen=True)

@@ -35,19 +35,14 @@ ASSUMED_VIEW = f"a view of {_ASSUMED_VIEW_DEG:g} degrees along the longer side"
 _UNDISTORT = "undistort the pictures"
 """Advice where a lens is too wide for the camera model."""
 _FILM_DIAGONAL_MM = float(np.hypot(36, 24))
-_FOCAL_STD_RATIO = {
-    "dewarp": NOMINAL_FOCAL_STD_RATIO,
-    "lens": NOMINAL_FOCAL_STD_RATIO,
-    "calibrated": NOMINAL_FOCAL_STD_RATIO,
-    "tags": NOMINAL_FOCAL_STD_RATIO,
-    "assumed": ASSUMED_FOCAL_STD_RATIO,
-}
-"""Relative standard deviation of the focal length by source. No tag is the calibration of its user: focus and
-temperature are not those of the factory. The two that one maker tells of one lens differ by 2.7 % (DewarpData
-and CalibratedFocalLength of a Phantom 4 Multispectral), and which is nearer no tag tells."""
+_SOURCES = ("dewarp", "lens", "calibrated", "tags", "assumed")
+"""Sources of a focal length, the best first. All but the assumed one are told as nominal: no tag is the
+calibration of its user, as focus and temperature are not those of the factory. The two that one maker tells
+of one lens differ by 2.7 % (DewarpData and CalibratedFocalLength of a Phantom 4 Multispectral), and which is
+nearer no tag tells."""
 _ASPECT_STD_RATIO = 0.005
-"""The same of either focal length of ``DewarpData`` about both. Pixels are square, but these differ by 0.9 %
-(Phantom 4 Multispectral)."""
+"""Relative standard deviation of either focal length of ``DewarpData`` about both. Pixels are square, but
+these differ by 0.9 % (Phantom 4 Multispectral)."""
 _MAX_FOCAL_RATIO = 1.15
 """Largest ratio of the two Exif focal lengths. Rounding to a millimetre and crops lead to smaller ones."""
 
@@ -63,7 +58,7 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
     """Return the camera of all ``photos`` (one model, one size), and the assumptions, one line each."""
     # The median limits the effect of a single damaged tag.
     focals = [_focal(tags) for tags in photos]
-    best = min(_FOCAL_STD_RATIO, key=lambda source: -sum(f.source == source for f in focals))
+    best = min(_SOURCES, key=lambda source: -sum(f.source == source for f in focals))
     of_best_source = [f for f in focals if f.source == best]
     median = of_best_source[int(np.argsort([f.px for f in of_best_source])[len(of_best_source) // 2])]
     tags = photos[focals.index(median)]
@@ -72,7 +67,7 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
         focal_px=(median.px, median.px),
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=tags.size_px,
-        focal_std_ratio=_FOCAL_STD_RATIO[best],
+        focal_std_ratio=ASSUMED_FOCAL_STD_RATIO if best == "assumed" else NOMINAL_FOCAL_STD_RATIO,
         center_std_px=CENTER_STD_RATIO * max(width, height),
         radial_std=0.02 if best in ("dewarp", "lens") else NOMINAL_RADIAL_STD,
         tangential_std=TANGENTIAL_STD,
