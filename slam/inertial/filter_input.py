@@ -40,7 +40,8 @@ Array = NDArray[np.float64]
 _NEAR_S = 0.5
 """Largest distance in time from the start of a reading that determines the initial state."""
 _HEIGHT_STD = 0.5
-"""Relative standard deviation of the height at the first picture, where the readings must tell it."""
+"""Relative standard deviation of the height at the first picture: twice the largest error of its start
+(`slam.inertial.start_height`), so that the readings decide."""
 _REST_TILT_RAD = 0.01
 _REST_STD = 0.01, 0.003
 """Standard deviations of velocity (m/s) and body rate (rad/s) at rest."""
@@ -59,7 +60,7 @@ class PictureStart:
 
 @dataclass(frozen=True)
 class Adjustments:
-    """Identified noise and delay of each channel."""
+    """What is identified on the readings themselves: noise and delay of each channel, and the start."""
 
     noise_factor: Mapping[str, float] = field(default_factory=dict)
     """Channel -> factor on the nominal white noise."""
@@ -211,41 +212,50 @@ def _start(
     """Return the initial state from the first readings and the ``first`` picture."""
     positions = readings.w_p_b_m
     w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad)
-    height = _early(readings.range_m, start_s)
-    with_altitude = positions is not None and bool(np.isfinite(positions.values[:, 2]).any())
-    without_height = readings.range_m is None and not with_altitude
-    start_speed_m_s = trust.start_speed_m_s
+    height_m, height_std_m = _first_height(flight, readings, start_s, first)
+    # Pictures are to overlap, so that a vehicle moves as many heights a second however high it flies.
+    speed_std_m_s = trust.start_speed_m_s * max(1.0, first.height_m if first else 0.0)
     velocity = _early(readings.velocity_m_s, start_s)
     w_v = np.zeros(3)
     if velocity is not None:
         heading = w_R_b[:2, 0] / np.linalg.norm(w_R_b[:2, 0])
         w_v[:2] = heading[0] * velocity[0] - heading[1] * velocity[1], heading @ velocity[::-1]
-    least_m = flight.sonar.min_range_m if flight.sonar else 0.0
-    begin_m = float(height[0]) if height is not None else least_m / 2
-    if without_height and first is not None:
-        begin_m, height_std = first.height_m, _HEIGHT_STD * first.height_m
-        start_speed_m_s *= max(1.0, first.height_m)  # vehicles that fly higher fly faster
-    elif without_height:  # heights are then relative to the start
-        height_std = 0.0
-    elif height is not None:
-        height_std = 0.3
-    else:  # at rest, a vehicle is below the least range
-        height_std = least_m / 2 if readings.rest_m_s is not None and least_m > 0 else 1.0
     return InitialState(
-        height_m=begin_m,
-        height_std_m=height_std,
+        height_m=height_m,
+        height_std_m=height_std_m,
         w_R_b=w_R_b,
         tilt_std_rad=tilt_std,
         yaw_std_rad=0.5 if positions is not None else 0.0,
         place_m=triple(positions.values[0])[:2] if positions is not None else (0.0, 0.0),
         place_std_m=float(positions.std[0]) if positions is not None else 0.0,
         w_v_m_s=w_v,
-        velocity_std_m_s=start_speed_m_s if velocity is None else 0.2 + 0.1 * float(np.hypot(*velocity)),
+        velocity_std_m_s=speed_std_m_s if velocity is None else 0.2 + 0.1 * float(np.hypot(*velocity)),
         # At rest, wind and acceleration do not disturb the tilt of the on-board attitude.
         tilt_error_rad=None if readings.rest_m_s is None else min(_REST_TILT_RAD, trust.tilt_error_rad),
         yaw_zero_std_rad=0.3 if positions is not None else 1.0,
-        position_zero_std_m=100.0 if with_altitude and readings.range_m is not None else 0.0,
+        position_zero_std_m=100.0 if _with_altitude(readings) and readings.range_m is not None else 0.0,
     )
+
+
+def _first_height(
+    flight: Flight, readings: Readings, start_s: float, first: PictureStart | None
+) -> tuple[float, float]:
+    """Return the height at the start, and its standard deviation."""
+    height = _early(readings.range_m, start_s)
+    if height is not None:
+        return float(height[0]), 0.3
+    if first is not None:
+        return first.height_m, _HEIGHT_STD * first.height_m
+    least_m = flight.sonar.min_range_m if flight.sonar else 0.0
+    if readings.range_m is None and not _with_altitude(readings):  # heights are then relative to the start
+        return least_m / 2, 0.0
+    at_rest = readings.rest_m_s is not None and least_m > 0  # a vehicle is then below the least range
+    return least_m / 2, least_m / 2 if at_rest else 1.0
+
+
+def _with_altitude(readings: Readings) -> bool:
+    positions = readings.w_p_b_m
+    return positions is not None and bool(np.isfinite(positions.values[:, 2]).any())
 
 
 def _early(series: Series | None, start_s: float) -> Array | None:

@@ -67,7 +67,7 @@ class Replay:
     """Horizon -> number of roll-outs that could not begin for lack of readings."""
     shown_s: float
     restarts_s: Array
-    """Begins of the roll-outs, one after the other, that a channel's ``restarted`` joins."""
+    """Start times of the roll-outs, one after the other, that a channel's ``restarted`` joins."""
     pushes_s: tuple[tuple[float, float], ...]
     """Begin and end of each time in which the stick asks for a tilt."""
     warnings: tuple[str, ...]
