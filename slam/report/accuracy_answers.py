@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
 """Instrument that tells the scale -> name of its stream in warnings."""
-_IF_WRONG = "Lengths that it tells 1 % too long make the map 1 % too large."
+_IF_WRONG = "Lengths told 1 % too long make the map 1 % too large."
 _EXAMPLE_M = 10.0
 """Length of the example; a map smaller than this takes its own size."""
 
@@ -173,11 +173,11 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if estimate.accuracy_basis:
         first = "" if summary.status == "ok" else "Only after you have checked “Check this first” above. "
         alone = basis(estimate.accuracy_basis)
-        return f"{first}{upper}, if the {facts.scale_source} is right. {_IF_WRONG} {alone}"
+        return f"{first}{upper}, {facts.condition}. {_IF_WRONG} {alone}"
     if summary.status != "ok":
         return f"By {facts.scale_source}, {known}; but read “Check this first” above."
     if " and " not in facts.scale_source:
-        return f"{upper}, if the {facts.scale_source} is right. {_IF_WRONG}"
+        return f"{upper}, {facts.condition}. {_IF_WRONG}"
     doubted = [
         stream
         for name, stream in _STREAMS.items()

@@ -129,9 +129,7 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
         )
     )
     warned = by_kind(summary.warnings).warnings
-    trusted = (
-        f" if the {facts.scale_source} is right" if estimate.accuracy_basis and facts.scale_source else ""
-    )
+    trusted = f" {facts.condition}" * bool(estimate.accuracy_basis)
     doubted = " What a warning on this page names is excepted." if warned else ""
     if summary.status == "ok":
         return (

@@ -83,6 +83,12 @@ class Facts:
         return "on Earth" if self.controlled else "on Earth, as the GPS has it,"
 
     @property
+    def condition(self) -> str:
+        """What lengths hang on that no second instrument checks, as the end of a sentence."""
+        several = " and " in self.scale_source or self.scale_source.endswith("points")
+        return f"if the {self.scale_source} {'are' if several else 'is'} right"
+
+    @property
     def in_one_piece(self) -> bool:
         """Whether all that was mapped hangs together; False for a graph, which has no pictures to link."""
         return self.maps <= 1 and not self.is_graph

@@ -25,9 +25,11 @@ def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
     question = "Is the scale right, and by which instrument?"
     estimate, flight = replace(made_estimate(), status="ok", warnings=()), made_flight()
     assert answers(estimate, flight)[question].endswith(
-        "if the height sensor is right. Lengths that it tells 1 % too long make the map 1 % too large."
+        "if the height sensor is right. Lengths told 1 % too long make the map 1 % too large."
     )
     facts = replace(gather(estimate, flight), scale_source="height sensor and accelerometer")
+    assert replace(facts, scale_source="control points").condition == "if the control points are right"
+    assert replace(facts, scale_source="GPS").condition == "if the GPS is right"
 
     def told(*warnings):
         rows = pilots_answers(estimate, summarise(replace(estimate, warnings=warnings)), facts)
