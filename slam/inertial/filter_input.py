@@ -60,7 +60,7 @@ class PictureStart:
 
 @dataclass(frozen=True)
 class Adjustments:
-    """What is identified on the readings themselves: noise and delay of each channel, and the start."""
+    """Values identified on the readings themselves: noise and delay of each channel, and the start."""
 
     noise_factor: Mapping[str, float] = field(default_factory=dict)
     """Channel -> factor on the nominal white noise."""

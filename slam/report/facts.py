@@ -84,7 +84,7 @@ class Facts:
 
     @property
     def condition(self) -> str:
-        """What lengths hang on that no second instrument checks, as the end of a sentence."""
+        """The condition on which lengths are right that nothing else checks, as the end of a sentence."""
         several = " and " in self.scale_source or self.scale_source.endswith("points")
         return f"if the {self.scale_source} {'are' if several else 'is'} right"
 
