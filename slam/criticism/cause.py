@@ -6,11 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.search.thresholds import MISFIT
-
-Array = NDArray[np.float64]
 
 SURE = 0.95
 """Probability from which a cause is reported as certain."""

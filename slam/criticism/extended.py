@@ -22,7 +22,6 @@ from slam.criticism.kalman.filter_parameters import (
 from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, place_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -35,7 +34,7 @@ _EXTENDED = " extended"
 
 def extended_with_causes(
     causes: Sequence[Cause],
-    anomalies: Sequence[ReadingAnomaly],
+    anomalies: Sequence[Cause],
     model: Model,
     parameters: FilterParameters,
     records: Sequence[Record],
@@ -49,7 +48,7 @@ def extended_with_causes(
     return with_terms(extended, anomalies)
 
 
-def with_terms(model: Model, found: Iterable[Cause | ReadingAnomaly]) -> Model:
+def with_terms(model: Model, found: Iterable[Cause]) -> Model:
     """Return the model with the terms that were found, at their sizes."""
     for one in found:
         model = with_sizes(model, one.name, {n: p.value for n, p in one.parameters.items()})

@@ -5,19 +5,179 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from slam.core.arrays import Array
 from slam.core.flight import Flight
-from slam.core.progress import Progress, Tally
-from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
-from slam.criticism.flight_checks import is_out_of_model, usable_records, with_coarser_noise
-from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
+from slam.core.progress import Progress, Tally, silent
+from slam.criticism.camera.reprojection import without_mismatched_pairs
+from slam.criticism.kalman.filter_parameters import (
+    NOISE_FIGURES,
+    FilterParameters,
+    figure_of,
+    filter_parameters_of,
+)
 from slam.criticism.kalman.innovations import referred
-from slam.criticism.kalman.record import Record, any_holds_heading
+from slam.criticism.kalman.readings import (
+    ATTITUDE,
+    CHANNELS,
+    SONAR,
+    STREAMS,
+    VELOCITY,
+    by_channel,
+    channels_of,
+)
+from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, holds_heading, record_of
 from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, are_quantised, without_dead_zone
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
 from slam.criticism.threads import in_threads
+from slam.data_quality.command_clock import clock_error
+from slam.data_quality.commands import (
+    LEAST_STICK,
+    has_commands,
+    has_stick_motion,
+    is_aloft,
+    is_calm,
+    log_apart,
+    readings_span_s,
+)
+from slam.data_quality.dead_streams import without_dead_streams
+from slam.data_quality.pictures.feature_matches import match_all_pictures
+from slam.simulation.dynamics import COMMAND
 from slam.simulation.model import Model
+from slam.simulation.terms import CATALOGUE
+
+SHORTEST_S = 3.0
+UNSTEERED = "the stick is never moved: the model has no input"
+OUT_OF_MODEL_FACTOR = 1.6
+OUT_OF_MODEL_RATE_HZ = 20.0
+SLOW_HZ = 10.0
+"""Least rate of an instrument: a vehicle answers within a tenth of a second, which slower readings miss."""
+SHOWN_BY = {
+    "forward": (("pitch", "gyro_y", "velocity_x"), "attitude, gyro or speed"),
+    "left": (("roll", "gyro_x", "velocity_y"), "attitude, gyro or speed"),
+    "up": (("range", "accel_z"), "sonar or accelerometer"),
+    "yaw": (("yaw", "gyro_z"), "attitude or gyro"),
+}
+"""Stick -> channels that show its effect, and their instruments in words."""
+
+
+HELD_HEADING = (
+    "a controller moves the turn stick and uses more than the instruments, which looks like an effect "
+    "of the stick: yaw_drag is not judged, other effects must be half as large again; fly a script for more"
+)
+
+
+def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tuple[list[Record], list[str]]:
+    """Return records of the flights that can be judged, and what was left out with the reason."""
+    kept: list[Flight] = []
+    records, dropped = [], []
+    # A hover shows errors of the instruments and lasting effects; beside flights with stick motion it shows
+    # the motion too.
+    any_moved = any(has_stick_motion(flight) for flight in flights)
+    for flight in flights:
+        clean, reasons = without_dead_streams(flight)
+        record, judged_in_part = _judged_record(clean, any_moved)
+        dropped += [f"{flight.name}: {reason}" for reason in (*reasons, *judged_in_part)]
+        if record is not None:
+            records.append(record)
+            kept.append(clean)
+    matches = match_all_pictures(kept, progress)
+    return [replace(r, matches=s) for r, s in zip(records, matches, strict=True)], dropped
+
+
+def _judged_record(flight: Flight, any_moved: bool) -> tuple[Record | None, list[str]]:
+    """Return the record of a flight, None where it cannot be judged, and what is not judged of it."""
+    if reason := _unusable(flight):
+        return None, [reason]
+    if not has_stick_motion(flight) and not (is_calm(flight) and (any_moved or is_aloft(flight))):
+        return None, [UNSTEERED]
+    try:
+        record = record_of(flight)
+    except ValueError as error:
+        return None, [str(error)]
+    notes = []
+    if pause := _pause(flight, record):
+        if record.duration_s - float(record.times_s[0]) < SHORTEST_S:
+            return None, [f"{pause}, and what is before it is too short"]
+        notes.append(f"{pause}: what follows is not judged")
+    if (off := clock_error(flight)) is not None:
+        return None, [*notes, str(off)]
+    return record, [*notes, HELD_HEADING] if holds_heading(record.stick) else notes
+
+
+def untested_reasons(records: Sequence[Record], shown: Sequence[str]) -> list[str]:
+    """Return reasons why flights could show next to nothing but the effects ``shown``."""
+    some = f"no more than {', '.join(shown)}" if shown else "none"
+    reasons = [f"of {len(CATALOGUE)} effects {some} would have shown at a usual size"]
+    for stick, (channels, instruments) in SHOWN_BY.items():
+        moved = any((np.abs(r.stick.values[:, COMMAND.index(stick)]) >= LEAST_STICK).any() for r in records)
+        if moved and not any(r.has(CHANNELS.index(c)) for r in records for c in channels):
+            reasons.append(f"the {stick} stick was moved, and no {instruments} was recorded to show it")
+    for kind, name in enumerate(STREAMS):
+        count = sum(int(np.count_nonzero(r.kinds == kind)) for r in records)
+        rate_hz = count / max(sum(r.duration_s for r in records), 1e-9)
+        if 0 < rate_hz < SLOW_HZ:
+            reasons.append(f"the {name} was read {rate_hz:.1f} times a second; {SLOW_HZ:g} are few")
+    return reasons
+
+
+def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
+    """Whether the noise of the instruments is far from the model's: a vehicle of another make."""
+    expected = _models_noise_std(model)
+    for record in records:
+        for kind in (ATTITUDE, VELOCITY, SONAR):
+            channels = channels_of(kind)
+            factor = abs(np.log(record.noise_std[channels[0]] / expected[channels[0]]))
+            if any(map(record.has, channels)) and factor > np.log(OUT_OF_MODEL_FACTOR):
+                return True
+    return False
+
+
+def _models_noise_std(model: Model) -> Array:
+    """Return (channels,) standard deviations of one reading of the model's own instruments."""
+    figures = [figure_of(model, name) for name in NOISE_FIGURES]
+    # Those of the imu are densities.
+    figures[:2] = [np.sqrt(model.imu.rate_hz) * density for density in figures[:2]]
+    return by_channel(*figures)
+
+
+def with_coarser_noise(record: Record, model: Model) -> Record:
+    """Return an out-of-model vehicle's record with noise no finer than the model's own instruments at 20 Hz.
+
+    A maker's noise figure is often the last digit of a smoothed reading. Trusted to that digit, at that rate,
+    the form of one response outweighs everything that the model is for.
+    """
+    std = np.maximum(record.noise_std, _models_noise_std(model))
+    for kind in range(len(STREAMS)):
+        times_s = record.times_s[record.kinds == kind]
+        if len(times_s) > 1:
+            rate_hz = (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
+            std[list(channels_of(kind))] *= np.sqrt(max(rate_hz / OUT_OF_MODEL_RATE_HZ, 1.0))
+    return replace(record, noise_std=std)
+
+
+def _pause(flight: Flight, record: Record) -> str:
+    """Describe where a record ends before its flight; empty where it does not."""
+    span_s = readings_span_s(flight)
+    if span_s is None or span_s[1] - record.duration_s <= LONGEST_GAP_S:
+        return ""
+    return f"no readings for {LONGEST_GAP_S:g} s or more after {record.duration_s:.1f} s"
+
+
+def _unusable(flight: Flight) -> str:
+    span_s = readings_span_s(flight)
+    if span_s is None:
+        return "no usable imu, attitude, velocity or sonar readings are left to judge"
+    begin, end = span_s
+    if end - begin < SHORTEST_S:
+        return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
+    if not has_commands(flight):
+        return "no command log, which other flights have"
+    return log_apart(flight)
+
 
 CLOSED_LOOP = 1.5
 """Factor on the thresholds where a controller flies: its sticks hold more than the instruments."""

@@ -13,7 +13,7 @@ from slam.core.progress import Progress, show_compilation, silent
 from slam.core.ranges_at_body import ranges_at_body
 from slam.criticism.prepare import prepare
 from slam.criticism.search.search import search
-from slam.criticism.verdict.commanded_flights import CommandedFlights, explain
+from slam.criticism.verdict.commanded_flights import explain
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.judge import judge
 from slam.criticism.verdict.sentence import unusable
@@ -51,8 +51,7 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
     if not prepared.records:
         return unusable(prepared.dropped or ["no flights"], prepared.dropped)
     found = search(prepared.records, prepared.nominal, prepared.limits, progress)
-    explanation = explain(found, progress)
-    return judge(CommandedFlights(prepared, explanation, readings, model, progress), model)
+    return judge(explain(prepared, found, readings, model, progress))
 
 
 def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
@@ -63,5 +62,5 @@ def _without_commands(flights: Sequence[Flight], model: Model, progress: Progres
     compared = explain_comparisons(kept, readings, model, progress)
     if compared is None:
         return unusable([NOTHING_TO_COMPARE, *dropped], dropped)
-    criticism = judge(compared, model)
+    criticism = judge(compared)
     return replace(criticism, dropped=(*dropped, *criticism.dropped))

@@ -13,13 +13,12 @@ import json
 
 import numpy as np
 
-from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
-from slam.criticism.flight_checks import usable_records
+from slam.criticism.camera.reprojection import without_mismatched_pairs
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import referred
-from slam.criticism.search.expansion import expand
+from slam.criticism.prepare import usable_records
+from slam.criticism.search.expansion import expand, ranked_pairs
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.pairs import ranked_pairs
 from slam.criticism.without_commands.likelihood import likelihood_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.camera.optics import CameraModel

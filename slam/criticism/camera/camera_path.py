@@ -6,18 +6,14 @@ from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.kalman.filter_parameters import OFFSET, READOUT, FilterParameters
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.readings import SENSOR
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.smoothing import LEAST_HALF_S, SmoothedPath, smoothed
 from slam.data_quality.pictures.feature_matches import SHORTEST_S, FeatureMatches
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _SENSOR_NUDGE = 1e-3
 _KEPT_PATHS = 2

@@ -9,14 +9,12 @@ example, pass for a tilted camera.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
+from slam.core.arrays import Array
 from slam.core.rotations import rotation_of
 from slam.criticism.kalman.filter_parameters import FOCAL, RADIAL, TILT_X, TILT_Y
-
-Array = NDArray[np.float64]
 
 NUDGE = np.array([1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4])
 """Finite-difference step of each entry of the camera's vector that moves points."""

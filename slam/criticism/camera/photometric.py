@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from slam.core.arrays import Array
 from slam.criticism.camera.camera_path import CameraPath
 from slam.criticism.kalman.filter_parameters import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
@@ -23,8 +23,6 @@ from slam.data_quality.pictures.tones import (
     Tones,
     tones_of,
 )
-
-Array = NDArray[np.float64]
 
 SHADING_PATTERN = "picture brightness ~ place in the picture"
 VARIANCE_PATTERNS = "picture contrast, variances", "picture sharpness, variances"

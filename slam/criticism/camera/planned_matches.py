@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.camera.camera_path import MARGIN_S, camera_path
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.kalman.filter_parameters import FilterParameters
@@ -20,8 +20,6 @@ from slam.criticism.kalman.record import Record
 from slam.data_quality.pictures.cells import CELL_STEPS, Cells
 from slam.data_quality.pictures.feature_matches import MATCHES, STEPS, FeatureMatches
 from slam.data_quality.pictures.tones import FEWEST
-
-Array = NDArray[np.float64]
 
 GRID = round(np.sqrt(MATCHES))
 BORDER_SHARE = 0.05

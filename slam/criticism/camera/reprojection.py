@@ -8,13 +8,13 @@ exactly, V^-1 = W - W B L (I + L' M L)^-1 L' B' W, and V itself is never formed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.sparse import csr_array
 
+from slam.core.arrays import Array, Ints
 from slam.criticism.camera.camera_path import CameraPath, camera_path
 from slam.criticism.camera.lens import NUDGE, WARP_TOLERANCE, floor_of, pixels_of, warp
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
@@ -27,9 +27,6 @@ from slam.criticism.kalman.smoothing import SmoothedPath
 from slam.criticism.threads import in_threads
 from slam.data_quality.pictures.feature_matches import FeatureMatches
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 _POSE_NUDGE = 1e-5
 _SLOPE_NUDGE = 1e-4
 _FAINT = 1e-4
@@ -40,6 +37,11 @@ TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOL
 """Largest apparent error of a healthy camera by features on small pictures, of its clock, and of warps."""
 _PIXEL_NUDGE = 0.1
 """Step in pixels to either side of a central difference."""
+MISMATCH, MISMATCH_Z = 0.25, 5.0
+"""Least error of a mismatched pair in picture widths, beyond so many standard deviations of the path. No
+camera error of the catalogue displaces a picture by a quarter."""
+MOST_MISMATCHED = 0.1
+"""Greatest share of the pairs; with more of them the path or the camera model is wrong."""
 
 
 def reprojection_score(
@@ -290,3 +292,34 @@ def _square_px(record: Record, parameters: FilterParameters) -> tuple[float, int
     # Residuals are weighed by their own noise, which differs little from match to match.
     noise = float(np.mean(record.matches.std_px**2))
     return found.chi_square / max(found.rows, 1) * noise, found.rows
+
+
+def without_mismatched_pairs(record: Record, parameters: FilterParameters) -> tuple[Record, str]:
+    """Return the record without pairs of pictures that are matched to a place of the floor where the flight
+    cannot have been, and a message about them; empty if there are none.
+
+    On a repetitive floor, matches with the wrong copy are consistent, also between pairs, but the other
+    instruments show the motion. Such a residual is a thousand standard deviations: one pair outweighs a
+    flight.
+    """
+    matches = record.matches
+    if matches is None:
+        return record, ""
+    along = camera_path(record, matches, parameters)
+    known = np.flatnonzero(along.holds(matches.earlier, matches.later))
+    if len(known) == 0:
+        return record, ""
+    off_px, std_px = residuals(matches, parameters, along)
+    pair = matches.earlier[known] * len(matches.stamps_s) + matches.later[known]
+    pairs, pair_of = np.unique(pair, return_inverse=True)
+    far_px, least_px = off_px - MISMATCH_Z * std_px, MISMATCH * matches.camera.size_px[0]
+    stray = np.array([np.median(far_px[pair_of == k]) > least_px for k in range(len(pairs))])
+    if not 0 < stray.sum() <= MOST_MISMATCHED * len(pairs):
+        return record, ""
+    kept = np.ones(len(matches.earlier), dtype=bool)
+    kept[known[stray[pair_of]]] = False
+    description = (
+        f"{record.name}: {stray.sum()} of {len(pairs)} pairs of pictures match another place of the floor "
+        "than the vehicle can have been at; they were left out"
+    )
+    return replace(record, matches=matches.some(kept)), description

@@ -13,16 +13,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backend.compilation import inner_kernel
+from slam.core.arrays import Array, Ints
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, WIDTH
 from slam.criticism.kalman.record import Record
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-
 
 WHITE = -1
 """Slot of a channel whose noise is white."""

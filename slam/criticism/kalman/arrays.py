@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from slam.core.arrays import Array, Ints, Mask
 
 
 class EventArrays(NamedTuple):
@@ -22,7 +18,7 @@ class EventArrays(NamedTuple):
     """(events, 6) readings in SI units, NaN for missing values."""
     elapsed: Array
     """(events,) elapsed share of the flight's duration."""
-    landing: NDArray[np.bool_]
+    landing: Mask
     """(events,) true on the floor and shortly after."""
     first_step: Ints
     """(events + 1,) the steps first_step[e] to first_step[e + 1] lead to event e."""
@@ -122,7 +118,7 @@ class NoiseChangeArrays(NamedTuple):
 
     hold: Array
     """(c, ``transition.HOLD``)."""
-    decays_alike: NDArray[np.bool_]
+    decays_alike: Mask
     """(c,) whether the noises of the state decay as without the change."""
     variance: Array
     """(c, channels) variance of one reading."""
@@ -211,7 +207,7 @@ class PerturbationBuffers(NamedTuple):
 
     rate_change: Array
     """(entries, 10) change of the rate with a unit of force at each entry, ..."""
-    is_used: NDArray[np.bool_]
+    is_used: Mask
     """(entries,) ... whether any perturbation has a force there, ..."""
     state_change: Array
     """(entries, 10) ... the change of the state over a step ..."""

@@ -10,18 +10,17 @@ sensitivity of the whitened innovations, with the effect of the filter.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from backend.compilation import inner_kernel, kernel
+from slam.core.arrays import Array
 from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, correct_noise, covariance_with_reading, sample
 from slam.criticism.kalman.arrays import (
-    Array,
     KalmanInputs,
     KalmanOutputs,
     KalmanState,
     NoiseChangeArrays,
     PathHistory,
-    PerturbationBuffers,
-    PredictedReading,
     Workspace,
 )
 from slam.criticism.kalman.noise_changes import (
@@ -43,6 +42,21 @@ from slam.criticism.kalman.steps import (
 )
 from slam.criticism.kalman.transition import jacobian, split_state
 from slam.simulation.dynamics import PITCH, ROLL, Z, derivative
+
+
+class FilterRun(NamedTuple):
+    """A run of the filter: its inputs, what it updates in place, and its results."""
+
+    given: KalmanInputs
+    estimate: KalmanState
+    room: Workspace
+    written: KalmanOutputs
+    coloured: Ar1Noise
+    others: NoiseChangeArrays
+    """The filters under changes of the noise."""
+    history: PathHistory
+    """It receives the estimates around each event, unless it is empty."""
+
 
 USED, OUTLIER, IGNORED = 1, 2, 0
 Z_STD = MOVING
@@ -67,18 +81,10 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 
 
 @inner_kernel
-def update(
-    event: int,
-    given: KalmanInputs,
-    estimate: KalmanState,
-    expected: PredictedReading,
-    changes: PerturbationBuffers,
-    written: KalmanOutputs,
-    coloured: Ar1Noise,
-    others: NoiseChangeArrays,
-) -> None:
+def update(event: int, filtered: FilterRun) -> None:
     """Update the estimate with the channels of one event, one after the other."""
-    events, noise = given.events, given.noise
+    given, estimate, room, written, coloured, others, _ = filtered
+    events, noise, expected, changes = given.events, given.noise, room.expected, room.changes
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     expected.correction[:] = 0.0
     changed = others.p.shape[0] > 0
@@ -137,18 +143,11 @@ def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
 
 
 @inner_kernel
-def _take_reading(
-    e: int,
-    given: KalmanInputs,
-    estimate: KalmanState,
-    room: Workspace,
-    written: KalmanOutputs,
-    coloured: Ar1Noise,
-    others: NoiseChangeArrays,
-) -> None:
+def _take_reading(e: int, filtered: FilterRun) -> None:
     """Predict the reading of an event, and update the estimate with it."""
+    given, estimate, written = filtered.given, filtered.estimate, filtered.written
     events, model, state = given.events, given.model, estimate.state
-    step, expected, changes, scratch = room
+    step, expected, changes, scratch = filtered.room
     kind, stick = events.kinds[e], given.command.at_events[0, e]
     if kind == IMU or events.first_step[e] == events.first_step[e + 1]:
         # Only rates of tilt and speed jump with the stick; other readings use the last Jacobian.
@@ -161,26 +160,13 @@ def _take_reading(
     measurement(kind, events.elapsed[e], state, model, step.slopes, expected, scratch)
     if estimate.sensitivity.shape[1] > 0:
         direct_change(e, given, state, expected, changes, scratch)
-    update(e, given, estimate, expected, changes, written, coloured, others)
+    update(e, filtered)
 
 
 @kernel
-def run(
-    begin: int,
-    end: int,
-    given: KalmanInputs,
-    estimate: KalmanState,
-    room: Workspace,
-    written: KalmanOutputs,
-    coloured: Ar1Noise,
-    others: NoiseChangeArrays,
-    history: PathHistory,
-) -> None:
-    """Filter the events ``begin`` to ``end``.
-
-    The kernel updates the ``estimate``, the AR(1) noises ``coloured`` and the filters under ``others`` of the
-    noise in place. It writes its results to ``written``; the rows of sensitivities start at 0. A ``history``
-    that is not empty receives the estimates around each event."""
+def run(begin: int, end: int, filtered: FilterRun) -> None:
+    """Filter the events ``begin`` to ``end``; rows of sensitivities start at 0."""
+    given, estimate, room, written, coloured, others, history = filtered
     events, (step, _, changes, scratch) = given.events, room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
@@ -209,6 +195,6 @@ def run(
         if kept:
             _keep(estimate, history.x_before[e], history.p_before[e], history.t_before[e])
         if events.kinds[e] != MOMENT:
-            _take_reading(e, given, estimate, room, written, coloured, others)
+            _take_reading(e, filtered)
         if kept:
             _keep(estimate, history.x_after[e], history.p_after[e], history.t_after[e])

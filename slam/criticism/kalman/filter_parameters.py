@@ -7,14 +7,12 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.kalman.readings import CHANNELS, DATUM, INSTRUMENTS, SENSOR
 from slam.simulation.dynamics import PARAMETERS
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
-
-Array = NDArray[np.float64]
 
 CAMERA = (
     "focal_length.eps", "radial_distortion.k1", "camera_tilt.x", "camera_tilt.y",

@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.kalman.ar1_noise import ar1_noise_for
-from slam.criticism.kalman.arrays import Array, Ints
-from slam.criticism.kalman.filter import IGNORED, USED, Z_STD, run
+from slam.criticism.kalman.filter import IGNORED, USED, Z_STD, FilterRun, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, Signal
 from slam.criticism.kalman.prepare import (
@@ -75,6 +74,7 @@ class Innovations:
 class FilterPass:
     """Results of the filter over a whole flight, without perturbations, for each reading of the record."""
 
+    record: Record
     white: Array
     """(events, 6) innovation over its standard deviation, outliers included; NaN for ignored readings."""
     log_variance: Array
@@ -94,10 +94,10 @@ class FilterPass:
         square = np.where(self.status == USED, self.white**2, GATE**2)
         return np.where(self.status == IGNORED, 0.0, -0.5 * (square - 1.0 + self.log_variance))
 
-    def of_channel(self, record: Record, channel: int) -> tuple[Ints, Array, Ints]:
+    def of_channel(self, channel: int) -> tuple[Ints, Array, Ints]:
         """Return the events (m,) of a channel, their innovations (m,) and their status (m,)."""
         kind, column = place_of(channel)
-        rows = np.flatnonzero(record.kinds == kind)
+        rows = np.flatnonzero(self.record.kinds == kind)
         return rows, self.white[rows, column], self.status[rows, column]
 
     @property
@@ -106,15 +106,10 @@ class FilterPass:
         return float(self.nats.sum())
 
 
-def segments(
-    record: Record,
-    parameters: FilterParameters,
-    perturbations: Sequence[Perturbation] = (),
-    signals: dict[str, Signal] | None = None,
-    longest_s: float = 10.0,
-) -> Iterator[Innovations]:
-    """Yield the innovations of one segment of the flight after the other."""
-    yield from Run(record, parameters, perturbations, signals).segments(longest_s)
+def used_innovations(passes: Sequence[FilterPass], channel: int) -> Array:
+    """Return the innovations of a channel of all flights, but for outliers and ignored readings."""
+    each = [run.of_channel(channel) for run in passes]
+    return np.concatenate([white[status == USED] for _, white, status in each])
 
 
 def whole(record: Record, parameters: FilterParameters) -> FilterPass:
@@ -143,37 +138,40 @@ class Run:
         n = STATES_WITH_GUSTS if gusty else STATES
         m = len(perturbations)
         variance = (record.noise_std * parameters.noise_factor) ** 2
-        self._given = filter_inputs(record, parameters, perturbations, signals or {}, variance, n)
-        self._estimate, self._room = initial_state(record, parameters, n, m), workspace_for(n, m)
-        self._coloured = ar1_noise_for(record, parameters, n, m, changed)
-        self._others = noise_changes_for(record, parameters, changed, self._coloured)
-        self._usual = record.usual_log_variance
-        self._written = outputs_for(len(record.times_s), 0, m, len(changed))
-        self.history = history_for(len(record.times_s) * keeps_history, n, m)
+        coloured, events = ar1_noise_for(record, parameters, n, m, changed), len(record.times_s)
+        self._record = record
+        self._filtered = FilterRun(
+            given=filter_inputs(record, parameters, perturbations, signals or {}, variance, n),
+            estimate=initial_state(record, parameters, n, m),
+            room=workspace_for(n, m),
+            written=outputs_for(events, 0, m, len(changed)),
+            coloured=coloured,
+            others=noise_changes_for(record, parameters, changed, coloured),
+            history=history_for(events * keeps_history, n, m),
+        )
+        self.history = self._filtered.history
         """Estimates around each event, if the run keeps them."""
 
     def passed(self, begin: int = 0, end: int | None = None) -> FilterPass:
         """Return the results of events ``begin`` to ``end``, by default of all events that were filtered."""
-        part, written = slice(begin, end), self._written
-        log_variance = written.log_variance[part] - self._usual[CHANNEL_AT[self._given.events.kinds[part]]]
-        return FilterPass(written.innovation[part], log_variance, written.status[part], written.states[part])
+        part, written, kinds = slice(begin, end), self._filtered.written, self._filtered.given.events.kinds
+        log_variance = written.log_variance[part] - self._record.usual_log_variance[CHANNEL_AT[kinds[part]]]
+        results = (written.innovation[part], log_variance, written.status[part], written.states[part])
+        return FilterPass(self._record, *results)
 
     def segments(self, longest_s: float) -> Iterator[Innovations]:
         """Yield the innovations of one segment after the other. Call it once for each run."""
-        events = self._given.events
+        events, changes = self._filtered.given.events, len(self._filtered.others.p)
         pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)
         bounds = np.linspace(0, len(events.times_s), pieces + 1).astype(np.int64)
         for begin, end in pairwise(bounds.tolist()):
             readings = int(np.isfinite(events.values[begin:end]).sum())
-            written = self._written._replace(
-                sensitivity=np.empty((readings, self._estimate.sensitivity.shape[1])),
-                change_of_mean=np.empty((readings, len(self._others.p))),
-                variance_ratio=np.empty((readings, len(self._others.p))),
+            written = self._filtered.written._replace(
+                sensitivity=np.empty((readings, self._filtered.estimate.sensitivity.shape[1])),
+                change_of_mean=np.empty((readings, changes)),
+                variance_ratio=np.empty((readings, changes)),
             )
-            run(
-                begin, end, self._given, self._estimate, self._room, written, self._coloured, self._others,
-                self.history,
-            )  # fmt: skip
+            run(begin, end, self._filtered._replace(written=written))
             event, column = np.nonzero(written.status[begin:end] == USED)
             event += begin
             yield Innovations(
@@ -191,10 +189,10 @@ class Run:
 def referred(record: Record, parameters: FilterParameters) -> Record:
     """Return the record with its landing times and usual innovation variances under ``parameters``."""
     landed = replace(record, landing=_landing(record, parameters), usual_log_variance=np.zeros(len(CHANNELS)))
-    return replace(landed, usual_log_variance=_usual(landed, whole(landed, parameters)))
+    return replace(landed, usual_log_variance=_usual(whole(landed, parameters)))
 
 
-def _landing(record: Record, parameters: FilterParameters) -> NDArray[np.bool_]:
+def _landing(record: Record, parameters: FilterParameters) -> Mask:
     """Return (events,) landing; run without accelerometer, as the contact shock must not move the height."""
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
@@ -206,10 +204,10 @@ def _landing(record: Record, parameters: FilterParameters) -> NDArray[np.bool_]:
     return np.asarray(record.times_s - last < CONTACT_S)
 
 
-def _usual(record: Record, run: FilterPass) -> Array:
+def _usual(run: FilterPass) -> Array:
     """Return (channels,) the median log variance of the innovations; 0 for a channel without any."""
     usual = np.zeros(len(CHANNELS))
-    channels = np.where(run.status == USED, CHANNEL_AT[record.kinds], NO_CHANNEL)
+    channels = np.where(run.status == USED, CHANNEL_AT[run.record.kinds], NO_CHANNEL)
     for channel in range(len(CHANNELS)):
         found = run.log_variance[channels == channel]
         usual[channel] = np.median(found) if len(found) else 0.0

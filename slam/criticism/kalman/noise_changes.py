@@ -11,8 +11,9 @@ from __future__ import annotations
 import math
 
 from backend.compilation import inner_kernel
+from slam.core.arrays import Array
 from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, correct_noise, covariance_with_reading, sample
-from slam.criticism.kalman.arrays import Array, KalmanOutputs, NoiseChangeArrays, StepBuffers
+from slam.criticism.kalman.arrays import KalmanOutputs, NoiseChangeArrays, StepBuffers
 from slam.criticism.kalman.readings import MOVING, TARGET
 from slam.criticism.kalman.sensitivity import carry
 from slam.criticism.kalman.steps import correct_covariance, innovation_variance

@@ -12,7 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from slam.criticism.kalman.arrays import Array, CommandArrays, Ints, PerturbationArrays
+from slam.core.arrays import Array, Ints
+from slam.criticism.kalman.arrays import CommandArrays, PerturbationArrays
 from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters, slot
 from slam.criticism.kalman.readings import IMU, READ_BY, WIDTH
 from slam.criticism.kalman.record import Record
@@ -29,6 +30,7 @@ FORCES = (*NOISE, "up", "ahead", "left")
 JUMP_S = 0.002
 """Time resolution of a stick's jump in the log; the gyro jumps with the stick."""
 GYRO_CHANNELS = 3
+LATE_SHARE = 3.0 * LATE_SPREAD
 JITTER_REACH, LARGE_JUMP = 3.0, 0.03
 """Standard deviations of a stamp, and the least jump of a stick that matters at that distance."""
 
@@ -82,9 +84,6 @@ class LikelihoodScore:
         return replace(self, information=information, score=self.score @ columns)
 
 
-LATE_SHARE = 3.0 * LATE_SPREAD
-
-
 def parameter_perturbation(name: str, step: float) -> Perturbation:
     """Return the perturbation of a parameter of the equations, of an instrument or of the camera."""
     return Perturbation(name, *slot(name), step)
@@ -130,30 +129,15 @@ def perturbation_arrays(
 def _command(
     record: Record, parameters: FilterParameters, variants: Sequence[tuple[float, float]]
 ) -> CommandArrays:
-    """Return the commands of each variant, which is a latency and a clock's drift."""
-    over_steps, at_events = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
+    """Return the commands of each variant, which is a latency and a clock's drift, on the vehicle's clock."""
+    begin_s, end_s, stick = record.step_begin_s, record.step_begin_s + record.step_s, record.stick
+    over_steps = [stick.mean(begin_s / (1 + fast), end_s / (1 + fast), late_s) for late_s, fast in variants]
+    at_events = [stick.at(record.times_s / (1 + fast), late_s) for late_s, fast in variants]
+    ends = [stick.at(at_s / (1 + parameters.drift), parameters.latency_s) for at_s in (begin_s, end_s)]
     return CommandArrays(
-        np.array(over_steps), np.array(at_events), _stick_jumps(record, parameters), parameters.late_std_s**2,
+        np.array(over_steps), np.array(at_events), ends[1] - ends[0], parameters.late_std_s**2,
         spoilt_channels(record, parameters),
     )  # fmt: skip
-
-
-def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Array]:
-    """Return the stick's means over the steps and values at the events, on the vehicle's clock."""
-    begin = record.step_begin_s / (1 + drift)
-    end = (record.step_begin_s + record.step_s) / (1 + drift)
-    return (
-        record.stick.mean(begin, end, latency_s),
-        record.stick.at(record.times_s / (1 + drift), latency_s),
-    )
-
-
-def _stick_jumps(record: Record, parameters: FilterParameters) -> Array:
-    if parameters.late_std_s == 0.0:
-        return np.zeros((len(record.step_s), 6))
-    begin = record.step_begin_s / (1 + parameters.drift)
-    end = (record.step_begin_s + record.step_s) / (1 + parameters.drift)
-    return record.stick.at(end, parameters.latency_s) - record.stick.at(begin, parameters.latency_s)
 
 
 def spoilt_channels(record: Record, parameters: FilterParameters) -> Ints:

@@ -7,23 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.core.arrays import Array
+from slam.criticism.kalman import arrays
 from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise
-from slam.criticism.kalman.arrays import (
-    Array,
-    EventArrays,
-    KalmanInputs,
-    KalmanOutputs,
-    KalmanState,
-    ModelArrays,
-    NoiseArrays,
-    NoiseChangeArrays,
-    PathHistory,
-    PerturbationBuffers,
-    PredictedReading,
-    Scratch,
-    StepBuffers,
-    Workspace,
-)
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, Signal, perturbation_arrays, spoilt_channels
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENT_OF, MOVING, TARGET
@@ -64,24 +50,28 @@ def filter_inputs(
     signals: dict[str, Signal],
     variance: Array,
     states: int,
-) -> KalmanInputs:
+) -> arrays.KalmanInputs:
     """Return the kernels' inputs; ``variance`` (channels,) is that of one reading."""
-    events = EventArrays(
+    events = arrays.EventArrays(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, record.first_step,
         record.step_s,
     )  # fmt: skip
     table, command = perturbation_arrays(record, parameters, perturbations, signals)
-    noise = NoiseArrays(
+    noise = arrays.NoiseArrays(
         variance, record.range_limits, parameters.jitter_s, diffusion(parameters.hold, states)
     )
-    return KalmanInputs(
-        events, command, ModelArrays(parameters.dynamics, parameters.sensor, parameters.hold), noise, table
+    return arrays.KalmanInputs(
+        events,
+        command,
+        arrays.ModelArrays(parameters.dynamics, parameters.sensor, parameters.hold),
+        noise,
+        table,
     )
 
 
 def initial_state(
     record: Record, parameters: FilterParameters, states: int, perturbations: int
-) -> KalmanState:
+) -> arrays.KalmanState:
     """Return the estimate before the first reading: the record's initial guess and stationary noises."""
     state, p = np.zeros(states), np.zeros((states, states))
     state[:MOVING] = record.start
@@ -89,7 +79,7 @@ def initial_state(
     if not record.shows_heading:
         p[[YAW, YAW_RATE], [YAW, YAW_RATE]] = 0.0
     p[TARGET:, TARGET:] = _process_noise(parameters.hold, ENDLESS_S, states)[TARGET:, TARGET:]
-    return KalmanState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
+    return arrays.KalmanState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
 
 
 def _process_noise(hold: Array, h: float, n: int) -> Array:
@@ -102,7 +92,7 @@ def _process_noise(hold: Array, h: float, n: int) -> Array:
 
 def noise_changes_for(
     record: Record, parameters: FilterParameters, changed: Sequence[FilterParameters], coloured: Ar1Noise
-) -> NoiseChangeArrays:
+) -> arrays.NoiseChangeArrays:
     """Return filters under ``changed`` noise before the first reading, beside AR(1) noises ``coloured``."""
     (n, k), c = coloured.cross.shape, len(changed)
     slots = np.flatnonzero(coloured.slot != WHITE)
@@ -115,7 +105,7 @@ def noise_changes_for(
         p[i], ar1_cov[i] = initial_state(record, own, n, 0).p, np.diag(variance[i, slots])
         hold[i], growth[i], spoilt[i] = own.hold, diffusion(own.hold, n), spoilt_channels(record, own)
     times = [TILT_TIME, TURN_TIME, W_TIME, POLE, GUST_TIME]
-    return NoiseChangeArrays(
+    return arrays.NoiseChangeArrays(
         hold, (hold[:, times] == parameters.hold[times]).all(axis=1), variance,
         np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)),
         colour[:, slots].copy(), variance[:, slots].copy(), np.zeros((c, k)), np.zeros((c, n, k)), ar1_cov,
@@ -129,21 +119,21 @@ def diffusion(hold: Array, n: int) -> Array:
     return np.diag(_process_noise(hold, SHORT_S, n)) / SHORT_S
 
 
-def workspace_for(n: int, m: int) -> Workspace:
+def workspace_for(n: int, m: int) -> arrays.Workspace:
     """Return buffers for n states and m perturbations."""
-    return Workspace(
-        StepBuffers(
+    return arrays.Workspace(
+        arrays.StepBuffers(
             np.empty(FULL), np.empty((MOVING, n)), np.zeros((n, n)), np.zeros((n, n)), np.empty(FULL),
             np.empty(NOISES), np.empty((n, n)), np.zeros(MOVING), np.zeros(MOVING),
         ),
-        PredictedReading(
+        arrays.PredictedReading(
             np.empty(FULL), np.empty(6), np.zeros((6, n)), np.zeros((6, MOVING)), np.empty(n), np.empty(n)
         ),
-        PerturbationBuffers(
+        arrays.PerturbationBuffers(
             np.zeros((ENTRIES, MOVING)), np.zeros(ENTRIES, dtype=np.bool_), np.zeros((ENTRIES, MOVING)),
             np.zeros((ENTRIES, 6)), np.empty(MOVING), np.zeros((6, m)), np.empty(m), np.empty((MOVING, m)),
         ),
-        Scratch(
+        arrays.Scratch(
             np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL),
             np.empty(NOISES), np.empty(NOISES), np.empty(NOISES), np.empty(STICKS), np.empty(n), np.empty(6),
             np.empty(MOVING),
@@ -151,16 +141,16 @@ def workspace_for(n: int, m: int) -> Workspace:
     )  # fmt: skip
 
 
-def outputs_for(events: int, readings: int, perturbations: int, changes: int) -> KalmanOutputs:
+def outputs_for(events: int, readings: int, perturbations: int, changes: int) -> arrays.KalmanOutputs:
     """Return arrays for the results of events and of readings with sensitivities."""
-    return KalmanOutputs(
+    return arrays.KalmanOutputs(
         np.full((events, 6), np.nan), np.full((events, 6), np.nan), np.zeros((events, 6), dtype=np.int64),
         np.zeros((events, MOVING + 1)), np.empty((readings, perturbations)), np.empty((readings, changes)),
         np.empty((readings, changes)), np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 
 
-def history_for(events: int, n: int, m: int) -> PathHistory:
+def history_for(events: int, n: int, m: int) -> arrays.PathHistory:
     """Return arrays for the estimates around events, with n states and m perturbations."""
     x, p, t = (events, n), (events, n, n), (events, n, m)
-    return PathHistory(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))
+    return arrays.PathHistory(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))

@@ -14,14 +14,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backend.compilation import inner_kernel
 from backend.measurements import GRAVITY_M_S2
+from slam.core.arrays import Array
 from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, X, Y, Z, noise_share
 from slam.simulation.terms import CATALOGUE
-
-Array = NDArray[np.float64]
 
 MOVING = 10
 """Entries of the state that the equations of motion drive."""

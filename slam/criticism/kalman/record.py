@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array, Ints, Mask
 from slam.core.flight import Flight
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -32,8 +33,6 @@ from slam.simulation.stick import Stick, stick_of
 if TYPE_CHECKING:
     from slam.data_quality.pictures.feature_matches import FeatureMatches
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LONGEST_STEP_S = 0.005
 """Longest step of the filter between two events: a tenth of the vehicle's fastest lag."""
@@ -58,12 +57,6 @@ class Record:
     """(events, 6), NaN for what is missing."""
     elapsed: Array
     """(events,) share of the flight's duration that is over."""
-    first_step: Ints
-    """(events + 1,) event e is reached by steps first_step[e] to first_step[e + 1]."""
-    step_begin_s: Array
-    """(steps,)."""
-    step_s: Array
-    """(steps,) lengths."""
     stick: Stick
     noise_std: Array
     """(channels,) standard deviation of one reading, by the flight's own figures."""
@@ -72,12 +65,31 @@ class Record:
     start: Array
     """(10,) initial guess of the moving state, and ``start_std`` (10,) its standard deviation."""
     start_std: Array
-    landing: NDArray[np.bool_]
+    landing: Mask
     """(events,) true on the floor and shortly after, where the landing gear spoils readings."""
     usual_log_variance: Array
     """(channels,) log variance of healthy innovations. Both are 0 until ``innovations.referred``."""
     matches: FeatureMatches | None = None
     """Feature matches between its pictures."""
+
+    @cached_property
+    def _steps(self) -> tuple[Ints, Array, Array]:
+        return steps_between(self.times_s)
+
+    @property
+    def first_step(self) -> Ints:
+        """(events + 1,) event e is reached by steps first_step[e] to first_step[e + 1]."""
+        return self._steps[0]
+
+    @property
+    def step_begin_s(self) -> Array:
+        """(steps,)."""
+        return self._steps[1]
+
+    @property
+    def step_s(self) -> Array:
+        """(steps,) lengths."""
+        return self._steps[2]
 
     @property
     def shows_heading(self) -> bool:
@@ -122,7 +134,6 @@ def record_of(flight: Flight) -> Record:
         times, kinds, values = times[:last], kinds[:last], values[:last]
     if times[-1] <= 0.0:
         raise ValueError(f"a reading, and then none for more than {LONGEST_GAP_S:g} s")
-    first_step, begin, lengths = steps_between(times)
     if flight.command is None or not has_commands(flight):
         stick = Stick(np.zeros(1), np.zeros((1, 4)), float(times[-1]))
     else:
@@ -135,9 +146,6 @@ def record_of(flight: Flight) -> Record:
         kinds=kinds,
         values=values,
         elapsed=np.clip(times / times[-1], 0.0, 1.0),
-        first_step=first_step,
-        step_begin_s=begin,
-        step_s=lengths,
         stick=stick,
         noise_std=_noise_std(flight),
         range_limits=np.array(limits, dtype=float),
@@ -208,27 +216,21 @@ def steps_between(times: Array) -> tuple[Ints, Array, Array]:
     return first_step, np.repeat(times - gaps, counts) + within * length, length
 
 
-def in_order(
-    record: Record, times_s: Array, kinds: Ints, values: Array, landing: NDArray[np.bool_]
-) -> Record:
+def in_order(record: Record, times_s: Array, kinds: Ints, values: Array, landing: Mask) -> Record:
     """Return the record with other events (events,), given in any order; none is before second 0."""
     order = np.argsort(times_s, kind="stable")
     times_s = np.maximum(times_s[order], 0.0)
-    first_step, begin_s, lengths_s = steps_between(times_s)
     return replace(
         record, times_s=times_s, kinds=kinds[order], values=values[order], landing=landing[order],
-        elapsed=np.clip(times_s / times_s[-1], 0.0, 1.0), first_step=first_step, step_begin_s=begin_s,
-        step_s=lengths_s,
+        elapsed=np.clip(times_s / times_s[-1], 0.0, 1.0),
     )  # fmt: skip
 
 
-def with_events(record: Record, own: NDArray[np.bool_]) -> Record:
+def with_events(record: Record, own: Mask) -> Record:
     """Return the record with some successive events; the mask ``own`` is (events,)."""
-    first_step, step_begin_s, step_s = steps_between(record.times_s[own])
     return replace(
         record, times_s=record.times_s[own], kinds=record.kinds[own], values=record.values[own],
-        elapsed=record.elapsed[own], landing=record.landing[own], first_step=first_step,
-        step_begin_s=step_begin_s, step_s=step_s,
+        elapsed=record.elapsed[own], landing=record.landing[own],
     )  # fmt: skip
 
 

@@ -11,8 +11,8 @@ import math
 
 from backend.compilation import inner_kernel
 from backend.sparse_product import multiply_sparse
+from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import (
-    Array,
     KalmanInputs,
     PerturbationArrays,
     PerturbationBuffers,

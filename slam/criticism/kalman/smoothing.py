@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backend.compilation import allocating_kernel
-from slam.criticism.kalman.arrays import Array, Ints, PathHistory
+from slam.core.arrays import Array, Ints
+from slam.criticism.kalman.arrays import PathHistory
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
 from slam.criticism.kalman.perturbations import Perturbation
@@ -104,7 +105,14 @@ def smoothed(
     Rates and accelerations are those of a parabola through the poses ``half_s`` around each moment.
     """
     half_s = max(half_s, LEAST_HALF_S)
-    record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
+    moments_s = (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel()
+    record = in_order(
+        record,
+        np.concatenate([record.times_s, moments_s]),
+        np.concatenate([record.kinds, np.full(len(moments_s), MOMENT)]),
+        np.concatenate([record.values, np.full((len(moments_s), 6), np.nan)]),
+        np.concatenate([record.landing, np.zeros(len(moments_s), dtype=bool)]),
+    )
     # AR(1) noise counts as the white noise that averages out as slowly.
     colour = parameters.noise_correlation[list(INSTRUMENT_OF)]
     std = record.noise_std * np.sqrt((1.0 + colour) / (1.0 - colour))
@@ -125,17 +133,6 @@ def smoothed(
         errors=PathErrors(between, spreads[1::3]),
         sensitivity=sensitivity[1::3, POSE].reshape(len(times_s) * 6, len(perturbations)),
         span_s=(float(times_s[0]), float(times_s[-1])) if len(times_s) else (0.0, 0.0),
-    )
-
-
-def _with_moments(record: Record, times_s: Array) -> Record:
-    """Return the record with additional events without readings."""
-    return in_order(
-        record,
-        np.concatenate([record.times_s, times_s]),
-        np.concatenate([record.kinds, np.full(len(times_s), MOMENT)]),
-        np.concatenate([record.values, np.full((len(times_s), 6), np.nan)]),
-        np.concatenate([record.landing, np.zeros(len(times_s), dtype=bool)]),
     )
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 from backend.compilation import inner_kernel
+from slam.core.arrays import Array
 from slam.criticism.kalman.arrays import (
-    Array,
     KalmanInputs,
     KalmanState,
     ModelArrays,

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from backend.compilation import inner_kernel, kernel
-from slam.criticism.kalman.arrays import Array, ModelArrays, Scratch, StepBuffers
+from slam.core.arrays import Array
+from slam.criticism.kalman.arrays import ModelArrays, Scratch, StepBuffers
 from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, TARGET
 from slam.simulation.dynamics import (
     FADE,
@@ -100,23 +101,19 @@ def jacobian(
         if j == Z and clear:
             continue
         full[j] += _NUDGE
+        turned_c, turned_s, tilted_ahead, tilted_aside = c, s, ahead, aside
         if j == VX:
             full[VZ] += _NUDGE
             full[YAW_RATE] += _NUDGE
-            rates(full, c, s, ahead, aside, command, noise, parameters, beside)
-            full[VZ], full[YAW_RATE] = state[VZ], state[YAW_RATE]
         elif j == ROLL:
-            rates(full, c, s, ahead, aside + by_roll * _NUDGE, command, noise, parameters, beside)
+            tilted_aside += by_roll * _NUDGE
         elif j == PITCH:
-            rates(
-                full, c, s, ahead + ahead_by_pitch * _NUDGE, aside + aside_by_pitch * _NUDGE, command, noise,
-                parameters, beside,
-            )  # fmt: skip
+            tilted_ahead += ahead_by_pitch * _NUDGE
+            tilted_aside += aside_by_pitch * _NUDGE
         elif j == YAW:
-            rates(full, c - s * _NUDGE, s + c * _NUDGE, ahead, aside, command, noise, parameters, beside)
-        else:
-            rates(full, c, s, ahead, aside, command, noise, parameters, beside)
-        full[j] = state[j]
+            turned_c, turned_s = c - s * _NUDGE, s + c * _NUDGE
+        rates(full, turned_c, turned_s, tilted_ahead, tilted_aside, command, noise, parameters, beside)
+        full[j], full[VZ], full[YAW_RATE] = state[j], state[VZ], state[YAW_RATE]
         for i in range(MOVING):
             # The share of hold noise that remains near the floor must not serve to measure the height.
             if j != Z or i == VZ:

@@ -12,9 +12,8 @@ from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from slam.core.arrays import Array
 
 EDGE_NATS = 8.0
 """Cost of an edge at any place, in nats."""

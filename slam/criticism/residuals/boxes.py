@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontend.robust import robust_std
+from slam.core.arrays import Array, Ints
 from slam.criticism.cause import Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -24,9 +24,6 @@ from slam.criticism.residuals.box_filter import BoxHeights, BoxNoise, likeliest_
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, predicted_by_others
 from slam.criticism.threads import in_threads
 from slam.simulation.dynamics import PITCH, ROLL, UP, VX, VY, VZ, X, Y, Z
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LEAST_NOISE_M = 1e-4
 DRIFTS_M = (1e-3, 2e-3, 4e-3, 8e-3)
@@ -78,14 +75,10 @@ class RangeResiduals:
 
     def without_motion(self, over_m: Array) -> Array:
         """Return (readings,) ``off_m`` without the effects of the motion; ``over_m`` is a known part."""
-        later = [self._later(x, APART) for x in (self.motion, self.off_m - over_m)]
+        later = [self.later(x, APART) for x in (self.motion, self.off_m - over_m)]
         return np.asarray(self.off_m - self.motion @ _robust_fit(*later))
 
-    def jumps_m(self, height_m: Array) -> Array:
-        """Return the changes of (readings,) from one reading to the next within a segment."""
-        return self._later(height_m, 1)
-
-    def _later(self, x: Array, count: int) -> Array:
+    def later(self, x: Array, count: int) -> Array:
         """Return the changes over ``count`` readings within segments."""
         changes = [x[s][count:] - x[s][:-count] for s in self.segments]
         return np.concatenate([np.zeros((0, *x.shape[1:])), *changes])
@@ -113,10 +106,9 @@ class _Boxes:
         """Gain of the boxes over a level floor."""
         return self.nats - self.level_nats
 
-    @property
-    def rise_m(self) -> Array:
-        """(edges,) change of ``over_m`` at each edge."""
-        return np.asarray(self.over_m[self.edges] - self.over_m[self.edges - 1])
+    def at_edges(self, x: Array) -> Array:
+        """Return the changes of (readings,) at the edges."""
+        return np.asarray(x[self.edges] - x[self.edges - 1])
 
     @property
     def heights_m(self) -> Array:
@@ -172,12 +164,12 @@ def _sizes(boxes: Sequence[_Boxes]) -> dict[str, Interval]:
 
 def _are_boxes(boxes: Sequence[_Boxes], sign: float) -> bool:
     """Return whether the boxes are enough, have sharp edges and are no spikes."""
-    rises = np.concatenate([found.rise_m for found in boxes])
+    rises = np.concatenate([found.at_edges(found.over_m) for found in boxes])
     stays = np.concatenate([found.stays_s for found in boxes])
     heights = np.concatenate([found.heights_m for found in boxes])
     if len(rises) < FEWEST_EDGES or np.sum(heights > boxes[0].noise.std_m) < FEWEST_BOXES:
         return False
-    jumps = np.concatenate([-sign * (f.height_m[f.edges] - f.height_m[f.edges - 1]) for f in boxes])
+    jumps = np.concatenate([-sign * found.at_edges(found.height_m) for found in boxes])
     return bool(
         sum(found.gain_nats for found in boxes) > LEAST_NATS
         and jumps @ rises > SHARP * (rises @ rises)
@@ -196,7 +188,7 @@ def _found(seen: Sequence[RangeResiduals], sign: float) -> list[_Boxes]:
     for _ in range(ROUNDS):
         heights = [flight.without_motion(-sign * o) for flight, o in zip(seen, over, strict=True)]
         flown = list(zip(seen, heights, strict=True))
-        jumps = np.concatenate([flight.jumps_m(height) for flight, height in flown])
+        jumps = np.concatenate([flight.later(height, 1) for flight, height in flown])
         std_m = max(robust_std(jumps) / math.sqrt(2.0), LEAST_NOISE_M) if len(jumps) else LEAST_NOISE_M
         tried = [[_boxes(*of, BoxNoise(std_m, drift_m), sign) for of in flown] for drift_m in DRIFTS_M]
         found = max(tried, key=lambda boxes: sum(f.nats for f in boxes))
@@ -222,15 +214,7 @@ def _boxes(
         over[segment] = fit.over_m
         edges += [segment.start + k for k in fit.edges]
         nats, level_nats = nats + fit.nats, level_nats + fit.level_nats
-    return _Boxes(
-        seen=seen,
-        height_m=height_m,
-        over_m=over,
-        edges=np.array(edges, dtype=np.int64),
-        nats=nats,
-        level_nats=level_nats,
-        noise=noise,
-    )
+    return _Boxes(seen, height_m, over, np.array(edges, dtype=np.int64), nats, level_nats, noise)
 
 
 def _levelled(record: Record, found: _Boxes, sign: float) -> Record:

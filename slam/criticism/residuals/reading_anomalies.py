@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import gamma
 
+from slam.core.arrays import Array
 from slam.criticism.cause import Cause, Gain, Interval
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
@@ -26,7 +26,6 @@ from slam.data_quality.pictures.highlights import are_lamps
 from slam.data_quality.quantisation import STEP_STD_M, Quantisation, quantisation_of, strongest_step
 from slam.simulation.terms import CATALOGUE
 
-Array = NDArray[np.float64]
 _Flight = TypeVar("_Flight")
 
 SECOND_ECHO = (1.6, 2.4)
@@ -61,18 +60,12 @@ class ReadingAnomaly:
     def cause(self) -> Cause:
         """Return the anomaly as a cause for the verdict."""
         total = sum(self.nats)
-        lead = total - parameter_cost(1) - ONE_OF_ALL
-        parts, by = (self.predicted_by_others, "flight") if self.predicted_by_others else (self.nats, None)
-        gain = Gain.of(np.array(parts), by)
-        probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
-        return Cause(
-            name=self.name,
-            probability=probability,
-            parameters=self.parameters,
-            gain=gain,
-            z=float(np.sqrt(2 * max(total, 0.0))),
-            lead_nats=float(lead),
+        lead = float(total - parameter_cost(1) - ONE_OF_ALL)
+        gain = Gain.of(
+            np.array(self.predicted_by_others or self.nats), "flight" if self.predicted_by_others else None
         )
+        probability, z = 1.0 / (1.0 + np.exp(-min(lead, 700.0))), np.sqrt(2 * max(total, 0.0))
+        return Cause(self.name, float(probability), self.parameters, gain, float(z), lead)
 
 
 def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[ReadingAnomaly]]:
@@ -113,10 +106,11 @@ def predicted_by_others(
     return tuple(nats(own, [*flights[:k], *flights[k + 1 :]]) for k, own in enumerate(flights))
 
 
-def reading_anomalies(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
+def reading_anomalies(passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
     """Return all anomalies but the dead zone, from the readings and a filter run."""
+    records = [run.record for run in passes]
     return [
-        *_spikes(records, passes), *_quantised(records), *_dropped(records), *_moving_objects(records),
+        *_spikes(passes), *_quantised(records), *_dropped(records), *_moving_objects(records),
         *_highlights(records),
     ]  # fmt: skip
 
@@ -177,11 +171,11 @@ def _moving_objects(records: Sequence[Record]) -> list[ReadingAnomaly]:
     return [ReadingAnomaly("moving_objects", size, nats)]
 
 
-def _spikes(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
+def _spikes(passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
     counts, totals = [], []
-    for record, run in zip(records, passes, strict=True):
-        rows = record.kinds == SONAR
-        due, read = run.states[rows, 2], record.values[rows, 0]
+    for run in passes:
+        rows = run.record.kinds == SONAR
+        due, read = run.states[rows, 2], run.record.values[rows, 0]
         outlier = run.status[rows, 0] == OUTLIER
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = read / due

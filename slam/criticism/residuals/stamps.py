@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.cause import SURE, Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import referred, whole
@@ -21,8 +21,6 @@ from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
 from slam.data_quality.even_clock import LEAST_SCATTER_S, StampOffsets, stamp_offsets
-
-Array = NDArray[np.float64]
 
 SLOW = 3.0
 """Least period in scatters. Stamps of a faster stream overtake one another, and their offsets in sorted order

@@ -9,15 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, RANGE
 from slam.criticism.kalman.record import Record
 from slam.data_quality.oscillation import FEWEST, common_line
-
-Array = NDArray[np.float64]
 
 LARGEST_SHARE, FEWEST_OUTLIERS = 0.05, 5
 """Share and number of a channel's outliers above which they are reported. Noise with the tails of Student's t
@@ -38,36 +36,35 @@ class Vibration:
         return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz (by chance in 10^{chance:.0f})"
 
 
-def vibration_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> Vibration | None:
+def vibration_of(passes: Sequence[FilterPass]) -> Vibration | None:
     """Return the least probable line of all channels, or None."""
     found = []
     for channel, name in enumerate(CHANNELS):
-        series = [_white(channel, record, run) for record, run in zip(records, passes, strict=True)]
+        series = [_white(channel, run) for run in passes]
         if (line := common_line(series)) is not None:
             found.append(Vibration(name, *line))
     return min(found, key=lambda v: v.log_chance, default=None)
 
 
-def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]:
+def _white(channel: int, run: FilterPass) -> tuple[Array, float]:
     """Return a channel's whitened innovations at even times (0 where unused), and the time step."""
-    rows, innovations, status = run.of_channel(record, channel)
+    rows, innovations, status = run.of_channel(channel)
     used = status == USED
     if used.sum() < FEWEST:
         return np.zeros(0), 0.0
-    times_s, white = record.times_s[rows], np.where(used, innovations, 0.0)
+    times_s, white = run.record.times_s[rows], np.where(used, innovations, 0.0)
     step_s = float(np.median(np.diff(times_s)))
     at = np.rint((times_s - times_s[0]) / step_s).astype(np.int64)
     return np.asarray(np.bincount(at, weights=white - white.mean()), dtype=float), step_s
 
 
-def outliers_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[str]:
+def outliers_of(passes: Sequence[FilterPass]) -> list[str]:
     """Return a phrase for each channel with more rejected readings than noise explains, spikes aside."""
     found = []
     for channel, name in enumerate(CHANNELS):
         if channel == RANGE:
             continue
-        flights = zip(records, passes, strict=True)
-        status = np.concatenate([run.of_channel(record, channel)[2] for record, run in flights])
+        status = np.concatenate([run.of_channel(channel)[2] for run in passes])
         out = int(np.count_nonzero(status == OUTLIER))
         both = out + int(np.count_nonzero(status == USED))
         if out >= FEWEST_OUTLIERS and out > LARGEST_SHARE * both:

@@ -76,6 +76,10 @@ class Effect:
             return self
         return replace(self, perturbations=(_moving(f"{self.name}.{self.parameters[0]}"),))
 
+    def in_catalogue_units(self, column: int, size: float, parameters: FilterParameters) -> float:
+        """Return a column's size in the catalogue's units."""
+        return fitted_parameter(self.columns[column]).in_catalogue_units(float(size), parameters)
+
     def at_profiled_value(self, parameters: FilterParameters) -> FilterParameters:
         """Return the parameters with a profiled effect at its value of the grid."""
         return fitted_parameter(self.columns[0]).stepped(parameters, 1.0) if self.is_profiled else parameters
@@ -166,13 +170,6 @@ def plausible_range(name: str, parameter: str) -> tuple[float, float]:
     limits = CATALOGUE[name].parameter(parameter)
     reach = PLAUSIBLE * max(abs(limits.high - limits.neutral), abs(limits.low - limits.neutral))
     return max(limits.neutral - reach, limits.least), min(limits.neutral + reach, limits.most)
-
-
-def catalogue_value(
-    effect: Effect, column: int, step: float, parameters: FilterParameters, current: float
-) -> float:
-    """Return a column's value in the catalogue's units: its ``current`` size plus a step."""
-    return fitted_parameter(effect.columns[column]).in_catalogue_units(current + step, parameters)
 
 
 def _plain(term: Term) -> list[Effect]:

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array, Mask
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import (
     Effect,
-    catalogue_value,
     delayed_readings,
     effects_for,
     plausible_range,
@@ -32,8 +32,9 @@ from slam.criticism.search.fitted_parameters import (
 from slam.criticism.search.information import FisherInformation, fisher_information
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
-from slam.criticism.search.thresholds import parameter_cost
+from slam.criticism.search.thresholds import Thresholds, parameter_cost
 from slam.criticism.threads import in_threads
+from slam.simulation.terms import CATALOGUE
 
 NAMED_FIRST = 0.8
 """Share of its nats that counts for a constant out of its range or a delayed reading, which must explain more
@@ -86,7 +87,12 @@ class LikelihoodExpansion:
                 return candidate
         return next(c for c in self.effects if c.name == effect.name)
 
-    def over(self, segments: NDArray[np.bool_]) -> QuadraticLikelihood:
+    def fitted(self, effect: Effect, maximum: Maximum) -> tuple[Array, Array]:
+        """Return the sizes of an effect at a maximum, and their covariance."""
+        step, covariance = maximum.of(self.quadratic.index(effect.columns))
+        return step + [self.quadratic.current.get(c, 0.0) for c in effect.columns], covariance
+
+    def over(self, segments: Mask) -> QuadraticLikelihood:
         """Return the quadratic likelihood of some segments of the flights alone."""
         return self.quadratic.over(self.fisher, segments)
 
@@ -142,17 +148,52 @@ def expand(
 
 def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) -> bool:
     """Whether a non-negative size would be negative, or a size lies far beyond its plausible range."""
-    step, covariance = maximum.of(expansion.quadratic.index(effect.columns))
-    current = np.array([expansion.quadratic.current.get(column, 0.0) for column in effect.columns])
-    if effect.positive and step[0] + current[0] < 0:
+    size, covariance = expansion.fitted(effect, maximum)
+    if effect.positive and size[0] < 0:
         return True
     if effect.is_profiled or not effect.perturbations or not effect.parameters:
         return False
     std = 2.0 * np.sqrt(np.diag(covariance))
     for k, name in enumerate(effect.parameters):
         least, most = plausible_range(effect.name, name)
-        low = catalogue_value(effect, k, float(step[k] - std[k]), expansion.parameters, float(current[k]))
-        high = catalogue_value(effect, k, float(step[k] + std[k]), expansion.parameters, float(current[k]))
-        if min(low, high) > most or max(low, high) < least:
+        ends = (size[k] - std[k], size[k] + std[k])
+        values = [effect.in_catalogue_units(k, end, expansion.parameters) for end in ends]
+        if min(values) > most or max(values) < least:
             return True
     return False
+
+
+def ranked_pairs(
+    expansion: LikelihoodExpansion, rest: Sequence[Effect], without: Effect | None = None
+) -> list[ScoreTest]:
+    """Return tests of all pairs of terms with a slope in the mean, best first; ``without`` is in none."""
+    excluded = [*rest, without] if without is not None else rest
+    known = [
+        e for e in expansion.effects
+        if e.is_term and e.perturbations and not e.is_profiled and
+        not any(map(e.repeats, excluded))
+    ]  # fmt: skip
+    pairs = [(one, other) for one, other in combinations(known, 2) if not one.repeats(other)]
+    return [test for test in expansion.score_tests(rest, pairs) if test.nats > 0.0]
+
+
+def masked_pair(
+    expansion: LikelihoodExpansion, limits: Thresholds, alone: Sequence[ScoreTest] = ()
+) -> tuple[Effect, ...] | None:
+    """Return the best pair of terms that mask each other, or None: neither may be significant alone.
+
+    An example is a warming sonar beside a climb stronger than the descent. The pair must explain more than
+    the best of ``alone``, the terms that are significant by themselves, best first.
+    """
+    least = max((s.worth for s in alone), default=-np.inf) + np.log(len(CATALOGUE))
+    worthy = (pair for pair in ranked_pairs(expansion, []) if pair.worth > least and pair.z >= limits.pairs)
+    return next((pair.effects for pair in worthy if mask_each_other(expansion, pair.effects, limits)), None)
+
+
+def mask_each_other(expansion: LikelihoodExpansion, two: Sequence[Effect], limits: Thresholds) -> bool:
+    """Whether two terms are significant together, each beside the other, and one of them not alone."""
+    one, other = two
+    together = expansion.score_tests([], [(one, other)])[0]
+    alone = min(expansion.score_tests([], [e])[0].z for e in two)
+    beside = min(expansion.score_tests([one], [other])[0].z, expansion.score_tests([other], [one])[0].z)
+    return alone < limits.effects <= beside and together.z >= limits.pairs

@@ -13,21 +13,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from slam.core.arrays import Array, Ints
 from slam.criticism.camera.reprojection import reprojection_score
-from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.innovations import FilterPass, Run, whole
+from slam.criticism.kalman.innovations import FilterPass, Run, used_innovations, whole
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.fitted_parameters import NOISE_NUISANCES, FittedParameter, gain_column
 from slam.criticism.threads import in_threads
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""
@@ -44,7 +40,7 @@ class FisherInformation:
     """Score and Fisher information of all columns, for each segment of the flights."""
 
     columns: tuple[str, ...]
-    flight: NDArray[np.int64]
+    flight: Ints
     """(segments,) number of the flight."""
     information: Array
     """(segments, p, p)."""
@@ -75,7 +71,7 @@ def fisher_information(
     if changes and not plain:
         plain = in_threads(lambda record: whole(record, parameters), records)
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
-    weight = _variance_weight(records, plain)
+    weight = _variance_weight(plain)
     apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
 
     def one(k: int) -> tuple[list[LikelihoodScore], FilterPass]:
@@ -148,14 +144,13 @@ def _segment_terms(run: Run, steps: Array, apart: Ints, weight: Array) -> Iterat
         yield LikelihoodScore(information, score, run.passed(rows.begin, rows.end).log_likelihood)
 
 
-def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> Array:
+def _variance_weight(plain: Sequence[FilterPass]) -> Array:
     """Return (channels,) the weight of squared innovations e^2, cut at ``CUT``, as evidence of the variance.
 
     It is 2 over the variance of e^2, at most 1: less where tails are heavy. Without plain runs it is 1.
     """
     weight = np.ones(len(CHANNELS))
     for channel in range(len(CHANNELS) if plain else 0):
-        runs = [run.of_channel(record, channel) for record, run in zip(records, plain, strict=True)]
-        cut = np.concatenate([np.minimum(white[status == USED] ** 2, CUT) for _, white, status in runs])
+        cut = np.minimum(used_innovations(plain, channel) ** 2, CUT)
         weight[channel] = 1.0 / max(float(np.var(cut)) / 2.0, 1.0) if len(cut) else 1.0
     return weight

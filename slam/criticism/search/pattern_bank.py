@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.camera.lens import PAIRS, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
 from slam.criticism.kalman.perturbations import FORCES, Perturbation, Signal
@@ -18,8 +18,6 @@ from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.search.effects import Effect
 from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
-
-Array = NDArray[np.float64]
 
 ON_BOTH = (
     "one", "time", "height", "ahead", "left", "up", "speed2", "pitch", "roll", "turning", "north", "east",

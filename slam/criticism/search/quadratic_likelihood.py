@@ -13,17 +13,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import GAIN_NUISANCES, NUISANCES, FittedParameter
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.thresholds import deviate
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 EDGE = 0.05
 """Softness of the edge of a healthy range, as a share of its half width."""
@@ -117,7 +114,7 @@ class QuadraticLikelihood:
         """Return the indices of these columns."""
         return np.array([self._place[name] for name in names], dtype=np.int64)
 
-    def _among(self, relaxed: Sequence[str]) -> NDArray[np.bool_]:
+    def _among(self, relaxed: Sequence[str]) -> Mask:
         """Return (nuisances,) whether each is in a list."""
         return np.array([name in relaxed for name in self.names], dtype=np.bool_)
 
@@ -213,7 +210,7 @@ class QuadraticLikelihood:
         step = self.maximise(effects).whole[self.index(columns)]
         return {c: float(x) + self.current.get(c, 0.0) for c, x in zip(columns, step, strict=True)}
 
-    def over(self, fisher: FisherInformation, segments: NDArray[np.bool_]) -> QuadraticLikelihood:
+    def over(self, fisher: FisherInformation, segments: Mask) -> QuadraticLikelihood:
         """Return the likelihood of some ``segments`` alone of the information that this one is made of."""
         share, clusters = segments.astype(np.float64), None
         if self.clusters is not None:
@@ -248,7 +245,7 @@ class QuadraticLikelihood:
         average = 0.5 * along @ np.linalg.solve(inner, along) - 0.5 * np.linalg.slogdet(inner)[1]
         return self.nats_at(other.whole) + float(average)
 
-    def _peak(self, a: Array, b: Array, loose: NDArray[np.bool_]) -> tuple[Array, Array]:
+    def _peak(self, a: Array, b: Array, loose: Mask) -> tuple[Array, Array]:
         """Return the step to the most probable values and their covariance, by an active-set method."""
         count = len(self.names)
         half = (self.limits[:, 1] - self.limits[:, 0]) / 2
@@ -275,7 +272,7 @@ class QuadraticLikelihood:
             side = out
         return step, covariance
 
-    def _penalty(self, step: Array, loose: NDArray[np.bool_]) -> float:
+    def _penalty(self, step: Array, loose: Mask) -> float:
         x = self.at + step[: len(self.names)]
         half = (self.limits[:, 1] - self.limits[:, 0]) / 2
         away = x - self.limits.mean(axis=1)

@@ -16,11 +16,23 @@ from slam.core.progress import Progress, Tally, silent
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import recoloured
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.correlated_noise import ar1_effects, with_ar1_noise, without_small_ar1
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
-from slam.criticism.search.fitting import best_candidate, first_seconds, fit_nuisances, refit
-from slam.criticism.search.pairs import mask_each_other, masked_pair
+from slam.criticism.search.expansion import (
+    LikelihoodExpansion,
+    ScoreTest,
+    expand,
+    mask_each_other,
+    masked_pair,
+)
+from slam.criticism.search.fitting import (
+    ar1_effects,
+    best_candidate,
+    first_parts,
+    fit_nuisances,
+    refit,
+    with_ar1_noise,
+    without_small_ar1,
+)
 from slam.criticism.search.thresholds import (
     VERY_SIMILAR_NATS,
     Thresholds,
@@ -78,7 +90,7 @@ class SearchResult:
 
 
 def with_term_replaced(
-    records: Sequence[Record], found: SearchResult, place: Effect, candidates: Sequence[Sequence[Effect]]
+    found: SearchResult, place: Effect, candidates: Sequence[Sequence[Effect]]
 ) -> SearchResult:
     """Replace a chosen term by the best of some sets of terms, each fitted with the filter run anew.
 
@@ -87,11 +99,11 @@ def with_term_replaced(
     """
     rest = [e for e in found.chosen if e is not place]
     bare = place.without(found.last.parameters)
-    old, _ = refit(records, found.model, found.last.parameters, found.chosen)
+    old, _ = refit(found.records, found.model, found.last.parameters, found.chosen)
     old -= parameter_cost(len(place.columns))
     fits = []
     for others in candidates:
-        nats, parameters = refit(records, found.model, bare, [*rest, *others])
+        nats, parameters = refit(found.records, found.model, bare, [*rest, *others])
         cost = sum(parameter_cost(len(e.columns)) for e in others) + (len(others) - 1) * np.log(
             len(CATALOGUE)
         )
@@ -105,7 +117,7 @@ def with_term_replaced(
             return replace(found, leads=found.leads | {(place.label, others[0].label): -gained})
         rivals = {place.name: tuple(e.name for e in others)} if alike else {}
         return replace(found, rivals=found.rivals | rivals)
-    expansion = expand(records, found.model, parameters, chosen)
+    expansion = expand(found.records, found.model, parameters, chosen)
     leads = found.leads | {(others[0].label, place.label): gained} if len(others) == 1 else {}
     rivals = found.rivals | {e.name: (place.name,) if alike else () for e in others}
     return replace(
@@ -118,14 +130,9 @@ def search(
 ) -> SearchResult:
     """Find terms that exceed the thresholds beside each other, best first."""
     search_state = _SequentialSearch(records, model, limits, progress)
-    first = search_state.expansion
     while (parameters := search_state.next_parameters()) is not None:
         search_state.expand_about(parameters)
-    if (search_state.expansion.parameters.noise_correlation != first.parameters.noise_correlation).any():
-        # With and without the terms noise is the same.
-        first = search_state.healthy(
-            replace(first.parameters, noise_correlation=search_state.expansion.parameters.noise_correlation)
-        )
+    first = search_state.healthy()
     most = len(search_state.chosen)
     search_state.drop_superfluous()
     # The leads hold beside the same terms only.
@@ -156,6 +163,7 @@ class _SequentialSearch:
         with self._fits.part():
             parameters = fit_nuisances(records, model, effects=ar1_effects(model))
         self._expand(parameters)
+        self._first = self.expansion
 
     def next_parameters(self) -> FilterParameters | None:
         """Choose terms until a fit is needed; return parameters with all, or None for nothing more."""
@@ -173,7 +181,7 @@ class _SequentialSearch:
             if doubtful := _doubtful(significant):
                 records = self.records
                 if in_part := significant[0].z >= LINEAR_Z:
-                    records = [first_seconds(record, SHORT_S / len(records)) for record in records]
+                    records = first_parts(records, SHORT_S)
                 best = best_candidate(
                     records, self._model, self.expansion, self.chosen, doubtful, self._tries
                 )
@@ -196,8 +204,12 @@ class _SequentialSearch:
         self._expand(parameters)
         self._fitted = True
 
-    def healthy(self, parameters: FilterParameters) -> LikelihoodExpansion:
-        """Expand about parameters without terms, with nuisances fitted to them."""
+    def healthy(self) -> LikelihoodExpansion:
+        """Expand about parameters without terms, with their nuisances fitted to the noise that was found."""
+        correlation = self.expansion.parameters.noise_correlation
+        if (correlation == self._first.parameters.noise_correlation).all():
+            return self._first
+        parameters = replace(self._first.parameters, noise_correlation=correlation)
         with self._fits.part():
             parameters = fit_nuisances(self.records, self._model, parameters)
         with self._expansions.part():
@@ -205,11 +217,31 @@ class _SequentialSearch:
 
     def drop_superfluous(self) -> None:
         """Remove the terms that the others have made superfluous."""
-        before = self.chosen
-        self.chosen = _needed(self.records, self._model, self.expansion, before, self._limits)
-        for saturation in (e for e in before if e.is_saturation and e not in self.chosen):
+        before, score_tests = self.chosen, self.expansion.score_tests
+        bounded = [e for e in before if e.is_saturation]
+        if len(before) == 2 and not bounded and mask_each_other(self.expansion, before, self._limits):
+            return
+        alone = [
+            score_tests([o for o in before if o is not e], [e])[0].z for e in before if not e.is_saturation
+        ]
+        threshold = with_misfit(self._limits.second, max(alone, default=0.0))
+        for effect in before:
+            others = [e for e in self.chosen if e is not effect]
+            if not others:
+                continue
+            z = self._z_of(effect, others) if effect.is_saturation else score_tests(others, [effect])[0].z
+            if z < threshold:
+                self.chosen = others
+        for saturation in (e for e in bounded if e not in self.chosen):
             # An expansion about parameters with a saturation does not show what the flights do beyond it.
             self._expand(self._with_chosen(saturation.without(self.expansion.parameters)))
+
+    def _z_of(self, saturation: Effect, others: Sequence[Effect]) -> float:
+        """Return the z of a saturation beside the others, both hypotheses fitted with the filter run anew."""
+        short, parameters = first_parts(self.records, SHORT_S), self.expansion.parameters
+        known, _ = refit(short, self._model, parameters, [*others, saturation])
+        open_way, _ = refit(short, self._model, saturation.without(parameters), others)
+        return deviate(2.0 * max(known - open_way, 0.0), len(saturation.columns))
 
     def _significant(self) -> list[ScoreTest]:
         threshold = (
@@ -228,9 +260,18 @@ class _SequentialSearch:
             return refit(self.records, self._model, start or self.expansion.parameters, self.chosen)[1]
 
     def _expand(self, parameters: FilterParameters) -> None:
+        """Expand about parameters. Where AR(1) noise explains more than any term or pattern, they include it,
+        and the records' reference runs are redone."""
         with self._expansions.part():
-            self.records, self.expansion = _expanded(self.records, self._model, parameters, self.chosen)
-        self.chosen = [self.expansion.own(c) for c in self.chosen]
+            found = expand(self.records, self._model, parameters, self.chosen)
+            beside = [found.own(c) for c in self.chosen]
+            tests = found.score_tests(beside, [*found.effects, *found.patterns])
+            most_nats, passes = tests[0].nats if tests else 0.0, found.fisher.passes
+            correlated = with_ar1_noise(self.records, self._model, parameters, passes, self.chosen, most_nats)
+            if correlated is not None:
+                self.records = [recoloured(record, parameters, correlated) for record in self.records]
+                found = expand(self.records, self._model, correlated, self.chosen)
+        self.expansion, self.chosen = found, [found.own(c) for c in self.chosen]
 
 
 def beyond(ranked: Sequence[ScoreTest], threshold: float) -> list[ScoreTest]:
@@ -251,71 +292,3 @@ def _doubtful(significant: Sequence[ScoreTest]) -> Sequence[ScoreTest]:
         return significant
     alike = [s for s in significant if s.worth > best.worth - VERY_SIMILAR_NATS]
     return alike if best.z >= CURVED_Z and len({s.effect.name for s in alike}) > 1 else ()
-
-
-def _expanded(
-    records: Sequence[Record],
-    model: FilterParameters,
-    parameters: FilterParameters,
-    chosen: Sequence[Effect] = (),
-) -> tuple[Sequence[Record], LikelihoodExpansion]:
-    """Return the records and their expansion. Where AR(1) noise explains more than any term or pattern, the
-    parameters include it, and the records' reference runs are redone."""
-    expansion = expand(records, model, parameters, chosen)
-    others = expansion.score_tests(
-        [expansion.own(c) for c in chosen], [*expansion.effects, *expansion.patterns]
-    )
-    most_nats = others[0].nats if others else 0.0
-    correlated = with_ar1_noise(records, model, parameters, expansion.fisher.passes, chosen, most_nats)
-    if correlated is None:
-        return records, expansion
-    records = [recoloured(record, parameters, correlated) for record in records]
-    return records, expand(records, model, correlated, chosen)
-
-
-def _needed(
-    records: Sequence[Record],
-    model: FilterParameters,
-    expansion: LikelihoodExpansion,
-    chosen: list[Effect],
-    limits: Thresholds,
-) -> list[Effect]:
-    """Return the chosen terms without those that the others have made superfluous."""
-    kept = list(chosen)
-    if (
-        len(chosen) == 2
-        and not any(e.is_saturation for e in chosen)
-        and mask_each_other(expansion, chosen, limits)
-    ):
-        return kept
-    alone = [
-        expansion.score_tests([o for o in chosen if o is not e], [e])[0].z
-        for e in chosen
-        if not e.is_saturation
-    ]
-    threshold = with_misfit(limits.second, max(alone, default=0.0))
-    for effect in chosen:
-        others = [e for e in kept if e is not effect]
-        if not others:
-            continue
-        if effect.is_saturation:
-            z = _without(records, model, expansion, others, effect)
-        else:
-            z = expansion.score_tests(others, [effect])[0].z
-        if z < threshold:
-            kept = others
-    return kept
-
-
-def _without(
-    records: Sequence[Record],
-    model: FilterParameters,
-    expansion: LikelihoodExpansion,
-    others: Sequence[Effect],
-    saturation: Effect,
-) -> float:
-    """Return the z of a saturation beside the others, both hypotheses fitted with the filter run anew."""
-    short = [first_seconds(record, SHORT_S / len(records)) for record in records]
-    known, _ = refit(short, model, expansion.parameters, [*others, saturation])
-    open_way, _ = refit(short, model, saturation.without(expansion.parameters), others)
-    return deviate(2.0 * max(known - open_way, 0.0), len(saturation.columns))

@@ -12,26 +12,23 @@ from scipy.special import ndtr
 from slam.core.progress import Progress, Tally
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.extended import extended_with_causes, with_certainty
-from slam.criticism.flight_checks import untested_reasons
-from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.innovations import FilterPass, used_innovations
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.next_flight import next_flight
-from slam.criticism.prepare import PreparedFlights
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, smallest_in_readings
+from slam.criticism.prepare import PreparedFlights, untested_reasons
+from slam.criticism.residuals.reading_anomalies import reading_anomalies, smallest_in_readings
 from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
-from slam.criticism.search.correlated_noise import lag_one_correlation
-from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import NUISANCES
+from slam.criticism.search.fitting import lag_one_correlation
 from slam.criticism.search.search import SearchResult
-from slam.criticism.search.thresholds import Thresholds
 from slam.criticism.verdict.consistency import SizeOverTime, changing_sizes, contradictions
 from slam.criticism.verdict.covariate import covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed_terms, errors_of, rollout_probability
 from slam.criticism.verdict.held_out import HeldOut, fitted_parameters, held_out
-from slam.criticism.verdict.judge import Explanation, JudgedCauses
+from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.posterior import likeliest, posterior_of
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
@@ -44,62 +41,67 @@ FEWEST_SHOWN = 5
 """Least number of effects that flights must be able to show: a tenth."""
 
 
-def explain(found: SearchResult, progress: Progress) -> Explanation:
+def explain(
+    prepared: PreparedFlights,
+    found: SearchResult,
+    readings: Sequence[StreamAnomaly],
+    model: Model,
+    progress: Progress,
+) -> CommandedFlights:
     """Compare what was found with all alternatives, and return what is more probable than these."""
-    records, nominal = found.records, found.model
-    found = confirmed_terms(records, found)
+    found = confirmed_terms(found)
     posterior = posterior_of(found)
-    reported = likeliest(records, found, posterior)
+    reported = likeliest(found, posterior)
     parameters = fitted_parameters(reported, reported.chosen)
-    doubts, refuted = contradictions(records, nominal, reported, parameters)
+    doubts, refuted = contradictions(reported, parameters)
     if refuted:
         reported = replace(reported, chosen=tuple(e for e in reported.chosen if e.name not in refuted))
         parameters = fitted_parameters(reported, reported.chosen)
     best = None
-    if nominal.out_of_model and reported.chosen and len(records) > 1:
-        best = fit_rollouts(records, parameters, reported.first.parameters, reported, progress)
+    if found.model.out_of_model and reported.chosen and len(found.records) > 1:
+        best = fit_rollouts(parameters, reported, progress)
         reported, parameters = replace(reported, chosen=best.chosen), best.parameters
     if reported is not found:
         posterior = posterior_of(reported)
     if best is not None:
         known = {e.name: rollout_probability(best, e) for e in reported.chosen}
         posterior = posterior.raised(known, reported.rivals)
-    return Explanation(reported, parameters, posterior, doubts, best)
+    anomalies = [*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)]
+    return CommandedFlights(
+        found=reported,
+        posterior=posterior,
+        limits=prepared.limits,
+        anomalies=[anomaly.cause() for anomaly in anomalies],
+        readings=readings,
+        model=model,
+        progress=progress,
+        doubts=doubts,
+        parameters=parameters,
+        best=best,
+        dropped=prepared.dropped,
+    )
 
 
-@dataclass(frozen=True)
-class CommandedFlights:
-    """Flights with command logs, and their explanation."""
+@dataclass(frozen=True, kw_only=True)
+class CommandedFlights(Evidence):
+    """Evidence of flights with command logs."""
 
-    prepared: PreparedFlights
-    explanation: Explanation
-    readings: Sequence[StreamAnomaly]
-    """Anomalies of whole streams."""
-    model: Model
-    """The nominal model."""
-    progress: Progress
-
-    @property
-    def limits(self) -> Thresholds:
-        """Thresholds of the score tests."""
-        return self.prepared.limits
+    parameters: FilterParameters
+    """Filter parameters with the chosen causes in them."""
+    best: RolloutFit | None
+    """Sizes by roll-outs for an out-of-model vehicle, else None."""
+    dropped: tuple[str, ...]
+    """Flights, streams and pictures that are not judged, with the reason, one line each."""
 
     @property
     def records(self) -> tuple[Record, ...]:
         """The flights as expanded."""
-        return self.explanation.found.records
-
-    @cached_property
-    def anomalies(self) -> Sequence[ReadingAnomaly]:
-        """Anomalies of single readings."""
-        passes = self.explanation.found.last.fisher.passes
-        return [*self.prepared.anomalies, *reading_anomalies(self.records, passes)]
+        return self.found.records
 
     @cached_property
     def _together(self) -> HeldOut | None:
         """Gain of all chosen terms on held-out flights; None without any."""
-        found = self.explanation.found
-        return held_out(self.records, found) if any(e.is_term for e in found.chosen) else None
+        return held_out(self.found) if any(e.is_term for e in self.found.chosen) else None
 
     @cached_property
     def _rolled_out(self) -> Tally:
@@ -107,26 +109,25 @@ class CommandedFlights:
 
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms of the catalogue as causes."""
-        found, posterior, best = self.explanation.found, self.explanation.posterior, self.explanation.best
         with self._rolled_out.part():
             if self._together is None:
                 return ()
-            return causes_of(found, posterior, self._together, errors_of(found, self._together, best), best)
+            errors = errors_of(self.found, self._together, self.best)
+            return causes_of(self.found, self.posterior, self._together, errors, self.best)
 
     def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
         """Describe what no cause explains, residual patterns excepted."""
-        reported, faint = {c.name for c in judged.reported}, {c.name for c in judged.faint}
-        doubts, best = self.explanation.doubts, self.explanation.best
-        passes = self.explanation.found.last.fisher.passes
-        vibration, uneven = vibration_of(self.records, passes), uneven_of(self.records)
+        reported, faint, doubts = {c.name for c in judged.reported}, judged.faint, self.doubts
+        passes = self.found.last.fisher.passes
+        vibration, uneven = vibration_of(passes), uneven_of(self.records)
         return [
             *_untold(self.readings),
             *(f"{n if n in reported else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
-            *(best.unhealthy if best is not None else ()),
+            *(self.best.unhealthy if self.best is not None else ()),
             *([str(vibration)] if vibration else []),
             *([uneven] if uneven else []),
-            *(f"what looks like {name} is something else" for name in faint if name not in doubts),
-            *outliers_of(self.records, passes),
+            *(f"what looks like {c.name} is something else" for c in faint if c.name not in doubts),
+            *outliers_of(passes),
         ]
 
     def completed(self, found: Criticism) -> Criticism:
@@ -136,11 +137,11 @@ class CommandedFlights:
         if found.verdict == "nothing_wrong" and len(shown) < FEWEST_SHOWN:
             reasons = untested_reasons(self.records, shown)
             return replace(
-                unusable(reasons, self.prepared.dropped, "Fly longer, or record more."), model=found.model,
+                unusable(reasons, self.dropped, "Fly longer, or record more."), model=found.model,
                 flights=found.flights, detectable=found.detectable, threshold=found.threshold,
                 threshold_means=found.threshold_means,
             )  # fmt: skip
-        searched, parameters = self.explanation.found, self.explanation.parameters
+        searched, parameters = self.found, self.parameters
         remainder = [found.remainder]
         if found.verdict == "unknown" and not found.causes:
             remainder += _nearest_term(searched, found.threshold)
@@ -151,16 +152,14 @@ class CommandedFlights:
         return replace(
             found,
             remainder="; ".join(part for part in remainder if part),
-            next_flight=next_flight(
-                self.records, self.model, searched, self.explanation.posterior, self.progress
-            ),
+            next_flight=next_flight(self.records, self.model, searched, self.posterior, self.progress),
             detectable=found.detectable | smallest_in_readings(self.records),
-            nuisances=_fitted_nuisances(searched, self.explanation.best),
+            nuisances=_fitted_nuisances(searched, self.best),
             noise_correlation=_noise_correlations(parameters),
-            checks=_checks(self.records, searched.last),
+            checks=_checks(searched.last.fisher.passes),
             covariate=next(iter(drawn), None),
             changes=self._changes(),
-            dropped=self.prepared.dropped,
+            dropped=self.dropped,
             extended=with_certainty(self._extended(found.causes, parameters), found.causes),
             unseen=self._models_of_others(found.causes),
         )
@@ -170,19 +169,19 @@ class CommandedFlights:
 
     def _changes(self) -> tuple[SizeOverTime, ...]:
         """Return the sizes over time of causes that are not the same throughout; none where there is none."""
-        found, doubts = self.explanation.found, self.explanation.doubts
+        found, doubts = self.found, self.doubts
         doubted = {e.name for e in found.chosen if e.name in doubts}
         if not doubted:
             return ()
         model, chosen = found.model, [e.free for e in found.chosen]
-        return changing_sizes(self.records, model, self.explanation.parameters, chosen, doubted)
+        return changing_sizes(self.records, model, self.parameters, chosen, doubted)
 
     def _models_of_others(self, causes: Sequence[Cause]) -> dict[str, Model]:
         """Return for each flight the model fitted on all others; empty where segments were held out."""
-        together, best = self._together, self.explanation.best
+        together = self._together
         if together is None or together.by != "flight":
             return {}
-        after = together.after if best is None else best.left_out
+        after = together.after if self.best is None else self.best.left_out
         each = zip(self.records, after, strict=True)
         return {record.name: self._extended(causes, parameters) for record, parameters in each}
 
@@ -218,15 +217,13 @@ def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str,
     return values
 
 
-def _checks(records: Sequence[Record], expansion: LikelihoodExpansion) -> tuple[ChannelCheck, ...]:
+def _checks(passes: Sequence[FilterPass]) -> tuple[ChannelCheck, ...]:
     """Check that each channel's whitened innovations are white: mean square, lag-one correlation and
     distribution (the probability integral transform, Dawid 1984)."""
-    correlation, _ = lag_one_correlation(records, expansion.fisher.passes)
+    correlation, _ = lag_one_correlation(passes)
     found = []
     for channel, name in enumerate(CHANNELS):
-        flights = zip(records, expansion.fisher.passes, strict=True)
-        each = [run.of_channel(record, channel) for record, run in flights]
-        white = np.concatenate([innovations[status == USED] for _, innovations, status in each])
+        white = used_innovations(passes, channel)
         if len(white) > 1:
             square, next_one = float(np.mean(white**2)), float(correlation[channel])
             tenths = np.histogram(ndtr(white), bins=TENTHS, range=(0.0, 1.0))[0] / len(white)

@@ -10,27 +10,26 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
+from slam.core.arrays import Array, Ints
 from slam.core.units import spaced
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.innovations import segments
+from slam.criticism.kalman.innovations import Run
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.effects import Effect, catalogue_value, is_variance
+from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
 from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 PART_S, MOST_PARTS = 5.0, 1000
 FEWEST_PARTS = 8
@@ -74,20 +73,13 @@ def consistencies(
     ``parameters`` include the effects at their sizes.
     """
     traces, white, part, precision = _rows_of(records, model, parameters, chosen)
-    answers: list[tuple[PartConsistency, ...]] = []
-    first = len(MEAN_NUISANCES)
-    for effect in chosen:
-        own = np.arange(first, first + len(effect.perturbations))
-        first += len(effect.perturbations)
-        if len(own) == 0:
-            answers.append(())
-            continue
-        answers.append(
-            tuple(
-                _consistency(by, traces, white, part[:, i], own, precision) for i, by in enumerate(_BETWEEN)
-            )
-        )
-    return answers
+    ends = np.cumsum([len(MEAN_NUISANCES), *(len(e.perturbations) for e in chosen)])
+    columns = [np.arange(begin, end) for begin, end in pairwise(ends.tolist())]
+    between = list(enumerate(_BETWEEN))
+    return [
+        tuple(_consistency(by, traces, white, part[:, i], own, precision) for i, by in between if len(own))
+        for own in columns
+    ]
 
 
 def _rows_of(
@@ -100,7 +92,7 @@ def _rows_of(
     precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]
 
     def one(k: int) -> tuple[Array, Array, Ints]:
-        rows = list(segments(records[k], parameters, perturbations))
+        rows = list(Run(records[k], parameters, perturbations).segments(SEGMENT_S))
         events = np.concatenate([r.events for r in rows])
         time = (records[k].times_s[events] // PART_S).astype(np.int64)
         channels = np.concatenate([r.channels for r in rows])
@@ -142,9 +134,7 @@ def _consistency(
     return PartConsistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
 
 
-def contradictions(
-    records: Sequence[Record], model: FilterParameters, found: SearchResult, parameters: FilterParameters
-) -> tuple[dict[str, str], set[str]]:
+def contradictions(found: SearchResult, parameters: FilterParameters) -> tuple[dict[str, str], set[str]]:
     """Return descriptions of inconsistent causes, by name, and the names of causes that contradict themselves
     more than they explain.
 
@@ -152,7 +142,8 @@ def contradictions(
     """
     chosen = [e.free for e in found.chosen]
     descriptions, refuted = {}, set()
-    for effect, parts in zip(found.chosen, consistencies(records, model, parameters, chosen), strict=True):
+    consistency = consistencies(found.records, found.model, parameters, chosen)
+    for effect, parts in zip(found.chosen, consistency, strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)
         rest = [e for e in found.chosen if e is not effect]
         whole = found.last.score_tests(rest, [effect])[0]
@@ -174,8 +165,7 @@ def disagreements(found: SearchResult) -> list[str]:
             off_deg = float(np.degrees(np.arctan(np.ptp(sizes) / GRAVITY_M_S2)))
             like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
             least, most = (
-                catalogue_value(effect, k, float(x), found.last.parameters, 0.0)
-                for x in (sizes.min(), sizes.max())
+                effect.in_catalogue_units(k, x, found.last.parameters) for x in (sizes.min(), sizes.max())
             )
             sizes_of = f"{least:.2g} to {most:.2g}{spaced(unit)} by segments of {SEGMENT_S:g} s"
             descriptions.append(f"{name} is {sizes_of}{like}")
@@ -256,7 +246,7 @@ def sizes_over_time(
     ends = [common + (score * errors**2 + sign * errors)[sure] for sign in (0.0, 1.0, -1.0)]
     ends.append(np.array([common]))
     sizes, high, low, whole = (
-        np.array([catalogue_value(effect, k, float(x), parameters, 0.0) for x in end]) for end in ends
+        np.array([effect.in_catalogue_units(k, x, parameters) for x in end]) for end in ends
     )
     unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
     of_flights, errors = tuple(flights[j] for j in sure.tolist()), 0.5 * np.abs(high - low)

@@ -11,20 +11,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import CHANNEL_UNITS, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitting import first_seconds, refit
+from slam.criticism.search.fitting import first_parts, refit
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, SearchResult
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.held_out import fitted_parameters
 from slam.criticism.verdict.rollouts import pooled_residuals
-
-Array = NDArray[np.float64]
 
 AHEAD_S = 2.0
 
@@ -72,7 +70,7 @@ def covariate(
     if effect is None or not (effect.perturbations or effect.relaxes):
         return None
     rest = [e for e in found.chosen if e is not effect]
-    short = [first_seconds(record, SHORT_S / len(records)) for record in records]
+    short = first_parts(records, SHORT_S)
     # Roll-outs cannot include a term that only adds noise.
     ways = (s.effect for s in found.in_place(effect, rival) if s.effect.perturbations or s.effect.relaxes)
     other = next(ways, None)
@@ -86,14 +84,10 @@ def covariate(
     if other is not None:
         models[rival] = refitted([*rest, other])
     states = in_threads(lambda record: whole(record, parameters).states, short)
-    residuals = {
-        name: pooled_residuals(short, states, [with_cause] * len(short), AHEAD_S, 1.0)
-        for name, with_cause in models.items()
-    }
-    pooled = {
-        name: {(CHANNELS[c], CHANNEL_UNITS[c]): errors for c, errors in of.items()}
-        for name, of in residuals.items()
-    }
+    pooled = {}
+    for name, with_cause in models.items():
+        errors = pooled_residuals(short, states, [with_cause] * len(short), AHEAD_S, 1.0)
+        pooled[name] = {(CHANNELS[c], CHANNEL_UNITS[c]): off for c, off in errors.items()}
     return covariate_of(pooled, cause, rival if other is not None else "")
 
 

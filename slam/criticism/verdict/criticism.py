@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.covariate import Covariate
 from slam.simulation.model import Model
 
-Array = NDArray[np.float64]
 CORRELATION_DIGITS = 4
 """Digits of a correlation that are told."""
 Verdict = Literal["nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable"]

@@ -6,13 +6,11 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
-from slam.criticism.kalman.filter_parameters import POINTS
-from slam.criticism.kalman.record import Record
-from slam.criticism.search.effects import LATE, Effect, catalogue_value
+from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
+from slam.criticism.search.effects import LATE, Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.search import SearchResult
@@ -23,9 +21,6 @@ from slam.criticism.verdict.posterior import SOMETHING_ELSE, Posterior, required
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.criticism.verdict.rollouts import rollout_errors
 from slam.simulation.terms import CATALOGUE
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CONFIRMED_NATS = 2.0
 """Least gain on held-out flights that confirms a term."""
@@ -40,7 +35,7 @@ no noise is exactly as modelled. From 18 singles of ``python -m tests.blind.run 
 --flights 3 --seconds 30 --cases 33``."""
 
 
-def confirmed_terms(records: Sequence[Record], found: SearchResult) -> SearchResult:
+def confirmed_terms(found: SearchResult) -> SearchResult:
     """Return the search without terms that held-out flights do not confirm: weakest first, each beside the
     others.
 
@@ -55,7 +50,7 @@ def confirmed_terms(records: Sequence[Record], found: SearchResult) -> SearchRes
             rest = [e for e in chosen if e is not effect]
             # No expansion about parameters with a saturation can test it beside others.
             if not (effect.is_saturation and rest) and tried.z_of(effect) < PLAIN_Z:
-                gains.append((held_out(records, tried, rest).total, effect))
+                gains.append((held_out(tried, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
         if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
             break
@@ -88,13 +83,13 @@ def causes_of(
     ``all_together``: their gain on held-out flights over none of them. ``channels``: errors without and with
     them.
     """
-    known = [e for e in found.chosen if e.is_term]
     causes = []
-    for effect in known:
+    for place, effect in enumerate(found.chosen):
+        if not effect.is_term:
+            continue
         rest = [e for e in found.chosen if e is not effect]
         # Only the first expansion describes the flights without a saturation.
-        own = held_out(found.records, found, rest) if rest and not effect.is_saturation else all_together
-        place = list(found.chosen).index(effect)
+        own = held_out(found, rest) if rest and not effect.is_saturation else all_together
         causes.append(
             Cause(
                 name=effect.name,
@@ -107,9 +102,9 @@ def causes_of(
                 rival=posterior.rivals[place],
             )
         )
-    if best is None:
-        return tuple(causes)
-    return tuple(_with_rollout_size(c, e, best) for c, e in zip(causes, known, strict=True))
+        if best is not None:
+            causes[-1] = _with_rollout_size(causes[-1], effect, best)
+    return tuple(causes)
 
 
 def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
@@ -167,16 +162,13 @@ def fitted_sizes(
 
     The intervals include chance, widened by the scatter of simulated singles, and the equation's own misfit.
     """
-    columns = expansion.quadratic.index(effect.columns)
-    step, covariance = expansion.quadratic.maximise(chosen, alone=True).of(columns)
+    size, covariance = expansion.fitted(effect, expansion.quadratic.maximise(chosen, alone=True))
     clusters = expansion.quadratic.clusters
     wide = WIDE * SCATTER if clusters is None else clusters.half_interval
     found = {}
     for k, name in enumerate(effect.parameters):
         half = wide * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
-        at = float(step[k]) + expansion.quadratic.current.get(effect.columns[k], 0.0)
-        values = [catalogue_value(effect, k, side * half, expansion.parameters, at) for side in (0, -1, 1)]
-        found[name] = _interval(effect, name, values)
+        found[name] = _interval(effect, k, half, expansion.parameters, float(size[k]))
     return found
 
 
@@ -186,18 +178,14 @@ def _rollout_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
         current = 0.0 if column in FREE else fitted_parameter(column).size_in(best.parameters)
         reach = WIDE * best.std.get(column, 0.0)
-        found[name] = _interval(
-            effect,
-            name,
-            [catalogue_value(effect, k, side * reach, best.parameters, current) for side in (0, -1, 1)],
-        )
+        found[name] = _interval(effect, k, reach, best.parameters, current)
     return found
 
 
-def _interval(effect: Effect, name: str, values: Sequence[float]) -> Interval:
-    """Return the interval of a value and its two statistical limits, with the equation's own misfit added."""
-    value, *ends = values
-    parameter = CATALOGUE[effect.name].parameter(name)
+def _interval(effect: Effect, k: int, half: float, parameters: FilterParameters, at: float) -> Interval:
+    """Return the interval about size ``at`` of column k by a half width, with the equation's own misfit."""
+    value, *ends = (effect.in_catalogue_units(k, at + side * half, parameters) for side in (0, -1, 1))
+    parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
     # The size of a limit is the limit itself: without one it is far away.
     own = MISFIT * min(abs(value - parameter.neutral), abs(value))
     low, high = min(ends), max(ends)
@@ -253,9 +241,8 @@ def _in_words(effect: Effect, found: SearchResult) -> str:
     """Describe a chosen effect that is no term; a delay is given in milliseconds."""
     if effect.name not in LATE:
         return effect.name
-    expansion = found.last
-    step, _ = expansion.quadratic.maximise(found.chosen).of(expansion.quadratic.index(effect.columns))
-    late_s = float(step[0]) + expansion.quadratic.current.get(effect.columns[0], 0.0)
+    size, _ = found.last.fitted(effect, found.last.quadratic.maximise(found.chosen))
+    late_s = float(size[0])
     when = effect.name if late_s > 0.0 else effect.name.replace("late", "early")
     return f"{when} by {1e3 * abs(late_s):.1f} ms"
 

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -22,8 +22,6 @@ from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import with_steps
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import SIZE_PRIOR
-
-Array = NDArray[np.float64]
 
 FEWEST_FLIGHTS = 3
 PATTERN_KINDS = ("channel", "force", "picture")
@@ -49,14 +47,14 @@ class HeldOut:
         return float(self.nats.sum())
 
 
-def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+def parts_of(flight: Ints) -> tuple[Ints, str]:
     """Return (segments,) the part of each segment, and the kind of part, ``flight`` or ``segment``."""
     if len(np.unique(flight)) >= FEWEST_FLIGHTS:
         return flight, "flight"
     return np.arange(len(flight)) % max(min(len(flight), 6), 1), "segment"
 
 
-def held_out(records: Sequence[Record], found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
+def held_out(found: SearchResult, without: Sequence[Effect] = ()) -> HeldOut:
     """Return the gain of the chosen terms over ``without`` (by default over none of them)."""
     last = found.last
     base, begin = (found.first, ()) if not without else (last, tuple(without))
@@ -71,8 +69,8 @@ def held_out(records: Sequence[Record], found: SearchResult, without: Sequence[E
         before_nats, before = _prediction(base, begin, own, others)
         after_nats, after = _prediction(last, found.chosen, own, others)
         gain = after_nats + known_nats[own].sum() - before_nats - plain_nats[own].sum()
-        if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in records):
-            gain = _gain_rerun(records, last, own, before, after)
+        if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in found.records):
+            gain = _gain_rerun(found.records, last, own, before, after)
         nats.append(gain)
         for f in np.unique(last.fisher.flight[own]):
             fitted_by_others[int(f)] = before, after
@@ -84,10 +82,7 @@ def held_out(records: Sequence[Record], found: SearchResult, without: Sequence[E
 
 
 def _prediction(
-    expansion: LikelihoodExpansion,
-    effects: Sequence[Effect],
-    own: NDArray[np.bool_],
-    others: NDArray[np.bool_],
+    expansion: LikelihoodExpansion, effects: Sequence[Effect], own: Mask, others: Mask
 ) -> tuple[float, FilterParameters]:
     """Return the log likelihood of the segments ``own`` above the expansion's parameters, averaged over the
     uncertainty of a fit on ``others``, and the most probable parameters by these."""
@@ -99,7 +94,7 @@ def _prediction(
 def _gain_rerun(
     records: Sequence[Record],
     expansion: LikelihoodExpansion,
-    own: NDArray[np.bool_],
+    own: Mask,
     before: FilterParameters,
     after: FilterParameters,
 ) -> float:
@@ -147,11 +142,12 @@ def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) 
 def _prior_std(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[str, float]:
     """Return column -> prior standard deviation of a size: the evidence's, no less than the size found."""
     maximum = expansion.quadratic.maximise(effects)
-    reach = {}
-    for column in (c for e in effects for c in e.columns if c not in e.relaxes):
-        step, covariance = maximum.of(expansion.quadratic.index([column]))
-        size = step[0] + expansion.quadratic.current.get(column, 0.0)
-        reach[column] = float(np.sqrt(SIZE_PRIOR * covariance[0, 0] + size**2))
+    reach: dict[str, float] = {}
+    for effect in effects:
+        size, covariance = expansion.fitted(effect, maximum)
+        std = np.sqrt(SIZE_PRIOR * np.diag(covariance) + size**2)
+        known = zip(effect.columns, std.tolist(), strict=True)
+        reach |= {column: x for column, x in known if column not in effect.relaxes}
     return reach
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from slam.core.progress import Progress
 from slam.criticism.cause import Cause
-from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.residuals.reading_anomalies import ENTAILS, ReadingAnomaly
+from slam.criticism.residuals.reading_anomalies import ENTAILS
 from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds, with_misfit
@@ -18,27 +18,13 @@ from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.decision import by_importance, decide, split_by_probability
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior
 from slam.criticism.verdict.power import confusable, detectable
-from slam.criticism.verdict.rollout_fit import RolloutFit
 from slam.criticism.verdict.sentence import with_sentences
+from slam.data_quality import StreamAnomaly
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
 SHOWN_PATTERNS = 8
 """Number of residual patterns shown."""
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """Explanation of the flights by the terms of the catalogue."""
-
-    found: SearchResult
-    parameters: FilterParameters
-    """Filter parameters with the chosen causes in them."""
-    posterior: Posterior
-    doubts: dict[str, str]
-    """Cause -> description of what contradicts it."""
-    best: RolloutFit | None
-    """Sizes by roll-outs for an out-of-model vehicle, else None."""
 
 
 @dataclass(frozen=True)
@@ -52,45 +38,44 @@ class JudgedCauses:
     """Residual patterns, greatest first."""
 
 
-class Evidence(Protocol):
-    """Evidence of flights beside the explanation, of roll-outs or of comparisons of instruments."""
+@dataclass(frozen=True, kw_only=True)
+class Evidence(ABC):
+    """Explanation of flights, and evidence beside it: of roll-outs or, without commands, of comparisons."""
 
-    @property
-    def explanation(self) -> Explanation:
-        """Explanation by the terms of the catalogue."""
-        ...
+    found: SearchResult
+    posterior: Posterior
+    limits: Thresholds
+    """Thresholds of the score tests."""
+    anomalies: Sequence[Cause]
+    """Causes that single readings show."""
+    readings: Sequence[StreamAnomaly]
+    """Anomalies of whole streams."""
+    model: Model
+    """The nominal model."""
+    progress: Progress
+    doubts: Mapping[str, str] = field(default_factory=dict)
+    """Cause -> description of what contradicts it."""
 
-    @property
-    def limits(self) -> Thresholds:
-        """Thresholds of the score tests."""
-        ...
-
-    @property
-    def anomalies(self) -> Sequence[ReadingAnomaly]:
-        """Anomalies of single readings."""
-        ...
-
+    @abstractmethod
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms of the catalogue as causes."""
-        ...
 
+    @abstractmethod
     def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
         """Describe what no cause explains, residual patterns excepted."""
-        ...
 
+    @abstractmethod
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with the next flight, the extended model and what else the flights tell."""
-        ...
 
 
-def judge(evidence: Evidence, model: Model) -> Criticism:
+def judge(evidence: Evidence) -> Criticism:
     """Return the criticism of a model by the evidence of flights."""
-    explanation, limits, anomalies = evidence.explanation, evidence.limits, evidence.anomalies
-    found, posterior = explanation.found, explanation.posterior
-    judged = _judged(explanation, evidence.causes(), anomalies, limits)
+    found, posterior, limits = evidence.found, evidence.posterior, evidence.limits
+    judged = _judged(evidence)
     causes, left = judged.reported, judged.left
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
-    entailed = [name for o in anomalies for name in ENTAILS.get(o.name, ())]
+    entailed = [name for o in evidence.anomalies for name in ENTAILS.get(o.name, ())]
     unexplained = evidence.unexplained(judged)
     verdict, equivalents, remainder = decide(causes, found, posterior, left, unexplained, pattern_z, entailed)
     probability = posterior.probability | {c.name: c.probability for c in causes}
@@ -101,30 +86,29 @@ def judge(evidence: Evidence, model: Model) -> Criticism:
             equivalence_set=equivalents,
             remainder=remainder,
             detectable=detectable(found.first, limits.effects),
-            ranking=ranking(found, probability, [o.cause() for o in anomalies]),
+            ranking=ranking(found, probability, evidence.anomalies),
             confusable=confusable(found.first),
             patterns=tuple((s.effect.name, s.z) for s in left[:SHOWN_PATTERNS]),
             threshold=limits.effects,
             threshold_means=limits.meaning,
-            model=model,
+            model=evidence.model,
         )
     )
     return criticism if criticism.verdict == "unusable" else with_sentences(criticism)
 
 
-def _judged(
-    explanation: Explanation, fitted: Sequence[Cause], anomalies: Sequence[ReadingAnomaly], limits: Thresholds
-) -> JudgedCauses:
-    """Divide the chosen terms ``fitted`` by their probability, and add the anomalies of single readings."""
-    found = explanation.found
+def _judged(evidence: Evidence) -> JudgedCauses:
+    """Divide the chosen terms by their probability, and add the anomalies of single readings."""
+    found, fitted = evidence.found, evidence.causes()
     tests = found.last.score_tests(found.chosen, found.last.patterns)
     left = sorted(tests, key=lambda s: (-round(s.z, 2), s.effect.name))
-    pattern_z = with_misfit(limits.patterns, max((c.z for c in fitted), default=0.0))
+    pattern_z = with_misfit(evidence.limits.patterns, max((c.z for c in fitted), default=0.0))
     left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)
-    likely, faint = split_by_probability(fitted, found, explanation.posterior, explanation.doubts, left_z)
+    likely, faint = split_by_probability(fitted, found, evidence.posterior, evidence.doubts, left_z)
     # An anomaly that cannot be removed from every stream leaves a part of its term: it is the same cause.
-    likely = tuple(cause for cause in likely if cause.name not in {o.name for o in anomalies})
-    return JudgedCauses(by_importance([*likely, *(o.cause() for o in anomalies)]), faint, left)
+    seen = {anomaly.name for anomaly in evidence.anomalies}
+    likely = tuple(cause for cause in likely if cause.name not in seen)
+    return JudgedCauses(by_importance([*likely, *evidence.anomalies]), faint, left)
 
 
 def ranking(

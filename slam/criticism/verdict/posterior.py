@@ -13,17 +13,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand
+from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand, ranked_pairs
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.pairs import ranked_pairs
 from slam.criticism.search.search import LINEAR_Z, SearchResult, with_term_replaced
 from slam.criticism.search.thresholds import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
-
-Array = NDArray[np.float64]
 
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 ONE_CLASS, CLASS_NATS = 0.95, 10.0
@@ -196,17 +191,15 @@ def _in_other_words(
     return expansion.quadratic.correlation(term, shape, rest) > SAME_TRACE
 
 
-def likeliest(records: Sequence[Record], found: SearchResult, posterior: Posterior) -> SearchResult:
+def likeliest(found: SearchResult, posterior: Posterior) -> SearchResult:
     """Return the search result with chosen terms replaced by more probable ones, each by one or two."""
     other = likelier_term(found, posterior)
     if other is not None:
         place, name = other
-        found = with_term_replaced(
-            records, found, place, [(e,) for e in found.last.effects if e.name == name]
-        )
+        found = with_term_replaced(found, place, [(e,) for e in found.last.effects if e.name == name])
     for place in found.chosen:
         if pairs := likelier_pairs(found, place):
-            found = with_term_replaced(records, found, place, pairs)
+            found = with_term_replaced(found, place, pairs)
         if place not in found.chosen:
             break
     return found

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from slam.criticism.search.effects import Effect, catalogue_value
+from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import AT
 from slam.criticism.search.quadratic_likelihood import SEEN
@@ -28,13 +28,12 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
     for effect in expansion.effects:
         if not effect.is_term or effect.is_profiled:
             continue
-        columns = expansion.quadratic.index(effect.columns)
-        _, covariance = expansion.quadratic.maximise([effect]).of(columns)
+        _, covariance = expansion.fitted(effect, expansion.quadratic.maximise([effect]))
         # The component of a vector that shows least decides.
         k = int(np.argmax(np.diag(covariance)))
         size = (threshold + NINE_OF_TEN) * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
-        neutral = catalogue_value(effect, k, 0.0, expansion.parameters, 0.0)
-        value = abs(catalogue_value(effect, k, size, expansion.parameters, 0.0) - neutral)
+        value, neutral = (effect.in_catalogue_units(k, x, expansion.parameters) for x in (size, 0.0))
+        value = abs(value - neutral)
         parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
         if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
             kept = found.get(effect.name)
@@ -51,7 +50,7 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
 
 def _score_at_tried_size(expansion: LikelihoodExpansion, effect: Effect) -> float:
     """Return the score test of an effect of one column at the size that it is tried at."""
-    _, covariance = expansion.quadratic.maximise([effect]).of(expansion.quadratic.index(effect.columns))
+    _, covariance = expansion.fitted(effect, expansion.quadratic.maximise([effect]))
     return float(float(covariance[0, 0]) ** -0.5)
 
 

@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally, silent
 from slam.core.units import spaced
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import (
     MEAN_NUISANCES,
@@ -32,8 +31,6 @@ from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import required_nats
 from slam.criticism.verdict.rollouts import pooled_residuals, rollout_residuals
-
-Array = NDArray[np.float64]
 
 AHEAD_S, APART_S = 2.0, 1.0
 """Horizon of roll-outs, and the time by which independent errors of one flight are apart."""
@@ -98,22 +95,15 @@ class _Fit:
 
 
 def fit_rollouts(
-    records: Sequence[Record],
-    parameters: FilterParameters,
-    healthy: FilterParameters,
-    found: SearchResult,
-    progress: Progress = silent,
+    parameters: FilterParameters, found: SearchResult, progress: Progress = silent
 ) -> RolloutFit:
     """Fit the chosen terms to roll-outs, with further terms that improve them, and without those that improve
-    no flight.
-
-    ``healthy`` are the parameters without any cause: their errors are the measure.
-    """
-    course = _Rollouts(records, parameters, healthy, found.model, progress)
+    no flight. The measure are the errors of a vehicle without any cause."""
+    course = _Rollouts(found, parameters, progress)
     chosen, fit = _extended(course, found, course.fitted(parameters, found.chosen))
     chosen, fit, without = _needed(course, chosen, fit, found.model)
     off = fit.steps - fit.steps.mean(axis=0)
-    std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
+    std = np.sqrt((1.0 - 1.0 / len(found.records)) * (off**2).sum(axis=0))
     nats = {e.name: tuple(course.nats(fit, without[e.label]).tolist()) for e in chosen if e.label in without}
     spread = dict(zip(fit.columns, std.tolist(), strict=True))
     beyond = [n for n in _FREE if _is_beyond(n, fit.parameters, found.model, spread[n.name])]
@@ -213,15 +203,9 @@ def _flies(effect: Effect) -> bool:
 class _Rollouts:
     """Roll-outs of the flights, from the same states under all parameters."""
 
-    def __init__(
-        self,
-        records: Sequence[Record],
-        parameters: FilterParameters,
-        healthy: FilterParameters,
-        model: FilterParameters,
-        progress: Progress = silent,
-    ) -> None:
-        self._records, self._model = records, model
+    def __init__(self, found: SearchResult, parameters: FilterParameters, progress: Progress) -> None:
+        records, healthy = found.records, found.first.parameters
+        self._records, self._model = records, found.model
         self._rounds = Tally(progress, "fit roll-outs")
         self._states = in_threads(lambda record: whole(record, parameters).states, records)
         pooled = pooled_residuals(records, self._states, [healthy] * len(records), AHEAD_S, 1.0)

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backend.compilation import allocating_kernel
+from slam.core.arrays import Array, Ints
 from slam.criticism.cause import ChannelError
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -32,9 +32,6 @@ from slam.criticism.kalman.transition import FULL, NOISES, POLE
 from slam.criticism.threads import in_threads
 from slam.simulation.dynamics import derivative, integrate
 from slam.simulation.replay.compare import HORIZONS_S
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 STEP_S = 0.01
 START_EVERY_S = 2.0

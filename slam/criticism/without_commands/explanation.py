@@ -15,15 +15,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause, ChannelError
 from slam.criticism.extended import with_certainty, with_terms
 from slam.criticism.next_flight import next_motion
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
@@ -33,7 +32,7 @@ from slam.criticism.verdict.covariate import Covariate, covariate_of
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out
-from slam.criticism.verdict.judge import Explanation, JudgedCauses
+from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.posterior import posterior_of
 from slam.criticism.without_commands.likelihood import Sizes, likelihood_of, sizes_by_others, table_of
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
@@ -43,14 +42,12 @@ from slam.criticism.without_commands.unexplained import (
     left_over_in_comparisons,
     not_shown,
 )
-from slam.criticism.without_commands.whitened_rows import Averages, WhitenedRows
+from slam.criticism.without_commands.whitened_rows import Averages, FlightRows, WhitenedRows
 from slam.data_quality import StreamAnomaly
 from slam.data_quality.channels import larger_noise
 from slam.data_quality.inertial_comparison import NODE_S
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
-
-Array = NDArray[np.float64]
 
 STANDS_OUT_Z = 5.0
 STANDS_OUT = (
@@ -68,30 +65,14 @@ MOST = 5
 ROUNDS = 2
 
 
-@dataclass(frozen=True)
-class ComparedFlights:
+@dataclass(frozen=True, kw_only=True)
+class ComparedFlights(Evidence):
     """Evidence of flights whose instruments were compared with each other."""
 
     flights: Sequence[Flight]
     sensors: SensorComparison
     rows: list[list[WhitenedRows]]
     """Rows of each flight, linear about the effects that were found."""
-    explanation: Explanation
-    readings: Sequence[StreamAnomaly]
-    """Anomalies of whole streams."""
-    model: Model
-    """The nominal model."""
-    progress: Progress
-
-    @property
-    def limits(self) -> Thresholds:
-        """Thresholds of the score tests."""
-        return LIMITS
-
-    @property
-    def anomalies(self) -> Sequence[ReadingAnomaly]:
-        """Anomalies of single readings."""
-        return self.sensors.anomalies
 
     @cached_property
     def _axes(self) -> tuple[list[str], list[str]]:
@@ -100,26 +81,26 @@ class ComparedFlights:
 
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms as causes, with errors without them and with the sizes by other parts."""
-        found = self.explanation.found
+        found = self.found
         if not any(e.is_term for e in found.chosen):
             return ()
-        together = held_out((), found)
+        together = held_out(found)
         errors = channel_errors(self.rows, sizes_by_others(found, self.rows), together.by)
         each = zip(np.unique(found.last.fisher.flight), together.before, together.after, strict=True)
         seen = [(known, *of) for k, *of in each if (known := self.sensors.records[k]) is not None]
         errors += reprojection_errors(*zip(*seen, strict=True)) if seen else ()
-        causes = causes_of(found, self.explanation.posterior, together, errors)
+        causes = causes_of(found, self.posterior, together, errors)
         return tuple(with_varying_sizes(cause, found) for cause in causes)
 
     def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
         """Describe what no cause explains, residual patterns excepted."""
-        left = left_over_in_comparisons(self.explanation.found, self.rows)
+        left = left_over_in_comparisons(self.found, self.rows)
         unclear = [f"what looks like {cause.name} is something else" for cause in judged.faint]
         return [*self._axes[0], *(r.words for r in self.readings), *left, *unclear]
 
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with the next flight, the extended model, and what could not be shown."""
-        searched, rivals = self.explanation.found, found.equivalence_set[:2]
+        searched, rivals = self.found, found.equivalence_set[:2]
         advised = ""
         if rivals[1:]:
             matches = self.sensors.matches
@@ -155,8 +136,18 @@ def explain_comparisons(
     for _ in range(ROUNDS if sensors.matches is not None and found.chosen else 0):
         rows = sensors.rows(found.last.quadratic.sizes(found.chosen))
         found = search_linear(likelihood_of(rows, sensors.parameters))
-    explanation = Explanation(found, sensors.parameters, posterior_of(found), {}, None)
-    return ComparedFlights(flights, sensors, rows, explanation, readings, model, progress)
+    return ComparedFlights(
+        found=found,
+        posterior=posterior_of(found),
+        limits=LIMITS,
+        anomalies=[anomaly.cause() for anomaly in sensors.anomalies],
+        readings=readings,
+        model=model,
+        progress=progress,
+        flights=flights,
+        sensors=sensors,
+        rows=rows,
+    )
 
 
 def search_linear(found: SearchResult) -> SearchResult:
@@ -176,7 +167,7 @@ def _next(found: SearchResult) -> Effect | None:
     held-out parts; None where there is none."""
     for test in found.last.score_tests(found.chosen, found.last.effects):
         more = replace(found, chosen=(*found.chosen, test.effect))
-        if test.z >= STANDS_OUT_Z and held_out((), more, found.chosen).total >= CONFIRMED_NATS:
+        if test.z >= STANDS_OUT_Z and held_out(more, found.chosen).total >= CONFIRMED_NATS:
             return test.effect
     return None
 
@@ -197,9 +188,7 @@ def with_varying_sizes(cause: Cause, found: SearchResult) -> Cause:
     return replace(cause, parameters=parameters)
 
 
-def covariate_in_comparisons(
-    rows: Sequence[Sequence[WhitenedRows]], found: SearchResult, lead: Cause
-) -> Covariate | None:
+def covariate_in_comparisons(rows: FlightRows, found: SearchResult, lead: Cause) -> Covariate | None:
     """Return covariates of the leading cause and its rival in differences; None for single readings."""
     cause, rival = lead.name, lead.rival
     if all(e.name != cause for e in found.chosen):
@@ -209,19 +198,16 @@ def covariate_in_comparisons(
     models = {"": rest, cause: [*rest, known[cause]]} | ({rival: [*rest, known[rival]]} if rival else {})
     off = np.concatenate([r.off for flight in rows for r in flight])
     kind = np.concatenate([np.full(len(r.off), r.kind) for flight in rows for r in flight])
-    residuals = {}
+    pooled = {}
     for name, effects in models.items():
         sizes = found.last.quadratic.sizes(effects)
-        residuals[name] = off - table_of(rows, list(sizes)) @ np.array(list(sizes.values()))
-    pooled = {
-        name: {(k, "sigma"): left[kind == k] for k in np.unique(kind).tolist()}
-        for name, left in residuals.items()
-    }
+        left = off - table_of(rows, list(sizes)) @ np.array(list(sizes.values()))
+        pooled[name] = {(k, "sigma"): left[kind == k] for k in np.unique(kind).tolist()}
     return covariate_of(pooled, cause, rival)
 
 
 def channel_errors(
-    rows: Sequence[Sequence[WhitenedRows]], sizes: Sequence[Mapping[float, Sizes]], by: str
+    rows: FlightRows, sizes: Sequence[Mapping[float, Sizes]], by: str
 ) -> tuple[ChannelError, ...]:
     """Return root mean square errors over each horizon, before and after the ``sizes`` are removed.
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.core.flight import Flight
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS
 from slam.criticism.without_commands.whitened_rows import INTEGRATED, WhitenedRows, whitened_rows
@@ -27,8 +27,6 @@ from slam.data_quality.inertial_comparison import (
     with_finite_imu,
 )
 from slam.simulation.terms import CATALOGUE, Term
-
-Array = NDArray[np.float64]
 
 SMALL = 0.2
 """Size at which a term is undone for its derivative, as a share of its usual range: a delay of only some

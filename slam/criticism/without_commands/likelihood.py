@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array, Ints
 from slam.criticism.camera.lens import WARP_TOLERANCE, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters
@@ -23,11 +23,9 @@ from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.held_out import parts_of
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.criticism.without_commands.whitened_rows import FlightRows
 from slam.simulation.terms import CATALOGUE
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Sizes = Mapping[str, float]
 """Column -> size."""
 
@@ -63,12 +61,12 @@ def direction(column: str) -> Perturbation:
     return fitted_parameter(column).perturbation
 
 
-def columns_of(rows: Sequence[Sequence[WhitenedRows]]) -> list[str]:
+def columns_of(rows: FlightRows) -> list[str]:
     """Return the columns that some of the rows have."""
     return list(dict.fromkeys(n for flight in rows for r in flight for n in r.traces))
 
 
-def table_of(rows: Sequence[Sequence[WhitenedRows]], columns: Sequence[str]) -> Array:
+def table_of(rows: FlightRows, columns: Sequence[str]) -> Array:
     """Return (rows, columns) the change of all rows with each column."""
     every = [r for flight in rows for r in flight]
     table = np.zeros((sum(len(r.off) for r in every), len(columns)))
@@ -77,7 +75,7 @@ def table_of(rows: Sequence[Sequence[WhitenedRows]], columns: Sequence[str]) -> 
     return table
 
 
-def segments_of(rows: Sequence[Sequence[WhitenedRows]], segment_s: float) -> tuple[Ints, Ints]:
+def segments_of(rows: FlightRows, segment_s: float) -> tuple[Ints, Ints]:
     """Return (segments, 2) flight and number of each segment, and (rows,) the segment of each row."""
     of_row = [
         np.column_stack([np.full(len(r.off), k), (r.times_s // segment_s).astype(np.int64)])
@@ -88,9 +86,7 @@ def segments_of(rows: Sequence[Sequence[WhitenedRows]], segment_s: float) -> tup
     return labels, segment
 
 
-def fisher_of(
-    rows: Sequence[Sequence[WhitenedRows]], columns: Sequence[str], segment_s: float = SEGMENT_S
-) -> FisherInformation:
+def fisher_of(rows: FlightRows, columns: Sequence[str], segment_s: float = SEGMENT_S) -> FisherInformation:
     """Return score and information of the rows' columns, and of each once more as it grows with time."""
     labels, segment = segments_of(rows, segment_s)
     off = np.concatenate([r.off for flight in rows for r in flight])
@@ -108,14 +104,14 @@ def fisher_of(
     )
 
 
-def _minutes(rows: Sequence[Sequence[WhitenedRows]]) -> Array:
+def _minutes(rows: FlightRows) -> Array:
     """Return (rows,) the time in minutes, 0 in the middle of each flight."""
     middle_s = [np.mean([r.times_s[[0, -1]] for r in found]) if found else 0.0 for found in rows]
     each = zip(rows, middle_s, strict=True)
     return np.concatenate([(r.times_s - at) / 60.0 for found, at in each for r in found])
 
 
-def likelihood_of(rows: Sequence[Sequence[WhitenedRows]], parameters: FilterParameters) -> SearchResult:
+def likelihood_of(rows: FlightRows, parameters: FilterParameters) -> SearchResult:
     """Return the likelihood of the rows with every effect, before any is chosen."""
     columns = columns_of(rows)
     fisher = fisher_of(rows, columns)
@@ -153,7 +149,7 @@ def _growing(effect: Effect) -> Effect:
     return Effect(effect.name + IN_TIME, tuple(growing))
 
 
-def sizes_by_others(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> list[dict[float, Sizes]]:
+def sizes_by_others(found: SearchResult, rows: FlightRows) -> list[dict[float, Sizes]]:
     """Return for each flight: number of a segment -> sizes of the chosen terms by all other parts."""
     part, _ = parts_of(found.last.fisher.flight)
     terms = [e.name for e in found.chosen if e.is_term]

@@ -8,11 +8,10 @@ eigenvectors of H with significant eigenvalues.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.core.arrays import Array
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score_along
@@ -23,9 +22,7 @@ from slam.criticism.search.effects import is_variance
 from slam.criticism.search.fitted_parameters import with_steps
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.without_commands.likelihood import PATTERNS, Sizes, direction, picture_columns
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
-
-Array = NDArray[np.float64]
+from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
 
 KIND = "pictures"
 HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
@@ -41,14 +38,6 @@ FEWEST = 6
 """Least number of pictures of a segment."""
 
 
-@dataclass(frozen=True)
-class _Segment:
-    """Ten seconds of a flight with pictures."""
-
-    middle_s: float
-    seen: LikelihoodScore
-
-
 def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
     """Return the rows of a flight's pictures, linear about such ``sizes`` as the parameters can hold.
 
@@ -59,13 +48,13 @@ def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> 
     point = _point(sizes)
     at = np.array([point.get(name, 0.0) for name in names])
     made = []
-    for segment in _segments(record, with_steps(parameters, point.items()), perturbations):
-        information = segment.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
-        over = np.sqrt(_misfit(segment.seen, information))
-        root, white = _roots(*_without_healthy(information, segment.seen.score, len(names)))
+    for middle_s, seen in _segments(record, with_steps(parameters, point.items()), perturbations):
+        information = seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
+        over = np.sqrt(_misfit(seen, information))
+        root, white = _roots(*_without_healthy(information, seen.score, len(names)))
         off = (white + root @ at) / over
         traces = dict(zip(names, root.T / over, strict=True))
-        made.append(WhitenedRows(KIND, np.full(len(off), segment.middle_s), off, traces, float(over), None))
+        made.append(WhitenedRows(KIND, np.full(len(off), middle_s), off, traces, float(over), None))
     return made
 
 
@@ -85,7 +74,7 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     return root[:, None] * turned * scale, turned @ (score / scale) / root
 
 
-def contradiction(rows: Sequence[Sequence[WhitenedRows]]) -> str:
+def contradiction(rows: FlightRows) -> str:
     """Describe whether pictures and path disagree by more than all errors together explain."""
     over = [r.noise for flight in rows for r in flight if r.kind == KIND]
     if not over or float(np.median(over)) < CONTRADICTED:
@@ -114,8 +103,8 @@ def _misfit(seen: LikelihoodScore, information: Array) -> float:
 
 def _segments(
     record: Record, parameters: FilterParameters, perturbations: Sequence[Perturbation]
-) -> Iterator[_Segment]:
-    """Yield the score of the pictures of each ten seconds."""
+) -> Iterator[tuple[float, LikelihoodScore]]:
+    """Yield the middle of each ten seconds with pictures, and the score of these."""
     matches = record.matches
     assert matches is not None
     along = camera_path(record, matches, parameters)
@@ -126,4 +115,4 @@ def _segments(
             continue
         seen = reprojection_score_along(matches, parameters, along.part(begin, end), perturbations)
         if seen.rows:
-            yield _Segment((k + 0.5) * SEGMENT_S, seen)
+            yield (k + 0.5) * SEGMENT_S, seen

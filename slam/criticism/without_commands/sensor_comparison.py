@@ -13,7 +13,7 @@ import numpy as np
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
+from slam.criticism.camera.reprojection import without_mismatched_pairs
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, moving_from, record_of
@@ -80,12 +80,10 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
     for record, matches in zip(
         map(airborne_record, flights), match_all_pictures(flights, progress), strict=True
     ):
-        if record is None or matches is None:
-            records.append(record)
-            continue
-        known, description = without_mismatched_pairs(replace(record, matches=matches), parameters)
-        records.append(known)
-        dropped += [description] if description else []
+        if record is not None and matches is not None:
+            record, description = without_mismatched_pairs(replace(record, matches=matches), parameters)
+            dropped += [description] if description else []
+        records.append(record)
     return SensorComparison(
         tuple(comparisons), tuple(records), parameters, tuple(_anomalies(records, parameters)), tuple(dropped)
     )
@@ -97,7 +95,7 @@ def _anomalies(records: Sequence[Record | None], parameters: FilterParameters) -
         return []
     clean, found = without_dead_zone(known)
     passes = in_threads(lambda record: whole(record, parameters), clean)
-    return [*found, *reading_anomalies(clean, passes)]
+    return [*found, *reading_anomalies(passes)]
 
 
 def with_free_motion(parameters: FilterParameters) -> FilterParameters:

@@ -11,10 +11,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from slam.core.arrays import Array
 from slam.core.flight import Flight
 from slam.core.units import spaced
 from slam.criticism.search.effects import LATE, Effect, is_variance
@@ -31,11 +31,9 @@ from slam.criticism.verdict.consistency import (
 from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.likelihood import columns_of, fisher_of, segments_of
 from slam.criticism.without_commands.pictures import contradiction
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.criticism.without_commands.whitened_rows import FlightRows
 from slam.data_quality.axes import wrong_axes
 from slam.simulation.terms import CATALOGUE
-
-Array = NDArray[np.float64]
 
 TRIMMED = 0.15
 """Least share of a parameter's information on either side of the moment."""
@@ -52,7 +50,7 @@ def axes_of(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:
     return wrong, sorted(set.intersection(*hidden)) if hidden else []
 
 
-def left_over_in_comparisons(found: SearchResult, rows: Sequence[Sequence[WhitenedRows]]) -> list[str]:
+def left_over_in_comparisons(found: SearchResult, rows: FlightRows) -> list[str]:
     """Describe what no cause explains in comparisons of instruments."""
     fisher = fisher_of(rows, columns_of(rows), PART_S)
     begin_s = np.asarray(PART_S * segments_of(rows, PART_S)[0][:, 1])
@@ -61,7 +59,7 @@ def left_over_in_comparisons(found: SearchResult, rows: Sequence[Sequence[Whiten
 
 
 def changing_in_comparisons(
-    found: SearchResult, rows: Sequence[Sequence[WhitenedRows]], flights: Sequence[Flight]
+    found: SearchResult, rows: FlightRows, flights: Sequence[Flight]
 ) -> tuple[SizeOverTime, ...]:
     """Return the sizes over time of parameters that vary, or that change at a moment."""
     fisher, labels = fisher_of(rows, columns_of(rows), PART_S), segments_of(rows, PART_S)[0]
@@ -81,7 +79,7 @@ def changing_in_comparisons(
 
 def not_shown(
     found: SearchResult,
-    rows: Sequence[Sequence[WhitenedRows]],
+    rows: FlightRows,
     axes: Sequence[str],
     shown: Collection[str],
     least_z: float,
@@ -176,15 +174,13 @@ def _break(score: Array, information: Array, tolerance: float) -> tuple[int, flo
         return 0, 0.0, 0.0
     at, change, greatest = 0, 0.0, 0.0
     for k in range(1, count):
-        sides = (slice(0, k), slice(k, count))
-        known = [float(information[side].sum()) for side in sides]
+        sides = [(score[side], information[side]) for side in (slice(0, k), slice(k, count))]
+        known = [float(n.sum()) for _, n in sides]
         if min(known) < TRIMMED * whole:
             continue
-        sizes = [float(score[side].sum()) / n for side, n in zip(sides, known, strict=True)]
-        variance = 0.0
-        for side, size, n in zip(sides, sizes, known, strict=True):
-            off = score[side] - size * information[side]
-            variance += max(float(np.sum(off**2)) * count / (count - 2), n) / n**2
+        sizes = [float(s.sum()) / n for (s, _), n in zip(sides, known, strict=True)]
+        squares = [float(np.sum((s - x * n) ** 2)) for (s, n), x in zip(sides, sizes, strict=True)]
+        variance = sum(max(q * count / (count - 2), n) / n**2 for q, n in zip(squares, known, strict=True))
         t = abs(sizes[1] - sizes[0]) / np.sqrt(variance + tolerance**2)
         if t > greatest:
             at, change, greatest = k, sizes[1] - sizes[0], t

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from frontend.robust import robust_std
+from slam.core.arrays import Array, Ints, Mask
 from slam.data_quality.inertial_comparison import BETWEEN_SAMPLES, FEWEST, moments_of
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 LONGEST_GAP_S = 0.15
 INTEGRATED = " as integrated"
@@ -37,7 +35,7 @@ class Averages:
     """Number of integrations of the imu."""
     times_s: Array
     """(n,)."""
-    whole: NDArray[np.bool_]
+    whole: Mask
     """(n,) whether there are readings about a moment, none of them near the floor."""
     pause: Ints
     """(n,) number of gaps before the moment."""
@@ -84,6 +82,10 @@ class WhitenedRows:
             table[:, 0] += size * table[:, averages.column(column)]
             averages = replace(averages, table=table)
         return replace(self, off=self.off + size * self.traces[column], averages=averages)
+
+
+FlightRows = Sequence[Sequence[WhitenedRows]]
+"""Rows of each flight."""
 
 
 def whitened_rows(

@@ -9,8 +9,8 @@ import pytest
 
 from slam.core.flight import Flight
 from slam.criticism import criticise
-from slam.criticism.flight_checks import is_out_of_model, usable_records
 from slam.criticism.kalman.record import record_of
+from slam.criticism.prepare import is_out_of_model, usable_records
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import REST, stick_for
 from slam.simulation.model import load_model

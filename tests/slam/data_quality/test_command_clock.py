@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam.criticism.flight_checks import usable_records
+from slam.criticism.prepare import usable_records
 from slam.data_quality.command_clock import clock_error
 from slam.io.flight_folder import read_flight
 from slam.simulation.healthy.flights import draw_plan, draw_vehicle, simulate_flight

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
-from slam.criticism.flight_checks import usable_records
+from slam.criticism.camera.reprojection import without_mismatched_pairs
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.record import Record
+from slam.criticism.prepare import usable_records
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

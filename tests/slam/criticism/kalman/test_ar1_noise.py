@@ -9,12 +9,13 @@ import pytest
 
 from slam.criticism.kalman.ar1_noise import ar1_noise_for
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import segments, whole
+from slam.criticism.kalman.innovations import Run, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.correlated_noise import lag_one_correlation
 from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.fitting import lag_one_correlation
+from slam.criticism.search.information import SEGMENT_S
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -46,9 +47,9 @@ def flight(seed, colour=COLOUR):
 def test_innovations_are_white_under_the_true_ar1_coefficient_only(seed):
     measured, true = flight(seed)
     record = record_of(measured)
-    _, deviate = lag_one_correlation([record], [whole(record, true)])
+    _, deviate = lag_one_correlation([whole(record, true)])
     assert (np.abs(deviate) < 4.5).all()
-    _, deviate = lag_one_correlation([record], [whole(record, replace(true, noise_correlation=np.zeros(5)))])
+    _, deviate = lag_one_correlation([whole(record, replace(true, noise_correlation=np.zeros(5)))])
     assert (deviate > 3.0).all()
 
 
@@ -92,7 +93,7 @@ def test_a_tiny_ar1_coefficient_acts_as_none():
 def test_tangents_are_what_a_change_does_to_the_innovations(name):
     measured, true = flight(6)
     record, step = record_of(measured), 1e-4
-    rows = list(segments(record, true, [parameter_perturbation(name, step)]))
+    rows = list(Run(record, true, [parameter_perturbation(name, step)]).segments(SEGMENT_S))
     traces = np.concatenate([r.sensitivity[:, 0] for r in rows])
     before = np.concatenate([r.white for r in rows])
     direction = parameter_perturbation(name, step)
@@ -102,7 +103,7 @@ def test_tangents_are_what_a_change_does_to_the_innovations(name):
         dynamics = true.dynamics.copy()
         dynamics[direction.entry] += step
         other = replace(true, dynamics=dynamics)
-    after = np.concatenate([r.white for r in segments(record, other)])
+    after = np.concatenate([r.white for r in Run(record, other).segments(SEGMENT_S)])
     difference = (before - after) / step
     assert np.abs(traces).max() > 1.0
     assert np.linalg.norm(traces - difference) < 0.03 * np.linalg.norm(traces)

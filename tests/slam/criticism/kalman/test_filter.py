@@ -11,7 +11,7 @@ import pytest
 from slam.criticism.kalman import record as record_module
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
-from slam.criticism.kalman.innovations import segments, whole
+from slam.criticism.kalman.innovations import Run, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.prepare import workspace_for
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
@@ -19,6 +19,7 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import PICTURES, RADIUS_M, effects_for
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES
+from slam.criticism.search.information import SEGMENT_S
 from slam.simulation.dynamics import YAW
 from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -52,7 +53,7 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
     record = record_of(simulate_flight(vehicle, stick_for(TILTS), 5))
     lag = parameter_perturbation("sonar_lag.T", 1e-3)
     score = information = 0.0
-    for rows in segments(record, filter_parameters_of(vehicle), [lag], {}):
+    for rows in Run(record, filter_parameters_of(vehicle), [lag]).segments(SEGMENT_S):
         score += float(rows.white @ rows.sensitivity[:, 0])
         information += float(rows.sensitivity[:, 0] @ rows.sensitivity[:, 0])
     assert information**-0.5 < 0.1 * lag_s
@@ -162,7 +163,7 @@ def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     changed = replace(changed, start=healthy.start)
     parameters = filter_parameters_of(model)
     trace = np.full(healthy.values.shape, np.nan)
-    for part in segments(healthy, parameters, [direction]):
+    for part in Run(healthy, parameters, [direction]).segments(SEGMENT_S):
         c = part.channels - CHANNEL_AT[healthy.kinds[part.events], 0]
         trace[part.events, c] = part.sensitivity[:, 0]
     before, after = healthy_pass(*plan), whole(changed, parameters)

@@ -11,10 +11,9 @@ from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import Run, whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.correlated_noise import ar1_effects
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.fitted_parameters import NOISE_NUISANCES
-from slam.criticism.search.fitting import first_seconds
+from slam.criticism.search.fitting import ar1_effects, first_parts
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -31,7 +30,7 @@ CURVED = 0.02
 def test_changes_of_the_noise_are_the_filter_run_anew(correlation):
     model = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
-    record = first_seconds(record, 6.0)
+    (record,) = first_parts([record], 6.0)
     parameters = replace(filter_parameters_of(model), noise_correlation=correlation)
     effects = [*effects_for([record], parameters), *ar1_effects(parameters)]
     changes = [*NOISE_NUISANCES, *(c for e in effects for c in e.changes)]

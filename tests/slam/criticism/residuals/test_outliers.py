@@ -25,6 +25,6 @@ def test_a_share_that_no_noise_makes_is_reported(share, reported):
     rolls = np.flatnonzero(record.kinds == ATTITUDE)
     values[rng.choice(rolls, int(share * len(rolls)), replace=False), 0] += 0.3
     record = replace(record, values=values)
-    found = outliers_of([record], [whole(record, filter_parameters_of(model))])
+    found = outliers_of([whole(record, filter_parameters_of(model))])
     assert bool(found) == reported
     assert all("readings of roll are far" in phrase for phrase in found)

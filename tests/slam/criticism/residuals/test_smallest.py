@@ -51,7 +51,7 @@ def test_second_echoes_of_that_share_are_found_in_nine_of_ten_cases(record):
         hits = 0
         for _ in range(40):
             ill = with_ranges(record, lambda r: np.where(rng.random(len(r)) < of, 2.0 * r, r))
-            odd = reading_anomalies([ill], [whole(ill, filter_parameters_of(load_model("nominal")))])
+            odd = reading_anomalies([whole(ill, filter_parameters_of(load_model("nominal")))])
             hits += "sonar_spikes" in {o.name for o in odd}
         return hits / 40
 

@@ -10,9 +10,8 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.search.correlated_noise import with_ar1_noise
 from slam.criticism.search.expansion import expand
-from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.fitting import fit_nuisances, with_ar1_noise
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from slam.criticism.search.effects import effects_for
-from slam.criticism.search.expansion import expand
+from slam.criticism.search.expansion import expand, mask_each_other, masked_pair
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.pairs import mask_each_other, masked_pair
 from slam.criticism.search.search import search, with_term_replaced
 from slam.criticism.search.thresholds import load_thresholds
 from slam.criticism.verdict.posterior import likelier_pairs, posterior_of
@@ -115,12 +114,12 @@ def test_two_terms_that_explain_more_than_what_looks_like_both_take_its_place():
     assert [e.name for e in found.chosen] == ["sonar_scale"]
     pairs = likelier_pairs(found, found.chosen[0])
     assert names_of(pairs[0]) == BOTH
-    better = with_term_replaced(records, found, found.chosen[0], pairs)
+    better = with_term_replaced(found, found.chosen[0], pairs)
     assert names_of(better.chosen) == BOTH
     probability = posterior_of(better).probability
     assert min(probability[name] for name in BOTH) > 0.95
     assert probability["sonar_scale"] < 0.01
     # And back: what explains less does not.
     scale = next(e for e in better.last.effects if e.name == "sonar_scale")
-    kept = with_term_replaced(records, better, better.chosen[0], [(scale,)])
+    kept = with_term_replaced(better, better.chosen[0], [(scale,)])
     assert names_of(kept.chosen) == BOTH

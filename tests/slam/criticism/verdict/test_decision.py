@@ -265,10 +265,10 @@ def test_held_out_rollouts_raise_a_set_and_do_not_choose_in_it():
 
 
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
-    assert confirmed_terms([], SearchResult(None, "first", "last", ())).last == "first"
+    assert confirmed_terms(SearchResult(None, "first", "last", ())).last == "first"
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
     plain = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=100.0)])
-    assert confirmed_terms([], SearchResult(None, plain, "last", (limit,))).last == "last"
+    assert confirmed_terms(SearchResult(None, plain, "last", (limit,))).last == "last"
 
 
 def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatch):
@@ -276,7 +276,7 @@ def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatc
     faint = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=4.0)])
     for total, chosen in ((-178.0, ()), (12.0, (limit,))):
         monkeypatch.setattr(decision, "held_out", lambda *of, total=total: SimpleNamespace(total=total))
-        assert confirmed_terms([], SearchResult(None, faint, "last", (limit,))).chosen == chosen
+        assert confirmed_terms(SearchResult(None, faint, "last", (limit,))).chosen == chosen
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])
@@ -296,6 +296,8 @@ def test_rounding_errors_do_not_change_which_pattern_is_strongest():
         last = SimpleNamespace(score_tests=lambda *_, tests=tests: tests, patterns=())
         found = SimpleNamespace(chosen=(), last=last, model=SimpleNamespace(out_of_model=False))
         posterior = SimpleNamespace(probability={SOMETHING_ELSE: 0.0})
-        explanation = SimpleNamespace(found=found, posterior=posterior, doubts={})
-        left = judge._judged(explanation, (), [], load_thresholds()).left
+        evidence = SimpleNamespace(
+            found=found, posterior=posterior, doubts={}, limits=load_thresholds(), anomalies=(), causes=tuple
+        )
+        left = judge._judged(evidence).left
         assert [test.effect.name for test in left] == ["c", "a", "b"]

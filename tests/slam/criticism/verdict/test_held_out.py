@@ -51,7 +51,7 @@ def test_a_reading_that_one_parameter_set_ignores_counts_in_neither():
     fewer[10:20, 3:] = IGNORED
     missing = np.where(fewer == USED, white, np.nan), np.where(fewer == USED, log_variance, np.nan)
     states = np.zeros((60, 11))
-    every, part = FilterPass(white, log_variance, status, states), FilterPass(*missing, fewer, states)
+    every, part = (FilterPass(None, *of, states) for of in ((white, log_variance, status), (*missing, fewer)))
     one, other = _of_the_same_readings(expansion(every, 3, 7.0), expansion(part, 3, 5.0))
     np.testing.assert_allclose(one[:3], other[:3])
     assert (one[3], other[3]) == (7.0, 5.0)
@@ -90,10 +90,10 @@ def test_one_of_two_flights_whose_parameter_sets_use_different_readings_is_filte
     records = flown(PLANS[:2])
     look = expand(records, NOMINAL, NOMINAL)
     (term,) = (e for e in look.effects if e.name == "sonar_bias")
-    found = SimpleNamespace(first=look, last=look, chosen=(term,))
-    by_parabola = held_out(records, found)
+    found = SimpleNamespace(first=look, last=look, chosen=(term,), records=tuple(records))
+    by_parabola = held_out(found)
     monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
-    anew = held_out(records, found)
+    anew = held_out(found)
     assert anew.nats[1] == by_parabola.nats[1]
     runs = [whole(records[0], parameters[0]) for parameters in (anew.before, anew.after)]
     assert anew.nats[0] == pytest.approx(runs[1].log_likelihood - runs[0].log_likelihood, abs=1e-6)
@@ -101,9 +101,9 @@ def test_one_of_two_flights_whose_parameter_sets_use_different_readings_is_filte
 
 @pytest.mark.slow
 def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
-    records, found = short_sonar
+    _, found = short_sonar
     assert [e.name for e in found.chosen] == ["sonar_bias"]
-    gain = held_out(records, found)
+    gain = held_out(found)
     assert gain.by == "flight"
     assert gain.total > 5.0
     assert np.abs(gain.nats[[0, 2]]).max() < 5.0
@@ -112,9 +112,9 @@ def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
 @pytest.mark.slow
 def test_flights_whose_parameter_sets_use_different_readings_are_filtered_anew(short_sonar, monkeypatch):
     records, found = short_sonar
-    by_parabola = held_out(records, found)
+    by_parabola = held_out(found)
     monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
-    anew = held_out(records, found)
+    anew = held_out(found)
     np.testing.assert_array_equal(anew.nats[1:], by_parabola.nats[1:])
     runs = [whole(records[0], parameters[0]) for parameters in (anew.before, anew.after)]
     assert anew.nats[0] == pytest.approx(runs[1].log_likelihood - runs[0].log_likelihood, abs=1e-6)

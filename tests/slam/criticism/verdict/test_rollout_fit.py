@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from slam.core.progress import Tally, silent
-from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.prepare import usable_records
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
@@ -22,6 +22,11 @@ from slam.simulation.model import load_model
 
 PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "three speeds to the side: 0.1, 0.2, 0.4"]
 LEAN = 0.8
+
+
+def rollouts_of(records, nominal):
+    first = SimpleNamespace(parameters=nominal)
+    return _Rollouts(SimpleNamespace(records=records, model=nominal, first=first), nominal, silent)
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +51,7 @@ def lean_of(records, parameters):
 @pytest.mark.slow
 def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking):
     records, nominal = braking
-    course = _Rollouts(records, nominal, nominal, nominal)
+    course = rollouts_of(records, nominal)
     lean = lean_of(records, nominal)
     with_it, without = (course.fitted(nominal, effects) for effects in ([lean], []))
     found = dict(zip(with_it.columns, with_it.steps.T, strict=True))
@@ -79,7 +84,7 @@ def test_a_constant_far_from_healthy_is_reported_and_no_reason_to_drop_a_term(br
 @pytest.mark.slow
 def test_what_is_not_there_has_no_size(braking):
     records, nominal = braking
-    course = _Rollouts(records, nominal, nominal, nominal)
+    course = rollouts_of(records, nominal)
     lean = lean_of(records, nominal)
     drag = next(e for e in effects_for(records, nominal) if e.name == "quadratic_drag")
     both, one = course.fitted(nominal, [lean, drag]), course.fitted(nominal, [lean])
