@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe
     from slam.evaluation.map_gain import MapGain
+    from slam.evaluation.nees import Consistency
     from slam.evaluation.score import Evaluation
     from slam.mapping.live.mapper import LiveState
 
@@ -101,13 +102,23 @@ def _map_against_truth(evaluation: Evaluation) -> str:
     if evaluation.nees is not None:
         pose = evaluation.nees.pose
         if pose.mean > pose.upper95:
-            text += " The errors are larger than the stated uncertainty allows: trust it less."
+            text += (
+                " The errors are larger than the stated uncertainty allows: trust it less. They are "
+                f"{_as_stated(pose)}."
+            )
         else:
             text += (
                 " The errors are no larger than the stated uncertainty allows; on one flight they may be far "
-                "smaller, because an error that all lengths share is drawn once."
+                "smaller, because an error that all lengths share is drawn once. They are "
+                f"{_as_stated(pose)}: plan with the stated uncertainty as it is."
             )
     return text
+
+
+def _as_stated(pose: Consistency) -> str:
+    """Return how large errors are beside the stated ones, and which sizes chance alone allows."""
+    size, low, high = (np.sqrt(nees / pose.dof) for nees in (pose.mean, pose.lower95, pose.upper95))
+    return f"{size:.2f} times as large as stated, and chance alone gives {low:.2f} to {high:.2f} times"
 
 
 def accuracy_tables(evaluation: Evaluation) -> tuple[FigureTable, ...]:

@@ -12,6 +12,7 @@ from slam.core.messages import by_kind, clauses
 from slam.core.units import percent
 from slam.report.checked_lengths import unless_checked
 from slam.report.facts import Facts, heights_over_floor
+from slam.report.gaps import picture_over_height
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -35,8 +36,6 @@ _CARRIER_PHASE_M = 0.1
 Without it, corrections leave half a metre at least (Groves, Principles of GNSS, 2013, chapter 10)."""
 _GROUND, _CAMERA, _LENGTHS, _HEIGHT = ("ground",), ("x", "y"), ("scale",), ("height",)
 _STEPS: Mapping[str, str] = {
-    "pictures": "fly lower, with more overlap, or with a sharper camera",
-    "flat_floor": "fly higher above the uneven ground, or map it in parts",
     "attitude": "calibrate its level, or fly the same rows in both directions",
     "control": "mark more control points, spread to the corners of the ground",
     "imu": unless_checked("measure one distance on the ground and compare it with map.html, or ")
@@ -148,12 +147,13 @@ def next_steps(
         steps.append("record a height sensor or GPS, which give lengths in metres")
     on_ground = mosaic is not None and _GROUND[0] in estimate.information_shares
     found = limit(estimate.information_shares, _GROUND if on_ground else _CAMERA)
-    if found is not None and (step := _step(found[0], facts)):
+    if found is not None and (step := _step(found[0], estimate, facts)):
         steps.append(f"to be more accurate than now, {step}")
     if lens_step := _lens_step(estimate):
         steps.append(lens_step)
     if ground_missing:
-        steps.append("cross the missing ground higher, with more light, or with marks on it")
+        higher = f"higher{_as_high(estimate, facts)}"
+        steps.append(f"cross the missing ground {higher}, with more light, or with marks on it")
     return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
 
 
@@ -205,13 +205,51 @@ def _lens_step(estimate: Estimate) -> str:
     )
 
 
-def _step(name: str, facts: Facts) -> str:
+def _as_high(estimate: Estimate, facts: Facts) -> str:
+    """Return from which height a picture shows the longest stretch without pictures from end to end."""
+    longest_m = max((gap.length_m for gap in facts.gaps), default=0.0)
+    if estimate.camera is None or not longest_m:
+        return ""
+    height_m = longest_m / picture_over_height(estimate.camera)
+    return f" (from {facts.length(height_m)}, one picture shows both ends of the longest stretch)"
+
+
+def _step(name: str, estimate: Estimate, facts: Facts) -> str:
     """Return what improves the instrument that limits a map, by what is at hand."""
+    if name == "pictures":
+        return _closer_pictures(estimate, facts)
+    if name == "flat_floor":
+        return _more_views(estimate)
     if name == "position":
         return _better_positions(facts)
     if name == "range":
         return _better_ranges(facts)
     return _STEPS.get(name, "")
+
+
+def _closer_pictures(estimate: Estimate, facts: Facts) -> str:
+    """Return how to make an error in pixels shorter on the ground, with the height of now."""
+    height_m = heights_over_floor(estimate)[0]
+    known = height_m[np.isfinite(height_m)]
+    now = f" than the {facts.length(float(np.median(known)))} of now" if len(known) else ""
+    return (
+        f"fly lower{now}, because an error of a pixel is half as long on the ground from half the height; or "
+        "with more overlap, or with a sharper camera"
+    )
+
+
+def _more_views(estimate: Estimate) -> str:
+    """Return how to measure the ground instead of taking it as level, with the number of views of now."""
+    points = estimate.floor_points
+    now = (
+        f" (a point of it is in {np.median(points.views):.0f} of them now, in the median)"
+        if points is not None and len(points.views)
+        else ""
+    )
+    return (
+        f"take more pictures of each place of the uneven ground{now}: the more show a point from different "
+        "sides, the better they measure its height, and the less the map takes the ground as level"
+    )
 
 
 def _better_positions(facts: Facts) -> str:

@@ -21,9 +21,10 @@ from slam.report.accuracy_answers import (
 from slam.report.advice import WORDS, further_limits, limit, limit_sentence, next_steps
 from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
-from slam.report.failures import failed, missing, too_bare
+from slam.report.failures import failed, missing
 from slam.report.height_answers import heights, is_tilt_doubted, only_near
-from slam.report.left_out import counted_by_kind, left_out
+from slam.report.left_out import counted_by_kind
+from slam.report.left_out_here import ground_is_missing, left_out_here
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
 
@@ -56,7 +57,7 @@ def pilots_answers(
         Item("What failed?", failed(estimate, facts, summary)),
         Item("Is any of the ground missing?", missing(estimate, facts, summary, mosaic)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
-        Item("What was left out, and do I have to act?", _left_out(facts, summary)),
+        Item("What was left out, and do I have to act?", _left_out(estimate, facts, summary)),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
         Item("Are the heights true?", *(("",) if facts.is_graph else heights(estimate, facts, summary))),
         Item("Where is the mosaic, and how big is a pixel?", _whereabouts(facts, mosaic)),
@@ -181,12 +182,11 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
 
 
 def _next(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
-    missed = any(gap.shows_nothing for gap in facts.gaps) or bool(too_bare(facts, summary))
-    return next_steps(estimate, facts, summary, missed, mosaic)
+    return next_steps(estimate, facts, summary, ground_is_missing(facts, summary), mosaic)
 
 
-def _left_out(facts: Facts, summary: Summary) -> str:
-    rows = left_out(summary.rejected, facts.in_one_piece)
+def _left_out(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+    rows = left_out_here(estimate, facts, summary)
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]
@@ -198,8 +198,8 @@ def _left_out(facts: Facts, summary: Summary) -> str:
     if not first.only_if:
         return f"{parts}. The map does not rest on them. Act on {told} The table below has the others."
     return (
-        f"{parts}. The map does not rest on them. Whether to act depends on the case: {told} The table below "
-        "has the others."
+        f"{parts}. The map does not rest on them. You may have to act on {told} The table below has the "
+        "others."
     )
 
 

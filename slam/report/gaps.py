@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from frontend.camera import Camera
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 
@@ -50,4 +51,9 @@ def _picture_m(estimate: Estimate, k: int) -> float:
     if camera is None:
         return 0.0
     height_m = float(estimate.over_floor_T_b[k, 2, 3]) - estimate.floor_z_m
-    return height_m * min(size / focal for size, focal in zip(camera.size_px, camera.focal_px, strict=True))
+    return height_m * picture_over_height(camera)
+
+
+def picture_over_height(camera: Camera) -> float:
+    """Return the shorter side of the ground in a picture over the height from which it was taken."""
+    return min(size / focal for size, focal in zip(camera.size_px, camera.focal_px, strict=True))

@@ -26,10 +26,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
     over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
     camera = ""
     if np.isfinite(over_m):
-        camera = (
-            f" How high a camera is over the floor is typically known to ±{SPACE}{facts.length(over_m)}"
-            f"{_cause(estimate)}."
-        )
+        camera = f" typically known to ±{SPACE}{facts.length(over_m)}{_by(facts)}{_cause(estimate)}."
         if not facts.relative_to:
             camera += (
                 " The altitude of the ground on Earth is known no better than that: it moves as a whole."
@@ -39,9 +36,21 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
     lines = (
         ("Heights of the ground:", _of_ground(estimate)),
         ("Differences in height near each other:", _near_each_other(estimate, facts, tilted)),
-        ("Height of a camera:", camera),
+        (f"Height of a camera over the {_level(estimate)}:", camera),
     )
     return text, tuple(f"{name}{line}" for name, line in lines if line)
+
+
+def _level(estimate: Estimate) -> str:
+    """Return in words what the height of a camera counts from."""
+    if estimate.ground is not None and estimate.ground.is_measured:
+        return "floor (the level plane that fits the ground best)"
+    return "ground, which is taken as level"
+
+
+def _by(facts: Facts) -> str:
+    """Return by which instruments the height of a camera is known, without metres none."""
+    return f", by the pictures and {facts.scale_source}" if facts.metric else ""
 
 
 def typical_height_std(estimate: Estimate) -> float:
@@ -95,10 +104,10 @@ def _cause(estimate: Estimate) -> str:
 
 def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str:
     """Return how accurate the height of a camera is in the world, beside that over the floor."""
-    against = f"{facts.against[0].upper()}{facts.against[1:].rstrip(',')}"
+    against = facts.against.rstrip(",")
     counted = "the tilt" if facts.relative_to else "altitude and tilt"
     text = (
-        f" {against}, the height of a camera is known to ±{SPACE}{facts.length(worst_m)} where it is least "
+        f" Its z, {against}, is known to ±{SPACE}{facts.length(worst_m)} where it is least "
         f"certain: this counts {counted} of the whole map, as far as the measurements tell it"
         f"{'; the lean above comes on top' if tilted else ''}."
     )
@@ -110,7 +119,7 @@ def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str
         else f"{'control points' if facts.controlled else 'the GPS'} measured the camera itself, and the "
         "ground is seen from there"
     )
-    return f"{text} It is less than the height over the floor has, because {why}."
+    return f"{text} That is better than the height over the floor, because {why}."
 
 
 def only_near(estimate: Estimate, facts: Facts) -> str:

@@ -17,16 +17,19 @@ _ONLY_IF = "Only if "
 """Beginning of an advice to do something in a case that the pilot knows."""
 _VIEW, _ECHO = "view of a floor point far off", "echo from an obstacle"
 _FIX = "fix contradicts the others"
-_FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
-_SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
-_IN_ONE_PIECE = f"{_NO}the map is in one piece all the same."
+FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
+SLOWER = "Only if the map is in parts: fly slower there, or record more pictures a second."
+CUT_THERE = (
+    "Only if the mosaic is cut or doubled where many of them lie (map.html shows them): fly that place again "
+    "with more overlap."
+)
 _COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
 _OTHER_PLACE = f"{_NO}ground that looks alike is common, and a false link would bend the map."
 _UNPROVEN = f"{_NO}too little in common to tell whether they show one place; the other links hold the map."
 _WEAK = f"{_NO}the other links hold the map."
 
 _REASONS: tuple[tuple[str, str, str], ...] = (
-    ("too few features", "Pictures of bare ground, in the dark or blurred: nothing to recognise", _FLY_AGAIN),
+    ("too few features", "Pictures of bare ground, in the dark or blurred: nothing to recognise", FLY_AGAIN),
     (
         "same picture as the one before",
         "Pictures that the camera sent twice",
@@ -37,7 +40,7 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
         "Pictures that came while earlier ones were worked on",
         "Only if ground is missing: slam optimize uses them all after the flight.",
     ),
-    ("tracking started anew", "Times that the view of the ground before was lost", _SLOWER),
+    ("tracking started anew", "Times that the view of the ground before was lost", SLOWER),
     (
         _VIEW,
         "Single views of a point of the ground that lies elsewhere in all other pictures: it moved, or "
@@ -89,8 +92,7 @@ _LINKS: tuple[tuple[str, str, str], ...] = (
     (
         "disagrees",
         "contradict the other links",
-        "Only if the mosaic is cut or doubled where many of them lie (map.html shows them): fly that place "
-        "again with more overlap.",
+        CUT_THERE,
     ),
     ("agrees, but", "agree, but too little is known of where they lie", _WEAK),
     (
@@ -155,18 +157,17 @@ def reason_in_words(reason: str) -> str:
     return f"{words} ({figures})" if figures and words != reason else words
 
 
-def left_out(rejected: Mapping[str, int], in_one_piece: bool = False) -> tuple[LeftOut, ...]:
+def left_out(rejected: Mapping[str, int], here: Mapping[str, str] = {}) -> tuple[LeftOut, ...]:
     """Return the rows for counts by reason, those that may call for an action first.
 
-    ``in_one_piece``: the map has one part only, so that lost links did not break it.
+    ``here``: advice for a case that the pilot has to tell -> advice for this map, which tells it.
     Reasons that are the same in plain words are one row.
     """
     found = dict[tuple[str, str], LeftOut]()
     for reason, count in rejected.items():
         words = _found(reason)
         earlier = found[words].count if words in found else 0
-        act = _IN_ONE_PIECE if in_one_piece and words[1] == _SLOWER else words[1]
-        found[words] = LeftOut(words[0], reason, earlier + count, act)
+        found[words] = LeftOut(words[0], reason, earlier + count, here.get(words[1], words[1]))
     rows = found.values()
     order = ("", CONTRADICTED, UNPROVEN)
 
@@ -208,7 +209,7 @@ def _found(reason: str) -> tuple[str, str]:
         if bare.startswith(beginning):
             if of_loops:
                 return f"Pairs of pictures of two visits that {what}", act
-            return f"Pictures that {what} with the one before", _SLOWER
+            return f"Pictures that {what} with the one before", SLOWER
     if not of_loops and bare.startswith(_UNREADABLE):
         return f"Pictures whose file cannot be used ({bare})", _COPY
     return f"Left out: {bare}", "Only if ground or links are missing there."

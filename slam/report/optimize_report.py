@@ -34,12 +34,14 @@ from slam.report.instrument_errors import (
     velocity_text,
 )
 from slam.report.instrument_table import instrument_table
-from slam.report.left_out import left_out, reason_in_words
+from slam.report.left_out import reason_in_words
+from slam.report.left_out_here import left_out_here
 from slam.report.map_picture import map_picture, picture, shown_area, surveyed_marks
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.mosaic_marks import MapMarks
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
+from slam.report.path_over_time import path_over_time
 from slam.report.pictures import altitude_picture, trajectory_picture
 from slam.report.streams import STREAM_WORDS
 
@@ -105,11 +107,12 @@ def render(
     """Return the page as HTML; ``folder`` is where it will lie, for links to the files there."""
     facts = gather(estimate, flight)
     drawable = facts.placed > 0
+    before = "as given" if facts.is_graph else ""  # the path over time shows the chain
+    timed = facts.placed > 1 and not facts.is_graph
     marks = MapMarks(unit(facts.metric), estimate.origin is not None, surveyed_marks(estimate.control))
     ground = mosaic_facts(mosaics.after, mosaics.quality)
     told = not_evaluated(flight) if accuracy.evaluated == NOT_EVALUATED else accuracy.evaluated
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
-    before = "as given" if facts.is_graph else "chain alone"
     page = render_page(
         "page.html.j2",
         name=estimate.name,
@@ -134,11 +137,12 @@ def render(
         elevation=heights_figure(mosaics.elevation),
         elevation_words=heights_figure_words(estimate, facts, flight),
         quality=picture(mosaics.quality),
-        trajectory=embedded(trajectory_picture(estimate, before, facts.gaps)) if drawable else None,
+        over_time=embedded(path_over_time(estimate, facts.gaps)) if timed else None,
+        trajectory=embedded(trajectory_picture(estimate, facts.gaps, before)) if drawable else None,
         altitude=embedded(altitude_picture(estimate, facts.gaps))
         if drawable and not facts.is_graph
         else None,
-        left_out=left_out(summary.rejected, facts.in_one_piece),
+        left_out=left_out_here(estimate, facts, summary),
         rejected_loops=_rejected_loops(estimate),
         verdicts={loop.finding for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),

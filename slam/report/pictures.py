@@ -38,15 +38,16 @@ _ELLIPSE_SHARE = 0.03
 """Ellipses are scaled until the median one spans at most this share of the map."""
 
 
-def trajectory_picture(estimate: Estimate, before: str = "chain alone", gaps: Sequence[Gap] = ()) -> bytes:
+def trajectory_picture(estimate: Estimate, gaps: Sequence[Gap] = (), before: str = "") -> bytes:
     """Draw the top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed).
 
-    ``before`` names ``chain_w_T_b``, which is drawn behind. Over ``gaps`` the path is dotted.
+    Over ``gaps`` the path is dotted. ``before`` names ``chain_w_T_b``, which is then drawn behind.
     """
-    figure, axes = new_figure(6.4, 6.0)
+    figure, axes = new_figure(8.0, 7.5)
     known = is_placed(estimate)
     position = np.where(known[:, None], estimate.w_T_b[:, :3, 3], np.nan)
-    _path(axes, chain_on_result(estimate)[:, :3, 3], color=GREY, linewidth=0.9, label=before)
+    if before:
+        _path(axes, chain_on_result(estimate)[:, :3, 3], color=GREY, linewidth=0.9, label=before)
     _loops(axes, estimate, position)
     for part in range(int(estimate.component.max(initial=0)) + 1):
         own = np.where((estimate.component == part)[:, None], position, np.nan)

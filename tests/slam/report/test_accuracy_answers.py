@@ -75,7 +75,7 @@ def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
     on_earth = replace(estimate, covariances=estimate.covariances + 400.0 * np.eye(6))
     question = "Are the heights true?"
     found = answers(on_earth, flight)[question]
-    over_floor, on_the_whole = found.split(" On Earth, ")
+    over_floor, on_the_whole = found.split(" Its z, on Earth, ")
     assert answers(estimate, flight)[question].startswith(over_floor)
     assert f"±\N{NO-BREAK SPACE}{length(20.0)} where it is least certain" in on_the_whole
     up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))

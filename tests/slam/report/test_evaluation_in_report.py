@@ -23,7 +23,7 @@ TABLE = FigureTable("Against the reference", (), (("error <of> a map", "3 mm"),)
 TOLD = Evaluated("Typically 3 mm & more.", (TABLE,), checks_lengths=True)
 
 
-def test_the_page_is_that_of_a_map_that_was_evaluated_at_once(tmp_path):
+def test_the_page_is_that_of_a_map_that_was_evaluated_at_once(tmp_path, no_figures):
     estimate, flight = replace(made_estimate(), accuracy_basis=CHECKED_BY_ONE_DISTANCE), made_flight()
     (tmp_path / "loops.csv").touch()
     summary = summarise(estimate)
@@ -45,7 +45,7 @@ def test_a_page_of_an_earlier_version_has_no_place_for_it(tmp_path):
     assert with_evaluation("<html></html>", TOLD, tmp_path) is None
 
 
-def test_landmarks_are_drawn_on_the_map_of_a_report_that_was_written_before(tmp_path):
+def test_landmarks_are_drawn_on_the_map_of_a_report_that_was_written_before(tmp_path, no_figures):
     estimate, flight = made_estimate(), made_flight()
     pixels = np.full((300, 400, 3), 90, np.uint8)
     for name in ("mosaic", "mosaic_chain"):

@@ -1,9 +1,15 @@
 """Words for data that a map was made without."""
 
+from dataclasses import replace
+
 import pytest
 
-from slam.core.estimate import CONTRADICTED, UNPROVEN, LoopVerdict
+from slam.core.estimate import CONTRADICTED, UNPROVEN, GroundFacts, LoopVerdict
+from slam.core.summary import summarise
+from slam.report.facts import gather
 from slam.report.left_out import left_out, reason_in_words
+from slam.report.left_out_here import left_out_here
+from tests.slam.made_estimate import made_estimate, made_flight
 
 
 def test_the_words_of_a_match_keep_all_figures_of_its_reason():
@@ -81,3 +87,15 @@ def test_what_may_need_an_action_comes_first():
 def test_reasons_that_are_the_same_in_plain_words_are_one_row():
     rows = left_out({"loop: too few inliers": 2, "loop: too few matches": 3, "too few matches": 4})
     assert sorted((row.kind, row.count) for row in rows) == [("link", 4), ("match", 5)]
+
+
+@pytest.mark.parametrize(("shift_px", "act"), [(0.9, "No: at the seams"), (3.0, "Only if you see")])
+def test_advice_for_a_case_says_which_case_the_map_is(shift_px, act):
+    ground = GroundFacts(misregistration_px=(0.1, shift_px), over_floor_px=(0.1, shift_px))
+    rejected = {"loop: disagrees": 3, "too few features": 1, "tracking started anew": 1}
+    estimate = replace(made_estimate(), ground=ground, rejected=rejected)
+    rows = left_out_here(estimate, gather(estimate, made_flight()), summarise(estimate))
+    acts = {row.reason: row.act for row in rows}
+    assert acts["loop: disagrees"].startswith(act)
+    assert acts["too few features"] == "No: no stretch of the path is without other pictures."
+    assert acts["tracking started anew"].startswith("No: the map is in one piece")

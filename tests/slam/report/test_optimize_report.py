@@ -319,7 +319,7 @@ def test_an_unknown_uncertainty_is_no_small_one():
         assert "0.00" not in sentence(facts, "ok")
 
 
-def test_a_flight_with_a_true_path_says_that_it_can_check_the_map():
+def test_a_flight_with_a_true_path_says_that_it_can_check_the_map(no_figures):
     estimate, flight = made_estimate(), made_flight()
     truth = Truth(estimate.stamps_s, estimate.w_T_b)
     assert "holds a true path" in page(estimate, replace(flight, truth=truth)).text

@@ -10,6 +10,8 @@ import pytest
 from PIL import Image
 
 from slam.core.estimate import LoopVerdict
+from slam.report.gaps import Gap
+from slam.report.path_over_time import laps, path_over_time
 from slam.report.pictures import altitude_picture, trajectory_picture
 from tests.slam.made_estimate import made_estimate
 
@@ -61,3 +63,17 @@ def _extent_of_orange(png: bytes) -> tuple[int, int]:
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
     rows, columns = np.nonzero(np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30)
     return int(np.ptp(columns)), int(np.ptp(rows))
+
+
+@pytest.mark.parametrize("times", [1, 3])
+def test_laps_are_counted_by_the_length_of_the_way_around(times):
+    turn = np.linspace(0.0, 2 * np.pi * times, 200)
+    assert laps(np.column_stack([4 * np.cos(turn), np.sin(turn)])) == times
+    assert laps(np.zeros((5, 2))) == 1
+
+
+def test_the_path_over_time_has_the_colours_of_begin_and_end():
+    png = path_over_time(made_estimate(), [Gap(3, 4, 1.0, True)])
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+    for colour in ([0x44, 0x01, 0x54], [0xFD, 0xE7, 0x25]):  # the ends of viridis
+        assert (np.abs(pixels - colour).sum(axis=2) < 30).mean() > 5e-4
