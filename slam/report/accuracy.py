@@ -104,18 +104,18 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         if pose.mean > pose.upper95:
             text += (
                 " The errors are larger than the stated uncertainty allows: trust it less. They are "
-                f"{_as_stated(pose)}."
+                f"{as_stated(pose)}."
             )
         else:
             text += (
                 " The errors are no larger than the stated uncertainty allows; on one flight they may be far "
                 "smaller, because an error that all lengths share is drawn once. They are "
-                f"{_as_stated(pose)}: plan with the stated uncertainty as it is."
+                f"{as_stated(pose)}: plan with the stated uncertainty as it is."
             )
     return text
 
 
-def _as_stated(pose: Consistency) -> str:
+def as_stated(pose: Consistency) -> str:
     """Return how large errors are beside the stated ones, and which sizes chance alone allows."""
     size, low, high = (np.sqrt(nees / pose.dof) for nees in (pose.mean, pose.lower95, pose.upper95))
     return f"{size:.2f} times as large as stated, and chance alone gives {low:.2f} to {high:.2f} times"

@@ -50,7 +50,7 @@ def _level(estimate: Estimate) -> str:
 
 def _by(facts: Facts) -> str:
     """Return by which instruments the height of a camera is known, without metres none."""
-    return f", by the pictures and {facts.scale_source}" if facts.metric else ""
+    return f", by the pictures together with {facts.scale_source}" if facts.metric else ""
 
 
 def typical_height_std(estimate: Estimate) -> float:
@@ -83,7 +83,7 @@ def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
         std = ground.height_std_m
         told = f" On the ground typically to ±{SPACE}{facts.length(std)}." if std else ""
     elif ground is not None and not ground.relief_share and estimate.elevation is not None:
-        told = " What the height sensor found standing on the flat ground is in elevation.tif."
+        told = " The picture of heights below and elevation.tif show what the height sensor found on it."
     if tilted:
         tilt_rad = _tilt_rad(estimate)
         told += (
