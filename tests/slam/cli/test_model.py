@@ -42,7 +42,7 @@ def test_the_map_is_corrected_by_the_model(home):
     model = home / "extended.toml"
     result = run("optimize", home / "flight", "--out", home / "out", "--no-mosaic", "--model", model)
     assert result.exit_code == 0, result.output
-    assert "What the model gains in the map" in result.output
+    assert "Gain of the model in the map" in result.output
     warning = next(w for w in json.loads((home / "out/summary.json").read_text())["warnings"] if "found" in w)
     assert "sonar_scale (eps 0.08)" in warning
     assert "left as it is: sonar_spikes" in warning
