@@ -185,6 +185,8 @@ def _doubted(result: Criticism) -> str:
         return ""
     if named:
         return f"{enumerated(named)}."
+    if result.verdict == "nothing_wrong":
+        return "No instrument: none shows an error."
     check = " What is not explained may still be one." if result.unexplained else ""
     return f"No instrument: no cause that was found is an error of a sensor.{check}"
 
@@ -207,20 +209,20 @@ def _unseen(result: Criticism, unshown: Sequence[str]) -> list[str]:
     # What limits the verdict is told with its reason among what was dropped, where it is there.
     begins = tuple(line.partition(":")[0] for line in result.dropped)
     limits = "" if result.limits.partition(":")[0].lower() in begins else result.limits
-    told = [limits, *unshown]
+    told = [limits]
     if result.detectable:
         found = {cause.name for cause in result.causes}
         reached = within_reach(result.detectable)
         missed = [title_of(name) for name in CATALOGUE if name not in reached and name not in found]
         told += [
-            f"{counted(len(missed), 'effect')} of {len(CATALOGUE)}, even at their usual sizes. They are "
+            f"{counted(len(missed), 'effect')} of {len(CATALOGUE)}, even at usual sizes. Not shown: "
             f"{listed(missed, 6)}."
             if missed
             else "Every effect of the catalogue would have shown at its usual size.",
             "“What these flights could not have shown” lists the smallest visible sizes, and what to fly to "
             "see smaller ones.",
         ]
-    return told
+    return [*told, *unshown]
 
 
 def unexplained_in_words(part: str) -> str:

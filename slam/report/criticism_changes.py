@@ -44,7 +44,7 @@ def size_over_time(result: Criticism) -> Segment | None:
     axes.axhline(factor * whole, color=GREY, linestyle="--", linewidth=1, label="one size for all")
     name, _, parameter = shown.column.partition(".")
     axes.set_xlabel("time in the flight [s]")
-    axes.set_ylabel(f"{title_of(name)}: {parameter}" + (f" [{unit}]" if unit != "1" else ""))
+    axes.set_ylabel(parameter + (f" [{unit}]" if unit != "1" else ""))
     legend_below(axes)
     least, most = (_part(shown, int(k)) for k in (np.argmin(shown.sizes), np.argmax(shown.sizes)))
     caption = (

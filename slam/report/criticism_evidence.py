@@ -10,7 +10,8 @@ import numpy as np
 
 from backend.wording import counted, either
 from slam.core.units import everyday, sized
-from slam.report.effect_names import figure, title_of
+from slam.report.effect_names import figure
+from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
     from slam.criticism import Criticism
@@ -119,18 +120,16 @@ def longer_bar(result: Criticism) -> str:
         return ""
     lead, z = result.causes[0], {rank.name: rank.z for rank in result.ranking}
     found = {cause.name for cause in result.causes}
-    longer = [
-        r for r in result.ranking
-        if r.name not in found and r.z > z.get(lead.name, np.inf) and r.probability < lead.probability
-    ]  # fmt: skip
+    others = [r for r in result.ranking if r.name in CATALOGUE and r.name not in found]
+    longer = [r for r in others if r.z > z.get(lead.name, np.inf) and r.probability < lead.probability]
     if not longer:
         return ""
     other = max(longer, key=lambda rank: rank.z)
     together = " and together with the other causes" if len(result.causes) > 1 else ""
     worse = f": with it in this place the flights fit worse by {lead.lead_nats:.0f} nats or more"
     return (
-        f"Alone, {title_of(other.name)} stands out more ({sized(other.z, 'sigma')}) than "
-        f"{title_of(lead.name)} ({sized(z[lead.name], 'sigma')}), and is less probable all the same. The "
-        "right side tests each by itself, as a small change; the probability counts how well it explains "
+        f"Alone, {CATALOGUE[other.name].title} stands out more ({sized(other.z, 'sigma')}) than "
+        f"{CATALOGUE[lead.name].title} ({sized(z[lead.name], 'sigma')}), and is less probable all the same. "
+        "The right side tests each by itself, as a small change; the probability counts how well it explains "
         f"the flights at its full size{together}{worse * (0.0 < lead.lead_nats < np.inf)}."
     )

@@ -65,8 +65,10 @@ class _Misfit:
 def evidence_segment(result: Criticism, flights: Sequence[Flight]) -> Segment | None:
     """Return the segment with the largest misfit, of the channel that gains most on held-out data, or the
     single readings that show the cause."""
-    if not result.causes or result.model is None or result.extended is None:
+    if result.model is None or result.extended is None:
         return None
+    if not result.causes:
+        return _unexplained_segment(result.model, result.extended, result, flights)
     lead = result.causes[0]
     if lead.name in READINGS_OF:
         parts = lead.gain.parts
@@ -77,11 +79,22 @@ def evidence_segment(result: Criticism, flights: Sequence[Flight]) -> Segment | 
     return before_after_picture(result.model, result.extended, flights, channel, result.unseen)
 
 
+def _unexplained_segment(
+    model: Model, extended: Model, result: Criticism, flights: Sequence[Flight]
+) -> Segment | None:
+    """Return the segment with the largest misfit of the reading that no effect explains; None where it is
+    none of the replay, or where nothing is left over."""
+    told = (name.partition(" ~ ")[0] for name, _ in result.patterns[:1] if result.unexplained)
+    channel = REPLAYED.get(next(told, ""))
+    return before_after_picture(model, extended, flights, channel, result.unseen) if channel else None
+
+
 REPLAYED = {
     "roll": "attitude.roll", "pitch": "attitude.pitch", "yaw": "attitude.yaw",
     "velocity_x": "velocity.v_x", "velocity_y": "velocity.v_y", "range": "sonar.range",
+    "force ahead": "velocity.v_x", "force left": "velocity.v_y", "force up": "sonar.range",
 }  # fmt: skip
-"""Names of criticism's channels in a replay."""
+"""Names of criticism's channels, and of what is forced, in a replay."""
 
 
 def before_after_picture(

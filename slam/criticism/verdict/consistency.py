@@ -85,8 +85,7 @@ def consistencies(
 def _rows_of(
     records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
 ) -> tuple[Array, Array, Ints, Array]:
-    """Return sensitivities to the nuisances and to chosen effects, innovations, the numbers of their parts
-    (rows, 3), and the precision of the priors."""
+    """Return sensitivities, innovations, numbers of their parts (rows, 3), and precisions of the priors."""
     perturbations = [*MEAN_PERTURBATIONS, *_moved(chosen)]
     precision = np.zeros(len(perturbations))
     precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]

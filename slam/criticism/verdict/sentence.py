@@ -20,7 +20,7 @@ from slam.simulation.terms import CATALOGUE
 FAIR_SHARE = 0.9
 """Share of the cause's evidence by which a rival may lag: one that lags by more explains none of it."""
 MOST_SENTENCES = 3
-"""Greatest number of sentences of a headline."""
+"""Greatest number of sentences of a headline, and of effects for which a flight is advised."""
 
 
 _USE_IT = "simulate, replay and map with --model extended.toml."
@@ -42,10 +42,9 @@ _AGAIN = (
     "place is the floor's, and one that stays away is the weather's or an instrument's."
 )
 _NEXT_FLIGHT: Mapping[Verdict, str] = {
-    "nothing_wrong": "none is needed. To see smaller effects, fly longer, and fly the manoeuvres that "
-    "docs/recipes.md lists for each effect.",
-    "named": "one of these once more, with the same sticks: by extended.toml nothing should be wrong.",
+    "nothing_wrong": "none is needed.",
     "ambiguous": "fly the manoeuvres that docs/recipes.md lists for these effects, and judge them together.",
+    "named": "one of these once more, with the same sticks: by extended.toml nothing should be wrong.",
     "named_with_remainder": _AGAIN,
     "unknown": _AGAIN,
 }
@@ -61,32 +60,34 @@ def with_sentences(found: Criticism) -> Criticism:
 
 
 def _flight_after(found: Criticism) -> str:
-    """Return what to fly next; causes that are equally probable are judged by old and new flights."""
-    together = " Then criticise the flights together." if found.verdict == "ambiguous" else ""
-    if column := next((series.column for series in found.changes), ""):
-        name = column.partition(".")[0]
-        repeat = f"one of {FEWEST_PARTS * PART_S:.0f} s or more. Repeat in it throughout what shows {name}"
-        return f"{repeat}: {CATALOGUE[name].excitation}. Then its sizes over time tell when it changes."
-    if found.next_flight:
-        return f"{found.next_flight}{together}"
-    if each := [f"for {name} {CATALOGUE[name].excitation}" for name in found.equivalence_set if together]:
-        return f"fly {'; '.join(each)}.{together}"
-    return _NEXT_FLIGHT[found.verdict]
+    """Return what to fly next: what separates causes, or shows effects that were missed; and what changes."""
+    first = found.next_flight or _flight_for(found)
+    advised = [first, "Then criticise the flights together." * (found.verdict == "ambiguous" and first != "")]
+    for name in [series.column.partition(".")[0] for series in found.changes[:1]]:
+        how, least_s = CATALOGUE[name].manoeuvre, FEWEST_PARTS * PART_S
+        advised.append(f"To see when {name} changes, repeat for {least_s:.0f} s or more: {how}.")
+    return " ".join(filter(None, advised)) or _NEXT_FLIGHT[found.verdict]
+
+
+def _flight_for(found: Criticism) -> str:
+    """Return the manoeuvres that show effects alike, or, of a sound vehicle, effects that were missed."""
+    sound, reached = found.verdict == "nothing_wrong", within_reach(found.detectable)
+    unsure = [n for n in found.detectable if n not in reached] if sound else found.equivalence_set
+    each = "; ".join(f"for {name} {CATALOGUE[name].manoeuvre}" for name in unsure[:MOST_SENTENCES])
+    return each and f"{'none is needed. To see more, fly' if sound else 'fly'} {each}."
 
 
 def headline(found: Criticism) -> str:
     """Return at most three short sentences: the finding, then gain, what is unexplained and the limits."""
-    first = {"nothing_wrong": _nothing_wrong, "unknown": _unknown, "ambiguous": _ambiguous}.get(
-        found.verdict, _named
-    )(found)
+    opening = {"nothing_wrong": _nothing_wrong, "unknown": _unknown, "ambiguous": _ambiguous}
+    first = opening.get(found.verdict, _named)(found)
     gain = {"nothing_wrong": _tested, "unknown": _partly_explained}.get(found.verdict, _foremost_gain)(found)
     rest = [part for part in (gain, _unexplained(found), found.limits) if part]
     return " ".join([first, *rest[-(MOST_SENTENCES - 1) :]])
 
 
 def details(found: Criticism) -> tuple[str, ...]:
-    """Return further lines: each cause and its gain, the equivalents, each unexplained finding, correlated
-    noise, and the smallest sizes that a verdict of no error excludes."""
+    """Return further lines on causes, equivalents, unexplained findings, noise, and sizes that would show."""
     lines = [_describe(cause) for cause in found.causes]
     if found.causes and (ahead := _gain_of_channel(found.causes[0].gain)):
         together = "With all causes together, " if len(found.causes) > 1 else ""

@@ -80,7 +80,7 @@ class Term:
     confounders: tuple[str, ...] = ()
     """Names of terms with a similar effect on a flight."""
     excitation: str = ""
-    """Manoeuvre that distinguishes the term from its confounders."""
+    """Manoeuvre that distinguishes the term from its confounders, and remarks, behind a semicolon."""
     stream: Stream = ""
     """Stream of a flight that the term changes, if it is one of an instrument."""
     read: Reading | None = None
@@ -109,6 +109,11 @@ class Term:
     def neutral(self) -> dict[str, float]:
         """Values at which the term has no effect."""
         return {parameter.name: parameter.neutral for parameter in self.parameters}
+
+    @property
+    def manoeuvre(self) -> str:
+        """The ``excitation`` without its remarks."""
+        return self.excitation.partition(";")[0]
 
     @property
     def is_of_instrument(self) -> bool:

@@ -170,6 +170,16 @@ def test_what_shows_a_cause_that_changes_is_flown_throughout_one_flight():
     flown = with_sentences(Criticism("named_with_remainder", changes=(parts,))).details[-1]
     assert "40 s or more" in flown
     assert CATALOGUE["attitude_lag"].excitation in flown
+    advised = "To distinguish a from b fly 'climb' once, for 4 s: 3.6 sigma a time."
+    both = with_sentences(Criticism("ambiguous", changes=(parts,), next_flight=advised)).details[-1]
+    assert advised in both
+    assert flown.partition(": ")[2] in both
+
+
+def test_what_shows_effects_that_were_missed_is_told_with_a_healthy_verdict():
+    seen = {"trim_offset": (0.02, "rad"), "sonar_lag": (2.5, "s")}
+    flown = with_sentences(Criticism("nothing_wrong", detectable=seen)).details[-1]
+    assert f"To see more, fly for sonar_lag {CATALOGUE['sonar_lag'].excitation}." in flown
 
 
 def test_pictures_gain_from_one_to_another():
