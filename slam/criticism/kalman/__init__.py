@@ -11,8 +11,8 @@ _ROOT = Path(__file__).parents[3]
 discard_stale(
     [
         *(_ROOT / "slam" / "criticism").rglob("*.py"),
-        _ROOT / "slam" / "simulation" / "dynamics.py",
-        _ROOT / "slam" / "simulation" / "state.py",
+        _ROOT / "slam" / "core" / "arrays.py",
+        *(_ROOT / "slam" / "simulation" / name for name in ("dynamics.py", "state.py")),
         _ROOT / "slam" / "simulation" / "terms",
         *(_ROOT / "slam" / "simulation" / "terms").glob("*.py"),
         _ROOT / "backend" / "measurements.py",
