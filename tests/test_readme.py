@@ -25,7 +25,7 @@ from slam.io.exports.formats import FORMATS
 from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, KNOWN_KEYS
 from slam.mapping.config import PipelineConfig
-from slam.report.criticism_report import VERDICTS
+from slam.report.criticism.write import VERDICTS
 from slam.simulation.model import load_model
 from slam.simulation.recipe import shipped_recipes
 from tests.benchmarks.figures import HEADLINES, headlines

@@ -50,7 +50,7 @@ def criticise(
     from slam.core.progress import Tally
     from slam.criticism import criticise as run
     from slam.report.accuracy import map_gain_table
-    from slam.report.criticism_report import write_criticism_report
+    from slam.report.criticism.write import write_criticism_report
     from slam.simulation.model import load_model
 
     screen = Screen(quiet, as_json)

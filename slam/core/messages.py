@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-CHECKED_BY_ONE_DISTANCE = "One distance measured on the ground checks the lengths."
+CHECKED_BY_ONE_DISTANCE = "Measure one distance on the ground to check the lengths."
 """End of a sentence about lengths that a single instrument tells."""
 
 

@@ -118,7 +118,10 @@ def _map_against_truth(evaluation: Evaluation) -> str:
 def as_stated(pose: Consistency) -> str:
     """Return how large errors are beside the stated ones, and which sizes chance alone allows."""
     size, low, high = (np.sqrt(nees / pose.dof) for nees in (pose.mean, pose.lower95, pose.upper95))
-    return f"{size:.2f} times as large as stated, and chance alone gives {low:.2f} to {high:.2f} times"
+    return (
+        f"{size:.2f} times as large as stated, places and angles of all poses weighed together, and chance "
+        f"alone gives {low:.2f} to {high:.2f} times"
+    )
 
 
 def accuracy_tables(evaluation: Evaluation) -> tuple[FigureTable, ...]:

@@ -44,10 +44,10 @@ def _here(estimate: Estimate, facts: Facts, summary: Summary) -> Mapping[str, st
         found[FLY_AGAIN] = "No: no stretch of the path is without other pictures."
     if estimate.ground is not None:
         shift_px = estimate.ground.misregistration_px[-1]
-        fit = f"at the seams the pictures fit to {counted_pixels(shift_px)} on 95 % of the ground"
+        fit = f"at the seams the pictures fit to {_in_pixels(shift_px)} on 95 % of the ground"
         if shift_px <= _VISIBLE_PX:
             found[CUT_THERE] = f"No: {fit}, so the mosaic is neither cut nor doubled by these."
-        elif shift_px > _VISIBLE_PX:
+        elif shift_px > _VISIBLE_PX:  # NaN where it was not measured, and then neither is said
             found[CUT_THERE] = (
                 f"Only if you see the mosaic cut or doubled where many of them lie: {fit}, which shows. "
                 "Look there in map.html, and fly that place again with more overlap."
@@ -55,6 +55,6 @@ def _here(estimate: Estimate, facts: Facts, summary: Summary) -> Mapping[str, st
     return found
 
 
-def counted_pixels(shift_px: float) -> str:
+def _in_pixels(shift_px: float) -> str:
     """Return a shift in pixels of the mosaic, in words."""
     return counted(1, "pixel") if f"{shift_px:.2g}" == "1" else f"{shift_px:.2g} pixels"

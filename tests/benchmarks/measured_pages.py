@@ -16,13 +16,13 @@ from slam.criticism.cause import Gain, Interval
 from slam.criticism.verdict.power import within_reach
 from slam.data_quality.commands import has_commands
 from slam.io.flight_folder import read_flight
-from slam.report.criticism_pictures import (
+from slam.report.criticism.pictures import (
     covariate_picture,
     gain_picture,
     ranking_picture,
 )
-from slam.report.criticism_report import cause_rows, covariate_caption, gain_rows, ranking_caption
-from slam.report.criticism_segment import Segment, before_after_picture, evidence_segment
+from slam.report.criticism.segment import Segment, before_after_picture, evidence_segment
+from slam.report.criticism.write import cause_rows, covariate_caption, gain_rows, ranking_caption
 from slam.simulation.model import save_model
 from tests.benchmarks.commit import commit
 from tests.benchmarks.measured import folder

@@ -61,12 +61,14 @@ def with_sentences(found: Criticism) -> Criticism:
 
 def _flight_after(found: Criticism) -> str:
     """Return what to fly next: what separates causes, or shows effects that were missed; and what changes."""
-    first = found.next_flight or _flight_for(found)
-    advised = [first, "Then criticise the flights together." * (found.verdict == "ambiguous" and first != "")]
-    for name in [series.column.partition(".")[0] for series in found.changes[:1]]:
-        how, least_s = CATALOGUE[name].manoeuvre, FEWEST_PARTS * PART_S
-        advised.append(f"To see when {name} changes, repeat for {least_s:.0f} s or more: {how}.")
-    return " ".join(filter(None, advised)) or _NEXT_FLIGHT[found.verdict]
+    advised = found.next_flight or _flight_for(found)
+    if advised and found.verdict == "ambiguous":
+        advised += " Then criticise the flights together."
+    if found.changes:
+        name, least_s = found.changes[0].column.partition(".")[0], FEWEST_PARTS * PART_S
+        manoeuvre = CATALOGUE[name].manoeuvre
+        advised += f" To see when {name} changes, repeat for {least_s:.0f} s or more: {manoeuvre}."
+    return advised.strip() or _NEXT_FLIGHT[found.verdict]
 
 
 def _flight_for(found: Criticism) -> str:
@@ -79,8 +81,9 @@ def _flight_for(found: Criticism) -> str:
 
 def headline(found: Criticism) -> str:
     """Return at most three short sentences: the finding, then gain, what is unexplained and the limits."""
-    opening = {"nothing_wrong": _nothing_wrong, "unknown": _unknown, "ambiguous": _ambiguous}
-    first = opening.get(found.verdict, _named)(found)
+    opening = {"unknown": _unknown, "ambiguous": _ambiguous}
+    sound = "The flights show no error of the model."
+    first = sound if found.verdict == "nothing_wrong" else opening.get(found.verdict, _named)(found)
     gain = {"nothing_wrong": _tested, "unknown": _partly_explained}.get(found.verdict, _foremost_gain)(found)
     rest = [part for part in (gain, _unexplained(found), found.limits) if part]
     return " ".join([first, *rest[-(MOST_SENTENCES - 1) :]])
@@ -112,10 +115,6 @@ def unusable(reasons: Sequence[str], dropped: Sequence[str] = (), advice: str = 
     text = f"These data cannot be judged: {first}{more}."
     lines = tuple(f"{reason}." for reason in others)
     return Criticism("unusable", f"{text} {advice}".rstrip(), details=lines, dropped=tuple(dropped))
-
-
-def _nothing_wrong(found: Criticism) -> str:
-    return "The flights show no error of the model."
 
 
 def _tested(found: Criticism) -> str:

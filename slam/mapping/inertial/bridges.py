@@ -93,7 +93,7 @@ def filtered_gaps(
     inputs = identify_noise(flight, trust, progress, stamps_s, steps)
     inside = (stamps_s >= inputs.start_s) & (stamps_s <= inputs.end_s)
     by_accelerometer = inputs.adjustments.start is not None
-    if not (inputs.readings.range_m or by_accelerometer) or inside.sum() < 2:
+    if (inputs.readings.range_m is None and not by_accelerometer) or inside.sum() < 2:
         return FilteredGaps()
     reached = {step.j for step in steps}
     steps = renumber_steps(steps, inside)

@@ -22,22 +22,22 @@ def in_metres(chain: Map, heights: HeightEstimate, gain_std: float) -> Map:
     """
     n, b_p_c_m = len(chain.component), chain.camera.b_T_c[:3, 3]
     ratio, std = np.ones(n), np.zeros(n)
-    from_camera = -chain.w_T_b[:, :3, :3] @ b_p_c_m
-    w_p_c = chain.w_T_b[:, :3, 3] - from_camera
-    way = np.zeros((n, 3))
+    from_camera_m = -chain.w_T_b[:, :3, :3] @ b_p_c_m
+    w_p_c = chain.w_T_b[:, :3, 3] - from_camera_m
+    from_first_m = np.zeros((n, 3))
     for part in range(int(chain.component.max(initial=-1)) + 1):
         members = np.flatnonzero(chain.component == part)
         known = members[np.isfinite(heights.height_m[members])]
-        way[members] = w_p_c[members] - w_p_c[members[0]]
+        from_first_m[members] = w_p_c[members] - w_p_c[members[0]]
         if len(known):
-            camera_m = heights.height_m[known] - from_camera[known, 2]
+            camera_m = heights.height_m[known] - from_camera_m[known, 2]
             ratio[members] = np.median(camera_m / w_p_c[known, 2])
             std[members] = np.hypot(np.median(heights.log_std[known]), gain_std)
     w_T_b = chain.w_T_b.copy()
-    w_T_b[:, :3, 3] = ratio[:, None] * w_p_c + from_camera
+    w_T_b[:, :3, 3] = ratio[:, None] * w_p_c + from_camera_m
     growth = error_growth(ratio, b_p_c_m)
     of_scale = np.zeros((n, 6))
-    of_scale[:, 3:] = (std * ratio)[:, None] * np.einsum("nba,nb->na", chain.w_T_b[:, :3, :3], way)
+    of_scale[:, 3:] = (std * ratio)[:, None] * np.einsum("nba,nb->na", chain.w_T_b[:, :3, :3], from_first_m)
     covariances = growth @ chain.covariances @ growth.transpose(0, 2, 1)
     covariances += of_scale[:, :, None] * of_scale[:, None, :]
     return replace(

@@ -66,7 +66,7 @@ def test_nothing_is_stated_without_an_instrument_or_with_two(used):
     ],
 )
 def test_values_that_the_flight_does_not_determine_are_assumed(gain_std, zero_std_m, assumed):
-    advice = " One distance measured on the ground checks the lengths."
+    advice = " Measure one distance on the ground to check the lengths."
     assert basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m).endswith(assumed + advice)
     stated = basis(sonar=True, gain_std=gain_std, zero_std_m=zero_std_m, assumed=())
     assert stated.endswith(assumed.replace("assumed", "as stated") + advice)

@@ -79,7 +79,7 @@ def test_a_stated_accuracy_names_the_one_instrument_that_it_rests_on(moving: Fli
     assert estimate.accuracy_basis == (
         "Lengths and their accuracy rest on one height sensor alone; no second instrument checks them, and "
         "its gain, its zero and the camera's focal length are taken as exact. "
-        "One distance measured on the ground checks the lengths."
+        "Measure one distance on the ground to check the lengths."
     )
     assert summarise(estimate).to_json()["accuracy_basis"] == estimate.accuracy_basis
 

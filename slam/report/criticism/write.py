@@ -13,18 +13,18 @@ from backend.wording import either
 from slam.core.units import sized, spaced
 from slam.core.version import VERSION
 from slam.report.accuracy import map_gain_table
-from slam.report.criticism_answers import criticism_answers
-from slam.report.criticism_changes import size_over_time
-from slam.report.criticism_evidence import longer_bar
-from slam.report.criticism_pictures import (
+from slam.report.criticism.answers import criticism_answers
+from slam.report.criticism.changes import size_over_time
+from slam.report.criticism.effect_names import TWO_SIDED, figure, title_of, with_titles
+from slam.report.criticism.evidence import longer_bar
+from slam.report.criticism.pictures import (
     calibration_picture,
     covariate_picture,
     gain_picture,
     panels_of,
     ranking_picture,
 )
-from slam.report.criticism_segment import evidence_segment
-from slam.report.effect_names import TWO_SIDED, figure, title_of, with_titles
+from slam.report.criticism.segment import evidence_segment
 from slam.report.page import Item, embedded, render_page
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
     gain = result.causes[0].gain if result.causes else None
     segments = [s for s in (evidence_segment(result, flights), size_over_time(result)) if s is not None]
     return render_page(
-        "criticism_page.html.j2",
+        "criticism/page.html.j2",
         title=VERDICTS[result.verdict],
         version=VERSION,
         model=result.model.name if result.model else "none",

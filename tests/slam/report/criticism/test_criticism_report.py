@@ -17,18 +17,18 @@ from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.evaluation.map_gain import MapErrors, MapGain
-from slam.report.criticism_answers import criticism_answers, left_out_by_flight, unexplained_in_words
-from slam.report.criticism_changes import size_over_time
-from slam.report.criticism_evidence import longer_bar
-from slam.report.criticism_pictures import (
+from slam.report.criticism.answers import criticism_answers, left_out_by_flight, unexplained_in_words
+from slam.report.criticism.changes import size_over_time
+from slam.report.criticism.effect_names import with_titles
+from slam.report.criticism.evidence import longer_bar
+from slam.report.criticism.pictures import (
     covariate_picture,
     gain_picture,
     panels_of,
     ranking_picture,
 )
-from slam.report.criticism_report import VERDICTS, covariate_caption, nuisance_rows, render_criticism
-from slam.report.criticism_segment import before_after_picture, evidence_segment
-from slam.report.effect_names import with_titles
+from slam.report.criticism.segment import before_after_picture, evidence_segment
+from slam.report.criticism.write import VERDICTS, covariate_caption, nuisance_rows, render_criticism
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -137,7 +137,7 @@ def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
 @pytest.mark.parametrize("term", ["sonar_spikes", "timestamp_jitter"])
 def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Figure] = []
-    monkeypatch.setattr("slam.report.criticism_segment.png", lambda figure: drawn.append(figure) or b"")
+    monkeypatch.setattr("slam.report.criticism.segment.png", lambda figure: drawn.append(figure) or b"")
     flights = [
         simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), seed)
         for seed in (1, 2)
@@ -182,7 +182,7 @@ def test_nothing_and_unknown_are_always_among_the_bars() -> None:
 
 def test_no_hypothesis_shouts(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Figure] = []
-    monkeypatch.setattr("slam.report.criticism_pictures.png", lambda figure: drawn.append(figure) or b"")
+    monkeypatch.setattr("slam.report.criticism.pictures.png", lambda figure: drawn.append(figure) or b"")
     ranking_picture(made())
     drawn[0].canvas.draw()
     names = [tick.get_text() for tick in drawn[0].axes[0].get_yticklabels()]

@@ -1,0 +1,1 @@
+"""The page of a criticism: what is wrong, how sure that is, and what to fly next."""
