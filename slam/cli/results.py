@@ -19,7 +19,7 @@ from slam.core.messages import Note
 from slam.core.names import listed
 from slam.core.progress import Progress
 from slam.core.summary import Summary, json_text, summarise
-from slam.core.units import length
+from slam.core.units import length, percent
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate import write_estimate
 from slam.report.control_table import control_tables
@@ -138,16 +138,16 @@ def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
     before, after = ground.over_floor_px[-1], ground.misregistration_px[-1]
     if not ground.is_measured:
         return [
-            f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat, but no two pictures show "
+            f"mosaic: {percent(ground.relief_share)} of the ground is not flat, but no two pictures show "
             "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree only "
             f"within {after:.2g} px; take pictures that overlap by 60 to 95 %"
         ]
     return [
         Note(
-            f"mosaic: {100 * ground.relief_share:.0f} % of the ground is not flat: its height was "
+            f"mosaic: {percent(ground.relief_share)} of the ground is not flat: its height was "
             f"measured, from {length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over "
-            f"the floor, and {100 * ground.filled_share:.0f} % of it filled in from around; pictures of 95 "
-            f"% of the ground agree within {after:.2g} px, on a flat floor it would be {before:.2g} px; "
+            f"the floor, and {percent(ground.filled_share)} of it filled in from around; pictures of "
+            f"95 % of the ground agree within {after:.2g} px, on a flat floor it would be {before:.2g} px; "
             "trust no height where elevation.tif has no standard deviation"
         )
     ]

@@ -2,6 +2,8 @@
 
 SHOW_NOTHING = ("same picture as the one before", "too few features")
 """Words of `frontend.views` and `frontend.keyframes`, which load OpenCV."""
+BARE_GROUND = "bare ground"
+"""Beginning of a warning about pictures that show nothing."""
 TRACKING_LOST = "tracking started anew"
 """Word of `frontend.keyframes` for a picture that nothing links to the one before."""
 REDUNDANT = "other pictures show its ground"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.units import unit
+from slam.core.units import axis_names, unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's colours, which colour-blind readers can distinguish (jfly.uni-koeln.de/color, 2008).
 BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
+PURPLE = "#cc79a7"
 PALE_GREY = "#c3c7cd"
 UNMEASURED = "#b3b8bf"
 """Colour of unmeasured places in a map: a grey that is neither in viridis and magma nor white."""
@@ -51,7 +52,8 @@ def grid(axes: Axes) -> None:
 
 def ground_labels(on_earth: bool, metric: bool = True) -> tuple[str, str]:
     """Return the labels of the two axes of a top view."""
-    return ("east [m]", "north [m]") if on_earth else (f"x [{unit(metric)}]", f"y [{unit(metric)}]")
+    first, second = axis_names(on_earth)
+    return f"{first} [{unit(metric)}]", f"{second} [{unit(metric)}]"
 
 
 def round_factor(factor: float) -> float:

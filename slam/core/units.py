@@ -32,6 +32,11 @@ def unit(metric: bool) -> str:
     return "m" if metric else "heights"
 
 
+def axis_names(on_earth: bool) -> tuple[str, str]:
+    """Return the names of the two axes of a top view."""
+    return ("east", "north") if on_earth else ("x", "y")
+
+
 def length(metres: float, metric: bool = True) -> str:
     """Return a length with three significant figures in mm, m or km; in heights if not ``metric``."""
     if not np.isfinite(metres):

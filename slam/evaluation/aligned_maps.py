@@ -49,11 +49,22 @@ def aligned_maps(estimate: Estimate, association: Association) -> AlignedMaps:
 
 def chain_on_result(estimate: Estimate) -> Array:
     """Return the plain chain (n, 4, 4) with its first keyframe's position and heading on the result's."""
-    known = np.flatnonzero(np.isfinite(estimate.chain_w_T_b.sum(axis=(1, 2))) & estimate.placed)
+    return _on_result(estimate, estimate.chain_w_T_b)
+
+
+def odometry_on_result(estimate: Estimate) -> Array:
+    """Return the poses without loops (n, 4, 4) beside the result: on Earth as they are, and elsewhere with
+    the first keyframe's position and heading on the result's."""
+    on_earth = estimate.origin is not None
+    return estimate.odometry_w_T_b if on_earth else _on_result(estimate, estimate.odometry_w_T_b)
+
+
+def _on_result(estimate: Estimate, w_T_b: Array) -> Array:
+    known = np.flatnonzero(np.isfinite(w_T_b.sum(axis=(1, 2))) & estimate.placed)
     if len(known) == 0:
-        return np.full_like(estimate.chain_w_T_b, np.nan)
+        return np.full_like(w_T_b, np.nan)
     first = known[0]
-    return np.asarray(gauge(estimate.chain_w_T_b[first], estimate.w_T_b[first]) @ estimate.chain_w_T_b)
+    return np.asarray(gauge(w_T_b[first], estimate.w_T_b[first]) @ w_T_b)
 
 
 def _map(w_T_b: Array, floor_z_m: float, association: Association) -> AlignedMap:

@@ -11,9 +11,10 @@ import numpy as np
 from backend.wording import counted, either
 from slam.core.estimate import CONTRADICTED, Estimate, LoopVerdict
 from slam.core.messages import by_kind
-from slam.core.units import SPACE, length, percent, unit
+from slam.core.units import SPACE, length, percent
 from slam.report.advice import main_cause
-from slam.report.checked_lengths import CHECKED, basis, unless_checked
+from slam.report.checked_lengths import CHECKED, RESULT, basis, unless_checked
+from slam.report.coordinates import at
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -72,15 +73,14 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
     if k is None:
         return ""
     x, y, _ = estimate.w_T_b[k, :3, 3].tolist()
-    m = unit(facts.metric)
     what = "pose" if facts.is_graph else "keyframe"
     name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
-    path = f"Around {_at(x, y, m)} ({what} {k}{f', {name}' * bool(name)})"
+    path = f"Around {at(estimate, x, y)} ({what} {k}{f', {name}' * bool(name)})"
     path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}, all axes together."
     if mosaic is None or not np.isfinite(mosaic.worst_std_m):
         return f"{path} map.html colours the path by it."
     return (
-        f"The ground around {_at(mosaic.x_m, mosaic.y_m, m)}, known to "
+        f"The ground around {at(estimate, mosaic.x_m, mosaic.y_m)}, known to "
         f"±{SPACE}{facts.length(mosaic.worst_std_m)}, x and y together: the ring in the middle one "
         f"of the three maps below.{_why_uncertain(facts, mosaic)} The path: {path[0].lower()}{path[1:]}"
     )
@@ -95,13 +95,6 @@ def _why_uncertain(facts: Facts, mosaic: MosaicFacts) -> str:
         told.append(f"it lies {away} from the first keyframe, and errors of scale and heading grow with that")
     text = "; ".join(told)
     return f" {text[0].upper()}{text[1:]}." if text else ""
-
-
-def _at(x: float, y: float, unit_name: str) -> str:
-    """Return a place in words; no zero has a sign."""
-    return ", ".join(
-        f"{axis} = {round(value, 2) + 0.0:.2f} {unit_name}" for axis, value in (("x", x), ("y", y))
-    )
 
 
 def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
@@ -207,6 +200,22 @@ def _beside(estimate: Estimate) -> str:
     )
 
 
+def gain_of_loops(facts: Facts) -> str:
+    """Return how far loop closures moved the path; empty where there are none, and for a graph."""
+    typical_m, largest_m = facts.loops_moved_m
+    if facts.is_graph or not facts.loops_kept or not np.isfinite(largest_m):
+        return ""
+    known = unless_checked(
+        "", f" {RESULT} tells by how much distances would be wrong without them, and are with them."
+    )
+    return (
+        f"Without them, the same pictures and instruments would place the camera {facts.length(typical_m)} "
+        f"away from here typically, and {facts.length(largest_m)} at most. Each place that is recognised "
+        "again takes away the error that grew since the first visit, in place, heading and height; the "
+        f"picture “Height” below shows the heights of both.{known}"
+    )
+
+
 def loops(estimate: Estimate, facts: Facts) -> str:
     """Return how often places were recognised, and what speaks for and against the matches."""
     rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
@@ -261,7 +270,7 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     )
     if np.isfinite(mosaic.seam_share):
         text += (
-            f" They differ most around {_at(mosaic.seam_x_m, mosaic.seam_y_m, unit(estimate.metric))}, by "
+            f" They differ most around {at(estimate, mosaic.seam_x_m, mosaic.seam_y_m)}, by "
             f"{percent(mosaic.seam_share)} of the brightness, typically by {percent(mosaic.seam_typical)}: "
             "look there first (the ring in it)."
         )

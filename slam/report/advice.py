@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
+from slam.core.lost_pictures import BARE_GROUND
 from slam.core.messages import by_kind, clauses
 from slam.core.units import percent
 from slam.report.checked_lengths import unless_checked
@@ -136,9 +137,14 @@ def next_steps(
     steps = []
     if summary.status != "ok":
         steps.append("first do what “Check this first” says: it is worth more than all that follows")
-    elif warnings := by_kind(summary.warnings).warnings:
+    elif warnings := [w for w in by_kind(summary.warnings).warnings if not w.startswith(BARE_GROUND)]:
         steps.append(
             _advice(warnings[0]) if len(warnings) == 1 else f"first act on the {len(warnings)} warnings below"
+        )
+    if ground_missing:  # what a warning of bare ground asks for, with the height of this map
+        higher = f"higher{_as_high(estimate, facts)}"
+        steps.append(
+            f"if you need the ground that is missing, cross it {higher}, with more light, or with marks on it"
         )
     if not facts.loops_kept and not facts.is_graph:
         why = "errors do not add up" if facts.relative_to else "the map does not rest on positions alone"
@@ -151,9 +157,6 @@ def next_steps(
         steps.append(f"to be more accurate than now, {step}")
     if lens_step := _lens_step(estimate):
         steps.append(lens_step)
-    if ground_missing:
-        higher = f"higher{_as_high(estimate, facts)}"
-        steps.append(f"cross the missing ground {higher}, with more light, or with marks on it")
     return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
 
 

@@ -12,6 +12,7 @@ from slam.core.messages import by_kind, reasons_of
 from slam.core.units import SPACE
 from slam.report.accuracy_answers import (
     distance,
+    gain_of_loops,
     least_certain,
     loops,
     not_as_it_is,
@@ -22,7 +23,7 @@ from slam.report.advice import WORDS, further_limits, limit, limit_sentence, nex
 from slam.report.checked_lengths import RESULT, basis, unless_checked
 from slam.report.facts import Facts
 from slam.report.failures import failed, missing
-from slam.report.height_answers import heights, is_tilt_doubted, only_near
+from slam.report.height_answers import heights, is_tilt_doubted, only_near, without_heights
 from slam.report.left_out import counted_by_kind
 from slam.report.left_out_here import ground_is_missing, left_out_here
 from slam.report.mosaic_facts import MosaicFacts
@@ -57,6 +58,7 @@ def pilots_answers(
         Item("What failed?", failed(estimate, facts, summary)),
         Item("Is any of the ground missing?", missing(estimate, facts, summary, mosaic)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
+        Item("What did loop closures change?", gain_of_loops(facts)),
         Item("What was left out, and do I have to act?", _left_out(estimate, facts, summary)),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
         Item("Are the heights true?", *(("",) if facts.is_graph else heights(estimate, facts, summary))),
@@ -75,7 +77,7 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     found = by_kind(summary.warnings)
     named = reasons_of(summary.status, summary.warnings)
     others = sum(line not in named for line in found.warnings)
-    more = _told(others, "warning to act on stands", "warnings to act on stand", "under Warnings")
+    more = _told(others, "warning stands", "warnings stand", "under Warnings, with what to do")
     notes = _told(len(found.notes), "note needs", "notes need", "no action")
     told = "".join(f" {text}." for text in (more, notes) if text)
     if summary.status == "ok":
@@ -98,17 +100,15 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if not facts.metric:
         return "to find things and to compare lengths with each other; not in metres"
     good, ground = "to find things, and to measure distances and areas", estimate.ground
+    flat = "not for heights of the ground, which was taken as flat"
     if is_tilt_doubted(summary):
-        return f"{good}; {only_near(estimate, facts)}"
+        near = only_near(estimate, facts)
+        return f"{good}; {flat}; {near}" if without_heights(estimate) else f"{good}; {near}"
     if ground is not None and ground.is_measured:
         good = "to find things, and to measure distances, areas and differences in height"
     elif ground is not None:
-        flat = (
-            "not for heights, which no two pictures show"
-            if ground.relief_share
-            else "not for heights of the ground, which was taken as flat"
-        )
-        good = f"{good}; {flat}"
+        uneven = "not for heights, which no two pictures show"
+        good = f"{good}; {uneven if ground.relief_share else flat}"
     return good if facts.relative_to else f"{good}; as coordinates on Earth only as the GPS has it"
 
 

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 from slam.core.estimate import Estimate
+from slam.core.units import axis_names, unit
 
 _ZONE_DEG = 6.0
 _GEOID_M = 107
 """Largest distance of sea level from the ellipsoid (EGM2008; National Geospatial-Intelligence Agency)."""
+
+
+def at(estimate: Estimate, x: float, y: float) -> str:
+    """Return a place of the map in words; no zero has a sign."""
+    m, names = unit(estimate.metric), axis_names(estimate.origin is not None)
+    return ", ".join(
+        f"{axis} = {round(value, 2) + 0.0:.2f} {m}" for axis, value in zip(names, (x, y), strict=True)
+    )
 
 
 def utm_epsg(latitude_deg: float, longitude_deg: float) -> int:

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.wording import either
 from slam.core.estimate import Estimate
 from slam.core.instrument import Instrument
-from slam.core.units import SPACE, length, percent
-from slam.evaluation.aligned_maps import chain_on_result
+from slam.core.units import SPACE, length
+from slam.evaluation.aligned_maps import chain_on_result, odometry_on_result
 from slam.report.coordinates import datum_text, plane_text
 from slam.report.gaps import Gap, gaps
 
@@ -51,6 +50,9 @@ class Facts:
     """Origin that positions are known relative to; empty where they are absolute."""
     chain_moved_m: float
     """Largest distance of a keyframe from the plain chain's, with the first keyframes aligned."""
+    loops_moved_m: tuple[float, float]
+    """Typical and largest distance of a keyframe from where it lies without loop closures; NaN where the map
+    without them is not known."""
     scale_source: str
     sensor_gain: str
     """Gain and offset of the height sensor, in words; empty without one."""
@@ -130,7 +132,8 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         scale_std=scale_std,
         mostly_scale=estimate.origin is None and _is_mostly_scale(estimate, main, scale_std),
         relative_to=_relative_to(estimate, flight),
-        chain_moved_m=_moved_m(estimate, main),
+        chain_moved_m=_moved_m(estimate, chain_on_result(estimate), main)[1],
+        loops_moved_m=_moved_m(estimate, odometry_on_result(estimate), main),
         scale_source=_scale_source(estimate, flight),
         sensor_gain=gain,
         sensor_zero=zero,
@@ -220,66 +223,12 @@ def _or_nan(value: float) -> float:
     return float(value) if np.isfinite(value) else float("nan")
 
 
-def sentence(facts: Facts, status: str, ground_std_m: tuple[float, float] | None = None) -> str:
-    """Summarise the result and its accuracy in words for a pilot; ``status`` is that of the map.
-
-    ``ground_std_m``: typical and largest standard deviation of a place on the mosaic, where there is one.
-    """
-    thing = "poses" if facts.is_graph else "keyframes"
-    if facts.placed == 0:
-        return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
-    of_map = "" if facts.is_graph or facts.keyframes == 1 else " (the pictures that the map is made of)"
-    whole = (
-        ("The only" if facts.keyframes == 1 else f"All {facts.keyframes}")
-        if facts.placed == facts.keyframes
-        else f"{facts.placed} of {facts.keyframes}"
-    )
-    maps = (
-        "one consistent map" if facts.maps <= 1 else f"{facts.maps} separate maps that share no common ground"
-    )
-    noun = thing[:-1] if facts.keyframes == 1 else thing
-    text = f"{whole} {noun}{of_map} {either(facts.placed, 'lies', 'lie')} on {maps}"
-    on_ground = ground_std_m is not None and bool(np.isfinite(ground_std_m[0]))
-    typical_m, worst_m = (
-        ground_std_m if ground_std_m is not None and on_ground else (facts.sigma_median_m, facts.sigma_max_m)
-    )
-    if np.isfinite(typical_m):
-        worst = (
-            f"and to ±{SPACE}{facts.length(worst_m)} where it is least certain"
-            if np.isfinite(worst_m)
-            else "and others are not known"
-        )
-        why = (
-            f" (mostly because the scale of all lengths is known to {percent(facts.scale_std)} only)"
-            if facts.mostly_scale and not on_ground
-            else ""
-        )
-        of = "a point on the ground" if on_ground else f"the position of a {thing[:-1]}"
-        typically = f"is typically known to ±{SPACE}{facts.length(typical_m)}{why}, {worst}"
-        text += f"; {facts.against} {of} {typically}"
-        if status != "ok":
-            text += "; errors that the status names come on top"
-    text += "."
-    if facts.loops_kept:
-        one = facts.loops_kept == 1
-        closures = "loop closure" if one else "loop closures"
-        what = "" if facts.is_graph else f" ({'a place' if one else 'places'} recognised on a second visit)"
-        text += f" {facts.loops_kept} {closures}{what} {'holds' if one else 'hold'} it together."
-    elif facts.relative_to:
-        text += " No place was recognised a second time with certainty, so errors add up along the path."
-    else:
-        text += " No place was recognised a second time with certainty: positions alone hold the path."
-    if not facts.metric:
-        text += (
-            " No sensor determined the length of a metre, so lengths are relative: in heights, multiples of "
-            "the camera's mean height over the floor."
-        )
-    return text
-
-
-def _moved_m(estimate: Estimate, main: NDArray[np.int64]) -> float:
-    moved = np.linalg.norm((chain_on_result(estimate) - estimate.w_T_b)[main, :3, 3], axis=1)
-    return float(np.nanmax(moved)) if np.isfinite(moved).any() else float("nan")
+def _moved_m(estimate: Estimate, before_w_T_b: Array, main: NDArray[np.int64]) -> tuple[float, float]:
+    """Return the median and the largest distance of keyframes from where they were before."""
+    moved = np.linalg.norm((before_w_T_b - estimate.w_T_b)[main, :3, 3], axis=1)
+    if not np.isfinite(moved).any():
+        return float("nan"), float("nan")
+    return float(np.nanmedian(moved)), float(np.nanmax(moved))
 
 
 def _relative_to(estimate: Estimate, flight: Flight | None) -> str:

@@ -8,7 +8,8 @@ from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind
-from slam.core.units import percent, unit
+from slam.core.units import axis_names, percent, unit
+from slam.report.coordinates import at
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.streams import STREAM_WORDS, doubts
@@ -40,7 +41,7 @@ def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFa
         rest = "; the warnings name the rest" if facts.placed < facts.keyframes else ""
         told.append(f"{facts.placed} of {facts.keyframes} {thing} have a place{parts}{rest}")
     if mosaic is not None and mosaic.holes:
-        told.append(_holes(mosaic, facts))
+        told.append(_holes(estimate, mosaic))
     if told:
         return f"Yes: {'; '.join(told)}.{_edge(mosaic)}{_without_height(estimate, mosaic)}"
     if facts.is_graph:
@@ -66,20 +67,21 @@ def _stretches(estimate: Estimate, facts: Facts) -> list[str]:
     if not told:
         return []
     more = f", and {len(long) - len(told)} more" if len(long) > len(told) else ""
+    axes = ", ".join(axis_names(estimate.origin is not None))
     return [
-        f"no usable picture was taken along {' and '.join(told)}{more} of the path (x, y in "
+        f"no usable picture was taken along {' and '.join(told)}{more} of the path ({axes} in "
         f"{unit(facts.metric)}; dotted in the picture of the path); the pictures at both ends still show "
         "some of the ground between"
     ]
 
 
-def _holes(mosaic: MosaicFacts, facts: Facts) -> str:
+def _holes(estimate: Estimate, mosaic: MosaicFacts) -> str:
     """Return the white areas inside of a mosaic."""
-    m = unit(facts.metric)
     count = "one hole" if mosaic.holes == 1 else f"{mosaic.holes} holes"
-    where = f"{'' if mosaic.holes == 1 else 'the largest '}around x = {mosaic.hole_x_m:.2f} {m}, y = "
+    which = "" if mosaic.holes == 1 else "the largest "
     return (
-        f"the mosaic has {count}, {mosaic.hole_area_m2:.2g} {m}² in all, {where}{mosaic.hole_y_m:.2f} {m}: "
+        f"the mosaic has {count}, {mosaic.hole_area_m2:.2g} {unit(estimate.metric)}² in all, {which}around "
+        f"{at(estimate, mosaic.hole_x_m, mosaic.hole_y_m)}: "
         "no picture shows this ground, or higher ground hides it"
     )
 
@@ -105,8 +107,8 @@ def _without_height(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
         else "All of this ground"
     )
     return (
-        f" {ground_shown} is in the picture, but the height of {percent(ground.filled_share)} of it was "
-        "not measured (“Are the heights true?” below)."
+        f" {ground_shown} is in the picture, but the height of {percent(ground.filled_share)} of the uneven "
+        "ground was not measured (“Are the heights true?” below)."
     )
 
 

@@ -65,9 +65,10 @@ def _of_ground(estimate: Estimate) -> str:
         return ""
     if ground.is_measured:
         return (
-            " The ground is not flat: its height over the floor, the level plane that fits it best, was "
-            f"measured from the pictures. {percent(ground.filled_share)} of it was filled in from around. "
-            "Trust no height where elevation.tif has no standard deviation."
+            f" {percent(ground.relief_share)} of the ground is not flat. Its height, with what stands on it "
+            "such as trees, was measured from the pictures, over the floor, the level plane that fits best; "
+            f"{percent(ground.filled_share)} of it was filled in from around. Trust no height where "
+            "elevation.tif has no standard deviation, pale in the picture of heights."
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."
@@ -124,11 +125,11 @@ def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str
 
 def only_near(estimate: Estimate, facts: Facts) -> str:
     """Return which heights hold on a map that may lean."""
-    of_camera = " of the camera" if _without_heights(estimate) else ""
+    of_camera = " of the camera" if without_heights(estimate) else ""
     return f"heights{of_camera} only near each other, because the map may lean: {_lean(estimate, facts)}"
 
 
-def _without_heights(estimate: Estimate) -> bool:
+def without_heights(estimate: Estimate) -> bool:
     """Return whether the ground has no measured heights, so that the camera alone has some."""
     return estimate.ground is not None and not estimate.ground.is_measured
 
@@ -158,10 +159,10 @@ def _verdict(estimate: Estimate, facts: Facts, status: str, tilted: bool) -> str
     if status != "ok":
         return "Only after you have checked what “Check this first” above names."
     if tilted:
-        near = "Those of the camera near each other" if _without_heights(estimate) else "Near each other"
+        near = "Those of the camera near each other" if without_heights(estimate) else "Near each other"
         return f"{near}, yes; across the map, no, because it may lean: {_lean(estimate, facts)}."
     altitudes = "" if facts.relative_to or facts.controlled else " As altitudes, only as the GPS counts them."
-    if _without_heights(estimate):
+    if without_heights(estimate):
         ground = "the ground has no measured heights"
         return f"Those of the camera, yes, within the figures that follow; {ground}.{altitudes}"
     over = "Over the ground, yes" if altitudes else "Yes"

@@ -33,9 +33,11 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         else ""
     )
     return (
-        "Height of the ground over the floor, which is the level plane that fits the ground best: from "
+        "Height of the ground, with what stands on it such as trees, over the floor, which is the level "
+        "plane that fits the ground best: from "
         f"{_signed(ground.lowest_m, facts)} to {_signed(ground.highest_m, facts)}, measured by what the "
         f"pictures show from different sides{known}.{filled} Grey: no picture shows it. "
+        "The colours span 99 % of the heights; where the bar ends in a point, a few lie beyond. "
     )
 
 

@@ -33,7 +33,10 @@ def heading_text(found: AttitudeErrors | None) -> str:
     """Wander of the heading, in words."""
     if found is None or found.heading_wander_rad is None:
         return ""
-    return f"{degrees(found.heading_wander_rad):.1f}°"
+    return (
+        f"{degrees(found.heading_wander_rad):.1f}° over the flight, against the map: magnetometers and gyros "
+        "drift so; the pictures hold the heading of the map"
+    )
 
 
 def mount_text(found: MountTilt | None) -> str:

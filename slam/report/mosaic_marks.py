@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.units import axis_names
+
 Image = NDArray[np.uint8]
 
 _STRIP_SHARE, _LEAST_STRIP_PX = 0.05, 28
@@ -51,7 +53,7 @@ class MapMarks:
     @property
     def axes(self) -> tuple[str, str]:
         """Names of the directions to the right and up."""
-        return ("east", "north") if self.on_earth else ("x", "y")
+        return axis_names(self.on_earth)
 
 
 def with_points(pixels: Image, pixel_m: float, corner: tuple[float, float], points: Sequence[Mark]) -> Image:

@@ -18,7 +18,8 @@ from slam.report.accuracy import NOT_EVALUATED, Evaluated, not_evaluated
 from slam.report.advice import limit_sentence
 from slam.report.answers import PLACE, pilots_answers
 from slam.report.checked_lengths import basis, settled
-from slam.report.facts import Facts, gather, sentence
+from slam.report.facts import Facts, gather
+from slam.report.headline import sentence
 from slam.report.heights_figure import heights_figure, heights_figure_words
 from slam.report.instrument_errors import (
     accelerometer_text,
@@ -165,8 +166,8 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
         Item(f"typical uncertainty of a {of} (1σ)", facts.length(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
-    if np.isfinite(facts.chain_moved_m) and not facts.is_graph:
-        tiles.append(Item("off before the optimization, at most", facts.length(facts.chain_moved_m)))
+    if not facts.is_graph and facts.loops_kept and np.isfinite(largest_m := facts.loops_moved_m[1]):
+        tiles.append(Item("wrong without loop closures, at most", facts.length(largest_m)))
     return tuple(tiles)
 
 

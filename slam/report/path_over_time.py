@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 _MOST_PANELS = 6
 """Three rows of two panels fill a page."""
-_WIDTH_IN = 8.0
+_WIDTH_IN = 6.6
 _LEAST_SHAPE, _MOST_SHAPE = 0.4, 1.0
 """Height of a panel over its width: the shape of the path, within limits."""
 
@@ -115,4 +115,5 @@ def _legends(figure: Figure, panels: NDArray[np.object_], colours: object) -> No
     handles, labels = panels[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     bar = figure.colorbar(colours, ax=panels, shrink=0.8, aspect=30, pad=0.02)  # type: ignore[arg-type]
-    bar.set_label("time since the start [s]", fontsize=9)
+    bar.set_label("time since the start [s]", fontsize=10)
+    bar.ax.tick_params(labelsize=9)

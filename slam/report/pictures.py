@@ -14,6 +14,7 @@ from slam.core.plot_style import (
     GREEN,
     GREY,
     ORANGE,
+    PURPLE,
     VERMILLION,
     ground_labels,
     legend_below,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_MOST_KEPT, _MOST_REJECTED = 400, 60
+_MOST_KEPT, _MOST_REJECTED = 200, 60
 """Largest number of loops drawn: a thousand lines hide the map, and rejected loops lie right across it."""
 _MOST_ELLIPSES = 60
 _ELLIPSE_SHARE = 0.03
@@ -43,7 +44,7 @@ def trajectory_picture(estimate: Estimate, gaps: Sequence[Gap] = (), before: str
 
     Over ``gaps`` the path is dotted. ``before`` names ``chain_w_T_b``, which is then drawn behind.
     """
-    figure, axes = new_figure(8.0, 7.5)
+    figure, axes = new_figure(6.6, 6.4)
     known = is_placed(estimate)
     position = np.where(known[:, None], estimate.w_T_b[:, :3, 3], np.nan)
     if before:
@@ -61,7 +62,7 @@ def trajectory_picture(estimate: Estimate, gaps: Sequence[Gap] = (), before: str
     axes.set(xlabel=x, ylabel=y)
     axes.set_aspect("equal", adjustable="datalim")
     if size:
-        axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{_drawn(size)}")
+        axes.plot([], [], "o", color=PURPLE, markerfacecolor="none", label=f"2σ ellipse{_drawn(size)}")
     legend_below(axes, columns=3)
     return png(figure)
 
@@ -116,9 +117,9 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
     contradicted = [(loop.i, loop.j) for loop in estimate.loops if loop.finding == CONTRADICTED]
     unproven = [(loop.i, loop.j) for loop in estimate.loops if loop.finding == UNPROVEN]
     for pairs, most, color, dash, alpha, what in (
-        (unproven, _MOST_REJECTED, GREY, (0, (1, 3)), 0.8, UNPROVEN),
-        (contradicted, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.6, CONTRADICTED),
-        (kept, _MOST_KEPT, GREEN, "-", 0.75, "kept"),
+        (unproven, _MOST_REJECTED, GREY, (0, (1, 2)), 1.0, UNPROVEN),
+        (contradicted, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.7, CONTRADICTED),
+        (kept, _MOST_KEPT, GREEN, "-", 0.6, "kept"),
     ):
         shown = pairs[:: max(1, -(-len(pairs) // most))]
         some = f", {len(shown)} drawn" if len(shown) < len(pairs) else ""

@@ -10,15 +10,15 @@ from backend.wording import either
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import Flight
-from slam.core.lost_pictures import NOTABLE_SHARE
+from slam.core.lost_pictures import BARE_GROUND, NOTABLE_SHARE
 from slam.mapping.front_end import Observations
 
 _HINTS = {
     SAME_PICTURE: ("cam0", "did the camera freeze? What it passed then is missing from the map"),
     TOO_FEW: (
-        "bare ground",
+        BARE_GROUND,
         "is the floor without texture or light there? What lies there is missing from the map, unless the "
-        "drone passes it again; fly higher, or lay out marks",
+        "drone passes it again; if that ground matters, fly over it again higher, or lay out marks",
     ),
 }
 """Reason -> what is at fault, an instrument or the ground, and what to ask."""

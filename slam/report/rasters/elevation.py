@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,15 @@ from slam.io.geotiff import Grid, height_tags, write_bands
 HEIGHT_BAND = "height over the floor [m]"
 _VEIL = 0.55
 """Share of white over heights that were not measured: pale, and their colour can still be told."""
+_WIDTH_IN = 6.2
+"""Width of the picture: letters of 10 points are as large on a page as its text."""
+_BEYOND: Mapping[tuple[bool, bool], Literal["neither", "min", "max", "both"]] = {
+    (False, False): "neither",
+    (True, False): "min",
+    (False, True): "max",
+    (True, True): "both",
+}
+"""Whether heights lie below and above the range of the colours -> the ends of their bar that are pointed."""
 LEAST_SPAN_M = 0.1
 """Range of the colours on a flat floor, half of it below the floor, so that noise does not look like
 hills."""
@@ -88,7 +99,9 @@ def elevation_picture(
 
     rows, cols = height.shape
     figure = Figure(
-        figsize=(8.0, float(np.clip(7.0 * rows / cols, 2.2, 10.0)) + 1.0), dpi=130, layout="constrained"
+        figsize=(_WIDTH_IN, float(np.clip(0.87 * _WIDTH_IN * rows / cols, 2.0, 1.25 * _WIDTH_IN)) + 1.0),
+        dpi=170,
+        layout="constrained",
     )
     axes = figure.subplots()
     axes.set_facecolor(UNMEASURED)
@@ -107,6 +120,10 @@ def elevation_picture(
             grey = "no picture; pale: filled in"
     x, y = ground_labels(grid.origin is not None, grid.metric)
     axes.set(xlabel=x, ylabel=y)
-    axes.set_title(f"Height over the floor, by {by} (grey: {grey})", fontsize=10)
-    figure.colorbar(drawn, ax=axes, label=unit(grid.metric), fraction=0.046 * rows / cols, pad=0.03)
+    axes.set_title(f"Height over the floor, by {by}\n(grey: {grey})", fontsize=10)
+    further = _BEYOND[bool(np.nanmin(height) < low), bool(np.nanmax(height) > high)]
+    figure.colorbar(
+        drawn, ax=axes, label=f"height [{unit(grid.metric)}]", fraction=0.046 * rows / cols, pad=0.03,
+        extend=further,
+    )  # fmt: skip
     return png(figure, cropped=True)

@@ -129,13 +129,11 @@ def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> 
 
 def quality_figure(quality: MosaicQuality, grid: Grid, metric: bool = True) -> Figure:
     """Return the figure with the three bands and their colour bars."""
-    from matplotlib.colors import PowerNorm
     from matplotlib.figure import Figure
 
     unit_shown, factor = _readable(quality.position_std_m) if metric else (unit(metric), 1.0)
     position = factor * quality.position_std_m
-    # A share has the same colours on every page. The root tells small shares apart, which are the rule.
-    shares = PowerNorm(0.5, vmin=0, vmax=100, clip=True)
+    shares = 100 * quality.seam_share
     panels: tuple[tuple[str, NDArray[np.float32], str, Normalize], ...] = (
         ("Pictures that see it\n(grey: none)", quality.pictures, "viridis", _to_largest(quality.pictures)),
         (
@@ -146,9 +144,9 @@ def quality_figure(quality: MosaicQuality, grid: Grid, metric: bool = True) -> F
         ),
         (
             "Brightness of two pictures\ndiffers by [%] (grey: no two)",
-            100 * quality.seam_share,
-            "magma_r",
             shares,
+            "magma_r",
+            _to_largest(shares),
         ),
     )
     tall = float(np.clip(0.3 * _WIDTH_IN * grid.height / grid.width, 1.4, 0.6 * _WIDTH_IN))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from slam.cli.results import _ground_messages
 from slam.core.estimate import GroundFacts
 from slam.core.messages import Note
+from slam.core.units import percent
 
 MEASURED = GroundFacts(
     misregistration_px=(0.2, 0.5), over_floor_px=(0.3, 4.0), relief_share=0.1, filled_share=0.2, highest_m=2.5
@@ -14,7 +15,7 @@ MEASURED = GroundFacts(
 def test_measured_relief_is_a_note():
     (message,) = _ground_messages(MEASURED, True)
     assert isinstance(message, Note)
-    assert "10 % of the ground is not flat: its height was measured" in message
+    assert f"{percent(0.1)} of the ground is not flat: its height was measured" in message
 
 
 def test_relief_that_no_two_pictures_show_is_a_warning():

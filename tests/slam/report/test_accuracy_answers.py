@@ -14,7 +14,8 @@ from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.answers import pilots_answers
-from slam.report.facts import gather, sentence
+from slam.report.facts import gather
+from slam.report.headline import sentence
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import render
 from tests.slam.made_estimate import made_estimate, made_flight

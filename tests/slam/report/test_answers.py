@@ -173,8 +173,26 @@ def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
     assert "gain and zero of the height sensor in its sensor.yaml" in advice(facts, by_range)
     exact = advice(replace(facts, range_exact=True), by_range)
     assert "sensor.yaml" not in exact, "what is taken as exact is stated there already"
+    bare = replace(by_gps, warnings=("bare ground: 40 of 200 pictures are left out; fly higher",))
+    missing = replace(plain, frames=200)
+    lost = replace(summarise(bare), rejected={"too few features": 40})
+    assert advice(missing, bare, lost).startswith("If you need the ground that is missing, cross it higher")
+    assert "First act on" not in advice(missing, bare, lost)
     doubted = replace(by_gps, status="gps0: off")
     assert advice(plain, doubted, summarise(doubted)).startswith("First do what “Check this first” says")
+
+
+def test_the_gain_of_loop_closures_is_told_where_there_are_any():
+    estimate, flight = made_estimate(), made_flight()
+    moved = estimate.w_T_b.copy()
+    moved[:, 1, 3] += np.linspace(0, 0.4, 60)
+    found = answers(replace(estimate, odometry_w_T_b=moved), flight)
+    assert (
+        f"{length(0.2)} away from here typically, and {length(0.4)} at most"
+        in found["What did loop closures change?"]
+    )
+    none = replace(estimate, odometry_w_T_b=moved, loops=(), relative_poses=())
+    assert "What did loop closures change?" not in answers(none, flight)
 
 
 def test_contradicted_matches_are_counted_apart_from_unproven_ones():

@@ -22,7 +22,8 @@ from slam.core.units import length
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate_text import trajectory_text
 from slam.report.accuracy import Evaluated, FigureTable
-from slam.report.facts import gather, sentence
+from slam.report.facts import gather
+from slam.report.headline import sentence
 from slam.report.left_out import left_out
 from slam.report.optimize_report import Accuracy, Mosaics, render, write_report
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
@@ -198,6 +199,15 @@ def test_figures_agree_with_the_estimate(no_figures):
     G = np.array([[0.0, -1, 0, 5], [1, 0, 0, -3], [0, 0, 1, 1], [0, 0, 0, 1]])
     turned = replace(estimate, chain_w_T_b=G @ estimate.chain_w_T_b)
     assert gather(turned, made_flight()).chain_moved_m == pytest.approx(facts.chain_moved_m)
+    # Without loops the same path lies 3 cm higher at its end, wherever it begins; on Earth it is not moved.
+    higher = estimate.w_T_b.copy()
+    higher[:, 2, 3] += np.linspace(0, 0.03, 60)
+    lifted = replace(estimate, odometry_w_T_b=G @ higher)
+    median_m, largest_m = gather(lifted, made_flight()).loops_moved_m
+    assert (median_m, largest_m) == pytest.approx((0.015, 0.03), rel=1e-6)
+    on_earth = replace(estimate, odometry_w_T_b=higher + 0.0, origin=GeoOrigin(52.0, 4.0, 0.0))
+    on_earth.odometry_w_T_b[:, 0, 3] += 1.0
+    assert gather(on_earth, made_flight()).loops_moved_m[0] == pytest.approx(np.hypot(1.0, 0.015), rel=1e-4)
     assert facts.path_m == pytest.approx(
         np.linalg.norm(np.diff(estimate.w_T_b[:, :3, 3], axis=0), axis=1).sum()
     )

@@ -39,7 +39,7 @@ def test_white_areas_inside_of_a_mosaic_are_holes_and_those_around_it_are_its_ed
     np.testing.assert_allclose((found.hole_x_m, found.hole_y_m), (-1.0 + 2.25, 4.0 - 1.1))
 
 
-def test_the_darkest_ground_is_the_one_that_the_report_states_and_shares_look_alike_on_every_page():
+def test_the_darkest_ground_is_the_one_that_the_report_states():
     grid, ends = Grid(0.0, 2.0, 0.1, 30, 20), []
     for largest in (0.02, 0.6):
         pictures, std_m, seam = (np.full((20, 30), value, np.float32) for value in (3, 0.001, largest / 2))
@@ -51,4 +51,4 @@ def test_the_darkest_ground_is_the_one_that_the_report_states_and_shares_look_al
         rings = [[line.get_xydata().tolist() for line in axes.lines] for axes in figure.axes[:3]]
         np.testing.assert_allclose(rings[1:], [[[[0.55, 1.55]]] * 2, [[[0.05, 1.95]]] * 2])
         assert not rings[0]
-    assert ends == [(0, 100), (0, 100)]
+    np.testing.assert_allclose(ends, [(0, 2), (0, 60)], rtol=1e-6)

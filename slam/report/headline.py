@@ -1,0 +1,66 @@
+"""The first sentence of a report: what was mapped, how accurately, and what holds it together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from backend.wording import either
+from slam.core.units import SPACE, percent
+from slam.report.facts import Facts
+
+
+def sentence(facts: Facts, status: str, ground_std_m: tuple[float, float] | None = None) -> str:
+    """Summarise the result and its accuracy in words for a pilot; ``status`` is that of the map.
+
+    ``ground_std_m``: typical and largest standard deviation of a place on the mosaic, where there is one.
+    """
+    thing = "poses" if facts.is_graph else "keyframes"
+    if facts.placed == 0:
+        return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
+    of_map = "" if facts.is_graph or facts.keyframes == 1 else " (the pictures that the map is made of)"
+    whole = (
+        ("The only" if facts.keyframes == 1 else f"All {facts.keyframes}")
+        if facts.placed == facts.keyframes
+        else f"{facts.placed} of {facts.keyframes}"
+    )
+    maps = (
+        "one consistent map" if facts.maps <= 1 else f"{facts.maps} separate maps that share no common ground"
+    )
+    noun = thing[:-1] if facts.keyframes == 1 else thing
+    text = f"{whole} {noun}{of_map} {either(facts.placed, 'lies', 'lie')} on {maps}"
+    on_ground = ground_std_m is not None and bool(np.isfinite(ground_std_m[0]))
+    typical_m, worst_m = (
+        ground_std_m if ground_std_m is not None and on_ground else (facts.sigma_median_m, facts.sigma_max_m)
+    )
+    if np.isfinite(typical_m):
+        worst = (
+            f"and to ±{SPACE}{facts.length(worst_m)} where it is least certain"
+            if np.isfinite(worst_m)
+            else "and others are not known"
+        )
+        why = (
+            f" (mostly because the scale of all lengths is known to {percent(facts.scale_std)} only)"
+            if facts.mostly_scale and not on_ground
+            else ""
+        )
+        of = "a point on the ground" if on_ground else f"the position of a {thing[:-1]}"
+        typically = f"is typically known to ±{SPACE}{facts.length(typical_m)}{why}, {worst}"
+        text += f"; {facts.against} {of} {typically}"
+        if status != "ok":
+            text += "; errors that the status names come on top"
+    text += "."
+    if facts.loops_kept:
+        one = facts.loops_kept == 1
+        closures = "loop closure" if one else "loop closures"
+        what = "" if facts.is_graph else f" ({'a place' if one else 'places'} recognised on a second visit)"
+        text += f" {facts.loops_kept} {closures}{what} {'holds' if one else 'hold'} it together."
+    elif facts.relative_to:
+        text += " No place was recognised a second time with certainty, so errors add up along the path."
+    else:
+        text += " No place was recognised a second time with certainty: positions alone hold the path."
+    if not facts.metric:
+        text += (
+            " No sensor determined the length of a metre, so lengths are relative: in heights, multiples of "
+            "the camera's mean height over the floor."
+        )
+    return text
