@@ -20,10 +20,12 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
     """Return whether heights are true and from where they count; and lines about those of the ground, about
     differences near each other, and about those of a camera."""
     tilted = is_tilt_doubted(summary)
-    text = f"{_verdict(estimate, facts, summary.status, tilted)} Heights {facts.datum}."
+    over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
+    text = (
+        f"{_verdict(estimate, facts, summary.status, over_m if not tilted else None)} Heights {facts.datum}."
+    )
     if tilted:
         text += " A warning below names the attitude sensor (attitude0), by which the whole map may lean."
-    over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
     camera = ""
     if np.isfinite(over_m):
         camera = f" typically known to ±{SPACE}{facts.length(over_m)}{_by(facts)}{_cause(estimate)}."
@@ -153,17 +155,25 @@ def is_tilt_doubted(summary: Summary) -> bool:
     return any(doubt.stream == "attitude0" for doubt in doubts(summary.warnings))
 
 
-def _verdict(estimate: Estimate, facts: Facts, status: str, tilted: bool) -> str:
+def _verdict(estimate: Estimate, facts: Facts, status: str, over_m: float | None) -> str:
+    """Return whether heights are true. ``over_m``: the deviation of a camera's height over the floor; None on
+    a map that may lean."""
     if not facts.metric:
         return "Only in ratio to each other, because the map has no metres."
     if status != "ok":
         return "Only after you have checked what “Check this first” above names."
-    if tilted:
+    if over_m is None:
         near = "Those of the camera near each other" if without_heights(estimate) else "Near each other"
         return f"{near}, yes; across the map, no, because it may lean: {_lean(estimate, facts)}."
     altitudes = "" if facts.relative_to or facts.controlled else " As altitudes, only as the GPS counts them."
     if without_heights(estimate):
         ground = "the ground has no measured heights"
         return f"Those of the camera, yes, within the figures that follow; {ground}.{altitudes}"
-    over = "Over the ground, yes" if altitudes else "Yes"
-    return f"{over}, within the figures that follow.{altitudes}"
+    over = "Over the floor, yes" if altitudes else "Yes"
+    std_m = None if estimate.ground is None else estimate.ground.height_std_m
+    if not std_m or not np.isfinite(over_m):
+        return f"{over}, within the figures that follow.{altitudes}"
+    return (
+        f"{over}: those of the ground typically to ±{SPACE}{facts.length(std_m)}, those of the "
+        f"camera over it to ±{SPACE}{facts.length(over_m)}.{altitudes}"
+    )
