@@ -49,8 +49,8 @@ def criticise(
     from slam.core.flight import with_unique_names
     from slam.core.progress import Tally
     from slam.criticism import criticise as run
-    from slam.report.accuracy import map_gain_table
     from slam.report.criticism.write import write_criticism_report
+    from slam.report.tables.evaluation import map_gain_table
     from slam.simulation.model import load_model
 
     screen = Screen(quiet, as_json)

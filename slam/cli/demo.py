@@ -28,8 +28,8 @@ def demo(
     from slam.cli.tables import outcome_table
     from slam.evaluation import evaluate
     from slam.mapping.pipeline import optimize
-    from slam.report.accuracy import evaluated
     from slam.report.optimize_report import Accuracy
+    from slam.report.tables.evaluation import evaluated
     from slam.simulation import simulate
 
     screen = Screen(quiet)

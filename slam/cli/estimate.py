@@ -92,7 +92,7 @@ def write_navigation(folder: Path, navigation: Navigation) -> None:
     from slam.inertial.summary import summary_record
     from slam.io.atomic import write_whole
     from slam.io.estimate import write_estimate
-    from slam.report.estimate_picture import estimate_picture
+    from slam.report.pictures.estimate import estimate_picture
 
     write_estimate(navigation.estimate, folder, loops=False)
     write_whole(folder / "estimate.png", estimate_picture(navigation.estimate, navigation.track))

@@ -12,7 +12,7 @@ from slam.cli.options import JSON, PICTURE_RATE, QUIET, TOPICS, request_of
 
 if TYPE_CHECKING:
     from slam.evaluation import Evaluation
-    from slam.report.accuracy import Evaluated
+    from slam.report.tables.evaluation import Evaluated
 
 _TRUTH = typer.Option(
     "--truth",
@@ -36,7 +36,7 @@ def evaluate(
     from slam.evaluation import evaluate as compare
     from slam.io.atomic import locked
     from slam.io.estimate import read_estimate
-    from slam.report.accuracy import evaluated
+    from slam.report.tables.evaluation import evaluated
 
     screen, request = Screen(quiet, as_json), request_of(topic, picture_rate)
     folder = Path(os.path.realpath(folder))

@@ -77,8 +77,8 @@ def live(
     from slam.io.narrow_pictures import with_narrow_pictures
     from slam.mapping.live.arrival import first_state, follow_flight, replay_flight
     from slam.mapping.live.mapper import LiveMapper
-    from slam.report.accuracy import live_table
     from slam.report.optimize_report import Accuracy
+    from slam.report.tables.evaluation import live_table
 
     check_outputs(preview, mcap)
     screen = Screen(quiet, as_json)

@@ -185,7 +185,7 @@ def _mapped(
     from slam.core.heap import trim_heap
     from slam.evaluation.keyframe_by_keyframe import keyframe_by_keyframe
     from slam.mapping.pipeline import optimize_with_observations
-    from slam.report.accuracy import keyframe_by_keyframe_table
+    from slam.report.tables.evaluation import keyframe_by_keyframe_table
 
     estimate, observations = optimize_with_observations(flight, wanted.settings, progress)
     tables: tuple[FigureTable, ...] = ()
@@ -208,7 +208,7 @@ def _corrected(
     """Map corrected readings; with truth, compare the map with that of the recorded readings."""
     from slam.cli.output_folder import MODEL_NAME
     from slam.evaluation.map_gain import can_be_compared, map_gain
-    from slam.report.accuracy import map_gain_table
+    from slam.report.tables.evaluation import map_gain_table
     from slam.simulation.inverse import correct_flight
     from slam.simulation.model import save_model
 

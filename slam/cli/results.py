@@ -22,10 +22,10 @@ from slam.core.summary import Summary, json_text, summarise
 from slam.core.units import length, percent
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate import write_estimate
-from slam.report.control_table import control_tables
 from slam.report.facts import Facts, gather
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.optimize_report import Accuracy, Mosaics, write_report
+from slam.report.tables.control import control_tables
 
 if TYPE_CHECKING:
     from backend.pose_graph.graph import PoseGraph

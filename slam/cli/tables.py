@@ -15,8 +15,8 @@ from backend.wording import counted
 from slam.core.errors import one_line
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE, by_kind
 from slam.core.units import percent
+from slam.report.answers.left_out import counted_by_kind, left_out
 from slam.report.facts import Facts
-from slam.report.left_out import counted_by_kind, left_out
 from slam.report.mosaic_facts import MosaicFacts
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """Puts the result of ``slam evaluate`` into a report that was written before.
 
 The page holds what an evaluation tells between pairs of comments. What stands between them is replaced, what
-asked for known distances is exchanged (`slam.report.checked_lengths`), the pictures of the maps are drawn
-again where landmarks were compared, and all else stays byte for byte.
+asked for known distances is exchanged (`slam.report.answers.checked_lengths`), the pictures of the maps are
+drawn again where landmarks were compared, and all else stays byte for byte.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slam.report.checked_lengths import settled
-from slam.report.map_picture import map_picture
-from slam.report.mosaic_marks import MapMarks, Mark
+from slam.report.answers.checked_lengths import settled
 from slam.report.output_files import output_files
 from slam.report.page import render_part
+from slam.report.pictures.map import map_picture
+from slam.report.pictures.mosaic_marks import MapMarks, Mark
 
 if TYPE_CHECKING:
-    from slam.report.accuracy import Evaluated
+    from slam.report.tables.evaluation import Evaluated
 
 _PARTS = ("evaluation_answer", "evaluation_tables", "file_list")
 """Macros of parts.html.j2 whose output the page holds between comments of the same name."""

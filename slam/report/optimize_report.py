@@ -14,14 +14,24 @@ from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
 from slam.core.version import VERSION
-from slam.report.accuracy import NOT_EVALUATED, Evaluated, not_evaluated
-from slam.report.advice import limit_sentence
-from slam.report.answers import PLACE, pilots_answers
-from slam.report.checked_lengths import basis, settled
+from slam.report.answers.advice import limit_sentence
+from slam.report.answers.checked_lengths import basis, settled
+from slam.report.answers.headline import sentence
+from slam.report.answers.left_out import reason_in_words
+from slam.report.answers.left_out_here import left_out_here
+from slam.report.answers.pilot import PLACE, pilots_answers
+from slam.report.answers.streams import STREAM_WORDS
 from slam.report.facts import Facts, gather
-from slam.report.headline import sentence
-from slam.report.heights_figure import heights_figure, heights_figure_words
-from slam.report.instrument_errors import (
+from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
+from slam.report.output_files import output_files
+from slam.report.page import Item, embedded, render_page
+from slam.report.pictures.heights import heights_figure, heights_figure_words
+from slam.report.pictures.map import map_picture, picture, shown_area, surveyed_marks
+from slam.report.pictures.mosaic_marks import MapMarks
+from slam.report.pictures.path import altitude_picture, trajectory_picture
+from slam.report.pictures.path_over_time import path_over_time
+from slam.report.tables.evaluation import NOT_EVALUATED, Evaluated, not_evaluated
+from slam.report.tables.instrument_errors import (
     accelerometer_text,
     antenna_text,
     arm_text,
@@ -34,17 +44,7 @@ from slam.report.instrument_errors import (
     mount_text,
     velocity_text,
 )
-from slam.report.instrument_table import instrument_table
-from slam.report.left_out import reason_in_words
-from slam.report.left_out_here import left_out_here
-from slam.report.map_picture import map_picture, picture, shown_area, surveyed_marks
-from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
-from slam.report.mosaic_marks import MapMarks
-from slam.report.output_files import output_files
-from slam.report.page import Item, embedded, render_page
-from slam.report.path_over_time import path_over_time
-from slam.report.pictures import altitude_picture, trajectory_picture
-from slam.report.streams import STREAM_WORDS
+from slam.report.tables.instruments import instrument_table
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -61,7 +61,7 @@ class RejectedLoop:
     keyframes: str
     pictures: str
     verdict: str
-    """Verdict on the match by `slam.report.left_out`."""
+    """Verdict on the match by `slam.report.answers.left_out`."""
     reason: str
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from slam.core.errors import one_line
-from slam.report.checked_lengths import as_html
+from slam.report.answers.checked_lengths import as_html
 
 if TYPE_CHECKING:
     from jinja2 import Environment

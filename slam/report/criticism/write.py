@@ -12,7 +12,6 @@ import numpy as np
 from backend.wording import either
 from slam.core.units import sized, spaced
 from slam.core.version import VERSION
-from slam.report.accuracy import map_gain_table
 from slam.report.criticism.answers import criticism_answers
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.effect_names import TWO_SIDED, figure, title_of, with_titles
@@ -26,6 +25,7 @@ from slam.report.criticism.pictures import (
 )
 from slam.report.criticism.segment import evidence_segment
 from slam.report.page import Item, embedded, render_page
+from slam.report.tables.evaluation import map_gain_table
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight

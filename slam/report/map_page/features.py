@@ -17,8 +17,8 @@ from slam.core.errors import one_line
 from slam.core.estimate import CONTRADICTED, UNPROVEN, Estimate
 from slam.core.flight import Flight, Frames, Image
 from slam.core.units import length
+from slam.report.answers.left_out import reason_in_words
 from slam.report.gaps import Gap
-from slam.report.left_out import reason_in_words
 from slam.report.map_page.rasters import webp
 
 Array = NDArray[np.float64]

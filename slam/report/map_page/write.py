@@ -14,9 +14,9 @@ from slam.core.flight import Flight
 from slam.core.messages import reasons_of, sentences
 from slam.core.units import unit
 from slam.core.version import VERSION
-from slam.report.advice import limit_sentence
+from slam.report.answers.advice import limit_sentence
+from slam.report.answers.headline import sentence
 from slam.report.facts import Facts
-from slam.report.headline import sentence
 from slam.report.map_page.features import floor_points, keyframes, links, surveyed_points
 from slam.report.map_page.rasters import read_images, tile_set, value_grid
 from slam.report.mosaic_facts import mosaic_facts

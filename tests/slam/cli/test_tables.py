@@ -7,7 +7,7 @@ import io
 from rich.console import Console
 
 from slam.cli.tables import rich_table
-from slam.report.accuracy import FigureTable
+from slam.report.tables.evaluation import FigureTable
 
 
 def test_text_in_brackets_is_printed_without_markup():

@@ -9,7 +9,7 @@ import pytest
 
 from backend.measurements import Measurements
 from slam.evaluation.keyframe_by_keyframe import KeyframeByKeyframe, replay
-from slam.report.accuracy import keyframe_by_keyframe_table
+from slam.report.tables.evaluation import keyframe_by_keyframe_table
 from tests.backend.pose_graph.incremental.test_inertial_link import flown
 from tests.backend.synthetic import falsified, flight
 

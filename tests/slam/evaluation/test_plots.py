@@ -14,7 +14,7 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, GeoOrigin, Gps
 from slam.evaluation import evaluate
 from slam.evaluation.plots import error_figure, trajectory_figure, write_plots
-from slam.report.accuracy import accuracy_tables
+from slam.report.tables.evaluation import accuracy_tables
 from tests.slam.evaluation.scene import disturbed, estimate_of, flight_of, smooth_poses
 
 STD = np.array([0.002, 0.002, 0.005, 0.01, 0.01, 0.005])

@@ -17,8 +17,8 @@ from slam.core.surveyed_flight import with_surveyed
 from slam.mapping.control_points import ControlComparison, Surveyed
 from slam.mapping.pipeline import optimize
 from slam.mapping.warnings.control_points import control_warnings
-from slam.report.control_table import control_tables
 from slam.report.optimize_report import Accuracy, render
+from slam.report.tables.control import control_tables
 from tests.backend.bundle.made_control import DATUM_M as DATUM
 from tests.backend.bundle.made_control import refined
 from tests.slam.photo_survey import ORIGIN, Survey, moved, survey

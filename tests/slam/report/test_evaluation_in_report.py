@@ -14,9 +14,9 @@ from slam.core.figure_table import FigureTable
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.evaluation.landmarks import LandmarkPlace
-from slam.report.accuracy import Evaluated
 from slam.report.evaluation_in_report import with_evaluation
 from slam.report.optimize_report import Accuracy, Mosaics, render
+from slam.report.tables.evaluation import Evaluated
 from tests.slam.made_estimate import made_estimate, made_flight
 
 TABLE = FigureTable("Against the reference", (), (("error <of> a map", "3 mm"),))

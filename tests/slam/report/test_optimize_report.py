@@ -21,11 +21,11 @@ from slam.core.summary import summarise
 from slam.core.units import length
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.io.estimate_text import trajectory_text
-from slam.report.accuracy import Evaluated, FigureTable
+from slam.report.answers.headline import sentence
+from slam.report.answers.left_out import left_out
 from slam.report.facts import gather
-from slam.report.headline import sentence
-from slam.report.left_out import left_out
 from slam.report.optimize_report import Accuracy, Mosaics, render, write_report
+from slam.report.tables.evaluation import Evaluated, FigureTable
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
 
 HOSTILE = "<script>alert(1)</script>\n../../etc\x1b[31m\u202egnp.exe & \"quoted\" '$\\frac{x'"

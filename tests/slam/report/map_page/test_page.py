@@ -17,7 +17,7 @@ import pytest
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.floor_points import FloorPoints
 from slam.io.geotiff import Grid, write_bands
-from slam.report.advice import limit_sentence
+from slam.report.answers.advice import limit_sentence
 from slam.report.facts import gather
 from slam.report.map_page.features import MOST_POINTS, floor_points, links, spread
 from slam.report.map_page.write import write_map_page

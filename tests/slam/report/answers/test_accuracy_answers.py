@@ -13,13 +13,13 @@ from slam.core.instrument_errors import AttitudeErrors, LensNumber
 from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
-from slam.report.answers import pilots_answers
+from slam.report.answers.headline import sentence
+from slam.report.answers.pilot import pilots_answers
 from slam.report.facts import gather
-from slam.report.headline import sentence
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import render
 from tests.slam.made_estimate import made_estimate, made_flight
-from tests.slam.report.asked import AGAIN, answers
+from tests.slam.report.answers.asked import AGAIN, answers
 
 
 def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.report.mosaic_marks import Mark, bar_length, with_marks, with_points
+from slam.report.pictures.mosaic_marks import Mark, bar_length, with_marks, with_points
 
 
 @pytest.mark.parametrize(("longest", "bar"), [(3.0, 2.0), (0.99, 0.5), (5.0, 5.0), (73.0, 50.0), (1.0, 1.0)])

@@ -11,8 +11,8 @@ from PIL import Image
 
 from slam.core.estimate import LoopVerdict
 from slam.report.gaps import Gap
-from slam.report.path_over_time import laps, path_over_time
-from slam.report.pictures import altitude_picture, trajectory_picture
+from slam.report.pictures.path import altitude_picture, trajectory_picture
+from slam.report.pictures.path_over_time import laps, path_over_time
 from tests.slam.made_estimate import made_estimate
 
 

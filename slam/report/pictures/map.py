@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.report.mosaic_marks import MapMarks, Mark, with_marks, with_points
 from slam.report.page import embedded
+from slam.report.pictures.mosaic_marks import MapMarks, Mark, with_marks, with_points
 
 if TYPE_CHECKING:
     from slam.core.control_points import ControlReport
-    from slam.report.accuracy import Evaluated
+    from slam.report.tables.evaluation import Evaluated
 
 MAP, CHAIN = "mosaic.png", "mosaic_chain.png"
 _MOST_PX = 2000

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from slam.report.map_picture import shown_area, thumbnail
-from slam.report.mosaic_marks import MapMarks
+from slam.report.pictures.map import shown_area, thumbnail
+from slam.report.pictures.mosaic_marks import MapMarks
 
 MARKS = MapMarks("m", False)
 

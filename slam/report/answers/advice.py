@@ -11,7 +11,7 @@ from slam.core.estimate import Estimate
 from slam.core.lost_pictures import BARE_GROUND
 from slam.core.messages import by_kind, clauses
 from slam.core.units import percent
-from slam.report.checked_lengths import unless_checked
+from slam.report.answers.checked_lengths import unless_checked
 from slam.report.facts import Facts, heights_over_floor
 from slam.report.gaps import picture_over_height
 

@@ -10,7 +10,7 @@ from backend.wording import counted
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of
 from slam.core.units import SPACE
-from slam.report.accuracy_answers import (
+from slam.report.answers.accuracy import (
     distance,
     gain_of_loops,
     least_certain,
@@ -19,13 +19,13 @@ from slam.report.accuracy_answers import (
     place,
     scale,
 )
-from slam.report.advice import WORDS, further_limits, limit, limit_sentence, next_steps
-from slam.report.checked_lengths import RESULT, basis, unless_checked
+from slam.report.answers.advice import WORDS, further_limits, limit, limit_sentence, next_steps
+from slam.report.answers.checked_lengths import RESULT, basis, unless_checked
+from slam.report.answers.failures import failed, missing
+from slam.report.answers.heights import heights, is_tilt_doubted, only_near, without_heights
+from slam.report.answers.left_out import counted_by_kind
+from slam.report.answers.left_out_here import ground_is_missing, left_out_here
 from slam.report.facts import Facts
-from slam.report.failures import failed, missing
-from slam.report.height_answers import heights, is_tilt_doubted, only_near, without_heights
-from slam.report.left_out import counted_by_kind
-from slam.report.left_out_here import ground_is_missing, left_out_here
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
 

@@ -9,10 +9,10 @@ from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind
 from slam.core.units import axis_names, percent, unit
+from slam.report.answers.streams import STREAM_WORDS, doubts
 from slam.report.coordinates import at
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
-from slam.report.streams import STREAM_WORDS, doubts
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary

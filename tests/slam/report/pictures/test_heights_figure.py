@@ -10,8 +10,8 @@ from PIL import Image
 from slam.core.estimate import GroundFacts
 from slam.core.summary import summarise
 from slam.report.facts import gather
-from slam.report.heights_figure import heights_figure_words
 from slam.report.optimize_report import Mosaics, render
+from slam.report.pictures.heights import heights_figure_words
 from tests.slam.made_estimate import made_estimate, made_flight
 
 MEASURED = GroundFacts(

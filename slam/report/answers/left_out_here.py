@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted
 from slam.core.estimate import Estimate
+from slam.report.answers.failures import too_bare
+from slam.report.answers.left_out import CUT_THERE, FLY_AGAIN, SLOWER, LeftOut, left_out
 from slam.report.facts import Facts
-from slam.report.failures import too_bare
-from slam.report.left_out import CUT_THERE, FLY_AGAIN, SLOWER, LeftOut, left_out
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary

@@ -9,7 +9,7 @@ import numpy as np
 from slam.core.flight import Gps, Scalar
 from slam.core.messages import Note
 from slam.core.units import length, percent
-from slam.report.instrument_table import NOT_USED, instrument_table
+from slam.report.tables.instruments import NOT_USED, instrument_table
 from tests.slam.made_estimate import made_estimate, made_flight
 
 SHARES = {

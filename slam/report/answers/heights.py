@@ -8,9 +8,9 @@ import numpy as np
 
 from slam.core.estimate import Estimate
 from slam.core.units import SPACE, percent
-from slam.report.advice import HEIGHTS, focal_std_ratio, hangs_on_lens, main_cause
+from slam.report.answers.advice import HEIGHTS, focal_std_ratio, hangs_on_lens, main_cause
+from slam.report.answers.streams import doubts
 from slam.report.facts import Facts, heights_over_floor, largest_height_std
-from slam.report.streams import doubts
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary

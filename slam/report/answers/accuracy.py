@@ -12,8 +12,8 @@ from backend.wording import counted, either
 from slam.core.estimate import CONTRADICTED, Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
-from slam.report.advice import main_cause
-from slam.report.checked_lengths import CHECKED, RESULT, basis, unless_checked
+from slam.report.answers.advice import main_cause
+from slam.report.answers.checked_lengths import CHECKED, RESULT, basis, unless_checked
 from slam.report.coordinates import at
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts

@@ -9,13 +9,13 @@ import pytest
 from matplotlib.figure import Figure
 
 from slam.inertial.navigate import navigate
-from slam.report.estimate_picture import estimate_picture
+from slam.report.pictures.estimate import estimate_picture
 from tests.slam.inertial.made_navigation import made_flight
 
 
 def drawn(monkeypatch, navigation) -> Figure:
     kept: list[Figure] = []
-    monkeypatch.setattr("slam.report.estimate_picture.png", lambda figure: kept.append(figure) or b"")
+    monkeypatch.setattr("slam.report.pictures.estimate.png", lambda figure: kept.append(figure) or b"")
     estimate_picture(navigation.estimate, navigation.track)
     kept[0].canvas.draw()
     return kept[0]

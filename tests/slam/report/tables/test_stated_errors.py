@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from slam.evaluation.nees import Consistency
-from slam.report.accuracy import as_stated
+from slam.report.tables.evaluation import as_stated
 
 
 def test_errors_are_told_as_multiples_of_the_stated_ones():

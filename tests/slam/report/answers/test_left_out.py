@@ -6,9 +6,9 @@ import pytest
 
 from slam.core.estimate import CONTRADICTED, UNPROVEN, GroundFacts, LoopVerdict
 from slam.core.summary import summarise
+from slam.report.answers.left_out import left_out, reason_in_words
+from slam.report.answers.left_out_here import left_out_here
 from slam.report.facts import gather
-from slam.report.left_out import left_out, reason_in_words
-from slam.report.left_out_here import left_out_here
 from tests.slam.made_estimate import made_estimate, made_flight
 
 

@@ -12,8 +12,8 @@ from slam.core.estimate import Estimate
 from slam.core.figure_table import FigureTable
 from slam.core.instrument import Instrument
 from slam.core.units import SPACE, length, percent
-from slam.report.advice import WORDS
-from slam.report.streams import doubts
+from slam.report.answers.advice import WORDS
+from slam.report.answers.streams import doubts
 
 if TYPE_CHECKING:
     from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Sonar, Velocity

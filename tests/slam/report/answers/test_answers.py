@@ -17,15 +17,15 @@ from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.core.units import length, percent
-from slam.report.accuracy import Evaluated
-from slam.report.advice import limit, limit_sentence, next_steps
-from slam.report.answers import pilots_answers
+from slam.report.answers.advice import limit, limit_sentence, next_steps
+from slam.report.answers.pilot import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import Accuracy, render
+from slam.report.tables.evaluation import Evaluated
 from tests.slam.made_estimate import made_estimate, made_flight
-from tests.slam.report.asked import AGAIN, answers
+from tests.slam.report.answers.asked import AGAIN, answers
 
 SHARES = {"x": {"range": 0.7, "pictures": 0.3}, "y": {"range": 0.5, "pictures": 0.5}, "scale": {"range": 1.0}}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from slam.core.instrument_errors import LensNumber
 from slam.core.units import SPACE
-from slam.report.instrument_errors import lens_text
+from slam.report.tables.instrument_errors import lens_text
 
 
 def test_the_numbers_of_a_lens_are_told_by_the_flight_or_before_it():

@@ -1,0 +1,1 @@
+"""Answers of the report to the questions of a pilot, in sentences."""
