@@ -11,6 +11,7 @@ from slam.core.arrays import Array
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.reprojection import without_mismatched_pairs
+from slam.criticism.cause import Cause
 from slam.criticism.kalman.filter_parameters import (
     NOISE_FIGURES,
     FilterParameters,
@@ -29,7 +30,7 @@ from slam.criticism.kalman.readings import (
 )
 from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, holds_heading, record_of
 from slam.criticism.residuals.boxes import without_boxes
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, are_quantised, without_dead_zone
+from slam.criticism.residuals.reading_anomalies import are_quantised, without_dead_zone
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
 from slam.criticism.threads import in_threads
@@ -194,8 +195,8 @@ class PreparedFlights:
     limits: Thresholds
     dropped: tuple[str, ...]
     """Flights, streams and pictures that are not judged, with the reason, one line each."""
-    anomalies: list[ReadingAnomaly]
-    """Anomalies of single readings that were found before any filter ran."""
+    anomalies: list[Cause]
+    """Causes that single readings show, which were found before any filter ran."""
 
 
 def prepare(flights: Sequence[Flight], model: Model, progress: Progress) -> PreparedFlights:

@@ -1,7 +1,7 @@
 """Quality of recorded readings, whatever the vehicle.
 
 Streams may be dead, frozen, rounded or oscillating, and their axes exchanged. Stamps may be uneven, commands
-on another clock and pictures lost, and pictures may show more than the floor.
+on another clock and pictures lost. Pictures may show more than the floor, and ranges boxes that stand on it.
 """
 
 from __future__ import annotations

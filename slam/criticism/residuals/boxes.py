@@ -1,159 +1,43 @@
-"""Steps in the floor: boxes of any height below the path, or pits.
-
-The height is predicted without the sonar. The sonar's residual drifts slowly over a level floor and is lower
-over a box. A spike returns at once. The effects of a lag, a scale, a tilt or a slope depend on height, climb,
-tilt or place, and are removed first.
-"""
+"""Steps in the floor as a cause: the height of the vehicle is predicted by a filter without the sonar."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from frontend.robust import robust_std
-from slam.core.arrays import Array, Ints
-from slam.criticism.cause import Interval
+from slam.criticism.cause import Cause, Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.box_filter import BoxHeights, BoxNoise, likeliest_boxes
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, predicted_by_others
+from slam.criticism.residuals.reading_anomalies import cause_in_readings, predicted_by_others
 from slam.criticism.threads import in_threads
+from slam.data_quality.boxes import Boxes, RangeResiduals, find_boxes, nats_by_others, share_over
 from slam.simulation.dynamics import PITCH, ROLL, UP, VX, VY, VZ, X, Y, Z
 
-LEAST_NOISE_M = 1e-4
-DRIFTS_M = (1e-3, 2e-3, 4e-3, 8e-3)
-"""Candidate drifts from reading to reading; the likelihood chooses one."""
-FEWEST_EDGES, FEWEST_BOXES = 4, 2
-LEAST_NATS = 25.0
-SHARP = 0.6
-"""Least mean share of an edge's height between two successive readings."""
-SHORTEST_S = 0.22
-"""Least median time over a box; spikes are shorter."""
-LEAST_SPREAD_M = 0.02
-"""Least spread of the heights of boxes, since few boxes hardly show it."""
-ROUNDS = 2
-"""Rounds in which the effects of the motion are fitted again with the boxes known."""
 LOWEST_M = 0.3
 """Nearer to the floor the gear and the sonar's own limit cause edges."""
-LONGEST_GAP_S, LONGEST_GAP = 0.2, 2.5
-"""Longest gap within a segment, in seconds and in median intervals."""
-APART = 10
-"""Distance in readings of the differences from which the effects of the motion are fitted."""
-FEWEST_READINGS = 20
-REJECTED, FIT_ROUNDS = 4.7, 5
-"""Rejection limit in robust standard deviations (Tukey's biweight), and rounds of the fit."""
-TINY = 1e-12
-
-
-@dataclass(frozen=True)
-class RangeResiduals:
-    """Residuals of one flight's sonar against a height predicted without it."""
-
-    rows: Ints
-    """(readings,) events of readings in the air."""
-    times_s: Array
-    begins: tuple[int, ...]
-    """Indices at which segments without a gap begin."""
-    off_m: Array
-    """(readings,) measured minus predicted height, in metres."""
-    motion: Array
-    """(readings, signals) regressors for the errors of instruments and vehicle."""
-    upright: Array
-    """(readings,) ratio of height to range."""
-
-    @property
-    def segments(self) -> list[slice]:
-        """Segments with at least ``FEWEST_READINGS`` readings."""
-        ends = (*self.begins[1:], len(self.rows))
-        every = (slice(begin, end) for begin, end in zip(self.begins, ends, strict=False))
-        return [s for s in every if s.stop - s.start >= FEWEST_READINGS]
-
-    def without_motion(self, over_m: Array) -> Array:
-        """Return (readings,) ``off_m`` without the effects of the motion; ``over_m`` is a known part."""
-        later = [self.later(x, APART) for x in (self.motion, self.off_m - over_m)]
-        return np.asarray(self.off_m - self.motion @ _robust_fit(*later))
-
-    def later(self, x: Array, count: int) -> Array:
-        """Return the changes over ``count`` readings within segments."""
-        changes = [x[s][count:] - x[s][:-count] for s in self.segments]
-        return np.concatenate([np.zeros((0, *x.shape[1:])), *changes])
-
-
-@dataclass(frozen=True)
-class _Boxes:
-    """Likeliest boxes of one flight."""
-
-    seen: RangeResiduals
-    height_m: Array
-    """(readings,) residual height without the effects of the motion."""
-    over_m: Array
-    """(readings,) height of the box below; 0 over the floor."""
-    edges: Ints
-    """(edges,) index of the first reading after each."""
-    nats: float
-    """Log likelihood, ..."""
-    level_nats: float
-    """... and that of a level floor."""
-    noise: BoxNoise
-
-    @property
-    def gain_nats(self) -> float:
-        """Gain of the boxes over a level floor."""
-        return self.nats - self.level_nats
-
-    def at_edges(self, x: Array) -> Array:
-        """Return the changes of (readings,) at the edges."""
-        return np.asarray(x[self.edges] - x[self.edges - 1])
-
-    @property
-    def heights_m(self) -> Array:
-        """(boxes,) height of each box that is entered."""
-        over = self.over_m[self.edges]
-        return np.asarray(over[over > 0.0])
-
-    @property
-    def stays_s(self) -> Array:
-        """(boxes,) time over each box."""
-        if not len(self.edges):
-            return np.zeros(0)
-        ends = np.append(self.edges, len(self.over_m) - 1)
-        return np.asarray(np.diff(self.seen.times_s[ends])[self.over_m[self.edges] > 0.0])
 
 
 def without_boxes(
     records: Sequence[Record], parameters: FilterParameters
-) -> tuple[list[Record], list[ReadingAnomaly]]:
+) -> tuple[list[Record], list[Cause]]:
     """Return the records with ranges corrected to a level floor, and the steps if there are any."""
-    seen = in_threads(lambda record: range_residuals(record, parameters), records)
-    sign, boxes = 1.0, _found(seen, 1.0)
-    if _share(boxes) > 0.5:
-        # The level below most readings is the floor, so the others are pits.
-        sign, boxes = -1.0, _found(seen, -1.0)
-    if not _are_boxes(boxes, sign):
+    boxes = find_boxes(in_threads(lambda record: range_residuals(record, parameters), records))
+    if not boxes:
         return list(records), []
-
-    def by_others(own: _Boxes, others: Sequence[_Boxes]) -> float:
-        """Return the nats of the flight's boxes with the heights of the others' as prior."""
-        known = np.concatenate([found.heights_m for found in others])
-        if len(known) == 0 or len(own.edges) == 0:
-            return 0.0
-        usual = BoxHeights(float(known.mean()), math.hypot(float(known.std()), LEAST_SPREAD_M))
-        return _boxes(own.seen, own.height_m, own.noise, sign, usual).nats - own.level_nats
-
-    sizes = _sizes(boxes)
     nats = tuple(found.gain_nats for found in boxes)
-    levelled = [_levelled(r, found, sign) for r, found in zip(records, boxes, strict=True)]
-    return levelled, [ReadingAnomaly("floor_steps", sizes, nats, predicted_by_others(boxes, by_others))]
+    by_others = predicted_by_others(boxes, nats_by_others)
+    levelled = [_levelled(record, found) for record, found in zip(records, boxes, strict=True)]
+    return levelled, [cause_in_readings("floor_steps", _sizes(boxes), nats, by_others)]
 
 
-def _sizes(boxes: Sequence[_Boxes]) -> dict[str, Interval]:
+def _sizes(boxes: Sequence[Boxes]) -> dict[str, Interval]:
     heights = np.concatenate([found.heights_m for found in boxes])
-    height, share = float(heights.mean()), _share(boxes)
+    height, share = float(heights.mean()), share_over(boxes)
     std = math.hypot(float(heights.std()), boxes[0].noise.std_m) / math.sqrt(len(heights))
     spread = math.sqrt(share * (1.0 - share) / len(heights))
     return {
@@ -162,64 +46,9 @@ def _sizes(boxes: Sequence[_Boxes]) -> dict[str, Interval]:
     }
 
 
-def _are_boxes(boxes: Sequence[_Boxes], sign: float) -> bool:
-    """Return whether the boxes are enough, have sharp edges and are no spikes."""
-    rises = np.concatenate([found.at_edges(found.over_m) for found in boxes])
-    stays = np.concatenate([found.stays_s for found in boxes])
-    heights = np.concatenate([found.heights_m for found in boxes])
-    if len(rises) < FEWEST_EDGES or np.sum(heights > boxes[0].noise.std_m) < FEWEST_BOXES:
-        return False
-    jumps = np.concatenate([-sign * found.at_edges(found.height_m) for found in boxes])
-    return bool(
-        sum(found.gain_nats for found in boxes) > LEAST_NATS
-        and jumps @ rises > SHARP * (rises @ rises)
-        and np.median(stays) >= SHORTEST_S
-    )
-
-
-def _share(boxes: Sequence[_Boxes]) -> float:
-    over = np.concatenate([found.over_m for found in boxes])
-    return float(np.mean(over > 0.0)) if len(over) else 0.0
-
-
-def _found(seen: Sequence[RangeResiduals], sign: float) -> list[_Boxes]:
-    """Return the likeliest boxes (``sign`` 1) or pits (-1) over all drifts; a level floor has its own."""
-    over, levels = [np.zeros(len(flight.rows)) for flight in seen], []
-    for _ in range(ROUNDS):
-        heights = [flight.without_motion(-sign * o) for flight, o in zip(seen, over, strict=True)]
-        flown = list(zip(seen, heights, strict=True))
-        jumps = np.concatenate([flight.later(height, 1) for flight, height in flown])
-        std_m = max(robust_std(jumps) / math.sqrt(2.0), LEAST_NOISE_M) if len(jumps) else LEAST_NOISE_M
-        tried = [[_boxes(*of, BoxNoise(std_m, drift_m), sign) for of in flown] for drift_m in DRIFTS_M]
-        found = max(tried, key=lambda boxes: sum(f.nats for f in boxes))
-        levels.append(max(tried, key=_level_nats))
-        over = [boxes.over_m for boxes in found]
-        if not any(len(boxes.edges) for boxes in found):
-            break
-    level = max(levels, key=_level_nats)
-    return [replace(f, level_nats=flat.level_nats) for f, flat in zip(found, level, strict=True)]
-
-
-def _level_nats(boxes: Sequence[_Boxes]) -> float:
-    return sum(found.level_nats for found in boxes)
-
-
-def _boxes(
-    seen: RangeResiduals, height_m: Array, noise: BoxNoise, sign: float, heights: BoxHeights = BoxHeights()
-) -> _Boxes:
-    over, nats, level_nats = np.zeros(len(height_m)), 0.0, 0.0
-    edges: list[int] = []
-    for segment in seen.segments:
-        fit = likeliest_boxes(sign * height_m[segment], noise, heights)
-        over[segment] = fit.over_m
-        edges += [segment.start + k for k in fit.edges]
-        nats, level_nats = nats + fit.nats, level_nats + fit.level_nats
-    return _Boxes(seen, height_m, over, np.array(edges, dtype=np.int64), nats, level_nats, noise)
-
-
-def _levelled(record: Record, found: _Boxes, sign: float) -> Record:
+def _levelled(record: Record, found: Boxes) -> Record:
     values = record.values.copy()
-    values[found.seen.rows, 0] += sign * found.over_m / found.seen.upright
+    values[found.seen.rows, 0] += found.sign * found.over_m / found.seen.upright
     return replace(record, values=values)
 
 
@@ -232,9 +61,6 @@ def range_residuals(record: Record, parameters: FilterParameters) -> RangeResidu
     states = whole(replace(record, values=blind), parameters).states[rows]
     times_s = record.times_s[rows]
     upright = np.cos(states[:, ROLL]) * np.cos(states[:, PITCH])
-    between_s = np.diff(times_s)
-    longest_s = max(LONGEST_GAP_S, LONGEST_GAP * float(np.median(between_s))) if len(between_s) else 0.0
-    begins = (0, *(np.flatnonzero(between_s > longest_s) + 1).tolist()) if len(rows) else ()
     elapsed = times_s / record.duration_s
     motion = np.column_stack(
         [
@@ -243,18 +69,4 @@ def range_residuals(record: Record, parameters: FilterParameters) -> RangeResidu
         ]
     )  # fmt: skip
     off_m = record.values[rows, 0] * upright - states[:, Z]
-    return RangeResiduals(rows, times_s, begins, off_m, motion, upright)
-
-
-def _robust_fit(table: Array, values: Array) -> Array:
-    """Return the coefficients of the columns by robust, iterated least squares."""
-    found, weight = np.zeros(table.shape[1]), np.ones(len(values))
-    if len(values) < 2 * table.shape[1]:
-        return found
-    scale = np.sqrt(np.mean(table**2, axis=0)) + TINY
-    for _ in range(FIT_ROUNDS):
-        root = np.sqrt(weight)
-        found = np.linalg.lstsq(table / scale * root[:, None], values * root, rcond=1e-9)[0] / scale
-        miss = values - table @ found
-        weight = np.clip(1.0 - (miss / (REJECTED * robust_std(miss) + TINY)) ** 2, 0.0, None) ** 2
-    return found
+    return RangeResiduals(rows, times_s, off_m, motion, upright)

@@ -7,7 +7,7 @@ They are mixtures: each anomalous reading adds its log likelihood ratio against 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -46,29 +46,21 @@ MOST_LOST = 50
 """Greatest number of lost pictures that is tried."""
 
 
-@dataclass(frozen=True)
-class ReadingAnomaly:
-    """A term that shows in single readings."""
+def cause_in_readings(
+    name: str, sizes: dict[str, Interval], nats: Sequence[float], by_others: Sequence[float] = ()
+) -> Cause:
+    """Return the cause that single readings show, with the ``nats`` of each flight at the common sizes.
 
-    name: str
-    parameters: dict[str, Interval]
-    nats: tuple[float, ...]
-    """Nats of each flight at the common size."""
-    predicted_by_others: tuple[float, ...] = ()
-    """Nats of each flight at the size of the others; empty where no size enters or there are no others."""
-
-    def cause(self) -> Cause:
-        """Return the anomaly as a cause for the verdict."""
-        total = sum(self.nats)
-        lead = float(total - parameter_cost(1) - ONE_OF_ALL)
-        gain = Gain.of(
-            np.array(self.predicted_by_others or self.nats), "flight" if self.predicted_by_others else None
-        )
-        probability, z = 1.0 / (1.0 + np.exp(-min(lead, 700.0))), np.sqrt(2 * max(total, 0.0))
-        return Cause(self.name, float(probability), self.parameters, gain, float(z), lead)
+    ``by_others`` are those at the sizes of the others; none where no size enters or there are no others.
+    """
+    total = sum(nats)
+    lead = float(total - parameter_cost(1) - ONE_OF_ALL)
+    gain = Gain.of(np.array(by_others or nats), "flight" if by_others else None)
+    probability, z = 1.0 / (1.0 + np.exp(-min(lead, 700.0))), np.sqrt(2 * max(total, 0.0))
+    return Cause(name, float(probability), sizes, gain, float(z), lead)
 
 
-def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[ReadingAnomaly]]:
+def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Cause]]:
     """Return the records without the readings of a dead zone, and the dead zone if there is one.
 
     Quantised readings repeat themselves without one.
@@ -94,7 +86,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Rea
         return NATS_A_REPEAT * float(near.sum())
 
     nats = tuple(NATS_A_REPEAT * float(len(own)) for own in stuck)
-    return kept, [ReadingAnomaly("sonar_dead_zone", size, nats, predicted_by_others(stuck, beside))]
+    return kept, [cause_in_readings("sonar_dead_zone", size, nats, predicted_by_others(stuck, beside))]
 
 
 def predicted_by_others(
@@ -106,7 +98,7 @@ def predicted_by_others(
     return tuple(nats(own, [*flights[:k], *flights[k + 1 :]]) for k, own in enumerate(flights))
 
 
-def reading_anomalies(passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
+def reading_anomalies(passes: Sequence[FilterPass]) -> list[Cause]:
     """Return all anomalies but the dead zone, from the readings and a filter run."""
     records = [run.record for run in passes]
     return [
@@ -115,7 +107,7 @@ def reading_anomalies(passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
     ]  # fmt: skip
 
 
-def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
+def _dropped(records: Sequence[Record]) -> list[Cause]:
     """Return the lost pictures, a Poisson number estimated from gaps between stamps."""
     matches = [r.matches for r in records]
     lost = np.array([s.missing if s is not None else 0 for s in matches], dtype=float)
@@ -135,10 +127,10 @@ def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
         return []
     reach = 1.96 * share / float(np.sqrt(lost.sum()))
     size = _sized("dropped_frames", share, reach)
-    return [ReadingAnomaly("dropped_frames", size, nats, predicted_by_others(flights, beside))]
+    return [cause_in_readings("dropped_frames", size, nats, predicted_by_others(flights, beside))]
 
 
-def _highlights(records: Sequence[Record]) -> list[ReadingAnomaly]:
+def _highlights(records: Sequence[Record]) -> list[Cause]:
     """Return the highlights: lamps mirrored in the floor."""
     seen = [
         np.zeros((0, 3)) if r.matches is None or r.matches.lens_distortion.notable else r.matches.spots
@@ -151,10 +143,10 @@ def _highlights(records: Sequence[Record]) -> list[ReadingAnomaly]:
     low, strength, high = (float(np.quantile(strengths, q)) for q in (0.5, 0.75, 0.9))
     interval = Interval(strength, "1", 0.9 * low, SATURATED * high)
     nats = tuple(NATS_A_PAIR * float(np.sum(flight[:, 0] > 0)) for flight in seen)
-    return [ReadingAnomaly("specular_highlights", {"strength": interval}, nats)]
+    return [cause_in_readings("specular_highlights", {"strength": interval}, nats)]
 
 
-def _moving_objects(records: Sequence[Record]) -> list[ReadingAnomaly]:
+def _moving_objects(records: Sequence[Record]) -> list[Cause]:
     """Return the objects that move through the pictures."""
     passes = []
     for record in records:
@@ -168,10 +160,10 @@ def _moving_objects(records: Sequence[Record]) -> list[ReadingAnomaly]:
     reach = 1.96 * np.sqrt(found)
     size = _sized("moving_objects", float(found), float(reach), least=1.0)
     nats = tuple(NATS_A_PAIR * float(sum(flight)) for flight in passes)
-    return [ReadingAnomaly("moving_objects", size, nats)]
+    return [cause_in_readings("moving_objects", size, nats)]
 
 
-def _spikes(passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
+def _spikes(passes: Sequence[FilterPass]) -> list[Cause]:
     counts, totals = [], []
     for run in passes:
         rows = run.record.kinds == SONAR
@@ -186,7 +178,7 @@ def _spikes(passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
         return []
     share = count / total
     size = _sized("sonar_spikes", share, float(1.96 * (np.sqrt(count) / total)))
-    return [ReadingAnomaly("sonar_spikes", size, tuple(NATS_A_SPIKE * c for c in counts))]
+    return [cause_in_readings("sonar_spikes", size, tuple(NATS_A_SPIKE * c for c in counts))]
 
 
 def ranges_of(records: Sequence[Record]) -> Array:
@@ -204,7 +196,7 @@ def _quantisation(records: Sequence[Record]) -> Quantisation | None:
     return quantisation_of(ranges_of(records), float(np.median([r.noise_std[RANGE] for r in records])))
 
 
-def _quantised(records: Sequence[Record]) -> list[ReadingAnomaly]:
+def _quantised(records: Sequence[Record]) -> list[Cause]:
     """Return the quantisation of the ranges."""
     found = _quantisation(records)
     if found is None:
@@ -212,7 +204,7 @@ def _quantised(records: Sequence[Record]) -> list[ReadingAnomaly]:
     size = _sized("sonar_quantisation", found.step_m, 1.96 * STEP_STD_M)
     nats = tuple(len(ranges_of([record])) * found.strength**2 for record in records)
     by_others = predicted_by_others(records, nats_by_others)
-    return [ReadingAnomaly("sonar_quantisation", size, nats, by_others)]
+    return [cause_in_readings("sonar_quantisation", size, nats, by_others)]
 
 
 def nats_by_others(own: Record, others: Sequence[Record]) -> float:

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam.core.arrays import Array
-from slam.criticism.cause import SURE, Interval
+from slam.criticism.cause import SURE, Cause, Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import referred, whole
 from slam.criticism.kalman.record import Record, in_order
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
+from slam.criticism.residuals.reading_anomalies import cause_in_readings
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
@@ -29,7 +29,7 @@ are smaller than the jitter."""
 
 def without_jitter(
     records: Sequence[Record], parameters: FilterParameters
-) -> tuple[list[Record], list[ReadingAnomaly]]:
+) -> tuple[list[Record], list[Cause]]:
     """Return the records at the even times of their streams, and the jitter, if the readings fit these times.
 
     Otherwise return the records unchanged. A stream without an even clock keeps its stamps.
@@ -40,8 +40,8 @@ def without_jitter(
         return list(records), []
     even = [_evened(record, flight) for record, flight in zip(records, streams, strict=True)]
     nats = _nats(even, parameters) - _nats(records, parameters)
-    found = ReadingAnomaly("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
-    if found.cause().probability < SURE:
+    found = cause_in_readings("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
+    if found.probability < SURE:
         return list(records), []
     return in_threads(lambda record: referred(record, parameters), even), [found]
 

@@ -10,12 +10,13 @@ the first part as it is. The second is weighted down by the true variance of e^2
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
+from scipy.stats import t as student
 
-from slam.core.arrays import Array, Ints
+from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, Run, used_innovations, whole
@@ -52,6 +53,35 @@ class FisherInformation:
     """Run of each flight under the parameters themselves."""
     readings: tuple[int, ...]
     """Number of segments of readings, for each flight; one more holds its pictures."""
+
+    @property
+    def half_interval(self) -> float:
+        """Half of a 95 % interval in standard errors, by Student's distribution over the segments."""
+        return float(student.ppf(0.975, max(len(self.score) - 1, 1)))
+
+    def of(self, segments: Mask) -> FisherInformation:
+        """Return score and information of some segments alone."""
+        return replace(
+            self, flight=self.flight[segments], information=self.information[segments],
+            score=self.score[segments], log_likelihood=self.log_likelihood[segments],
+        )  # fmt: skip
+
+    def scatter(self, free: Ints, step: Array, plain: Array, judged: int) -> Array:
+        """Return the covariance of the free columns from the scatter of the segments' scores at a step.
+
+        It is no less than ``plain``, that of white errors. A square distance of all parameters together by it
+        is about chi-square if all are ``judged``, as Hotelling's. With one judged it is that of the interval
+        of each parameter, however many others are fitted. Source: Bester, Conley and Hansen 2011.
+        """
+        left = self.score[:, free] - self.information[:, free] @ step
+        count = len(left)
+        between = plain @ (left.T @ left) @ plain * count / max(count - judged, 1)
+        wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))
+        return np.asarray(plain * wider[:, None] * wider)
+
+    def nats_at(self, step: Array) -> Array:
+        """Return (segments,) log likelihoods at a step of all columns."""
+        return np.asarray(self.score @ step - 0.5 * (self.information @ step) @ step)
 
 
 def fisher_information(

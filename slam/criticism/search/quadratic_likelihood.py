@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.stats import t as student
 
 from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.kalman.filter_parameters import FilterParameters
@@ -27,38 +26,6 @@ EDGE = 0.05
 RIDGE = 1e-9
 SEEN = 1e-16
 """Information below this is rounding error: the flights do not show the column."""
-
-
-@dataclass(frozen=True)
-class Clusters:
-    """Score and information of each segment within which errors may be correlated."""
-
-    information: Array
-    """(segments, p, p)."""
-    score: Array
-    """(segments, p)."""
-
-    @property
-    def half_interval(self) -> float:
-        """Half of a 95 % interval in standard errors, by Student's distribution over the segments."""
-        return float(student.ppf(0.975, max(len(self.score) - 1, 1)))
-
-    def scatter(self, free: Ints, step: Array, plain: Array, judged: int) -> Array:
-        """Return the covariance of the free columns from the scatter of the segments' scores at a step.
-
-        It is no less than ``plain``, that of white errors. A square distance of all parameters together by it
-        is about chi-square if all are ``judged``, as Hotelling's. With one judged it is that of the interval
-        of each parameter, however many others are fitted. Source: Bester, Conley and Hansen 2011.
-        """
-        left = self.score[:, free] - self.information[:, free] @ step
-        count = len(left)
-        between = plain @ (left.T @ left) @ plain * count / max(count - judged, 1)
-        wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))
-        return np.asarray(plain * wider[:, None] * wider)
-
-    def nats_at(self, step: Array) -> Array:
-        """Return (segments,) log likelihoods at a step of all columns."""
-        return np.asarray(self.score @ step - 0.5 * (self.information @ step) @ step)
 
 
 @dataclass(frozen=True)
@@ -102,7 +69,7 @@ class QuadraticLikelihood:
     """(nuisances,) prior precision."""
     current: dict[str, float]
     """Column -> value at the expansion point."""
-    clusters: Clusters | None = None
+    clusters: FisherInformation | None = None
     """Segments within which errors may be correlated: covariances are then cluster-robust, and a lead counts
     as far as segments agree on it. None for white innovations."""
 
@@ -212,14 +179,12 @@ class QuadraticLikelihood:
 
     def over(self, fisher: FisherInformation, segments: Mask) -> QuadraticLikelihood:
         """Return the likelihood of some ``segments`` alone of the information that this one is made of."""
-        share, clusters = segments.astype(np.float64), None
-        if self.clusters is not None:
-            clusters = Clusters(fisher.information[segments], fisher.score[segments])
+        share = segments.astype(np.float64)
         return replace(
             self,
             information=np.tensordot(share, fisher.information, 1),
             score=share @ fisher.score,
-            clusters=clusters,
+            clusters=None if self.clusters is None else self.clusters.of(segments),
         )
 
     def penalty_at_current(self, relaxed: Sequence[str] = ()) -> float:
@@ -300,5 +265,5 @@ def quadratic_likelihood(
         limits=np.array([n.healthy_range(model) for n in nuisances]).reshape(-1, 2),
         precision=np.array([n.prior_precision(model) for n in nuisances]),
         current=current,
-        clusters=Clusters(fisher.information, fisher.score) if clustered else None,
+        clusters=fisher if clustered else None,
     )

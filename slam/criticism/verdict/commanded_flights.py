@@ -66,12 +66,11 @@ def explain(
     if best is not None:
         known = {e.name: rollout_probability(best, e) for e in reported.chosen}
         posterior = posterior.raised(known, reported.rivals)
-    anomalies = [*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)]
     return CommandedFlights(
         found=reported,
         posterior=posterior,
         limits=prepared.limits,
-        anomalies=[anomaly.cause() for anomaly in anomalies],
+        anomalies=[*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)],
         readings=readings,
         model=model,
         progress=progress,

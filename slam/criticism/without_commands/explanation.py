@@ -140,7 +140,7 @@ def explain_comparisons(
         found=found,
         posterior=posterior_of(found),
         limits=LIMITS,
-        anomalies=[anomaly.cause() for anomaly in sensors.anomalies],
+        anomalies=sensors.anomalies,
         readings=readings,
         model=model,
         progress=progress,

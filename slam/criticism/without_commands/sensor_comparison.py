@@ -14,11 +14,12 @@ import numpy as np
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.reprojection import without_mismatched_pairs
+from slam.criticism.cause import Cause
 from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.transition import HOLD
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, without_dead_zone
+from slam.criticism.residuals.reading_anomalies import reading_anomalies, without_dead_zone
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.likelihood import Sizes
@@ -47,8 +48,8 @@ class SensorComparison:
     """Readings of each flight in the air, with its pictures; None where it is not known to fly."""
     parameters: FilterParameters
     """Filter parameters with inflated process noise."""
-    anomalies: tuple[ReadingAnomaly, ...]
-    """Anomalies of single readings."""
+    anomalies: tuple[Cause, ...]
+    """Causes that single readings show."""
     dropped: tuple[str, ...]
     """Descriptions of what was left out."""
 
@@ -89,7 +90,7 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
     )
 
 
-def _anomalies(records: Sequence[Record | None], parameters: FilterParameters) -> list[ReadingAnomaly]:
+def _anomalies(records: Sequence[Record | None], parameters: FilterParameters) -> list[Cause]:
     known = [record for record in records if record is not None]
     if not known:
         return []

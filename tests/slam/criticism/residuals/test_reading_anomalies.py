@@ -72,7 +72,7 @@ def test_lost_pictures_are_reported_where_they_are_many(record, missing, reporte
         share = odd[0].parameters["share"]
         assert share.value == pytest.approx(missing / 480)
         assert share.low < missing / 480 < share.high
-        assert odd[0].cause().probability > 0.99
+        assert odd[0].probability > 0.99
 
 
 @pytest.mark.parametrize(("bent_px", "reported"), [(0.03, ["specular_highlights"]), (0.3, [])])
@@ -112,20 +112,20 @@ def test_a_share_of_lost_pictures_is_held_out_by_flight(record):
     """A flight that lost none tells against the share of the others, one that lost as many for it."""
     flights = [replace(record, matches=seen(480 - n, n)) for n in (14, 14, 0)]
     (odd,) = _dropped(flights)
-    gain = odd.cause().gain
+    gain = odd.gain
     assert gain.by == "flight"
     assert gain.parts[0] == gain.parts[1] > 0 > gain.parts[2]
-    assert gain.nats < sum(odd.nats)
-    assert _dropped(flights[:1])[0].cause().gain.by is None
+    assert gain.nats < 0.5 * odd.z**2
+    assert _dropped(flights[:1])[0].gain.by is None
 
 
 def test_a_step_is_held_out_by_flight(record):
     alike = [changed(record, lambda r: 0.02 * np.round(r / 0.02))] * 2
     passes = [whole(r, filter_parameters_of(load_model("nominal"))) for r in alike]
     (odd,) = reading_anomalies(passes)
-    assert odd.predicted_by_others == pytest.approx(odd.nats)
+    assert odd.gain.nats == pytest.approx(0.5 * odd.z**2)
     other = [alike[0], changed(record, lambda r: 0.031 * np.round(r / 0.031))]
-    assert sum(predicted_by_others(other, nats_by_others)) < 0.2 * sum(odd.nats)
+    assert sum(predicted_by_others(other, nats_by_others)) < 0.2 * 0.5 * odd.z**2
 
 
 def test_second_echoes_are_not_reported_as_held_out(record):
@@ -134,7 +134,7 @@ def test_second_echoes_are_not_reported_as_held_out(record):
         r[[40, 90, 200]] *= 2.02
         return r
 
-    gain = found(changed(record, spiked))["sonar_spikes"].cause().gain
+    gain = found(changed(record, spiked))["sonar_spikes"].gain
     assert gain.by is None
     assert (
         Criticism("named", "", (Cause("sonar_spikes", 1.0, {}, gain, 7.0, 20.0),)).to_json()["gain"][

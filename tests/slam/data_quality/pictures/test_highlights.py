@@ -9,20 +9,21 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
+from slam.criticism.cause import Cause
 from slam.criticism.kalman.record import record_of
-from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, _highlights
+from slam.criticism.residuals.reading_anomalies import _highlights
 from slam.data_quality.pictures.highlights import dimmed, spots
 from tests.slam.criticism.camera.camera_flight import matched_flight
 
 CAMERA = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 
 
-def found(terms: dict[str, dict[str, float]], seed: int) -> list[ReadingAnomaly]:
+def found(terms: dict[str, dict[str, float]], seed: int) -> list[Cause]:
     flight, matches = matched_flight(terms, seed)
     return _highlights([replace(record_of(flight), matches=matches)])
 
 
-def of_spots(lagging: int, others: int) -> list[ReadingAnomaly]:
+def of_spots(lagging: int, others: int) -> list[Cause]:
     """Found in pairs of pictures with lagging spots of strengths about 0.3, and in pairs with others."""
     strength = np.linspace(0.2, 0.4, lagging)
     seen = [(1.0, 0.0, s) for s in strength] + [(0.0, 1.0, np.nan)] * others
@@ -37,7 +38,7 @@ def test_spots_that_lag_in_most_pairs_are_a_lamp_of_their_strength():
     size = oddity.parameters["strength"]
     assert size.low < 0.3 < size.high
     assert size.value == pytest.approx(0.35, abs=0.01), "the upper quartile, as most spots are cut"
-    assert oddity.cause().probability > 0.95
+    assert oddity.probability > 0.95
     assert of_spots(20, 60) == []
     assert of_spots(1, 0) == []
 
@@ -50,7 +51,7 @@ def test_a_mirrored_lamp_is_found_with_its_strength(strength):
     size = oddity.parameters["strength"]
     assert size.low < strength < size.high
     assert size.value == pytest.approx(strength, rel=0.3)
-    assert oddity.cause().probability > 0.95
+    assert oddity.probability > 0.95
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ def test_things_that_go_through_the_pictures_are_moving_objects():
     assert oddity.name == "moving_objects"
     assert oddity.parameters["count"].value >= 1.0
     assert 3 <= pictures < 40
-    assert oddity.cause().probability > 0.95
+    assert oddity.probability > 0.95
 
 
 @pytest.mark.parametrize(
