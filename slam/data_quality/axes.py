@@ -7,7 +7,7 @@ undone, are correlated with those of the imu's integral.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -66,6 +66,15 @@ def wrong_axes(flight: Flight) -> tuple[list[str], list[str]]:
             if scores[right] - scores[turned] < CERTAIN_Z:
                 unknown.append(f"whether {way} reads its own axis")
     return wrong, unknown
+
+
+def axes_of_all(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:
+    """Return descriptions of wrong axes of all flights, and of axes that none of them shows."""
+    each = [wrong_axes(flight) for flight in flights]
+    labels = [f"{flight.name}: " if len(flights) > 1 else "" for flight in flights]
+    wrong = [label + words for label, (told, _) in zip(labels, each, strict=True) for words in told]
+    hidden = [set(unknown) for _, unknown in each]
+    return wrong, sorted(set.intersection(*hidden)) if hidden else []
 
 
 def _differs(assignment: Assignment, k: int) -> bool:

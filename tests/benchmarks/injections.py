@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from slam.core.flight import Flight
 from slam.criticism import criticise
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.without_commands.unexplained import COULD_NOT
+from slam.criticism.without_commands.explanation import COULD_NOT
 from slam.io.flight_folder import read_flight
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_least, at_most, reported

@@ -49,10 +49,27 @@ class FisherInformation:
     """(segments, p)."""
     log_likelihood: Array
     """(segments,)."""
-    passes: tuple[FilterPass, ...]
+    passes: tuple[FilterPass, ...] = ()
     """Run of each flight under the parameters themselves."""
-    readings: tuple[int, ...]
+    readings: tuple[int, ...] = ()
     """Number of segments of readings, for each flight; one more holds its pictures."""
+
+    @staticmethod
+    def of_rows(
+        columns: Sequence[str], sensitivity: Array, white: Array, segment: Ints, flight: Ints
+    ) -> FisherInformation:
+        """Return that of white rows (n,) with their sensitivities (n, p) and the segment (n,) of each.
+
+        ``flight`` (segments,) is that of each segment.
+        """
+        own = [segment == k for k in range(len(flight))]
+        return FisherInformation(
+            columns=tuple(columns),
+            flight=flight,
+            information=np.array([sensitivity[k].T @ sensitivity[k] for k in own]),
+            score=np.array([sensitivity[k].T @ white[k] for k in own]),
+            log_likelihood=np.array([-0.5 * float(white[k] @ white[k]) for k in own]),
+        )
 
     @property
     def half_interval(self) -> float:
@@ -66,6 +83,10 @@ class FisherInformation:
             score=self.score[segments], log_likelihood=self.log_likelihood[segments],
         )  # fmt: skip
 
+    def left_at(self, step: Array) -> Array:
+        """Return (segments, p) what is left of the score at a step of all columns."""
+        return np.asarray(self.score - self.information @ step)
+
     def scatter(self, free: Ints, step: Array, plain: Array, judged: int) -> Array:
         """Return the covariance of the free columns from the scatter of the segments' scores at a step.
 
@@ -73,7 +94,7 @@ class FisherInformation:
         is about chi-square if all are ``judged``, as Hotelling's. With one judged it is that of the interval
         of each parameter, however many others are fitted. Source: Bester, Conley and Hansen 2011.
         """
-        left = self.score[:, free] - self.information[:, free] @ step
+        left = self.left_at(step)[:, free]
         count = len(left)
         between = plain @ (left.T @ left) @ plain * count / max(count - judged, 1)
         wider = np.sqrt(np.maximum(np.diag(between) / np.diag(plain), 1.0))

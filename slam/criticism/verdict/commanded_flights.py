@@ -23,12 +23,13 @@ from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibratio
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.fitting import lag_one_correlation
 from slam.criticism.search.search import SearchResult
-from slam.criticism.verdict.consistency import SizeOverTime, changing_sizes, contradictions
+from slam.criticism.verdict.consistency import changing_sizes, contradictions
 from slam.criticism.verdict.covariate import covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed_terms, errors_of, rollout_probability
 from slam.criticism.verdict.held_out import HeldOut, fitted_parameters, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
+from slam.criticism.verdict.over_time import SizeOverTime
 from slam.criticism.verdict.posterior import likeliest, posterior_of
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts

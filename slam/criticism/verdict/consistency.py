@@ -8,32 +8,30 @@ differences are significant: there only a size that varies by half of itself cou
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.arrays import Array, Ints
 from slam.core.units import spaced
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
-from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect, is_variance
-from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
-from slam.criticism.search.information import SEGMENT_S
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
+from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
 from slam.criticism.threads import in_threads
+from slam.criticism.verdict.over_time import PART_S, TELLING, Parts, SizeOverTime
 from slam.simulation.terms import CATALOGUE
 
-PART_S, MOST_PARTS = 5.0, 1000
-FEWEST_PARTS = 8
-"""Least number of parts of a flight in which a change has a moment."""
+MOST_PARTS = 1000
+"""Greatest number of parts of a flight."""
 DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
@@ -43,8 +41,6 @@ RIDGE = 1e-9
 FEWEST_SIZES = 5
 BEYOND_CHANCE = 4.0
 """Mean square of the segments' deviations, in variances of white rows, beyond which a size varies."""
-TELLING = 0.5
-"""Greatest standard error of a segment's size, as a share of the size, for the segment to count."""
 LARGE = 0.5
 """Least scatter beyond chance, as a share of the size."""
 LEVEL = ("accel_bias.x", "accel_bias.y")
@@ -72,59 +68,59 @@ def consistencies(
 
     ``parameters`` include the effects at their sizes.
     """
-    traces, white, part, precision = _rows_of(records, model, parameters, chosen)
+    parts = list(zip(_BETWEEN, _parts_of(records, parameters, chosen), strict=True))
+    precision = _precision(model, parts[0][1].fisher.columns)
     ends = np.cumsum([len(MEAN_NUISANCES), *(len(e.perturbations) for e in chosen)])
-    columns = [np.arange(begin, end) for begin, end in pairwise(ends.tolist())]
-    between = list(enumerate(_BETWEEN))
     return [
-        tuple(_consistency(by, traces, white, part[:, i], own, precision) for i, by in between if len(own))
-        for own in columns
+        tuple(_consistency(by, p.fisher, np.arange(*own), precision) for by, p in parts if own[0] < own[1])
+        for own in pairwise(ends.tolist())
     ]
 
 
-def _rows_of(
-    records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
-) -> tuple[Array, Array, Ints, Array]:
-    """Return sensitivities, innovations, numbers of their parts (rows, 3), and precisions of the priors."""
-    perturbations = [*MEAN_PERTURBATIONS, *_moved(chosen)]
-    precision = np.zeros(len(perturbations))
-    precision[: len(MEAN_NUISANCES)] = [n.prior_precision(model) for n in MEAN_NUISANCES]
+def _parts_of(
+    records: Sequence[Record], parameters: FilterParameters, chosen: Sequence[Effect]
+) -> list[Parts]:
+    """Return the flights by each kind of parts of ``_BETWEEN``; channels have neither a flight nor a time."""
+    perturbations = [*MEAN_PERTURBATIONS, *(d for e in chosen for d in e.perturbations)]
 
     def one(k: int) -> tuple[Array, Array, Ints]:
         rows = list(Run(records[k], parameters, perturbations).segments(SEGMENT_S))
         events = np.concatenate([r.events for r in rows])
         time = (records[k].times_s[events] // PART_S).astype(np.int64)
         channels = np.concatenate([r.channels for r in rows])
-        part = np.column_stack([np.full(len(events), k), MOST_PARTS * k + time, channels])
+        part = np.column_stack([np.full(len(events), MOST_PARTS * k), MOST_PARTS * k + time, channels])
         return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
 
     found = in_threads(one, range(len(records)))
-    traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
-    return traces, white, part, precision
+    sensitivity, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
+    columns, names = [d.name for d in perturbations], [record.name for record in records]
+    parts = []
+    for of_row in part.T:
+        labels, place = np.unique(of_row, return_inverse=True)
+        fisher = FisherInformation.of_rows(columns, sensitivity, white, place, labels // MOST_PARTS)
+        parts.append(Parts(fisher, names, np.asarray(PART_S * (labels % MOST_PARTS))))
+    return parts
 
 
-def _moved(chosen: Sequence[Effect]) -> Iterator[Perturbation]:
-    return (d for e in chosen for d in e.perturbations)
+def _precision(model: FilterParameters, columns: Sequence[str]) -> Array:
+    """Return (columns,) the precision of the prior of each, of which the first are the nuisances'."""
+    of_nuisances = [n.prior_precision(model) for n in MEAN_NUISANCES]
+    return np.pad(of_nuisances, (0, len(columns) - len(of_nuisances))) + RIDGE
 
 
-def _consistency(
-    by: str, traces: Array, white: Array, part: Ints, own: Ints, precision: Array
-) -> PartConsistency:
-    total = traces.T @ traces + np.diag(precision + 1e-9)
-    score = white @ traces
-    step = np.linalg.solve(total, score)
-    labels = np.unique(part)
-    k = len(own)
-    cross = np.zeros((len(labels) * k, len(total)))
-    left, right = np.zeros((len(labels) * k, len(labels) * k)), np.zeros(len(labels) * k)
-    for g, label in enumerate(labels):
-        rows = traces[part == label]
-        at = slice(g * k, (g + 1) * k)
-        cross[at] = rows[:, own].T @ rows
-        left[at, at] = cross[at][:, own]
-        right[at] = white[part == label] @ rows[:, own] - cross[at] @ step
-    left = left - cross @ np.linalg.solve(total, cross.T)
-    scale = 1.0 / np.sqrt(np.tile(np.maximum(np.diag(total)[own], 1e-12), len(labels)))
+def _most_probable(fisher: FisherInformation, precision: Array) -> tuple[Array, Array]:
+    """Return the step to the most probable sizes, and the information with that of the priors."""
+    total = fisher.information.sum(axis=0) + np.diag(precision)
+    return np.linalg.solve(total, fisher.score.sum(axis=0)), total
+
+
+def _consistency(by: str, fisher: FisherInformation, own: Ints, precision: Array) -> PartConsistency:
+    """Return the consistency of the columns ``own`` between the segments of ``fisher``."""
+    step, total = _most_probable(fisher, precision)
+    cross = fisher.information[:, own].reshape(-1, len(total))
+    left = block_diag(*fisher.information[:, own[:, None], own]) - cross @ np.linalg.solve(total, cross.T)
+    right = fisher.left_at(step)[:, own].ravel()
+    scale = 1.0 / np.sqrt(np.tile(np.maximum(np.diag(total)[own], 1e-12), len(fisher.score)))
     values, vectors = np.linalg.eigh(left * scale[:, None] * scale)
     strong = values > WEAK
     along = vectors[:, strong].T @ (scale * right)
@@ -177,7 +173,7 @@ def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:
     quadratic, fisher = found.last.quadratic, found.last.fisher
     step, own = quadratic.maximise(found.chosen).whole, quadratic.index(effect.columns)
     others = np.where(np.isin(np.arange(len(step)), own), 0.0, step)
-    score = fisher.score[:, own] - fisher.information[:, own] @ others
+    score = fisher.left_at(others)[:, own]
     information = fisher.information[:, own[:, None], own]
     information = information * (1.0 + RIDGE * np.eye(len(own))) + 1e-12 * np.eye(len(own))
     sizes = np.linalg.solve(information, score[:, :, None])[:, :, 0]
@@ -198,55 +194,12 @@ def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:
     return varying
 
 
-@dataclass(frozen=True)
-class SizeOverTime:
-    """Size of one parameter in the parts of flights that show it, with all else as fitted."""
-
-    column: str
-    unit: str
-    flights: tuple[str, ...]
-    """Flight of each part."""
-    begin_s: Array
-    """(n,) begin of each part, which lasts ``PART_S``."""
-    sizes: Array
-    errors: Array
-    """(n,) standard errors of the sizes."""
-    common: float
-    """Size that fits all parts together."""
-
-
 def changing_sizes(
     records: Sequence[Record], model: FilterParameters, parameters: FilterParameters,
     chosen: Sequence[Effect], names: Container[str],
 ) -> tuple[SizeOverTime, ...]:  # fmt: skip
     """Return the sizes over time of the chosen causes of some ``names``; ``parameters`` include them."""
-    traces, white, part, precision = _rows_of(records, model, parameters, chosen)
-    step = np.linalg.solve(traces.T @ traces + np.diag(precision + RIDGE), white @ traces)
-    left, columns = white - traces @ step, [d.name for d in (*MEAN_PERTURBATIONS, *_moved(chosen))]
-    labels, of_row = np.unique(part[:, 1], return_inverse=True)
-    flights, begin_s = [records[k].name for k in labels // MOST_PARTS], PART_S * (labels % MOST_PARTS)
-    series = []
-    for effect, k in ((e, k) for e in chosen if e.name in names for k in range(len(e.perturbations))):
-        c = columns.index(effect.columns[k])
-        common = fitted_parameter(effect.columns[k]).size_in(parameters) + float(step[c])
-        score, known = np.bincount(of_row, traces[:, c] * left), np.bincount(of_row, traces[:, c] ** 2)
-        series.append(sizes_over_time(effect, k, parameters, common, flights, begin_s, score, known))
-    return tuple(series)
-
-
-def sizes_over_time(
-    effect: Effect, k: int, parameters: FilterParameters, common: float, flights: Sequence[str],
-    begin_s: NDArray[Any], score: NDArray[Any], information: NDArray[Any],
-) -> SizeOverTime:  # fmt: skip
-    """Return the sizes of an effect's column k from the ``score`` and ``information`` (parts,) of parts of
-    ``flights`` (parts,) beside the ``common`` size."""
-    errors = 1.0 / np.sqrt(np.maximum(information, 1e-300))
-    sure = np.flatnonzero(errors < TELLING * max(abs(common), effect.tolerance))
-    ends = [common + (score * errors**2 + sign * errors)[sure] for sign in (0.0, 1.0, -1.0)]
-    ends.append(np.array([common]))
-    sizes, high, low, whole = (
-        np.array([effect.in_catalogue_units(k, x, parameters) for x in end]) for end in ends
-    )
-    unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
-    of_flights, errors = tuple(flights[j] for j in sure.tolist()), 0.5 * np.abs(high - low)
-    return SizeOverTime(effect.columns[k], unit, of_flights, begin_s[sure], sizes, errors, float(whole[0]))
+    _, parts, _ = _parts_of(records, parameters, chosen)
+    step, _ = _most_probable(parts.fisher, _precision(model, parts.fisher.columns))
+    doubted = [(e, k) for e in chosen if e.name in names for k in range(len(e.perturbations))]
+    return tuple(parts.sizes_over_time(effect, k, step, parameters) for effect, k in doubted)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
-from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.covariate import Covariate
+from slam.criticism.verdict.over_time import SizeOverTime
 from slam.simulation.model import Model
 
 CORRELATION_DIGITS = 4

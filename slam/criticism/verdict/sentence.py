@@ -12,8 +12,8 @@ from dataclasses import replace
 from slam.core.names import enumerated
 from slam.core.units import everyday, sized
 from slam.criticism.cause import FAINT, LIKELY, NOT_AHEAD_S, Cause, Gain
-from slam.criticism.verdict.consistency import FEWEST_PARTS, PART_S
 from slam.criticism.verdict.criticism import Criticism, Verdict
+from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S
 from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
 

@@ -10,7 +10,7 @@ and the middle: no instrument measures its initial rate.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -23,27 +23,33 @@ from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause, ChannelError
 from slam.criticism.extended import with_certainty, with_terms
 from slam.criticism.next_flight import next_motion
-from slam.criticism.search.effects import Effect
+from slam.criticism.search.effects import LATE, Effect
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
-from slam.criticism.verdict.consistency import varying_sizes
+from slam.criticism.verdict.consistency import disagreements, varying_sizes
 from slam.criticism.verdict.covariate import Covariate, covariate_of
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
+from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Onset, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import posterior_of
-from slam.criticism.without_commands.likelihood import Sizes, likelihood_of, sizes_by_others, table_of
-from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
-from slam.criticism.without_commands.unexplained import (
-    axes_of,
-    changing_in_comparisons,
-    left_over_in_comparisons,
-    not_shown,
+from slam.criticism.verdict.power import NINE_OF_TEN
+from slam.criticism.without_commands.likelihood import (
+    Sizes,
+    columns_of,
+    fisher_of,
+    likelihood_of,
+    segments_of,
+    sizes_by_others,
+    table_of,
 )
+from slam.criticism.without_commands.pictures import contradiction
+from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.whitened_rows import Averages, FlightRows, WhitenedRows
 from slam.data_quality import StreamAnomaly
+from slam.data_quality.axes import axes_of_all
 from slam.data_quality.channels import larger_noise
 from slam.data_quality.inertial_comparison import NODE_S
 from slam.simulation.model import Model
@@ -60,6 +66,7 @@ NO_COMMANDS = (
     "and its motion is not judged"
 )
 NOT_JUDGED = "No command log: the vehicle's motion is not judged."
+COULD_NOT = "These flights could not show"
 LIMITS = Thresholds(STANDS_OUT_Z, np.inf, STANDS_OUT_Z, np.inf, STANDS_OUT)
 MOST = 5
 ROUNDS = 2
@@ -77,7 +84,18 @@ class ComparedFlights(Evidence):
     @cached_property
     def _axes(self) -> tuple[list[str], list[str]]:
         """Descriptions of wrong axes, and of those that no flight shows."""
-        return axes_of(self.flights)
+        return axes_of_all(self.flights)
+
+    @cached_property
+    def _parts(self) -> Parts:
+        """The rows in parts of some seconds."""
+        begin_s = np.asarray(PART_S * segments_of(self.rows, PART_S)[0][:, 1])
+        fisher = fisher_of(self.rows, columns_of(self.rows), PART_S)
+        return Parts(fisher, [flight.name for flight in self.flights], begin_s)
+
+    @cached_property
+    def _onset(self) -> Onset | None:
+        return onset(self.found, self._parts)
 
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms as causes, with errors without them and with the sizes by other parts."""
@@ -94,9 +112,14 @@ class ComparedFlights(Evidence):
 
     def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
         """Describe what no cause explains, residual patterns excepted."""
-        left = left_over_in_comparisons(self.found, self.rows)
-        unclear = [f"what looks like {cause.name} is something else" for cause in judged.faint]
-        return [*self._axes[0], *(r.words for r in self.readings), *left, *unclear]
+        left = [contradiction(self.rows), "" if self._onset is None else str(self._onset)]
+        return [
+            *self._axes[0],
+            *(r.words for r in self.readings),
+            *disagreements(self.found),
+            *(words for words in left if words),
+            *(f"what looks like {cause.name} is something else" for cause in judged.faint),
+        ]
 
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with the next flight, the extended model, and what could not be shown."""
@@ -105,7 +128,6 @@ class ComparedFlights(Evidence):
         if rivals[1:]:
             matches = self.sensors.matches
             advised = next_motion(self.model, searched, self.rows, rivals, matches, self.progress)
-        hidden = not_shown(searched, self.rows, self._axes[1], found.detectable, LIMITS.effects)
         drawn = (covariate_in_comparisons(self.rows, searched, c) for c in found.causes[:1])
         return replace(
             found,
@@ -113,11 +135,40 @@ class ComparedFlights(Evidence):
             covariate=next(drawn, None),
             extended=with_certainty(with_terms(self.model, found.causes), found.causes),
             flights=tuple(f.name for f, known in zip(self.flights, self.rows, strict=True) if known),
-            details=(*larger_noise(self.flights), *hidden),
+            details=(*larger_noise(self.flights), self._not_shown(found.detectable)),
             dropped=(*self.sensors.dropped, NO_COMMANDS),
             limits=NOT_JUDGED,
-            changes=changing_in_comparisons(searched, self.rows, self.flights),
+            changes=self._changes(),
         )
+
+    def _changes(self) -> tuple[SizeOverTime, ...]:
+        """Return the sizes over time of parameters that vary, or that change at a moment."""
+        found, begun, series = self.found, self._onset, []
+        for effect in (e for e in found.last.effects if e.is_term):
+            varying = varying_sizes(found, effect) if effect in found.chosen else {}
+            beside = [*(e for e in found.chosen if not e.repeats(effect)), effect]
+            for k, column in enumerate(effect.columns):
+                if column in varying or (begun is not None and column == begun.column):
+                    step = found.last.quadratic.maximise(beside).whole
+                    series.append(self._parts.sizes_over_time(effect, k, step, found.last.parameters))
+        return tuple(series)
+
+    def _not_shown(self, shown: Collection[str]) -> str:
+        """Return a sentence on the errors that these flights could not show, whatever their size.
+
+        ``shown``: terms that have a smallest detectable size. Nine of ten delays show from a size on.
+        """
+        last = self.found.last
+        lines = ["a constant offset of speed or height", *self._axes[1]]
+        lines += [e.name for e in last.effects if e.is_term and e.name not in shown]
+        for effect in (e for e in last.effects if e.name in LATE):
+            variance = float(last.quadratic.maximise([effect]).covariance[0, 0])
+            late_s = (LIMITS.effects + NINE_OF_TEN) * float(np.hypot(np.sqrt(variance), effect.tolerance))
+            lines.append(f"{effect.name} by less than {1e3 * late_s:.0f} ms")
+        times_s = np.concatenate([r.times_s for flight in self.rows for r in flight])
+        if float(np.ptp(times_s)) < FEWEST_PARTS * PART_S:
+            lines.append("an error that begins within a flight")
+        return f"{COULD_NOT} {', '.join(lines)}."
 
 
 def explain_comparisons(

@@ -92,16 +92,8 @@ def fisher_of(rows: FlightRows, columns: Sequence[str], segment_s: float = SEGME
     off = np.concatenate([r.off for flight in rows for r in flight])
     table = table_of(rows, columns)
     table = np.column_stack([table, table * _minutes(rows)[:, None]])
-    own = [segment == k for k in range(len(labels))]
-    return FisherInformation(
-        columns=(*columns, *(name + IN_TIME for name in columns)),
-        flight=labels[:, 0],
-        information=np.array([table[k].T @ table[k] for k in own]),
-        score=np.array([table[k].T @ off[k] for k in own]),
-        log_likelihood=np.array([-0.5 * float(off[k] @ off[k]) for k in own]),
-        passes=(),
-        readings=tuple(np.bincount(labels[:, 0], minlength=len(rows)).tolist()),
-    )
+    names = (*columns, *(name + IN_TIME for name in columns))
+    return FisherInformation.of_rows(names, table, off, segment, labels[:, 0])
 
 
 def _minutes(rows: FlightRows) -> Array:

@@ -13,7 +13,7 @@ from slam.report.criticism.segment import Segment
 
 if TYPE_CHECKING:
     from slam.criticism import Criticism
-    from slam.criticism.verdict.consistency import SizeOverTime
+    from slam.criticism.verdict.over_time import SizeOverTime
 
 _TITLE = "When its size changes"
 _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE)
@@ -23,7 +23,7 @@ _MARKERS = "osD^v"
 
 def size_over_time(result: Criticism) -> Segment | None:
     """Return the sizes over time of the parameter that changes most certainly; None where none changes."""
-    from slam.criticism.verdict.consistency import PART_S
+    from slam.criticism.verdict.over_time import PART_S
 
     told = [series for series in result.changes if len(series.sizes) > 1]
     if not told:
@@ -73,7 +73,7 @@ def _in_extension(result: Criticism, series: SizeOverTime) -> float:
 
 
 def _part(series: SizeOverTime, k: int) -> str:
-    from slam.criticism.verdict.consistency import PART_S
+    from slam.criticism.verdict.over_time import PART_S
 
     factor, unit = everyday(float(series.sizes[k]), series.unit)
     begin = series.begin_s[k]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism.without_commands.unexplained import _break
+from slam.criticism.verdict.over_time import _break
 from slam.data_quality.axes import wrong_axes
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

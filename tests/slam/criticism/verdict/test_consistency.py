@@ -8,7 +8,9 @@ import pytest
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import fitted_parameter
-from slam.criticism.verdict.consistency import _consistency, sizes_over_time
+from slam.criticism.search.information import FisherInformation
+from slam.criticism.verdict.consistency import _consistency
+from slam.criticism.verdict.over_time import Parts
 from slam.simulation.model import load_model
 
 ROWS, PARTS = 6000, 6
@@ -24,8 +26,11 @@ def drawn(seed, sizes):
 
 
 def deviates(sizes, count=200):
-    own, precision = np.array([2]), np.zeros(3)
-    return np.array([_consistency("flight", *drawn(s, sizes), own, precision).z for s in range(count)])
+    def deviate(seed):
+        known = FisherInformation.of_rows("abc", *drawn(seed, sizes), np.arange(PARTS))
+        return _consistency("flight", known, np.array([2]), np.full(3, 1e-9)).z
+
+    return np.array([deviate(seed) for seed in range(count)])
 
 
 def test_one_size_in_all_parts_agrees():
@@ -43,8 +48,14 @@ def test_sizes_that_differ_do_not(sizes):
 
 def test_a_part_that_hardly_shows_a_size_is_left_out_of_its_course():
     scale = Effect("sonar_scale", (fitted_parameter("sonar_scale.eps").perturbation,), (), ("eps",))
-    given = scale, 0, filter_parameters_of(load_model("nominal")), 0.1, ["a", "a", "b"], np.arange(3.0)
-    found = sizes_over_time(*given, score=np.array([0.0, 50.0, 9.0]), information=np.array([1e4, 1e3, 1.0]))
+    information = np.array([1e4, 1e3, 1.0])
+    score = 0.1 * information + [0.0, 50.0, 9.0]
+    known = FisherInformation(
+        scale.columns, np.array([0, 0, 1]), information[:, None, None], score[:, None], np.zeros(3)
+    )
+    parts = Parts(known, ["a", "b"], np.arange(3.0))
+    healthy = filter_parameters_of(load_model("nominal"))
+    found = parts.sizes_over_time(scale, 0, np.array([0.1]), healthy)
     assert found.flights == ("a", "a")
     assert found.sizes == pytest.approx([0.1, 0.15])
     assert found.errors == pytest.approx([0.01, 0.0316], rel=0.01)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
-from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
+from slam.criticism.verdict.over_time import SizeOverTime
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.sentence import details, headline, unusable, with_sentences
 from slam.simulation.terms import CATALOGUE

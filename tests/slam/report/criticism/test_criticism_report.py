@@ -13,9 +13,9 @@ from PIL import Image
 
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
-from slam.criticism.verdict.consistency import SizeOverTime
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
+from slam.criticism.verdict.over_time import SizeOverTime
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight, unexplained_in_words
 from slam.report.criticism.changes import size_over_time

@@ -1,0 +1,157 @@
+"""Size of a parameter over time: in each part of the flights, and before and after a moment.
+
+The greatest difference before and after a moment is the sup-Wald statistic of a break at an unknown time
+(Andrews, 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from slam.core.arrays import Array
+from slam.core.units import spaced
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.search.effects import Effect, is_variance
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.information import FisherInformation
+from slam.criticism.search.search import SearchResult
+from slam.simulation.terms import CATALOGUE
+
+PART_S = 5.0
+FEWEST_PARTS = 8
+"""Least number of parts of a flight in which a change has a moment."""
+TELLING = 0.5
+"""Greatest standard error of a segment's size, as a share of the size, for the segment to count."""
+TRIMMED = 0.15
+"""Least share of a parameter's information on either side of the moment of a change."""
+CERTAIN_Z = 5.0
+"""Least z of a change. With 20 parameters the 1 % point of the statistic is 4.2 (Andrews, 1993, table I, by
+Bonferroni)."""
+
+
+@dataclass(frozen=True)
+class SizeOverTime:
+    """Size of one parameter in the parts of flights that show it, with all else as fitted."""
+
+    column: str
+    unit: str
+    flights: tuple[str, ...]
+    """Flight of each part."""
+    begin_s: Array
+    """(n,) begin of each part, which lasts ``PART_S``."""
+    sizes: Array
+    errors: Array
+    """(n,) standard errors of the sizes."""
+    common: float
+    """Size that fits all parts together."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Flights in parts of ``PART_S``."""
+
+    fisher: FisherInformation
+    """Its segments are the parts."""
+    names: Sequence[str]
+    """Name of each flight."""
+    begin_s: Array
+    """(parts,)."""
+
+    def sizes_over_time(
+        self, effect: Effect, k: int, step: Array, parameters: FilterParameters
+    ) -> SizeOverTime:
+        """Return the sizes of an effect's column k, about ``parameters`` with a ``step`` (columns,)."""
+        name = effect.columns[k]
+        c = self.fisher.columns.index(name)
+        common = fitted_parameter(name).size_in(parameters) + float(step[c])
+        errors = 1.0 / np.sqrt(np.maximum(self.fisher.information[:, c, c], 1e-300))
+        moved = self.fisher.left_at(step)[:, c] * errors**2
+        sure = np.flatnonzero(errors < TELLING * max(abs(common), effect.tolerance))
+        ends = [common + (moved + sign * errors)[sure] for sign in (0.0, 1.0, -1.0)]
+        ends.append(np.array([common]))
+        sizes, high, low, whole = (
+            np.array([effect.in_catalogue_units(k, x, parameters) for x in end]) for end in ends
+        )
+        unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
+        flights = tuple(self.names[j] for j in self.fisher.flight[sure].tolist())
+        half = 0.5 * np.abs(high - low)
+        return SizeOverTime(name, unit, flights, self.begin_s[sure], sizes, half, float(whole[0]))
+
+
+@dataclass(frozen=True)
+class Onset:
+    """A change of one parameter."""
+
+    column: str
+    time_s: float
+    change: float
+    z: float
+
+    def __str__(self) -> str:
+        effect, _, parameter = self.column.rpartition(".")
+        unit = CATALOGUE[effect].parameter(parameter).unit
+        return (
+            f"{self.column} changes by {self.change:.2g}{spaced(unit)} at about "
+            f"{self.time_s:.0f} s (z = {self.z:.1f})"
+        )
+
+
+def onset(found: SearchResult, parts: Parts) -> Onset | None:
+    """Return the most certain change of a term's parameter within a flight, or None."""
+    changes = [
+        change
+        for effect in found.last.effects if effect.is_term
+        for perturbation in effect.perturbations if not is_variance(perturbation)
+        for change in _changes(found, parts, effect, perturbation.name) if change.z > CERTAIN_Z
+    ]  # fmt: skip
+    return max(changes, key=lambda change: change.z, default=None)
+
+
+def _changes(found: SearchResult, parts: Parts, effect: Effect, column: str) -> list[Onset]:
+    """Return the likeliest change of a column in each flight, beside the chosen effects."""
+    quadratic, fisher = found.last.quadratic, parts.fisher
+    effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
+    step = quadratic.maximise(effects).whole
+    rest = quadratic.index([c for e in effects for c in e.columns if c != column])
+    # What is left of the column once the others are projected out.
+    along = np.zeros(len(step))
+    along[quadratic.index([column])] = 1.0
+    information = quadratic.information
+    along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
+    score = fisher.left_at(step) @ along
+    known = (fisher.information @ along) @ along
+    onsets = []
+    for inside in (fisher.flight == flight for flight in np.unique(fisher.flight)):
+        k, change, z = _break(score[inside], known[inside], effect.tolerance)
+        onsets.append(Onset(column, float(parts.begin_s[inside][k]), change, z))
+    return onsets
+
+
+def _break(score: Array, information: Array, tolerance: float) -> tuple[int, float, float]:
+    """Return the first segment after the likeliest break, the change there, and its z.
+
+    The variance is that of the segments about the two sizes, no less than that of white rows; the z is
+    Student's, as a normal one.
+    """
+    count, whole = len(score), float(information.sum())
+    if count < FEWEST_PARTS or whole <= 0.0:
+        return 0, 0.0, 0.0
+    at, change, greatest = 0, 0.0, 0.0
+    for k in range(1, count):
+        sides = [(score[side], information[side]) for side in (slice(0, k), slice(k, count))]
+        known = [float(n.sum()) for _, n in sides]
+        if min(known) < TRIMMED * whole:
+            continue
+        sizes = [float(s.sum()) / n for (s, _), n in zip(sides, known, strict=True)]
+        squares = [float(np.sum((s - x * n) ** 2)) for (s, n), x in zip(sides, sizes, strict=True)]
+        variance = sum(max(q * count / (count - 2), n) / n**2 for q, n in zip(squares, known, strict=True))
+        t = abs(sizes[1] - sizes[0]) / np.sqrt(variance + tolerance**2)
+        if t > greatest:
+            at, change, greatest = k, sizes[1] - sizes[0], t
+    z = float(-norm.ppf(max(float(student.sf(greatest, count - 2)), 1e-300)))
+    return at, change, z
