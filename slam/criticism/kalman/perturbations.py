@@ -49,6 +49,8 @@ class Perturbation:
     """Name of the signal that is injected."""
     unit: float | None = None
     """Divisor of the finite difference; by default the step."""
+    squared: bool = False
+    """Whether the step is one of the entry's square."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,8 @@ def perturbation_arrays(
     for k, d in enumerate(perturbations):
         if d.kind == "dynamics":
             table.changes_motion[k] = 1
-            table.parameters_of[k, d.entry] += d.step
+            x = parameters.dynamics[d.entry]
+            table.parameters_of[k, d.entry] = np.sqrt(x**2 + d.step) if d.squared else x + d.step
         elif d.kind == "sensor":
             table.instrument_mask[k] = 1 << READ_BY[d.entry]
             table.sensor_of[k, d.entry] += d.step

@@ -24,7 +24,7 @@ from slam.criticism.search.fitted_parameters import (
     FittedParameter,
     fitted_parameter,
 )
-from slam.simulation.dynamics import GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
+from slam.simulation.dynamics import GAIN, MAX_TILT, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE, Parameter, Term
 
 
@@ -106,8 +106,6 @@ LATE = {"attitude late": (ATTITUDE, "attitude.delay_s"), "velocity late": (VELOC
 PICTURES = ("camera", "frames")
 """Streams that only pictures show."""
 
-RADIUS_M = 0.1
-"""Step of the radius, whose square the push of the floor follows: the column is radius^2."""
 TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
 """Values of a limit that are tried, as shares of the greatest tilt demanded."""
 LATENCIES_S = (0.015, 0.04, 0.08, 0.15)
@@ -128,13 +126,12 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
         if seen or term.stream not in PICTURES
         for effect in _plain(term)
     ]
-    found += _latencies(parameters)
+    if parameters.latency_s == 0.0:
+        found += _at_values("control_latency.T", LATENCIES_S, 0.0)
     if any_holds_heading(records) or not any_turns(records):
         # A vehicle that was never commanded to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
-    found.append(Effect("clock_drift", (_moving("clock_drift.ppm"),), parameters=("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
-    found.append(_ground_effect(parameters))
     found += _tilt_limits(records, parameters)
     if not parameters.out_of_model:
         found += [_variance("gusts", f"gusts{AT}{tau:g}") for tau in GUST_TIMES_S]
@@ -186,28 +183,12 @@ def _together(name: str, parameters: Sequence[Parameter]) -> Effect:
     return Effect(name, perturbations, (), tuple(p.name for p in parameters), positive)
 
 
-def _ground_effect(parameters: FilterParameters) -> Effect:
-    entry = PARAMETERS.index("ground_effect.radius")
-    radius = parameters.dynamics[entry]
-    perturbation = Perturbation(
-        "ground_effect.radius", "dynamics", entry, RADIUS_M, unit=(radius + RADIUS_M) ** 2 - radius**2
-    )
-    return Effect("ground_effect", (perturbation,), (), ("radius",), True)
-
-
 def _tilt_limits(records: Sequence[Record], parameters: FilterParameters) -> list[Effect]:
     reach = parameters.dynamics[MAX_TILT] * parameters.dynamics[GAIN]
     asked = reach * max(float(np.abs(r.stick.values[:, :2]).max()) for r in records)
     now = parameters.dynamics[TILT_LIMIT]
     tries = () if asked < LOWEST_TILT_RAD or now < pi / 2 else TILT_LIMITS
     return _at_values("tilt_limit.limit", [share * asked for share in tries], now)
-
-
-def _latencies(parameters: FilterParameters) -> list[Effect]:
-    """Return the latency itself, and for a vehicle without one the values of a grid."""
-    tries = LATENCIES_S if parameters.latency_s == 0.0 else ()
-    itself = Effect("control_latency", (_moving("control_latency.T"),), (), ("T",), True)
-    return [itself, *_at_values("control_latency.T", tries, 0.0)]
 
 
 def _at_values(column: str, values: Sequence[float], now: float) -> list[Effect]:

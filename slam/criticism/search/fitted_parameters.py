@@ -13,11 +13,10 @@ from functools import lru_cache
 from math import exp, inf, log, sqrt
 from typing import Literal
 
-from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, slot
+from slam.criticism.kalman.filter_parameters import FilterParameters, slot
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.readings import INSTRUMENT_CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME, HOLD
-from slam.simulation.dynamics import PARAMETERS
 from slam.simulation.terms import CATALOGUE, Parameter
 
 LARGEST_SHARE = 0.4
@@ -75,7 +74,7 @@ class FittedParameter:
     @property
     def perturbation(self) -> Perturbation:
         """Its change for which the filter computes the sensitivity of the readings."""
-        return Perturbation(self.name, *slot(self.name), self.step)
+        return Perturbation(self.name, *slot(self.name), self.step, squared=self.form == "square")
 
     def value_in(self, parameters: FilterParameters) -> float:
         """Return x in filter parameters."""
@@ -198,17 +197,11 @@ GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
 GAIN_NUISANCES = tuple(FittedParameter(gain_column(name), reach=TAILS) for name in GAIN_CORRECTED)
 """Errors of the filter's gains. One Gaussian standard deviation cannot give both the scatter and the best
 gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
-_RADIUS = CATALOGUE["ground_effect"].parameters[0]
 _SPECIAL = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS, *GAIN_NUISANCES)} | {
     "timestamp_jitter.var": FittedParameter(
         "timestamp_jitter.var", "jitter_s", form="square", step=1e-6, squared=True
     ),
-    "ground_effect.radius": FittedParameter(
-        "ground_effect.radius", "dynamics", (PARAMETERS.index("ground_effect.radius"),), "square",
-        squared=True, longest=_RADIUS.high - _RADIUS.low,
-    ),
 }  # fmt: skip
-_STEPS = {"control_latency.T": 2e-3, "clock_drift.ppm": 2e-5}
 _FACTORS = {"clock_drift.ppm": 1e6}
 
 
@@ -242,7 +235,8 @@ def fitted_parameter(name: str) -> FittedParameter:
     factor = _FACTORS.get(name, 1.0)
     return FittedParameter(
         name, ATTRIBUTES.get(kind, kind), () if kind in ATTRIBUTES else (entry,),
-        step=_STEPS.get(name, limits.step or 1e-3), neutral=limits.neutral, least=limits.least / factor,
-        most=limits.most / factor, longest=(limits.high - limits.low) / factor,
-        squared=kind == "camera" and entry in SQUARES, factor=factor,
+        "square" if limits.squared and kind != "camera" else "plain",  # the camera's vector holds squares
+        step=(limits.step or 1e-3) / factor, neutral=limits.neutral, least=limits.least / factor,
+        most=limits.most / factor, longest=(limits.high - limits.low) / factor, squared=limits.squared,
+        factor=factor,
     )  # fmt: skip

@@ -19,7 +19,7 @@ MOTION = (
         meaning="the vehicle obeys the sticks late",
         family="motion",
         acts_on="command",
-        parameters=(size("T", "s", 0.03, 0.25, 2.0),),
+        parameters=(size("T", "s", 0.03, 0.25, 2.0, step=0.002),),
         equation="the vehicle follows the stick s(t - T)",
         confounders=("attitude_lag",),
         excitation=(
@@ -195,7 +195,7 @@ MOTION = (
         meaning="near the floor its own downwash lifts it",
         family="motion",
         acts_on="force",
-        parameters=(size("radius", "m", 0.05, 0.4, 1.0),),
+        parameters=(size("radius", "m", 0.05, 0.4, 1.0, step=0.01, squared=True),),
         equation="vz' += g (T/T0 - 1), T/T0 = 1 / (1 - (radius / 4 z)^2)",
         confounders=("sonar_dead_zone", "sonar_bias"),
         excitation="a slow descent, with the accelerometer",

@@ -52,7 +52,7 @@ class Parameter:
     step: float = 0.0
     """Step of the difference for its derivative (of a square: of the square); 0: it has no plain one."""
     squared: bool = False
-    """Whether its sign cannot be observed: criticism fits its square."""
+    """Whether criticism fits its square: its sign cannot be observed, or the effect grows with the square."""
     alone: bool = False
     """Whether criticism tries it without the term's other parameters."""
 

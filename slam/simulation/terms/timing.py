@@ -23,7 +23,7 @@ TIMING = (
         meaning="the vehicle's clock runs at another rate than the recorder's",
         family="timing",
         acts_on="clock",
-        parameters=(signed("ppm", "ppm", 500.0, 50_000.0),),
+        parameters=(signed("ppm", "ppm", 500.0, 50_000.0, step=20.0),),
         equation="a reading of the vehicle taken at t is stamped t (1 + ppm 1e-6)",
         confounders=("camera_time_offset",),
         excitation="a flight of five minutes or more, with fast tilts",

@@ -17,8 +17,8 @@ from slam.criticism.kalman.prepare import workspace_for
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search import effects as effects_module
-from slam.criticism.search.effects import PICTURES, RADIUS_M, effects_for
-from slam.criticism.search.fitted_parameters import MEAN_NUISANCES
+from slam.criticism.search.effects import PICTURES, effects_for
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, fitted_parameter
 from slam.criticism.search.information import SEGMENT_S
 from slam.simulation.dynamics import YAW
 from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
@@ -117,10 +117,10 @@ def silent(model):
 
 
 COLUMNS = [
-    (t.name, p.name, p.step) for t in CATALOGUE.values() if t.stream not in PICTURES for p in t.smooth
-] + [
-    ("control_latency", "T", 4e-3),
-    ("ground_effect", "radius", RADIUS_M),
+    (t.name, p.name, np.sqrt(p.step) if p.squared else p.step)
+    for t in CATALOGUE.values()
+    if t.stream not in PICTURES
+    for p in t.smooth
 ]
 SMOOTH = {"ground_effect": ["slow descent to 0.3 m and back"], "sonar_lag": ["climb and descend by 0.6 m"]}
 LOOSE = {"sonar_lag", "control_latency", "ground_effect", "command_nonlinearity", "yaw_drag"}
@@ -181,7 +181,7 @@ def test_the_sensitivity_to_a_term_is_that_of_the_simulator(term, parameter, ste
     size = step if term != "active_braking" else 0.05
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
     direction = known_directions()[f"{term}.{parameter}"]
-    times = size**2 if term == "ground_effect" else size
+    times = size**2 if term == "ground_effect" else size / fitted_parameter(direction.name).factor
     miss = miss_of(ill, direction, times, SMOOTH.get(term, PLAN), near_jumps=term not in LOOSE)
     assert miss < (0.15 if term in LOOSE else 0.04)
 
