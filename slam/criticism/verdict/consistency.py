@@ -22,7 +22,7 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect, is_variance
-from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS
+from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
@@ -202,4 +202,6 @@ def changing_sizes(
     _, parts, _ = _parts_of(records, parameters, chosen)
     step, _ = _most_probable(parts.fisher, _precision(model, parts.fisher.columns))
     doubted = [(e, k) for e in chosen if e.name in names for k in range(len(e.perturbations))]
-    return tuple(parts.sizes_over_time(effect, k, step, parameters) for effect, k in doubted)
+    held = [fitted_parameter(e.columns[k]).size_in(parameters) for e, k in doubted]
+    each = zip(doubted, held, strict=True)
+    return tuple(parts.sizes_over_time(e, k, step, parameters, x) for (e, k), x in each)

@@ -17,7 +17,6 @@ from slam.core.arrays import Array
 from slam.core.units import spaced
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
-from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.simulation.terms import CATALOGUE
@@ -63,12 +62,13 @@ class Parts:
     """(parts,)."""
 
     def sizes_over_time(
-        self, effect: Effect, k: int, step: Array, parameters: FilterParameters
+        self, effect: Effect, k: int, step: Array, parameters: FilterParameters, held: float = 0.0
     ) -> SizeOverTime:
-        """Return the sizes of an effect's column k, about ``parameters`` with a ``step`` (columns,)."""
+        """Return the sizes of an effect's column k beside a ``step`` (columns,) from ``parameters``, in which
+        its size is ``held``."""
         name = effect.columns[k]
         c = self.fisher.columns.index(name)
-        common = fitted_parameter(name).size_in(parameters) + float(step[c])
+        common = held + float(step[c])
         errors = 1.0 / np.sqrt(np.maximum(self.fisher.information[:, c, c], 1e-300))
         moved = self.fisher.left_at(step)[:, c] * errors**2
         sure = np.flatnonzero(errors < TELLING * max(abs(common), effect.tolerance))
