@@ -140,7 +140,7 @@ class AlignmentTemplate:
         i_H_j /= i_H_j[2, 2]
         covered = overlap(i_H_j, self.frame.camera)
         return Registration(
-            i=i, j=j, reason="", matches=np.empty((0, 2), np.int32), i_H_j=i_H_j,
+            i=i, j=j, reason=None, matches=np.empty((0, 2), np.int32), i_H_j=i_H_j,
             corner_covariance=_of_corners(found.covariance, found.H, self.frame, corners), noise_px=floor_px,
             overlap=covered, least_overlap=covered, lead=lead, by_lines=True,
         )  # fmt: skip

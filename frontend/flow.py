@@ -92,7 +92,7 @@ class FlowTemplate:
         if not found.explains_floor(camera) or reject_reason(fit, found.tracked_px, camera, covered, gates):
             return None
         return Registration(
-            i=i, j=j, reason="", matches=np.empty((0, 2), np.int32), i_H_j=fit.i_H_j,
+            i=i, j=j, reason=None, matches=np.empty((0, 2), np.int32), i_H_j=fit.i_H_j,
             corner_covariance=fit.corner_covariance, noise_px=fit.noise_px, overlap=covered,
             least_overlap=covered, lead=expected.lead,
         )  # fmt: skip

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.homography import HomographyFit, transfer
 
@@ -35,29 +36,29 @@ class GateConfig:
 
 def reject_reason(
     fit: HomographyFit, pixel_j: Array, camera: Camera, overlap: float, gates: GateConfig
-) -> str:
-    """Return the reason for rejecting the fit; empty where it is accepted.
+) -> Rejection | None:
+    """Return the reason for rejecting the fit; None where it is accepted.
 
     ``pixel_j`` (m, 2): all matches, inliers or not; ``overlap``: overlap of the pictures as a share.
     """
     inliers = int(fit.inlier.sum())
     if inliers < gates.min_inliers:
-        return "too few inliers"
+        return Rejection(LinkCheck.TOO_FEW_INLIERS)
     if 1.0 - inliers / len(fit.inlier) > gates.max_outlier_share:
-        return "outlier share above gamma_1"
+        return Rejection(LinkCheck.OUTLIER_SHARE)
     if overlap < gates.min_overlap:
-        return "folded or no overlap"
+        return Rejection(LinkCheck.OVERLAP)
     scale = local_scale(fit.i_H_j, camera)
     if not 1.0 / gates.max_scale < scale < gates.max_scale:
-        return "implausible change of scale"
+        return Rejection(LinkCheck.SCALE)
     w, h = camera.size_px
     hull = cv2.convexHull(pixel_j[fit.inlier].astype(np.float32))
     if cv2.contourArea(hull) < gates.min_spread * w * h:
-        return "inliers crowded in one place"
+        return Rejection(LinkCheck.CROWDED)
     std = float(np.sqrt(np.diag(fit.corner_covariance).max()))
     if not std < gates.max_corner_std * w * max(1.0, scale):
-        return "homography poorly determined"
-    return ""
+        return Rejection(LinkCheck.PRECISION)
+    return None
 
 
 def local_scale(i_H_j: Array, camera: Camera) -> float:

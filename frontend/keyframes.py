@@ -293,7 +293,7 @@ class Tracker:
             expected,
         )  # fmt: skip
         if not link.ok:
-            return None, link.reason
+            return None, str(link.reason)
         if self._changes_too_much(link):
             return None, "change above gamma_2"
         if len(link.elsewhere):

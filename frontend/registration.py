@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.features import Features
 from frontend.gates import GateConfig, local_scale, reject_reason
@@ -27,8 +28,8 @@ class Registration:
 
     i: int
     j: int
-    reason: str
-    """Reason for the rejection; empty where the registration is accepted."""
+    reason: Rejection | None
+    """Reason for the rejection; None where the registration is accepted."""
     matches: NDArray[np.integer]
     """(m, 2) inlier matches: feature of i, feature of j. Small integers save memory: a long flight has
     millions."""
@@ -51,7 +52,7 @@ class Registration:
     @property
     def ok(self) -> bool:
         """Return whether the registration is accepted."""
-        return not self.reason
+        return self.reason is None
 
 
 def register(
@@ -67,7 +68,7 @@ def register(
     """Register picture j to picture i from their features and the predicted motion of the floor."""
     pairs = match(a, b)
     if len(pairs) < gates.min_inliers:
-        return refused(i, j, "too few matches")
+        return refused(i, j, Rejection(LinkCheck.TOO_FEW_MATCHES))
     corners = camera.undistort(camera.corners_px)
 
     def floor(pairs: NDArray[np.int64]) -> FloorMotion | None:
@@ -87,7 +88,7 @@ def register(
         pairs = np.unique(np.concatenate([pairs, match_near(a, b, near)]), axis=0)
         found = floor(pairs)
     if found is None:
-        return refused(i, j, "no plane fits the matches")
+        return refused(i, j, Rejection(LinkCheck.NO_PLANE))
     fit = found.fit
     covered = overlap(fit.i_H_j, camera)
     reason = reject_reason(
@@ -127,7 +128,7 @@ def _shared(i_H_j: Array, covered: float, camera: Camera, gates: GateConfig) -> 
     return overlap(np.asarray(j_H_i / j_H_i[2, 2], dtype=float), camera)
 
 
-def refused(i: int, j: int, reason: str) -> Registration:
+def refused(i: int, j: int, reason: Rejection) -> Registration:
     """Return the registration of a rejected pair with its reason."""
     nothing = np.full((3, 3), np.nan)
     return Registration(

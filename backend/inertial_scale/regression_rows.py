@@ -2,7 +2,7 @@
 
 Over a segment of a few seconds the specific force, rotated to the world, less gravity and integrated twice,
 is the displacement of the accelerometer, up to an unknown initial position and velocity. It equals the scale
-times the path of the body, plus the rotated lever arm from the body's origin to the accelerometer, plus the
+times the path of the camera, plus the rotated lever arm from the camera to the accelerometer, plus the
 effect of the accelerometer's offset: it is linear in seven parameters. A lever arm of five centimetres
 matters: if a vehicle sways once a second, it causes a fifth of the acceleration.
 
@@ -57,6 +57,8 @@ class RegressionRows:
     """(r, 3, 7)."""
     regressor_noise: Array
     """(3, 7, 7) nominal covariance of the regressors' noise in each axis."""
+    expected: Array
+    """(7,) mean of the parameters' prior: the arm leads to the body's origin, where an IMU is."""
 
     def pose_variance(self, noise: Array) -> Array:
         """Return the variance (r,) of pose errors over the nominal one: white noise plus random walk."""
@@ -77,7 +79,7 @@ class RegressionRows:
     def whitened(self, parameters: Array, noise: Array) -> Array:
         """Return whitened residuals (3r + 7,): those of the rows and those of the prior."""
         residuals = np.sqrt(self.weight(parameters, noise)) * self.residuals(parameters)
-        return np.concatenate([residuals.ravel(), np.sqrt(np.diag(PRIOR)) * parameters])
+        return np.concatenate([residuals.ravel(), np.sqrt(np.diag(PRIOR)) * (parameters - self.expected)])
 
     def jacobian(self, parameters: Array, noise: Array) -> Array:
         """Return the Jacobian (3r + 7, 7) of ``whitened``: the noise grows with the parameters, too."""
@@ -90,7 +92,8 @@ class RegressionRows:
         """Return parameters (7,) for a scale, with the best offset and arm for the noise of a short arm."""
         short = np.array([scale, *[0.0] * 6])
         information, weighted = self._of_others(self.weight(short, noise))
-        short[1:] = np.linalg.solve(information, weighted @ self.residuals(short).ravel())
+        prior = (PRIOR @ self.expected)[1:]
+        short[1:] = np.linalg.solve(information, weighted @ self.residuals(short).ravel() + prior)
         return short
 
     def log_determinant(self, parameters: Array, noise: Array) -> float:
@@ -110,11 +113,13 @@ class PathAndReadings:
     """Visual path, inertial readings, and the segments over which they are compared."""
 
     stamps_s: Array
-    w_T_b: Array
+    w_T_c: Array
+    """(n, 4, 4) places of the camera, with the axes of the body."""
     readings: InertialReadings
     segments: Sequence[slice]
     regressor_noise: Array
-    """As `RegressionRows` has it."""
+    expected: Array
+    """As `RegressionRows` has them."""
 
     @cached_property
     def contrasts(self) -> list[tuple[Array, Array, Array]]:
@@ -149,6 +154,7 @@ class PathAndReadings:
             np.concatenate(displacement),
             np.concatenate(regressors),
             self.regressor_noise,
+            self.expected,
         )
 
     def gain_sensitivity(self, lag_s: float = 0.0) -> Array:
@@ -164,9 +170,9 @@ class PathAndReadings:
         at_s, imu_s, w_R_b, b_force = self._readings_between(segment, lag_s)
         force = np.einsum("kab,kb->ka", w_R_b, b_force) - [0, 0, GRAVITY_M_S2]
         twice = integrate_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
-        w_T_b = self.w_T_b[segment]
-        path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
-        return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
+        w_T_c = self.w_T_c[segment]
+        path = w_T_c[:, :3, 3:] - w_T_c[0, :3, 3:]
+        return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_c[:, :3, :3]], axis=-1)
 
     def _readings_between(self, segment: slice, lag_s: float) -> tuple[Array, Array, Array, Array]:
         """Return pose times (m,), and times (k,), attitudes (k, 3, 3) and specific force (k, 3) of the
@@ -176,7 +182,7 @@ class PathAndReadings:
         first = int(np.searchsorted(readings.stamps_s, at_s[0], side="right")) - 1
         last = int(np.searchsorted(readings.stamps_s, at_s[-1])) + 1
         imu_s = readings.stamps_s[first:last]
-        turned = self.w_T_b[segment, :3, :3]
+        turned = self.w_T_c[segment, :3, :3]
         w_R_b = interpolate_attitudes(at_s, turned, imu_s, readings.gyro_rad_s[first:last])
         force = [np.interp(imu_s + lag_s, readings.stamps_s, axis) for axis in readings.accel_m_s2.T]
         return at_s, imu_s, w_R_b, np.column_stack(force)

@@ -94,25 +94,33 @@ _INCONSISTENT = NoScale(
 
 
 def inertial_scale(
-    stamps_s: Array, w_T_b: Array, readings: InertialReadings, covariance: Array
+    stamps_s: Array,
+    w_T_c: Array,
+    readings: InertialReadings,
+    covariance: Array,
+    b_p_c_m: Array = np.zeros(3),
 ) -> InertialScale | NoScale:
-    """Estimate the scale of a path (n, 4, 4) over a horizontal floor at z = 0.
+    """Estimate the scale of a camera's path (n, 4, 4) over a horizontal floor at z = 0.
 
-    ``stamps_s`` (n,), sorted, are on the clock of the readings.
+    The path has the axes of the body, and its unit is unknown. The camera's place on the body ``b_p_c_m``
+    (3,) is told in metres, on which the scale does not act. ``stamps_s`` (n,), sorted, are on the clock of
+    the readings.
 
     ``covariance`` (6, 6), rotation first, right perturbation, is that of the independent error of a pose;
     only its shape matters, its size is estimated. Returns `NoScale` if path and readings overlap too little,
     or if the accelerometer does not determine the scale.
     """
     apart = np.unique(np.floor((stamps_s - stamps_s[:1]) / MIN_SPACING_S), return_index=True)[1]
-    stamps_s, w_T_b = stamps_s[apart], w_T_b[apart]
+    stamps_s, w_T_c = stamps_s[apart], w_T_c[apart]
     segments = find_segments(stamps_s, readings.stamps_s)
     if len(segments) < MIN_SEGMENTS:
         return NoScale(
             f"{MIN_SEGMENTS} segments of {SEGMENT_S[0]:g} to {SEGMENT_S[1]:g} s with {MIN_POSES} "
             f"pictures each are needed and {len(segments)} found: fly longer, or with more pictures a second"
         )
-    path = PathAndReadings(stamps_s, w_T_b, readings, segments, regressor_covariance(covariance))
+    expected = np.concatenate([np.zeros(4), -b_p_c_m])
+    noises = regressor_covariance(covariance)
+    path = PathAndReadings(stamps_s, w_T_c, readings, segments, noises, expected)
     start = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE])
     parameters, noise = _fit(path.rows(), start)
     lag = accelerometer_lag(path, partial(_total_least_squares, noise=noise, start=parameters), noise)
@@ -169,7 +177,7 @@ def _result(
     noise: Array,
     lag: AccelerometerLag | None,
 ) -> InertialScale | NoScale:
-    scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:]
+    scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:] - rows.expected[4:]
     residuals, w = rows.residuals(parameters), rows.weight(parameters, noise)
     spread = rows.pose_variance(noise)[:, None, None, None] * rows.regressor_noise
     information = np.einsum("rak,ra,ral->kl", rows.regressors, w, rows.regressors, optimize=True) + PRIOR

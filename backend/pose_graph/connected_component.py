@@ -25,6 +25,7 @@ from backend.pose_graph.selection.own_noise import own_noise
 from backend.pose_graph.selection.rejection import has_loops_on_odometry, reasons, reject_outliers
 from backend.pose_graph.selection.rival_loops import rival_loops, rivals_sentence
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
+from backend.rejection import Rejection
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -43,7 +44,7 @@ class SolvedComponent:
     w_T: Array
     covariances: Array | None
     kept: Mask
-    reasons: tuple[str, ...]
+    reasons: tuple[Rejection | None, ...]
     residual: Array
     error: float
     iterations: int

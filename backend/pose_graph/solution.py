@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.rejection import LinkCheck, Rejection
+
 Array = NDArray[np.float64]
 
 
-NO_INFORMATION = "carries no information"
+NO_INFORMATION = Rejection(LinkCheck.INFORMATION)
 """Reason of an edge that was left out before the solve."""
 
 
@@ -44,8 +46,8 @@ class Solution:
     """(n,) number of the connected component; 0 is the largest, -1 means not placed."""
     edge_kept: NDArray[np.bool_]
     """(m,) whether each relative pose took part in the final solve."""
-    edge_reason: tuple[str, ...]
-    """(m,) reason for the rejection of a relative pose, with figures; empty if it was kept."""
+    edge_reason: tuple[Rejection | None, ...]
+    """(m,) reason for the rejection of a relative pose; None if it was kept."""
     edge_residual: Array
     """(m,) norm of the whitened residual of each relative pose at the solution, in sigmas."""
     error: float

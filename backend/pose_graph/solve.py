@@ -35,6 +35,7 @@ from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
 from backend.pose_graph.problem import Problem, from_pose_graph, informative
 from backend.pose_graph.solution import NO_INFORMATION, Solution
+from backend.rejection import LinkCheck, Rejection
 from backend.wording import counted, either
 
 Array = NDArray[np.float64]
@@ -136,7 +137,7 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
     w_T = np.full((n, 4, 4), np.nan)
     covariances = np.full((n, 6, 6), np.nan) if options.covariances else None
     component = np.full(n, -1, dtype=np.int64)
-    kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), [""] * m
+    kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), list[Rejection | None]([None] * m)
     parts: list[SolvedComponent] = []
     unplaced: list[int] = []
     all_solved = True
@@ -154,7 +155,7 @@ def _solve_informative(problem: Problem, options: Options, warnings: list[str]) 
             if len(members) == n:
                 raise
             for e in edges.tolist():
-                reasons[e] = "its part of the graph could not be solved"
+                reasons[e] = Rejection(LinkCheck.SOLVED_PART)
             warnings.append(f"{format_keys(members.tolist(), problem.name)} could not be solved: {refused}")
             all_solved = False
             continue

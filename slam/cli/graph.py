@@ -98,17 +98,13 @@ def graph_table(record: Mapping[str, Any]) -> FigureTable:
 
 
 def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[str, float]) -> Estimate:
-    from backend.pose_graph.solution import NO_INFORMATION
-
     count = len(graph.ids)
     unknown = np.full((count, 6, 6), np.nan)
     is_loop = ~graph.is_odometry
     covariance = _covariances(graph)
     edges = zip(graph.i.tolist(), graph.j.tolist(), graph.ij_T, covariance, is_loop.tolist(), strict=True)
-    verdicts = zip(
-        graph.i.tolist(), graph.j.tolist(), solution.edge_kept.tolist(), solution.edge_reason, strict=True
-    )
-    empty = solution.edge_reason.count(NO_INFORMATION)
+    verdicts = zip(graph.i.tolist(), graph.j.tolist(), solution.edge_reason, is_loop.tolist(), strict=True)
+    empty = int((~solution.edge_informative).sum())
     rejected = {
         "edge without information": empty,
         "edge disagrees with the rest of the graph": int((~solution.edge_kept).sum()) - empty,
@@ -134,9 +130,7 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
             if kept
         ),
         loops=tuple(
-            LoopVerdict(min(i, j), max(i, j), "kept" if kept else "rejected", reason)
-            for (i, j, kept, reason), loop in zip(verdicts, is_loop.tolist(), strict=True)
-            if loop or not kept
+            LoopVerdict(min(i, j), max(i, j), reason) for i, j, reason, loop in verdicts if loop or reason
         ),
         chain_w_T_b=graph.poses,
         odometry_w_T_b=np.full((count, 4, 4), np.nan),

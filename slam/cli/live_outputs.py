@@ -9,8 +9,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from backend.rejection import CONTRADICTED
 from slam.core.errors import InputError, explain
-from slam.core.estimate import CONTRADICTED
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
+from backend.rejection import Rejection
 from frontend.camera import Camera
 from frontend.elevation import Elevation
 from slam.core.control_points import ControlReport
@@ -33,19 +34,6 @@ MAP_TRAJECTORIES = ("chain of homographies", "without loops", "with loops")
 """Names of the three trajectories of a map: the plain chain, the odometry, and the result."""
 
 
-CONTRADICTED, UNPROVEN = "contradicted", "unproven"
-"""Why a loop was rejected: the rest of the map contradicts it, or it shows too little to tell."""
-_CONTRADICTIONS = (
-    "out of reach", "implausible", "folded or no overlap", "elsewhere than the pictures between", "disagrees",
-)  # fmt: skip
-"""Beginnings of the reasons of rejected loops that the rest of the map contradicts."""
-
-
-def rejection_kind(reason: str) -> str:
-    """Return whether a rejected loop is contradicted or unproven, from its reason."""
-    return CONTRADICTED if reason.startswith(_CONTRADICTIONS) else UNPROVEN
-
-
 @dataclass(frozen=True)
 class LoopVerdict:
     """The decision about one loop candidate."""
@@ -53,14 +41,23 @@ class LoopVerdict:
     i: int
     j: int
     """Keyframe numbers, i < j."""
-    verdict: Literal["kept", "rejected"]
-    reason: str
-    """Why a rejected loop was rejected, in words with figures; empty for a kept one."""
+    rejection: Rejection | None
+    """Why a rejected loop was rejected; None for a kept one."""
+
+    @property
+    def verdict(self) -> Literal["kept", "rejected"]:
+        """Whether the map uses it."""
+        return "rejected" if self.rejection else "kept"
+
+    @property
+    def reason(self) -> str:
+        """Why a rejected loop was rejected, in words with figures; empty for a kept one."""
+        return str(self.rejection or "")
 
     @property
     def finding(self) -> str:
         """The verdict, in which a rejected loop is contradicted or unproven."""
-        return self.verdict if self.verdict == "kept" else rejection_kind(self.reason)
+        return self.rejection.check.finding if self.rejection else "kept"
 
 
 @dataclass(frozen=True, kw_only=True)

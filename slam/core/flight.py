@@ -166,6 +166,11 @@ class Gps(Instrument):
     antenna_std_m: float = 0.0
     """Standard deviation of that place along each axis; above 0 a map estimates it."""
 
+    @property
+    def antenna_assumed(self) -> bool:
+        """Whether the antenna is at the body's origin because nobody told its place."""
+        return "T_BS" in self.assumed
+
 
 @dataclass(frozen=True)
 class Truth:

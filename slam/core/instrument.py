@@ -12,7 +12,8 @@ class Instrument:
     _: KW_ONLY
     assumed: tuple[str, ...] = ()
     """Keys of ``sensor.yaml`` whose values are assumed, because the recording does not state them: the noise
-    of one reading, ``noise_std``, and the errors that all share, ``scale_std`` and ``datum_std``."""
+    of one reading, ``noise_std``, the errors that all share, ``scale_std`` and ``datum_std``, and for a GPS
+    the place of the antenna, ``T_BS``."""
 
     @property
     def noise_assumed(self) -> bool:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from slam.io.sensor_yaml import YamlFile
 
 _NOISE = ("noise_std", "gyroscope_noise_density", "accelerometer_noise_density")
-_SHARED = {"sonar0": ("scale_std", "datum_std"), "velocity0": ("scale_std",)}
-"""Folder -> keys of the errors that all readings share."""
+_SHARED = {"sonar0": ("scale_std", "datum_std"), "velocity0": ("scale_std",), "gps0": ("T_BS",)}
+"""Folder -> keys of the errors that all readings share; the place of a GPS antenna is one."""
 
 
 def assumed_keys(folder: str, sensor: YamlFile) -> tuple[str, ...]:

@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import RangeErrors
+from backend.rejection import Rejection
 from backend.triple import triple
 from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual
@@ -195,7 +196,10 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         antenna_m=_antenna_m(record),
         origin=None if origin is None else GeoOrigin(**origin),
         relative_poses=tuple(RelativePose(i, j, T, P, kind) for (i, j), T, P, kind in edges),
-        loops=tuple(LoopVerdict(i, j, verdict, reason) for (i, j), verdict, reason in loops),
+        loops=tuple(
+            LoopVerdict(i, j, None if verdict == "kept" else Rejection.read(reason))
+            for (i, j), verdict, reason in loops
+        ),
         chain_w_T_b=arrays["chain_w_T_b"],
         odometry_w_T_b=arrays["odometry_w_T_b"],
         frames=int(record["frames"]),

@@ -16,7 +16,7 @@ from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import Estimate, LoopVerdict
-from slam.core.flight import Flight
+from slam.core.flight import Flight, Gps
 from slam.core.instrument_errors import InstrumentErrors
 from slam.mapping.calibration.antenna import antenna_m, antenna_place, antenna_untold_warning
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
@@ -52,13 +52,11 @@ def _loop_verdicts(
     """List the verdict on each pair of keyframes that lies far enough apart in time to be a loop."""
     t, apart = observations.stamps_s, config.loops.min_separation_s
     verdicts = [
-        LoopVerdict(r.i, r.j, "rejected", r.reason)
-        for r in observations.refused
-        if abs(t[r.j] - t[r.i]) >= apart
+        LoopVerdict(r.i, r.j, r.reason) for r in observations.refused if abs(t[r.j] - t[r.i]) >= apart
     ]
-    for r, ok, reason in zip(edges.registrations, solution.edge_kept, solution.edge_reason, strict=True):
+    for r, reason in zip(edges.registrations, solution.edge_reason, strict=True):
         if abs(t[r.j] - t[r.i]) >= apart:
-            verdicts.append(LoopVerdict(r.i, r.j, "kept" if ok else "rejected", reason))
+            verdicts.append(LoopVerdict(r.i, r.j, reason))
     return tuple(sorted(verdicts, key=lambda v: (v.i, v.j)))
 
 
@@ -142,14 +140,15 @@ def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:
     return chained, (context.bridges.join(odometry) if in_parts else odometry).w_T_b
 
 
-def shared_errors(map_: Map) -> tuple[SystematicErrors | None, list[str], bool]:
+def shared_errors(map_: Map, gps: Gps | None) -> tuple[SystematicErrors | None, list[str], bool]:
     """Return the errors that all pictures or positions share, a line where they cannot be tested for, and
     whether a held lens is suspect without any."""
     if map_.bundle is None:
         return None, [], False
     try:
         tested = error_test(map_.bundle)
-        line = antenna_untold_warning(map_.bundle, tested) if tested else ""
+        is_assumed = gps is not None and gps.antenna_assumed
+        line = antenna_untold_warning(map_.bundle, tested) if tested and is_assumed else ""
         suspect = tested is not None and is_held_lens_suspect(map_.bundle, tested)
         return tested.errors if tested else None, [line] if line else [], suspect
     except BackendError as error:
@@ -219,7 +218,7 @@ def _antenna_covariances(map_: Map) -> Array | None:
 def _rejected_counts(map_: Map, loops: tuple[LoopVerdict, ...]) -> dict[str, int]:
     """Count dropped pictures, rejected loops and dropped observations by reason."""
     rejected = Counter(map_.observations.rejected)
-    rejected.update(Counter(f"loop: {reason_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
+    rejected.update(Counter(f"loop: {v.rejection.kind}" for v in loops if v.rejection))
     if map_.bundle is not None and map_.bundle.dropped_observations:
         rejected["view of a floor point far off"] = map_.bundle.dropped_observations
     if map_.fixes_left_out:
@@ -232,8 +231,3 @@ def _kept_edges(map_: Map) -> tuple[RelativePose, ...]:
     accepted = zip(map_.edges.at_heights(map_.height_m), map_.graph.edge_kept, strict=True)
     kept = [r for r, ok in accepted if ok and np.isfinite(map_.w_T_b[[r.i, r.j]]).all()]
     return (*kept, *map_.bridges)
-
-
-def reason_kind(reason: str) -> str:
-    """The reason without its figures, for counting."""
-    return reason.split(":")[0].split(" by ")[0]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.features import Extractor, Features, FeatureUnavailableError
 from frontend.keyframes import IsUrged, Tracker
@@ -86,7 +87,7 @@ class Observations:
         stamps_s = self.camera_stamps_s - delays_at(self.camera_stamps_s)
         return replace(self, stamps_s=stamps_s[self.frame_index], frame_stamps_s=stamps_s)
 
-    def without(self, reasons: dict[tuple[int, int], str]) -> Observations:
+    def without(self, reasons: Mapping[tuple[int, int], Rejection]) -> Observations:
         """The same with some pairs (i, j) refused, each for its reason."""
         taken = tuple(
             replace(r, reason=reasons[r.i, r.j]) for r in self.registrations if (r.i, r.j) in reasons
@@ -214,7 +215,7 @@ class FrontEnd:
 
     def _against_chain(
         self, observations: Observations, composed: Mapping[tuple[int, int], Array]
-    ) -> dict[tuple[int, int], str]:
+    ) -> dict[tuple[int, int], Rejection]:
         """Neighbours that lie elsewhere than the links between them have it: (i, j) -> reason.
 
         They matched a look-alike beside their common floor, unless most that cross a link contradict it.
@@ -229,7 +230,7 @@ class FrontEnd:
         for (i, j), widths in off.items():
             agree[i + 1 : j + 1] += 1 if widths <= DISTINCT_MOTION_WIDTHS else -1
         return {
-            (i, j): f"elsewhere than the pictures between: {widths:.2f} picture widths off"
+            (i, j): Rejection(LinkCheck.CHAIN, f"{widths:.2f} picture widths off")
             for (i, j), widths in off.items()
             if widths > DISTINCT_MOTION_WIDTHS and (agree[i + 1 : j + 1] > 0).all()
         }

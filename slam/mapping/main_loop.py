@@ -86,7 +86,7 @@ def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) 
     matched = match_overlaps(context, refined)
     refined = refine(context, solve_again(context, matched), with_inertia=True)
     context, refined = self_calibrate(context, matched, refined)
-    return _Finished(context, refined, *shared_errors(refined))
+    return _Finished(context, refined, *shared_errors(refined, context.flight.gps))
 
 
 def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:
@@ -130,7 +130,7 @@ def _again(first: _Finished, flight: Flight, freed: Freed) -> _Finished | None:
     try:
         if freed.camera is job.camera:
             context, refined = with_freed(first.context, first.refined, freed)
-            again = _Finished(context, refined, *shared_errors(refined))
+            again = _Finished(context, refined, *shared_errors(refined, context.flight.gps))
         else:
             again = _finished(replace(job, camera=freed.camera), replace(flight, gps=freed.gps))
     except InputError:  # no pictures join with this lens

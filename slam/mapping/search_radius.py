@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from backend.measurements import RelativePose
 from backend.pose_graph.heights import HeightEstimate
 from backend.pose_graph.solution import Solution
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from slam.core.units import unit
 from slam.mapping.config import LoopConfig
@@ -20,10 +21,6 @@ Array = NDArray[np.float64]
 
 WIDENED_BY_TILT = 1.5
 """A tilted picture sees farther: the factor of a wide lens tilted by 15 degrees."""
-
-
-OUT_OF_REACH = "out of reach"
-"""First words of the reason for which a pair is not compared."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +41,13 @@ class SearchRadius:
         apart, most = self._apart(j, rows)
         return np.asarray(~((apart > most) & (self.component[rows] == self.component[j])))
 
-    def reason(self, i: int, j: int) -> str:
+    def reason(self, i: int, j: int) -> Rejection:
         """Why a pair beyond reach is not compared."""
         apart, most = self._apart(j, np.array([i]))
         m = unit(self.metric)
-        return (
-            f"{OUT_OF_REACH}: {apart[0]:.2f} {m} apart by the poses so far, at most {most[0]:.2f} {m} allowed"
+        return Rejection(
+            LinkCheck.REACH,
+            f"{apart[0]:.2f} {m} apart by the poses so far, at most {most[0]:.2f} {m} allowed",
         )
 
     def _apart(self, j: int, rows: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -74,7 +72,7 @@ class KnownPoses:
 
 def implausible_edges(
     edges: Sequence[RelativePose], known: KnownPoses, trust: LoopConfig
-) -> dict[tuple[int, int], str]:
+) -> dict[tuple[int, int], Rejection]:
     """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
 
     ``edges`` in the unit of ``known``. The distance between measured and known place of j in i is held
@@ -95,9 +93,10 @@ def implausible_edges(
     )
     beyond = np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
     return {
-        (int(i[m]), int(j[m])): (
-            f"implausible: {off[m]:.2f} {unit(known.metric)} from where the poses put it,"
-            f" at most {limit[m]:.2f} {unit(known.metric)} allowed"
+        (int(i[m]), int(j[m])): Rejection(
+            LinkCheck.PLACE,
+            f"{off[m]:.2f} {unit(known.metric)} from where the poses put it,"
+            f" at most {limit[m]:.2f} {unit(known.metric)} allowed",
         )
         for m in beyond
     }

@@ -17,7 +17,6 @@ from slam.core.heap import large_blocks_kept
 from slam.core.instrument_readings import inertial_readings
 from slam.core.lens_priors import as_assumed, as_nominal
 from slam.core.progress import show_compilation
-from slam.mapping.build_estimate import reason_kind
 from slam.mapping.calibration.antenna import NOMINAL_ANTENNA_STD_M
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
 from slam.mapping.calibration.camera_mount import estimated_mount
@@ -284,7 +283,7 @@ def _plausible(observations: Observations, setup: Setup, known: KnownPoses) -> O
 def _refuse_unless(joined: bool, flight: Flight, observations: Observations) -> None:
     if joined:
         return
-    dropped = observations.rejected + Counter(reason_kind(r.reason) for r in observations.refused)
+    dropped = observations.rejected + Counter(r.reason.kind for r in observations.refused if r.reason)
     reasons = ", ".join(f"{count} x {reason}" for reason, count in dropped.most_common(3))
     usable, frames = len(observations.stamps_s), observations.frames
     what = (

@@ -14,6 +14,7 @@ import numpy as np
 from backend import se3
 from backend.measurements import RelativePose
 from backend.quantiles import chi_square_quantile
+from backend.rejection import LinkCheck, Rejection
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.bridges import InertialBridges
 from slam.mapping.lift_edges import lift_edges
@@ -58,7 +59,7 @@ def tracking_gaps(observations: Observations) -> tuple[TrackingGap, ...]:
 
 def contradicted(
     breaks: Sequence[TrackingGap], lifted: Sequence[RelativePose], inertial: Sequence[RelativePose]
-) -> dict[TrackingGap, str]:
+) -> dict[TrackingGap, Rejection]:
     """Return the links over ``breaks``, ``lifted`` to metres, that contradict the ``inertial`` edges, with
     reasons."""
     inertial_of = {(edge.i, edge.j): edge for edge in inertial}
@@ -71,8 +72,9 @@ def contradicted(
         off = se3.log(se3.inverse(edge.i_T_j[None]) @ pose.i_T_j)[0]
         if off @ np.linalg.solve(edge.covariance + pose.covariance, off) > chi_square_quantile(_SURE, 6):
             off_m = float(np.linalg.norm(off[3:]))
-            reasons[broken] = (
-                f"implausible: {off_m:.2f} m from where the instruments put it, across a gap in the pictures"
+            reasons[broken] = Rejection(
+                LinkCheck.PLACE,
+                f"{off_m:.2f} m from where the instruments put it, across a gap in the pictures",
             )
     return reasons
 
@@ -88,7 +90,7 @@ def without_false_links(observations: Observations, bridges: InertialBridges) ->
     return remove_links(observations, contradicted(breaks, poses, gaps.edges))
 
 
-def remove_links(observations: Observations, reasons: Mapping[TrackingGap, str]) -> Observations:
+def remove_links(observations: Observations, reasons: Mapping[TrackingGap, Rejection]) -> Observations:
     """Return the observations without the links over some breaks, each rejected for its reason. Tracking
     starts anew behind them, and the poses of the frames between are unknown."""
     pairs = {broken.pair: reason for broken, reason in reasons.items()}

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.rejection import CONTRADICTED
 from backend.wording import counted, either
-from slam.core.estimate import CONTRADICTED, Estimate
+from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
@@ -237,17 +238,17 @@ def _streams(summary: Summary) -> tuple[Item, ...]:
 
 
 def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
-    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
-    rejected.sort(key=lambda loop: loop.finding != CONTRADICTED)  # the others are less worth a look
+    rejected = [(loop, loop.rejection) for loop in estimate.loops if loop.rejection]
+    rejected.sort(key=lambda each: each[0].finding != CONTRADICTED)  # the others are less worth a look
     names = estimate.frame_names
     return tuple(
         RejectedLoop(
             f"{loop.i} – {loop.j}",
             f"{names[loop.i]} – {names[loop.j]}",
             loop.finding,
-            reason_in_words(loop.reason),
+            reason_in_words(rejection),
         )
-        for loop in rejected[:_MOST_REJECTED]
+        for loop, rejection in rejected[:_MOST_REJECTED]
     )
 
 

@@ -6,10 +6,11 @@ import numpy as np
 
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import RangeErrors
+from backend.rejection import LinkCheck, Rejection
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Sonar
 
-REJECTION = "12 matches, 30 are needed"
+REJECTION = Rejection(LinkCheck.OTHER, "12 matches, 30 are needed")
 
 
 def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.006) -> Estimate:
@@ -26,9 +27,9 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
     covariances = (
         np.diag([1e-5] * 3 + [sigma_m**2, (sigma_m / 2) ** 2, sigma_m**2])[None] * growth[:, None, None]
     )
-    loops = ((0, count - 1, "kept"), (count // 4, 3 * count // 4, "kept"), (5, count - 9, "rejected"))
+    loops = ((0, count - 1, False), (count // 4, 3 * count // 4, False), (5, count - 9, True))
     edges = [_edge(w_T_b, k, k + 1, "odometry") for k in range(count - 1)]
-    edges += [_edge(w_T_b, i, j, "loop") for i, j, verdict in loops if verdict == "kept"]
+    edges += [_edge(w_T_b, i, j, "loop") for i, j, is_false in loops if not is_false]
     return Estimate(
         name=name,
         status="ok",
@@ -46,9 +47,7 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
         relative_poses=tuple(edges),
         scale_std=0.05,
         range_errors=RangeErrors(gain=1.0, gain_std=0.05, zero_m=0.0035, zero_std_m=0.0011),
-        loops=tuple(
-            LoopVerdict(i, j, verdict, "" if verdict == "kept" else REJECTION) for i, j, verdict in loops
-        ),
+        loops=tuple(LoopVerdict(i, j, REJECTION if is_false else None) for i, j, is_false in loops),
         chain_w_T_b=chain,
         odometry_w_T_b=odometry,
         frames=4 * count,

@@ -28,7 +28,7 @@ def surveyed(heading: str, antenna_m: tuple[float, float, float], seed: int = 0)
     stamps_s, w_T_b = truth.stamps_s[::20], truth.w_T_b[::20]
     noise = np.random.default_rng(seed).normal(0, STD_M, (len(stamps_s), 3))
     w_p_a = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ antenna_m + noise
-    gps = Gps(stamps_s, *geodetic_from_enu(w_p_a, ORIGIN), noise_std_m=(STD_M,) * 3)
+    gps = Gps(stamps_s, *geodetic_from_enu(w_p_a, ORIGIN), noise_std_m=(STD_M,) * 3, assumed=("T_BS",))
     return replace(flight, gps=gps)
 
 
@@ -36,7 +36,7 @@ def told(flight: Flight, antenna_m: tuple[float, float, float]) -> Flight:
     assert flight.gps is not None
     mount = np.eye(4)
     mount[:3, 3] = antenna_m
-    return replace(flight, gps=replace(flight.gps, b_T_s=mount))
+    return replace(flight, gps=replace(flight.gps, b_T_s=mount, assumed=()))
 
 
 def warning_of(estimate: Estimate) -> str:
@@ -76,6 +76,14 @@ def test_an_antenna_at_one_heading_is_held_and_named() -> None:
     assert estimate.antenna_m == pytest.approx(ORIGIN_M, abs=1e-4)
     assert "nothing tells where the antenna is on the body" in warning_of(estimate)
     assert estimate.status == "ok"
+
+
+@pytest.mark.slow
+def test_an_antenna_told_at_the_origin_is_told() -> None:
+    at_one_heading = optimize(told(surveyed("fixed", ORIGIN_M), ORIGIN_M))
+    assert "nothing tells where the antenna is" not in " ".join(at_one_heading.warnings)
+    beside = optimize(told(surveyed("along_path", LEFT_M), ORIGIN_M))
+    assert "so the antenna is not where T_BS of gps0/sensor.yaml tells" in beside.status
 
 
 @pytest.mark.slow

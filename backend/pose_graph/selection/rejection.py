@@ -27,6 +27,7 @@ from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
 from backend.pose_graph.selection.step_support import may_be_wrong
 from backend.pose_graph.selection.swap import swap_loops
+from backend.rejection import LinkCheck, Rejection
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -312,10 +313,12 @@ def _misfits(problem: Problem, found: Selection, candidate: Mask) -> Mask:
     return np.asarray(found.kept & candidate & (found.innovation_sigma > edge_limit(problem) * scale))
 
 
-def reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array, noise: float) -> tuple[str, ...]:
+def reasons(
+    problem: Problem, kept: Mask, w_T: Array, sigma: Array, noise: float
+) -> tuple[Rejection | None, ...]:
     """Return why each rejected edge was: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``.
 
-    The result is (m,), empty strings for the ``kept`` edges; ``sigma`` (m,) holds the innovations, in
+    The result is (m,), None for the ``kept`` edges; ``sigma`` (m,) holds the innovations, in
     deviations of ``noise`` times the stated ones. Where these are others, the reason says so.
     """
     whose = "" if noise == 1 else f"each {noise:.2g} of a stated one, as the loops show"
@@ -323,16 +326,14 @@ def reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array, noise: float
     i, j = problem.i[rejected], problem.j[rejected]
     off = se3.log(se3.inverse(problem.ij_T[rejected]) @ se3.inverse(w_T[i]) @ w_T[j])
     lengths, degrees = np.linalg.norm(off[:, 3:], axis=1), np.degrees(np.linalg.norm(off[:, :3], axis=1))
-    messages = [""] * len(kept)
+    found = list[Rejection | None]([None] * len(kept))
     for e, length, angle in zip(rejected.tolist(), lengths.tolist(), degrees.tolist(), strict=True):
         if sigma[e] <= limit:
-            messages[e] = (
-                f"agrees, but too little is known of where it lies to trust it: {sigma[e]:.1f} sigma"
-                f"{f' ({whose})' * bool(whose)}"
-            )
+            found[e] = Rejection(LinkCheck.KNOWN_PLACE, f"{sigma[e]:.1f} sigma{f' ({whose})' * bool(whose)}")
         else:
-            messages[e] = (
-                f"disagrees by {sigma[e]:.1f} sigma ({f'{whose}; ' * bool(whose)}limit {limit:.1f}): "
-                f"{length:.2g} {problem.length_unit}, {angle:.2g} deg"
+            found[e] = Rejection(
+                LinkCheck.GRAPH,
+                f"{sigma[e]:.1f} sigma ({f'{whose}; ' * bool(whose)}limit {limit:.1f}): "
+                f"{length:.2g} {problem.length_unit}, {angle:.2g} deg",
             )
-    return tuple(messages)
+    return tuple(found)

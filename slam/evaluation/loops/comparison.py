@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from backend.rejection import LinkCheck
 from frontend.camera import Camera
 from frontend.loops import signatures, verify
 from frontend.store import FeatureStore
@@ -30,7 +31,6 @@ from slam.evaluation.loops.reference import FALSE, TRUE, UNDECIDED, Pair, Refere
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations
 from slam.mapping.pipeline import optimize_with_observations
-from slam.mapping.search_radius import OUT_OF_REACH
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -285,7 +285,7 @@ def stages_of(
     loops: Sequence[LoopVerdict], observations: Observations, reference: Reference
 ) -> tuple[Stage, ...]:
     """Count the pipeline's candidates that remain after each stage; the last is the map."""
-    reason = {(r.i, r.j): r.reason for r in observations.refused}
+    reason = {(r.i, r.j): r.reason for r in observations.refused if r.reason}
 
     def passed(v: LoopVerdict) -> int:
         """Return the number of stages that a candidate passed."""
@@ -296,7 +296,7 @@ def stages_of(
             return len(_STAGES) - 1
         if pair in observations.contradicted:
             return 3
-        return 1 if reason[pair].startswith(OUT_OF_REACH) else 2
+        return 1 if reason[pair].check is LinkCheck.REACH else 2
 
     reached = [(passed(v), (v.i, v.j)) for v in loops]
     return tuple(

@@ -60,7 +60,7 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         _column(fixes, "longitude_deg"),
         altitude_m,
         std_m,
-        assumed=("noise_std",) if all(fix.std_m is None for fix in fixes) else (),
+        assumed=("T_BS", "noise_std") if all(fix.std_m is None for fix in fixes) else ("T_BS",),
     )
     return gps, (*remarks, *accuracy)
 

@@ -41,12 +41,11 @@ def antenna_untold_warning(bundle: Bundle, tested: ErrorTest) -> str:
     """Return a line where an antenna may lie away from the body's origin, where it is assumed, unseen.
 
     At one heading its place moves the whole map, and nothing shows it. The line is empty for fixes that are
-    coarser than a vehicle is large, and for an antenna that is told or estimated.
+    coarser than a vehicle is large, and for an antenna that is estimated. The place is one that nobody told.
     """
     measured = bundle.optimum.problem.measurements
-    assumed = measured.antenna_std_m == 0 and not measured.antenna_m.any()
     seen = tested.errors is not None and "position offset" in tested.errors.coefficients
-    if not measured.positions or not assumed or seen:
+    if not measured.positions or measured.antenna_std_m > 0 or seen:
         return ""
     fix_std_m = float(np.median([p.std_m[:2].max() for p in measured.positions]))
     unseen_m = _CERTAIN * tested.detectable.get("position offset", np.inf)

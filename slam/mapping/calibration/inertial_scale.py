@@ -6,7 +6,7 @@ between.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,12 +89,16 @@ def compare_with_inertia(
 ) -> InertialComparison:
     """Compare refined keyframes ``members`` with gyro and accelerometer.
 
-    The accelerometer is read at the times of the pictures on the gyro's clock, as far as that is known.
+    The accelerometer is read at the times of the pictures on the gyro's clock, as far as that is known. The
+    path is that of the camera: its unit is not the metre, in which the camera's place on the body is told.
     """
-    w_T_b = np.full((len(observations.stamps_s), 4, 4), np.nan)
-    w_T_b[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
-    w_T_b[members, 2, 3] -= bundle.floor_z_m
-    stamps_s, path, covariances = path_at_frames(observations, w_T_b, camera)
+    mount, b_p_c_m = camera.b_T_c.copy(), camera.b_T_c[:3, 3]
+    mount[:3, 3] = 0.0
+    w_T_c = np.full((len(observations.stamps_s), 4, 4), np.nan)
+    w_T_c[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
+    w_T_c[members, 2, 3] -= bundle.floor_z_m
+    w_T_c[:, :3, 3] += w_T_c[:, :3, :3] @ b_p_c_m
+    stamps_s, path, covariances = path_at_frames(observations, w_T_c, replace(camera, b_T_c=mount))
     if len(covariances) == 0:
         return InertialComparison(None, NoScale("no picture shows motion relative to its neighbours"))
     clock = picture_clock(stamps_s, path[:, :3, :3], np.zeros(len(stamps_s), np.int64), readings)
@@ -104,7 +108,7 @@ def compare_with_inertia(
         stamps_s, path = stamps_s[order], path[order]
     level_T = np.eye(4)
     level_T[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
-    found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances))
+    found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances), b_p_c_m)
     if isinstance(found, NoScale):
         return InertialComparison(clock, found)
     lengths = ScalePrior(found.scale, found.log_std(gain_std))

@@ -130,7 +130,8 @@ def exact_agreement(
     """Compare fixes with a refined map that stands where they have put it.
 
     ``off_m`` (n, 3) is fix minus map, NaN where either is missing. ``map_std_m`` (n, 3) are standard
-    deviations of the map at fixes that it does not use, and 0 at the others.
+    deviations of the map at fixes that it does not use, and 0 at the others. A fix that is not used is not
+    called back where the map's deviation is unknown (NaN).
     """
     n = len(off_m)
     used, altitude_used = np.ones(n, bool), np.ones(n, bool)

@@ -38,11 +38,13 @@ class Fixes:
     """(3,) place of the antenna on the body."""
     antenna_std_m: float = 0.0
     """Its standard deviation along each axis."""
+    antenna_assumed: bool = False
+    """Whether it is at the body's origin because nobody told its place."""
 
     @property
     def is_antenna_assumed(self) -> bool:
-        """Whether the antenna is held at the body's origin because nobody told its place."""
-        return self.antenna_std_m == 0 and not self.antenna_m.any()
+        """Whether the antenna is held where nobody told that it is."""
+        return self.antenna_std_m == 0 and self.antenna_assumed
 
     def __len__(self) -> int:
         return len(self.stamps_s)
@@ -110,6 +112,7 @@ def fixes_of(flight: Flight, origin: GeoOrigin | None) -> Fixes | None:
         suspect=~check.consistent[known][order],
         antenna_m=gps.b_T_s[:3, 3],
         antenna_std_m=gps.antenna_std_m,
+        antenna_assumed=gps.antenna_assumed,
     )
 
 

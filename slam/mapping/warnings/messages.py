@@ -298,13 +298,14 @@ def _refuted_antenna(context: Context, map_: Map) -> str:
     errors = next((refuted.errors for refuted in context.refuted if refuted.what == "antenna"), None)
     if errors is None or place is None:
         return ""
-    return refuted_antenna_warning(errors, place, map_.camera, _main_height_m(map_))
+    told = _antenna_is_told(context.flight)
+    return refuted_antenna_warning(errors, place, map_.camera, _main_height_m(map_), told)
 
 
 def _antenna_is_told(flight: Flight) -> bool:
     """Return whether a place of the antenna is told, so that a map may not contradict it without a word in
     the status; the body's origin is assumed."""
-    return flight.gps is not None and bool(flight.gps.b_T_s[:3, 3].any())
+    return flight.gps is not None and not flight.gps.antenna_assumed
 
 
 def _main_height_m(map_: Map) -> float:

@@ -113,12 +113,12 @@ def _farthest_number(told: Camera, map_: Map) -> tuple[str, str]:
 
 
 def refuted_antenna_warning(
-    found: SystematicErrors, place: AntennaPlace, camera: Camera, height_m: float
+    found: SystematicErrors, place: AntennaPlace, camera: Camera, height_m: float, is_told: bool
 ) -> str:
     """Return the warning about an antenna whose told or assumed place the map has replaced by ``place``."""
     axes = zip(("forward", "left"), place.place_m, place.std_m, strict=False)
     here = ", ".join(f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in axes)
-    held = "where T_BS of gps0/sensor.yaml tells" if any(place.told_m) else "at the body's origin, as assumed"
+    held = "where T_BS of gps0/sensor.yaml tells" if is_told else "at the body's origin, as assumed"
     offset = _term("position offset", found, camera, height_m)
     return (
         f"{_PATTERN['position offset']} ({offset}), so the antenna is not {held}; this map has it at {here}, "

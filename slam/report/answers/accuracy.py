@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.rejection import CONTRADICTED
 from backend.wording import counted, either
-from slam.core.estimate import CONTRADICTED, Estimate, LoopVerdict
+from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.answers.advice import main_cause

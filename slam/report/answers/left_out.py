@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from backend.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
 from backend.wording import counted
-from slam.core.estimate import CONTRADICTED, UNPROVEN, rejection_kind
 
 _OF_HEIGHT = " of the camera's height"
 """Words for a length before metres are known, in mean heights of the camera over the floor."""
@@ -26,6 +26,7 @@ CUT_THERE = (
 _COPY = "Yes: copy these pictures from the card again; a card that damages more of them is worn out."
 _OTHER_PLACE = f"{_NO}ground that looks alike is common, and a false link would bend the map."
 _UNPROVEN = f"{_NO}too little in common to tell whether they show one place; the other links hold the map."
+_TOO_FEW = "have too few points in common", _UNPROVEN
 _WEAK = f"{_NO}the other links hold the map."
 
 _REASONS: tuple[tuple[str, str, str], ...] = (
@@ -74,33 +75,22 @@ _REASONS: tuple[tuple[str, str, str], ...] = (
     ),
 )
 """Beginning of a reason -> what it counts, and whether to act."""
-_LINKS: tuple[tuple[str, str, str], ...] = (
-    ("out of reach", "look alike, but were taken too far apart to show the same ground", _OTHER_PLACE),
-    ("implausible change of scale", "agree only at scales that differ several times", _OTHER_PLACE),
-    (
-        "elsewhere than the pictures between",
-        "lie elsewhere than the pictures between have them",
-        _OTHER_PLACE,
-    ),
-    ("implausible", "would be linked where the rest of the map cannot have them", _OTHER_PLACE),
-    ("folded or no overlap", "match in a way that no camera above a floor can see", _OTHER_PLACE),
-    ("too few", "have too few points in common", _UNPROVEN),
-    ("no plane fits", "have no flat piece of ground in common", _UNPROVEN),
-    ("outlier share", "have points in common of which most disagree", _UNPROVEN),
-    ("inliers crowded", "have points in common in one small place only", _WEAK),
-    ("homography poorly determined", "fit each other only vaguely", _WEAK),
-    (
-        "disagrees",
-        "contradict the other links",
-        CUT_THERE,
-    ),
-    ("agrees, but", "agree, but too little is known of where they lie", _WEAK),
-    (
-        "its part of the graph",
-        "lie in a part that could not be solved",
-        "See “Check this first” above.",
-    ),
-)
+_LINKS: dict[LinkCheck, tuple[str, str]] = {
+    LinkCheck.REACH: ("look alike, but were taken too far apart to show the same ground", _OTHER_PLACE),
+    LinkCheck.SCALE: ("agree only at scales that differ several times", _OTHER_PLACE),
+    LinkCheck.CHAIN: ("lie elsewhere than the pictures between have them", _OTHER_PLACE),
+    LinkCheck.PLACE: ("would be linked where the rest of the map cannot have them", _OTHER_PLACE),
+    LinkCheck.OVERLAP: ("match in a way that no camera above a floor can see", _OTHER_PLACE),
+    LinkCheck.TOO_FEW_MATCHES: _TOO_FEW,
+    LinkCheck.TOO_FEW_INLIERS: _TOO_FEW,
+    LinkCheck.NO_PLANE: ("have no flat piece of ground in common", _UNPROVEN),
+    LinkCheck.OUTLIER_SHARE: ("have points in common of which most disagree", _UNPROVEN),
+    LinkCheck.CROWDED: ("have points in common in one small place only", _WEAK),
+    LinkCheck.PRECISION: ("fit each other only vaguely", _WEAK),
+    LinkCheck.GRAPH: ("contradict the other links", CUT_THERE),
+    LinkCheck.KNOWN_PLACE: ("agree, but too little is known of where they lie", _WEAK),
+    LinkCheck.SOLVED_PART: ("lie in a part that could not be solved", "See “Check this first” above."),
+}
 """The same of pairs of pictures. Other reasons are those of files that cannot be read."""
 _UNREADABLE = (
     "unreadable", "picture cannot be read", "missing", "not a file", "truncated", "damaged", "empty",
@@ -131,7 +121,7 @@ class LeftOut:
     @property
     def verdict(self) -> str:
         """Verdict of a rejection on a match; empty for other data."""
-        return rejection_kind(self.reason.removeprefix(_LOOP)) if self.kind == "match" else ""
+        return Rejection.read(self.reason.removeprefix(_LOOP)).check.finding if self.kind == "match" else ""
 
     @property
     def kind(self) -> str:
@@ -142,10 +132,11 @@ class LeftOut:
         return next((kind for begin, kind in kinds.items() if self.reason.startswith(begin)), "link")
 
 
-def reason_in_words(reason: str) -> str:
+def reason_in_words(rejection: Rejection) -> str:
     """Return why a match was rejected, in plain words, with the figures of the reason."""
-    words = next((f"they {what}" for beginning, what, _ in _LINKS if reason.startswith(beginning)), reason)
-    figures = reason.partition(" by " if reason.startswith("disagrees by ") else ": ")[2]
+    if rejection.check not in _LINKS:
+        return str(rejection)
+    words, figures = f"they {_LINKS[rejection.check][0]}", rejection.figures
     for short, words_ in (
         ("sigma (", "standard deviations, "),
         ("sigma", "standard deviations"),
@@ -154,7 +145,7 @@ def reason_in_words(reason: str) -> str:
         (" heights", _OF_HEIGHT),
     ):
         figures = figures.replace(short, words_)
-    return f"{words} ({figures})" if figures and words != reason else words
+    return f"{words} ({figures})" if figures else words
 
 
 def left_out(rejected: Mapping[str, int], here: Mapping[str, str] = {}) -> tuple[LeftOut, ...]:
@@ -205,11 +196,11 @@ def _found(reason: str) -> tuple[str, str]:
     for beginning, what, act in () if of_loops else _REASONS:
         if bare.startswith(beginning):
             return what, act
-    for beginning, what, act in _LINKS:
-        if bare.startswith(beginning):
-            if of_loops:
-                return f"Pairs of pictures of two visits that {what}", act
-            return f"Pictures that {what} with the one before", SLOWER
+    if (check := Rejection.read(bare).check) in _LINKS:
+        what, act = _LINKS[check]
+        if of_loops:
+            return f"Pairs of pictures of two visits that {what}", act
+        return f"Pictures that {what} with the one before", SLOWER
     if not of_loops and bare.startswith(_UNREADABLE):
         return f"Pictures whose file cannot be used ({bare})", _COPY
     return f"Left out: {bare}", "Only if ground or links are missing there."

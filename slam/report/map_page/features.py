@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.rejection import CONTRADICTED, UNPROVEN
 from frontend.photographs import LoadsReduced
 from frontend.workers import Workers
 from slam.core.control_points import ControlReport
 from slam.core.errors import one_line
-from slam.core.estimate import CONTRADICTED, UNPROVEN, Estimate
+from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
 from slam.core.units import length
 from slam.report.answers.left_out import reason_in_words
@@ -74,8 +75,8 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
             edges[edge.kind].append((edge.i, edge.j, ""))
     rejected = {CONTRADICTED: list[Any](), UNPROVEN: list[Any]()}
     for loop in estimate.loops:
-        if loop.verdict == "rejected":
-            why = reason_in_words(loop.reason)
+        if loop.rejection:
+            why = reason_in_words(loop.rejection)
             rejected[loop.finding].append((loop.i, loop.j, why))
     found = {}
     for kind, pairs in {**edges, **rejected}.items():

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.estimate import CONTRADICTED, UNPROVEN, Estimate
+from backend.rejection import CONTRADICTED, UNPROVEN
+from slam.core.estimate import Estimate
 from slam.core.plot_style import (
     BLUE,
     GREEN,

@@ -277,3 +277,22 @@ def test_no_lag_is_believed_where_there_is_none(motion: dict[str, float]):
     lags = [f.lag for f in found if isinstance(f, InertialScale) and f.lag is not None]
     assert not any(lag.believed for lag in lags)
     assert sum((lag.lag_s / lag.std_s) ** 2 for lag in lags) < chi2.ppf(1 - 1e-4, len(lags))
+
+
+@pytest.mark.slow
+def test_the_scale_does_not_act_on_a_place_told_in_metres():
+    """A path in heights of twelve metres, of a camera half a metre ahead of the IMU."""
+    height_m, b_p_c_m = 12.0, np.array([0.5, 0.1, -0.2])
+    off = []
+    for seed in range(6):
+        flight = made(seed)
+        w_T_c, unit = flight.w_T_b.copy(), SCALE / height_m
+        w_T_c[:, :3, 3] = unit * w_T_c[:, :3, 3] + w_T_c[:, :3, :3] @ b_p_c_m / height_m
+        to_unit = np.diag([1.0] * 3 + [unit] * 3)
+        covariance = to_unit @ flight.covariance @ to_unit
+        found = inertial_scale(flight.stamps_s, w_T_c, flight.readings, covariance, b_p_c_m)
+        plain = flight.found
+        assert found.scale == pytest.approx(plain.scale / unit, rel=0.5 * plain.scale_std / plain.scale)
+        assert found.scale_std == pytest.approx(plain.scale_std / unit, rel=0.1)
+        off.append((np.array(found.arm_m) - ARM_M) / found.arm_std_m)
+    assert np.sqrt(np.mean(np.square(off))) < 2

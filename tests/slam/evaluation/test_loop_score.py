@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from slam.core.estimate import LoopVerdict
 from slam.evaluation import evaluate
@@ -24,7 +25,7 @@ def above(*places):
 
 
 def kept(*pairs):
-    return tuple(LoopVerdict(i, j, "kept", "") for i, j in pairs)
+    return tuple(LoopVerdict(i, j, None) for i, j in pairs)
 
 
 def scored(loops, stamps_s, poses, keyframe=None):
@@ -89,7 +90,7 @@ def test_ten_seconds_apart_and_no_less():
 
 def test_rejected_loops_do_not_count_and_the_order_of_a_pair_does_not_matter():
     poses = above((0, 0), (0.1, 0), (7, 0))
-    loops = (LoopVerdict(0, 2, "rejected", "too few inliers"), LoopVerdict(1, 0, "kept", ""))
+    loops = (LoopVerdict(0, 2, Rejection(LinkCheck.TOO_FEW_INLIERS)), LoopVerdict(1, 0, None))
     found = scored(loops, [0, 20, 40], poses)
     assert (found.precision, found.recall) == (1.0, 1.0)
 

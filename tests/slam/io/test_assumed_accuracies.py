@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.core.flight import Flight, Sonar, Velocity
+from slam.core.flight import Flight, Gps, Sonar, Velocity
 from slam.io.flight_folder import read_flight
 from slam.io.flight_writer import write_flight
 
@@ -28,3 +28,17 @@ def test_an_import_remembers_what_it_has_assumed(tmp_path):
     sonar = Sonar(np.arange(5.0), np.ones(5), assumed=("noise_std", "datum_std"))
     write_flight(Flight("made", sonar=sonar), tmp_path / "imported")
     assert read_flight(tmp_path / "imported").sonar.assumed == ("noise_std", "datum_std")
+
+
+def test_an_antenna_told_at_the_origin_of_the_body_is_no_untold_one(tmp_path):
+    t = np.arange(5.0)
+    gps = Gps(t, np.full(5, 47.0), np.full(5, 8.0), np.full(5, 400.0))
+    write_flight(Flight("told", gps=gps), tmp_path / "told")
+    assert not read_flight(tmp_path / "told").gps.antenna_assumed
+    untold = Gps(*(gps.stamps_s, gps.latitude_deg, gps.longitude_deg, gps.altitude_m), assumed=("T_BS",))
+    write_flight(Flight("untold", gps=untold), tmp_path / "untold")
+    assert read_flight(tmp_path / "untold").gps.antenna_assumed
+    path = tmp_path / "told" / "mav0" / "gps0" / "sensor.yaml"
+    kept = path.read_text().split("T_BS")[0] + "rate_hz: 1\nnoise_std: [1e-5, 1e-5, 2]\n"
+    path.write_text(kept)
+    assert read_flight(tmp_path / "told").gps.assumed == ("T_BS",)

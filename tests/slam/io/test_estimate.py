@@ -15,6 +15,7 @@ from evo.tools import file_interface
 from numpy.lib import format as npy
 
 from backend.measurements import RelativePose
+from backend.rejection import Rejection
 from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError
@@ -45,7 +46,7 @@ def full_estimate(seed=0, count=20) -> Estimate:
         floor_z_m=-0.25,
         floor_slope_rad=(0.01, -0.02),
         relative_poses=edges,
-        loops=(LoopVerdict(0, 15, "kept", ""), LoopVerdict(2, 9, "rejected", 'gate, "12" of 30\nß=1')),
+        loops=(LoopVerdict(0, 15, None), LoopVerdict(2, 9, Rejection.read('gate, "12" of 30\nß=1'))),
         frames=80,
         rejected={"blurred": 3},
         not_placed={"a.jpg": "too few features"},

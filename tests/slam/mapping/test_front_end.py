@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.features import FeatureConfig
 from frontend.loops import verify
@@ -197,9 +198,9 @@ def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
 
 def test_refused_afterwards_is_refused_with_its_reason():
     _, _, observations = watched()
-    fewer = observations.without({(2, 3): "implausible: because"})
+    fewer = observations.without({(2, 3): Rejection(LinkCheck.PLACE, "because")})
     assert (2, 3) not in {(r.i, r.j) for r in fewer.registrations}
-    assert [(r.i, r.j, r.reason) for r in fewer.refused] == [(2, 3, "implausible: because")]
+    assert [(r.i, r.j, r.reason) for r in fewer.refused] == [(2, 3, Rejection(LinkCheck.PLACE, "because"))]
     assert len(fewer.registrations) + 1 == len(observations.registrations)
     assert fewer.contradicted == {(2, 3)}
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from backend.measurements import RelativePose
+from backend.rejection import LinkCheck, Rejection
 from frontend.registration import Registration
 from frontend.store import FeatureStore
 from frontend.tracked import IntermediateFrame
@@ -101,9 +102,9 @@ def test_a_link_is_refuted_by_more_than_both_are_uncertain_by():
 def test_behind_a_refuted_link_tracking_starts_anew():
     given = observations(2.0, passed_s=0.3)
     (broken,) = tracking_gaps(given)
-    without = remove_links(given, {broken: "why"})
+    without = remove_links(given, {broken: Rejection(LinkCheck.PLACE)})
     assert without.links == (None, given.links[1], None)
     assert without.registrations == given.links[1:2]
-    assert [refused.reason for refused in without.refused] == ["why"]
+    assert [refused.reason for refused in without.refused] == [Rejection(LinkCheck.PLACE)]
     assert without.passed == given.passed[:-1]
     assert remove_links(given, {}) == given

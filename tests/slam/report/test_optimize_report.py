@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
+from backend.rejection import LinkCheck, Rejection
 from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin, Truth
@@ -62,7 +63,7 @@ def test_the_page_needs_no_network_and_runs_no_script():
 
 def test_hostile_names_stay_text():
     estimate = made_estimate(name=HOSTILE)
-    hostile_loop = LoopVerdict(0, 9, "rejected", HOSTILE)
+    hostile_loop = LoopVerdict(0, 9, Rejection(LinkCheck.OTHER, HOSTILE))
     estimate = replace(
         estimate,
         status=HOSTILE,
@@ -91,7 +92,7 @@ def test_the_page_says_what_was_dropped_and_why(no_figures):
     for row in left_out(estimate.rejected):
         assert row.what in text
         assert str(row.count) in text
-    assert REJECTION in text
+    assert str(REJECTION) in text
     assert estimate.warnings[0] in text
 
 

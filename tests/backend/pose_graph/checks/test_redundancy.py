@@ -14,6 +14,7 @@ from backend.pose_graph.checks.redundancy import unchecked_components
 from backend.pose_graph.graph import PoseGraph, repeated_edges
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve_pose_graph
+from backend.rejection import LinkCheck, Rejection
 from tests.backend.synthetic import graph
 from tests.slam.faults.made_graph import laps
 
@@ -118,7 +119,7 @@ def test_an_edge_without_information_is_left_out_and_reported(information: float
     made = walk([(0, 11)])
     made.information[-1] = information * np.eye(3)
     solved = solve_pose_graph(made)
-    assert solved.edge_reason[-1] == "carries no information"
+    assert solved.edge_reason[-1] == Rejection(LinkCheck.INFORMATION)
     assert not solved.edge_kept[-1]
     assert (
         "1 of 12 edges carries no information (the first is vertex 0 to vertex 11): left out"

@@ -14,6 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
+from backend.rejection import LinkCheck, Rejection
 from frontend.registration import refused
 from slam.cli import app
 from slam.cli.output_folder import LOOPS_NAMES
@@ -142,17 +143,17 @@ def test_the_most_alike_are_each_ones_own():
 
 def test_each_candidate_is_counted_up_to_the_stage_that_rejected_it():
     """Whatever the words: a gate says "implausible change of scale", and the graph that an edge agrees."""
-    far, gated = refused(0, 20, "out of reach: 9 m"), refused(1, 21, "implausible change of scale")
-    held = replace(refused(2, 22, ""), matches=np.ones((20, 2), np.int32))
+    far, gated = refused(0, 20, Rejection(LinkCheck.REACH, "9 m")), refused(1, 21, Rejection(LinkCheck.SCALE))
+    held = replace(refused(2, 22, Rejection(LinkCheck.OTHER)), matches=np.ones((20, 2), np.int32))
     observations = Observations(
         store=None, frame_index=np.arange(40), stamps_s=np.arange(40.0), links=(None,) * 40,
         registrations=(held,), refused=(far, gated), frames=40, rejected=Counter(),
-    ).without({(2, 22): "implausible: 3 m from where the poses put it"})  # fmt: skip
-    verdicts = [LoopVerdict(r.i, r.j, "rejected", r.reason) for r in observations.refused]
+    ).without({(2, 22): Rejection(LinkCheck.PLACE, "3 m from where the poses put it")})  # fmt: skip
+    verdicts = [LoopVerdict(r.i, r.j, r.reason) for r in observations.refused]
     verdicts += [
-        LoopVerdict(3, 23, "rejected", "agrees, but too little is known of where it lies to trust it"),
-        LoopVerdict(4, 24, "rejected", "disagrees by 9.0 sigma"),
-        LoopVerdict(5, 25, "kept", ""),
+        LoopVerdict(3, 23, Rejection(LinkCheck.KNOWN_PLACE)),
+        LoopVerdict(4, 24, Rejection(LinkCheck.GRAPH, "9.0 sigma")),
+        LoopVerdict(5, 25, None),
     ]
     nowhere = Reference("truth", np.arange(40.0), np.zeros((40, 2)), {})
     stages = stages_of(verdicts, observations, nowhere)

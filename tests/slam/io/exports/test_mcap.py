@@ -11,6 +11,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from backend.measurements import RelativePose
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict
@@ -55,7 +56,7 @@ def rasters(folder: Path, grid: Grid) -> Path:
 def whole(tmp_path_factory) -> Path:
     """A map with everything."""
     folder = tmp_path_factory.mktemp("map")
-    rejected = LoopVerdict(0, 1, "rejected", "disagrees by 7 sigma")
+    rejected = LoopVerdict(0, 1, Rejection(LinkCheck.GRAPH, "7 sigma"))
     estimate = made_map(
         *map(pose, AT),
         covariances=COVARIANCES,
@@ -224,7 +225,7 @@ def test_many_links_are_thinned_with_a_note(tmp_path, monkeypatch):
     from slam.io.exports.foxglove import links
 
     monkeypatch.setattr(links, "MOST_ENTITIES", 2)
-    estimate = made_map(*map(pose, AT), loops=(LoopVerdict(0, 1, "rejected", ""),) * 5)
+    estimate = made_map(*map(pose, AT), loops=(LoopVerdict(0, 1, Rejection(LinkCheck.OTHER)),) * 5)
     notes = export_map(exported(estimate), "mcap", tmp_path / "map.mcap")
     assert notes == ("drawn: 2 of 5 unproven links; loops.csv has all",)
 

@@ -27,23 +27,25 @@ def line_and_back() -> np.ndarray:
     return w_T_b
 
 
-def compared(off_m: np.ndarray, antenna_m: np.ndarray) -> FixComparison:
-    """Fixes (14,) that lie ``off_m`` (14, 3) beside an antenna at its told place."""
+def compared(off_m: np.ndarray, antenna_m: np.ndarray, assumed: bool = False) -> FixComparison:
+    """Fixes (14,) that lie ``off_m`` (14, 3) beside an antenna at its told or ``assumed`` place."""
     w_T_b, std_m = line_and_back(), (0.01, 0.01, 0.02)
     w_p_b_m = w_T_b[:, :3, 3] + w_T_b[:, :3, :3] @ antenna_m + off_m
     names, none = tuple(f"fix {k}" for k in range(COUNT)), np.zeros(COUNT, bool)
-    return FixComparison(Fixes(STAMPS_S, w_p_b_m, std_m, True, names, none, antenna_m), STAMPS_S)
+    fixes = Fixes(STAMPS_S, w_p_b_m, std_m, True, names, none, antenna_m, antenna_assumed=assumed)
+    return FixComparison(fixes, STAMPS_S)
 
 
 @pytest.mark.parametrize(
-    ("off_m", "antenna_m", "used"), [(0.7, 0.0, True), (0.7, 0.1, False), (3.0, 0.0, False)]
+    ("off_m", "antenna_m", "assumed", "used"),
+    [(0.7, 0.0, True, True), (0.7, 0.1, False, False), (0.7, 0.0, False, False), (3.0, 0.0, True, False)],
 )
 def test_an_antenna_that_nobody_told_may_be_the_cause_at_another_heading(
-    off_m: float, antenna_m: float, used: bool
+    off_m: float, antenna_m: float, assumed: bool, used: bool
 ) -> None:
     """An antenna 0.35 m ahead of the body's origin lies 0.7 m aside on the way back, and nowhere else."""
     noise = np.random.default_rng(0).normal(0, 0.005, (COUNT, 3))
-    fixes = compared(noise + LAST[:, None] * [off_m, 0, 0], np.array([antenna_m, 0, 0]))
+    fixes = compared(noise + LAST[:, None] * [off_m, 0, 0], np.array([antenna_m, 0, 0]), assumed)
     w_T_b = line_and_back()
     assert not fixes.exact(w_T_b).used[-1], "taken for a fix that the map uses"
     found = fixes.exact(w_T_b, fixes.map_std_m(w_T_b, COVARIANCES, LAST))
@@ -54,13 +56,22 @@ def test_an_antenna_that_nobody_told_may_be_the_cause_at_another_heading(
 def test_the_deviation_is_the_scatter_of_drawn_maps_and_antennas() -> None:
     rng, w_T_b = np.random.default_rng(1), line_and_back()
     w_T_b[:, :3, :3] = Rotation.from_euler("zyx", rng.normal(0, 1, (COUNT, 3))).as_matrix()
-    fixes = compared(np.zeros((COUNT, 3)), np.zeros(3))
+    fixes = compared(np.zeros((COUNT, 3)), np.zeros(3), assumed=True)
     antenna = w_T_b[:, :3, :3] @ rng.normal(0, NOMINAL_ANTENNA_STD_M, (20_000, 1, 3, 1))
     moved = antenna[:, -1, :, 0] - antenna[:, :-1, :, 0].mean(axis=1)
     moved += rng.normal(0, POSE_STD_M, moved.shape)
     found = fixes.map_std_m(w_T_b, COVARIANCES, LAST)
     assert found[-1] == pytest.approx(moved.std(axis=0), rel=0.03)
     assert not found[:-1].any()
-    told = FixComparison(replace(fixes.fixes, antenna_m=np.array([0.1, 0, 0])), STAMPS_S)
+    told = FixComparison(replace(fixes.fixes, antenna_assumed=False), STAMPS_S)
     assert told.map_std_m(w_T_b, COVARIANCES, LAST)[-1] == pytest.approx(POSE_STD_M)
     assert not fixes.map_std_m(w_T_b, COVARIANCES, ~LAST & LAST).any()
+
+
+@pytest.mark.parametrize(("off_m", "known"), [(0.0, True), (0.0, False), (0.7, False)])
+def test_a_fix_is_not_called_back_by_a_pose_of_unknown_accuracy(off_m: float, known: bool) -> None:
+    fixes = compared(LAST[:, None] * [off_m, 0, 0], np.zeros(3), assumed=True)
+    covariances = np.where(LAST[:, None, None] & (not known), np.nan, COVARIANCES)
+    std_m = fixes.map_std_m(line_and_back(), covariances, LAST)
+    assert np.isfinite(std_m[-1]).all() == known
+    assert fixes.exact(line_and_back(), std_m).used[-1] == known

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from backend.rejection import LinkCheck, Rejection
 from slam.core.estimate import GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
@@ -146,8 +147,8 @@ def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
 
 def test_the_keyframe_of_most_contradictions_is_named():
     estimate, flight = made_estimate(), made_flight()
-    reason = "disagrees by 9.0 sigma"
-    loops = tuple(LoopVerdict(3, j, "rejected", reason) for j in (30, 40, 50))
+    rejection = Rejection(LinkCheck.GRAPH, "9.0 sigma")
+    loops = tuple(LoopVerdict(3, j, rejection) for j in (30, 40, 50))
     question = "Was a place recognised again, and is that right?"
     found = answers(replace(estimate, loops=loops), flight)[question]
     assert f"keyframe 3, {estimate.frame_names[3]}, takes part in 3 of them, more than any other" in found

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
@@ -199,8 +200,8 @@ def test_contradicted_matches_are_counted_apart_from_unproven_ones():
     estimate, flight = made_estimate(), made_flight()
     first, second, third = estimate.loops
     loops = (
-        replace(third, reason="disagrees by 9 sigma"),
-        replace(third, reason="too few inliers"),
+        replace(third, rejection=Rejection(LinkCheck.GRAPH, "9 sigma")),
+        replace(third, rejection=Rejection(LinkCheck.TOO_FEW_INLIERS)),
         first,
         second,
     )

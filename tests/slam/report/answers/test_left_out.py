@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from slam.core.estimate import CONTRADICTED, UNPROVEN, GroundFacts, LoopVerdict
+from backend.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
+from slam.core.estimate import GroundFacts, LoopVerdict
 from slam.core.summary import summarise
 from slam.report.answers.left_out import left_out, reason_in_words
 from slam.report.answers.left_out_here import left_out_here
@@ -12,38 +13,45 @@ from slam.report.facts import gather
 from tests.slam.made_estimate import made_estimate, made_flight
 
 
+def in_words(reason: str) -> str:
+    return reason_in_words(Rejection.read(reason))
+
+
 def test_the_words_of_a_match_keep_all_figures_of_its_reason():
-    out_of_reach = reason_in_words("out of reach: 2.85 m apart by the poses so far, at most 1.91 m allowed")
+    out_of_reach = in_words("out of reach: 2.85 m apart by the poses so far, at most 1.91 m allowed")
     assert out_of_reach.endswith("(2.85 m apart by the poses so far, at most 1.91 m allowed)")
-    before_metres = reason_in_words("disagrees by 8.6 sigma (limit 4.7): 0.014 heights, 1.2 deg")
+    before_metres = in_words("disagrees by 8.6 sigma (limit 4.7): 0.014 heights, 1.2 deg")
     assert before_metres.endswith("0.014 of the camera's height, 1.2°)"), (
         "no unit that the page does not define"
     )
-    disagrees = reason_in_words("disagrees by 8.6 sigma (limit 4.7): 0.14 m, 1.2 deg")
+    disagrees = in_words("disagrees by 8.6 sigma (limit 4.7): 0.14 m, 1.2 deg")
     assert disagrees.endswith("(8.6 standard deviations, limit 4.7: 0.14 m, 1.2°)")
 
 
 @pytest.mark.parametrize(
-    "reason",
-    [
-        "disagrees by 8.7 sigma (limit 4.7): 0.1 m, 2 deg",
-        "implausible: 3 m",
-        "out of reach",
-        "elsewhere than the pictures between: 0.40 picture widths off",
-    ],
+    "check",
+    [LinkCheck.GRAPH, LinkCheck.PLACE, LinkCheck.REACH, LinkCheck.CHAIN, LinkCheck.OVERLAP, LinkCheck.SCALE],
 )
-def test_a_match_that_the_map_contradicts_is_no_unproven_one(reason):
-    assert LoopVerdict(0, 9, "rejected", reason).finding == CONTRADICTED
-    assert left_out({f"loop: {reason}": 2})[0].verdict == CONTRADICTED
+def test_a_match_that_the_map_contradicts_is_no_unproven_one(check):
+    rejection = Rejection(check, "3.4 m")
+    assert LoopVerdict(0, 9, rejection).finding == CONTRADICTED
+    assert left_out({f"loop: {rejection.kind}": 2})[0].verdict == CONTRADICTED
 
 
 @pytest.mark.parametrize(
-    "reason",
-    ["too few inliers", "no plane fits the matches", "outlier share above gamma_1", "agrees, but too little"],
+    "check",
+    [
+        LinkCheck.TOO_FEW_INLIERS,
+        LinkCheck.NO_PLANE,
+        LinkCheck.OUTLIER_SHARE,
+        LinkCheck.KNOWN_PLACE,
+        LinkCheck.INFORMATION,
+    ],
 )
-def test_a_match_that_shows_too_little_is_unproven(reason):
-    assert LoopVerdict(0, 9, "rejected", reason).finding == UNPROVEN
-    assert left_out({f"loop: {reason}": 2})[0].verdict == UNPROVEN
+def test_a_match_that_shows_too_little_is_unproven(check):
+    rejection = Rejection(check)
+    assert LoopVerdict(0, 9, rejection).finding == UNPROVEN
+    assert left_out({f"loop: {rejection.kind}": 2})[0].verdict == UNPROVEN
     assert left_out({"too few features": 2})[0].verdict == ""
 
 

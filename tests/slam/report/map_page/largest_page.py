@@ -51,7 +51,7 @@ def _estimate(rng: np.random.Generator) -> Estimate:
     estimate = made_estimate(MOST_LINKS)
     far = rng.integers(0, MOST_LINKS, (2, MOST_LINKS))
     loops = [RelativePose(i, j, np.eye(4), np.eye(6), "loop") for i, j in np.sort(far, axis=0).T.tolist()]
-    rejected = tuple(LoopVerdict(e.i, e.j, "rejected", REJECTION) for e in reversed(loops))
+    rejected = tuple(LoopVerdict(e.i, e.j, REJECTION) for e in reversed(loops))
     b_p_m = np.column_stack([rng.uniform(-0.5, 0.5, (2 * MOST_POINTS, 2)), np.full(2 * MOST_POINTS, -0.8)])
     points = FloorPoints(
         rng.integers(0, MOST_LINKS, 2 * MOST_POINTS),

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
+from backend.rejection import LinkCheck, Rejection
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.floor_points import FloorPoints
 from slam.io.geotiff import Grid, write_bands
@@ -91,7 +92,10 @@ def test_a_bridge_by_instruments_is_no_link_of_pictures():
 
 def test_names_from_outside_stay_text(tmp_path):
     estimate = replace(made_estimate(name=HOSTILE), frame_names=(HOSTILE,) * 60, status=HOSTILE)
-    loops = tuple(replace(loop, reason=HOSTILE) for loop in estimate.loops)
+    loops = tuple(
+        replace(loop, rejection=loop.rejection and Rejection(LinkCheck.OTHER, HOSTILE))
+        for loop in estimate.loops
+    )
     path = written(tmp_path, replace(estimate, loops=loops), made_flight())
     text = path.read_text(encoding="utf-8")
     assert "alert(1)</script>" not in text
@@ -116,7 +120,7 @@ def test_the_page_holds_what_the_estimate_has(tmp_path):
     np.testing.assert_allclose(
         frames["sigma"], np.sqrt(np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2)), rtol=1e-5
     )
-    assert data["links"]["unproven"] == {"count": 1, "pairs": [[5, 51, REJECTION]]}
+    assert data["links"]["unproven"] == {"count": 1, "pairs": [[5, 51, str(REJECTION)]]}
     assert data["links"]["contradicted"]["count"] == 0
     assert data["links"]["loop"]["count"] == 2
     assert data["links"]["odometry"]["count"] == 59
@@ -231,7 +235,7 @@ def test_every_layer_can_be_switched_and_every_link_says_why(tmp_path):
     ]
     assert found["tiles"] > 0
     assert (found["overlays"], found["legends"], found["left"]) == (2, 4, 0)
-    assert any(REJECTION in words for words in found["words"])
+    assert any(str(REJECTION) in words for words in found["words"])
     assert sum(words.startswith("Keyframe ") for words in found["words"]) == 60
     points = [words for words in found["words"] if words.startswith("Point of the ground")]
     assert len(points) == 200

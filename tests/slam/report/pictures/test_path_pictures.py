@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from backend.rejection import LinkCheck, Rejection
 from slam.core.estimate import LoopVerdict
 from slam.report.gaps import Gap
 from slam.report.pictures.path import altitude_picture, trajectory_picture
@@ -18,7 +19,7 @@ from tests.slam.made_estimate import made_estimate
 
 def test_hundreds_of_rejected_loops_do_not_bury_the_path():
     estimate = made_estimate()
-    wrong = tuple(LoopVerdict(k % 29, 30 + k % 30, "rejected", "disagrees by 9 sigma") for k in range(600))
+    wrong = tuple(LoopVerdict(k % 29, 30 + k % 30, Rejection(LinkCheck.GRAPH, "9 sigma")) for k in range(600))
     red = [_share_of(trajectory_picture(replace(estimate, loops=loops))) for loops in (wrong[:50], wrong)]
     assert red[1] < 2 * red[0]
 
