@@ -12,9 +12,9 @@ _SHARED = {"sonar0": ("scale_std", "datum_std"), "velocity0": ("scale_std",), "g
 def assumed_keys(folder: str, sensor: YamlFile) -> tuple[str, ...]:
     """Return the keys of a stream that are not stated, or were assumed by the import that wrote them.
 
-    The noise of an IMU counts as ``noise_std``.
+    The noise of an IMU counts as ``noise_std``. Raises ``InputError`` where they are no list of keys.
     """
-    by_import = sensor.fields.get("assumed", ())
+    by_import = sensor.texts("assumed")
     noise_stated = any(sensor.has(key) for key in _NOISE) and "noise_std" not in by_import
     shared = (key for key in _SHARED.get(folder, ()) if not sensor.has(key) or key in by_import)
     return (*(() if noise_stated else ("noise_std",)), *shared)

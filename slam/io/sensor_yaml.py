@@ -52,6 +52,13 @@ class YamlFile:
             raise self.refuse(key, "is not plain text", "write one value")
         return value
 
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of plain texts, none if it is absent. Raises ``InputError`` for anything else."""
+        value = self.fields[key] if self.has(key) else []
+        if not isinstance(value, list) or not all(isinstance(each, str) for each in value):
+            raise self.refuse(key, "is not a list of plain texts", "write them in [ ]")
+        return tuple(str(each) for each in value)
+
     def number(self, key: str, default: float | None = None, positive: bool = False) -> float:
         """Return one finite number, >= 0 (> 0 if ``positive``). Raises ``InputError``, also for a missing key
         without a default.

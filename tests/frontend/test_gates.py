@@ -25,7 +25,7 @@ def good(count: int = 100, inliers: int = 60) -> tuple[HomographyFit, Array]:
 
 
 def reason(fit: HomographyFit, pixel_j: Array, overlap: float = 0.8) -> str:
-    return reject_reason(fit, pixel_j, WIDE, overlap, GATES)
+    return str(reject_reason(fit, pixel_j, WIDE, overlap, GATES) or "")
 
 
 def test_good_fit_passes() -> None:

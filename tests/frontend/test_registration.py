@@ -84,9 +84,9 @@ def test_inliers_are_the_right_matches_and_carry_the_features_numbers() -> None:
 def test_too_few_matches_no_plane_and_refusals_have_their_reason() -> None:
     rng = np.random.default_rng(2)
     a, b, _ = synthetic(rng, 14, 0.0)
-    assert compare(a, b).reason == "too few matches"
+    assert str(compare(a, b).reason) == "too few matches"
     a, b, _ = synthetic(rng, 100, 1.0)
-    assert compare(a, b).reason in (
+    assert str(compare(a, b).reason) in (
         "too few inliers",
         "outlier share above gamma_1",
         "no plane fits the matches",
@@ -94,7 +94,7 @@ def test_too_few_matches_no_plane_and_refusals_have_their_reason() -> None:
     nearly = np.column_stack([50 + 1e-6 * np.arange(100), np.full(100, 60.0)])
     same = Features(Points.alike(nearly), a.descriptor)
     refused = compare(same, same)
-    assert refused.reason == "no plane fits the matches"
+    assert str(refused.reason) == "no plane fits the matches"
     assert not refused.ok
     assert np.isnan(refused.i_H_j).all()
     assert refused.matches.shape == (0, 2)
@@ -103,7 +103,7 @@ def test_too_few_matches_no_plane_and_refusals_have_their_reason() -> None:
         Features(Points.alike(line), a.descriptor),
         Features(Points.alike(line + rng.normal(0, 0.2, line.shape)), a.descriptor),
     )
-    assert compare(*on_line).reason in (
+    assert str(compare(*on_line).reason) in (
         "no plane fits the matches",
         "inliers crowded in one place",
         "homography poorly determined",

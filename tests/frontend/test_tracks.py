@@ -19,7 +19,7 @@ ALL = TrackConfig(grids=((320, 240),))
 
 def link(i: int, j: int, matches: Array, noise_px: float = 0.3) -> Registration:
     return Registration(
-        i, j, "", np.asarray(matches, np.int64).reshape(-1, 2), np.eye(3), np.eye(8), noise_px, 0.8
+        i, j, None, np.asarray(matches, np.int64).reshape(-1, 2), np.eye(3), np.eye(8), noise_px, 0.8
     )
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from slam.core.errors import InputError
 from slam.core.flight import Flight, Gps, Sonar, Velocity
 from slam.io.flight_folder import read_flight
 from slam.io.flight_writer import write_flight
@@ -42,3 +44,12 @@ def test_an_antenna_told_at_the_origin_of_the_body_is_no_untold_one(tmp_path):
     kept = path.read_text().split("T_BS")[0] + "rate_hz: 1\nnoise_std: [1e-5, 1e-5, 2]\n"
     path.write_text(kept)
     assert read_flight(tmp_path / "told").gps.assumed == ("T_BS",)
+
+
+@pytest.mark.parametrize("value", ["noise_std", "7", "{noise_std: 1}", "[[noise_std]]"])
+def test_what_is_no_list_of_keys_is_refused(tmp_path, value):
+    write_flight(Flight("made", sonar=Sonar(np.arange(5.0), np.ones(5))), tmp_path / "f")
+    path = tmp_path / "f" / "mav0" / "sonar0" / "sensor.yaml"
+    path.write_text(f"{path.read_text()}assumed: {value}\n")
+    with pytest.raises(InputError, match=r"sonar0/sensor\.yaml, line .*assumed is not a list of plain texts"):
+        read_flight(tmp_path / "f")

@@ -29,7 +29,7 @@ def poses(seed: int, n: int = 12) -> np.ndarray:
 
 def link(j: int, i_H_j: np.ndarray) -> Registration:
     nothing = np.empty((0, 2), np.int64)
-    return Registration(j - 1, j, "", nothing, i_H_j / i_H_j[2, 2], 0.01 * np.eye(8), 0.1, 0.8)
+    return Registration(j - 1, j, None, nothing, i_H_j / i_H_j[2, 2], 0.01 * np.eye(8), 0.1, 0.8)
 
 
 def links(w_T_b: np.ndarray, camera: Camera) -> list[Registration | None]:

@@ -77,7 +77,7 @@ def registration(
     seen_i, seen_j = (seen(w_T_b[k], camera)[0] for k in (i, j))
     both = np.intersect1d(seen_i, seen_j)
     rows = [np.searchsorted(numbers, both) for numbers in (seen_i, seen_j)]
-    return Registration(i, j, "", np.column_stack(rows), H / H[2, 2], std_px**2 * np.eye(8), std_px, 0.5)
+    return Registration(i, j, None, np.column_stack(rows), H / H[2, 2], std_px**2 * np.eye(8), std_px, 0.5)
 
 
 def seen(pose: np.ndarray, camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndarray]:
@@ -174,7 +174,7 @@ def test_a_false_loop_is_refused_and_named():
     known = KnownPoses(without.w_T_b, without.covariances, without.component, edges.heights.height_m)
     refused = implausible(known, edges)
     assert list(refused) == [(3, 8)]
-    assert "1.5" in refused[3, 8]
+    assert "1.5" in refused[3, 8].figures
     larger = replace(
         known,
         w_T_b=known.w_T_b.copy(),

@@ -59,7 +59,7 @@ def observations(break_s: float, rate_hz: float = 10.0, passed_s: float | None =
     matches = np.zeros((30, 2), np.int32)
     links = (
         None,
-        *(Registration(k, k + 1, "", matches, np.eye(3), np.eye(8), 0.2, 0.5) for k in range(2)),
+        *(Registration(k, k + 1, None, matches, np.eye(3), np.eye(8), 0.2, 0.5) for k in range(2)),
     )
     between = [IntermediateFrame(k, 0, np.eye(3), np.eye(8)) for k in range(1, 10)]
     if passed_s is not None:

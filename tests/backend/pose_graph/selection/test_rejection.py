@@ -57,7 +57,9 @@ def test_a_reason_says_by_whose_deviations_an_edge_was_judged():
     kept, sigma = np.ones(len(problem.i), dtype=bool), np.zeros(len(problem.i))
     kept[-2:], sigma[-2:] = False, (9.0, 0.5)
     w_T = np.tile(np.eye(4), (problem.count, 1, 1))
-    stated, own = (reasons(problem, kept, w_T, sigma, noise)[-2:] for noise in (1.0, 0.125))
+    stated, own = (
+        [str(reason) for reason in reasons(problem, kept, w_T, sigma, noise)[-2:]] for noise in (1.0, 0.125)
+    )
     assert stated[0].startswith("disagrees by 9.0 sigma (limit ")
     assert stated[1].endswith(": 0.5 sigma")
     assert own[0].startswith("disagrees by 9.0 sigma (each 0.12 of a stated one, as the loops show; limit ")

@@ -33,7 +33,7 @@ def registration(camera, i: int, j: int, pose=pose) -> Registration:
     a, b = (camera.floor_H_image(pose(k)) for k in (i, j))
     i_H_j = np.linalg.inv(a) @ b
     matches = np.zeros((0, 2), dtype=np.int64)
-    return Registration(i, j, "", matches, i_H_j / i_H_j[2, 2], 0.01 * np.eye(8), 0.1, 0.5)
+    return Registration(i, j, None, matches, i_H_j / i_H_j[2, 2], 0.01 * np.eye(8), 0.1, 0.5)
 
 
 def readings(k: int) -> KeyframeReadings:

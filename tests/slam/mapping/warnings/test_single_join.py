@@ -28,7 +28,7 @@ def with_pairs(pairs: list[tuple[int, int]], matches: dict[tuple[int, int], int]
     told = {pair: np.zeros((count, 2), int) for pair, count in (matches or {}).items()}
     usual = np.zeros((100, 2), int)
     registrations = tuple(
-        Registration(i, j, "", told.get((i, j), usual), np.eye(3), np.eye(8), 1.0, 0.5) for i, j in pairs
+        Registration(i, j, None, told.get((i, j), usual), np.eye(3), np.eye(8), 1.0, 0.5) for i, j in pairs
     )
     return replace(
         whole,
