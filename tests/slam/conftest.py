@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-DRAWN = ("report.pictures", "report.path_over_time", "evaluation.plots")
+DRAWN = ("report.pictures.path", "report.pictures.path_over_time", "evaluation.plots")
 
 
 @pytest.fixture
