@@ -11,7 +11,7 @@ import numpy as np
 from backend.wording import counted, either
 from slam.core.names import enumerated, listed
 from slam.core.units import sized
-from slam.report.criticism.effect_names import sized_between, title_of, with_titles
+from slam.report.criticism.effect_names import reading, sized_between, title_of, with_titles
 from slam.report.criticism.evidence import how_sure, no_other, what_changes, where_it_shows
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
@@ -133,8 +133,8 @@ def _sizes(result: Criticism) -> list[str]:
         most = float(np.quantile(np.abs(misses.explained), MOSTLY))
         name = f"{result.covariate.cause} " if len(result.causes) > 1 else "It "
         told.append(
-            f"{name}moves {misses.channel} by up to {sized(most, misses.unit)} within 2 s (by less in "
-            f"{100 * MOSTLY:.0f} of 100 moments)."
+            f"{name}moves {reading(misses.channel)} by up to {sized(most, misses.unit)} within 2 s (by less "
+            f"in {100 * MOSTLY:.0f} of 100 moments)."
         )
     return told
 

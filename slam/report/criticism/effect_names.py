@@ -14,6 +14,48 @@ _MOST_IN_FIGURES = 999.5
 """Larger values with three significant figures would have an exponent."""
 _NAMES = re.compile(rf"(?<![\w.(])({'|'.join(sorted(CATALOGUE, key=len, reverse=True))})(\.\w+)?(?![\w])")
 
+_READINGS = {
+    "velocity_x": "speed ahead",
+    "velocity_y": "speed to the left",
+    "range": "height reading",
+    "gyro_x": "gyro about the axis ahead",
+    "gyro_y": "gyro about the axis to the left",
+    "gyro_z": "gyro about the axis up",
+    "accel_x": "acceleration ahead",
+    "accel_y": "acceleration to the left",
+    "accel_z": "acceleration up",
+}
+"""Names of readings that are no plain words."""
+_CONSTANTS = {
+    "vehicle.gain": "tilt for a stick, over the commanded one",
+    "vehicle.drag_1_s": "drag over the speed",
+    "vehicle.attitude_time_s": "time in which the tilt follows",
+    "sonar.datum_m": "zero of the height sensor",
+    "tilt_std_rad": "tilt that nobody commands",
+    "tilt_time_s": "how long it lasts",
+    "yaw_rate_std_rad_s": "turning that nobody commands",
+    "yaw_rate_time_s": "how long it lasts",
+    "velocity_std_m_s": "speed of gusts",
+    "velocity_time_s": "how long a gust lasts",
+    "velocity_up_std_m_s": "speed of gusts up and down",
+    "gyro_noise": "noise of the gyro",
+    "accel_noise": "noise of the accelerometer",
+    "attitude_noise": "noise of the attitude",
+    "velocity_noise": "noise of the speed",
+    "sonar_noise": "noise of the height sensor",
+}
+"""Constants of a vehicle that are fitted together with the causes -> in words."""
+
+
+def reading(name: str) -> str:
+    """Return a reading of a sensor in words."""
+    return _READINGS.get(name, name.replace("_", " "))
+
+
+def constant(name: str) -> str:
+    """Return a constant of the vehicle in words, with its name in the model behind them."""
+    return f"{_CONSTANTS[name]} ({name})" if name in _CONSTANTS else name
+
 
 def title_of(name: str) -> str:
     """Return the plain name of an effect without an article, or another name in words."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from backend.wording import counted, either
 from slam.core.units import everyday, sized
-from slam.report.criticism.effect_names import figure
+from slam.report.criticism.effect_names import figure, reading
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _change(error: ChannelError) -> str:
     ahead = f"{error.horizon_s:g} s ahead" if error.horizon_s else "from picture to picture"
     change = 100 * (error.after / error.before - 1) if error.before else 0.0
     return (
-        f"the error of {error.channel} {ahead} is {figure(factor * error.after)} {unit} instead of "
+        f"the error of {reading(error.channel)} {ahead} is {figure(factor * error.after)} {unit} instead of "
         f"{figure(factor * error.before)} ({change:+.0f} %)"
     )
 

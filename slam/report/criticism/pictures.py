@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
 from slam.core.units import everyday
-from slam.report.criticism.effect_names import title_of
+from slam.report.criticism.effect_names import reading, title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,13 +84,9 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
     axes.locator_params(axis="x", nbins=4)
     axes.set_title(title_of(misses.cause), fontsize=9)
     axes.set_xlabel(f"predicted error [{unit}]", fontsize=9)
-    axes.set_ylabel(f"{_words(misses.channel)}: missed [{unit}]", fontsize=9)
+    axes.set_ylabel(f"{reading(misses.channel)}: missed [{unit}]", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=8)
-
-
-def _words(name: str) -> str:
-    return name.replace("_", " ")
 
 
 _IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
@@ -141,7 +137,7 @@ def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:
         tenths = np.array(check.tenths)
         axes.bar(np.arange(len(tenths)) + 0.5, len(tenths) * tenths, width=0.9, color=BLUE)
         axes.axhline(1.0, color=GREY, linewidth=0.8)
-        axes.set_title(_words(check.channel), fontsize=9)
+        axes.set_title(reading(check.channel), fontsize=9)
     for axes in all_axes:
         axes.set_ylim(0.0, 2.0)
         axes.tick_params(labelsize=8)

@@ -14,7 +14,7 @@ from slam.core.units import sized, spaced
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.effect_names import TWO_SIDED, figure, title_of, with_titles
+from slam.report.criticism.effect_names import TWO_SIDED, constant, figure, reading, title_of, with_titles
 from slam.report.criticism.evidence import longer_bar
 from slam.report.criticism.pictures import (
     calibration_picture,
@@ -105,6 +105,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         version=VERSION,
         model=result.model.name if result.model else "none",
         result=result,
+        reading=reading,
         sentence=with_titles([result.sentence])[0],
         answers=criticism_answers(result, [segment.where for segment in segments]),
         tiles=_tiles(result),
@@ -154,7 +155,7 @@ def _gain_tile(gain: Gain) -> Item:
     if gain.by and most:
         ahead = f"{most.horizon_s:g} s ahead" if most.horizon_s else "from picture to picture"
         change = f"{100 * (most.after / most.before - 1):+.0f} %"
-        return Item(f"error of {most.channel} {ahead}, on held-out data", change)
+        return Item(f"error of {reading(most.channel)} {ahead}, on held-out data", change)
     what = "log likelihood of held-out data" if gain.by else "log likelihood of its readings"
     return Item(what, f"{gain.nats:+.1f} nats")
 
@@ -186,7 +187,7 @@ def gain_rows(result: Criticism) -> list[GainRow]:
             change = 100 * (error.after / error.before - 1)
             rows.append(
                 GainRow(
-                    error.channel, SHOWN_HORIZONS[error.horizon_s], sized(error.before, error.unit),
+                    reading(error.channel), SHOWN_HORIZONS[error.horizon_s], sized(error.before, error.unit),
                     sized(error.after, error.unit), f"{change:+.0f} %",
                 )
             )  # fmt: skip
@@ -212,9 +213,9 @@ def nuisance_rows(result: Criticism) -> list[Item]:
         reach = float(np.ptp(np.log(ends) if nuisance.form == "log" else ends)) / 2.0
         unseen = (reach / TWO_SIDED) ** 2 * nuisance.prior_precision(model) > 0.5
         value = f"{figure(found.value)}{spaced(found.unit)} ({figure(found.low)} to {figure(found.high)})"
-        rows.append(Item(nuisance.name, value, (NOT_SHOWN,) if unseen else ()))
+        rows.append(Item(constant(nuisance.name), value, (NOT_SHOWN,) if unseen else ()))
     return rows + [
-        Item(f"{name}: noise of one sample with the next", figure(share))
+        Item(f"{reading(name)}: noise of one sample with the next", figure(share))
         for name, share in result.noise_correlation.items()
     ]
 

@@ -13,13 +13,15 @@ from PIL import Image
 
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
+from slam.criticism.kalman.readings import CHANNELS
+from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight, unexplained_in_words
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.effect_names import with_titles
+from slam.report.criticism.effect_names import constant, reading, with_titles
 from slam.report.criticism.evidence import longer_bar
 from slam.report.criticism.pictures import (
     covariate_picture,
@@ -298,3 +300,13 @@ def test_sizes_are_told_in_everyday_units() -> None:
 )
 def test_what_is_left_over_is_told_in_plain_words(part: str, words: str) -> None:
     assert words in unexplained_in_words(f"{part}.")
+
+
+def test_every_reading_and_every_fitted_constant_has_plain_words():
+    coded = re.compile(r"_|[a-z]\.[a-z]")
+    for name in CHANNELS:
+        assert not coded.search(reading(name))
+    for nuisance in NUISANCES:
+        words, _, code = constant(nuisance.name).partition(" (")
+        assert not coded.search(words)
+        assert code == f"{nuisance.name})"
