@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from frontend.surface.dense import COARSEST, DenseHeights, dense_heights
 from frontend.surface.holes import filled, without_specks
 from frontend.surface.misregistration import SQUARE_PX
 from frontend.surface.stereo import Placed
+from frontend.workers import workers
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -35,6 +36,15 @@ MARGIN_CELLS = 16
 """Cells matched around a tile, so that its border is as good as its middle."""
 
 
+@dataclass(frozen=True)
+class _Ground:
+    """Pictures of the ground, and the side of a cell in pixels of the mosaic: what all tiles share."""
+
+    plan: MosaicPlan
+    pictures: Pictures
+    cell_px: int
+
+
 def build_surface(
     plan: MosaicPlan,
     pictures: Pictures,
@@ -44,7 +54,8 @@ def build_surface(
 ) -> Surface:
     """Measure the ground in the squares with relief (rows, cols); everywhere else it is the floor.
 
-    ``plan`` has all pictures that may be matched. Only the pictures of one tile are held at a time.
+    ``plan`` has all pictures that may be matched. Tiles are shared among the workers; each holds the pairs of
+    one tile at a time.
     """
     cell_px = LEAST_CELL_PX
     while plan.width * plan.height > MOST_CELLS * cell_px**2:
@@ -53,11 +64,11 @@ def build_surface(
     height, std = np.zeros((rows, cols), np.float32), np.full((rows, cols), np.nan, np.float32)
     used = _on_cells(_closed(relief), cell_px, (rows, cols))
     tiles = [part for tile in plan.tiles if (part := _part_in_use(tile, used, cell_px)) is not None]
-    for done, tile in enumerate(tiles):
+    found = workers().map(_tile_heights, _Ground(plan, pictures, cell_px), tiles)
+    for done, (tile, dense) in enumerate(zip(tiles, found, strict=True)):
         if report:
-            report("surface", done, len(tiles))
+            report("surface", done + 1, len(tiles))
         where = _cells(tile, cell_px)
-        dense = _tile_heights(plan, pictures, tile, cell_px)
         height[where], std[where] = dense.height_m, dense.std_m
     height = without_specks(height, COARSEST / REDUCTION * cell_px * plan.gsd_m)
     # Beyond the squares, ground that is higher or lower and connected with them is theirs.
@@ -81,8 +92,9 @@ def _with_sonar(surface: Surface, elevation: Elevation) -> Surface:
     return replace(surface, height_m=height, source=source)
 
 
-def _tile_heights(plan: MosaicPlan, pictures: Pictures, tile: Tile, cell_px: int) -> DenseHeights:
+def _tile_heights(ground: _Ground, tile: Tile) -> DenseHeights:
     """Match the pictures of a tile, with a margin that is removed again."""
+    plan, pictures, cell_px = ground.plan, ground.pictures, ground.cell_px
     rows, cols = -(-tile.rows // cell_px), -(-tile.cols // cell_px)
     margin = MARGIN_CELLS * cell_px
     lattice = plan.lattice(

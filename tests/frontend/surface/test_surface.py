@@ -18,8 +18,10 @@ from frontend.surface.holes import filled, without_specks
 from frontend.surface.misregistration import Misregistration, measure_misregistration
 from frontend.surface.relief import relief_squares, relief_threshold_px
 from frontend.surface.stereo import Placed, ground_points, rectified
+from frontend.workers import Workers, share_with
 from slam.report.rasters.surface import without_unseen
 from tests.frontend.mosaic.scene import FLOOR_Z_M, photograph, pose, smooth_floor
+from tests.frontend.sent_workers import SentWorkers
 
 HEIGHT_M = 0.2
 """True height of the ground over the floor that the map assumes."""
@@ -226,6 +228,20 @@ def test_over_the_measured_surface_pictures_agree(pictures):
     assert 0.65 < np.mean(off_m < surface.std_m[known]) < 0.9
     _, after = measured(pictures, POSES, floor_z_m, surface)
     assert after.percentile_px(50) < 0.3 < 2 < before.percentile_px(50)
+
+
+@pytest.mark.slow
+def test_a_surface_does_not_depend_on_the_workers(pictures):
+    plan, before = measured(pictures, POSES, FLOOR_Z_M - HEIGHT_M)
+    plan, everywhere = replace(plan, tile_px=8 * CELL_PX), np.ones(before.shape, bool)
+    assert len(list(plan.tiles)) > 2
+    found = []
+    for chosen in (Workers(1), Workers(2), SentWorkers(2)):
+        with share_with(chosen):
+            found.append(build_surface(plan, Pictures(plan, pictures.__getitem__), everywhere, None))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other.height_m, found[0].height_m)
+        np.testing.assert_array_equal(other.std_m, found[0].std_m)
 
 
 @pytest.mark.slow
