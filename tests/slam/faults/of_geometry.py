@@ -75,7 +75,7 @@ def registered(pixel_i: np.ndarray, pixel_j: np.ndarray) -> Callable[[Sources, P
             return Features(Points(np.asarray(pixel, float), np.ones(len(pixel))), descriptor)
 
         found = register(0, 1, features(pixel_i), features(pixel_j), CAMERA, HomographyConfig(), GateConfig())
-        return found.reason
+        return str(found.reason)
 
     return play
 
