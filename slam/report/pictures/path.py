@@ -162,7 +162,7 @@ def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[n
             diameter[:, 1] * factor, diameter[:, 0] * factor,
             np.degrees(np.arctan2(direction[:, 1, 1], direction[:, 0, 1])),
             units="xy", offsets=position[known, :2], offset_transform=axes.transData,
-            facecolors="none", edgecolors=ORANGE, linewidths=1.0, zorder=3,
+            facecolors="none", edgecolors=PURPLE, linewidths=1.0, zorder=3,
         )
     )  # fmt: skip
     return factor

@@ -43,9 +43,9 @@ def test_ellipses_lie_along_the_uncertain_direction():
     wide[:, 3, 3], wide[:, 4, 4] = 1e-2, 1e-6
     tall = estimate.covariances.copy()
     tall[:, 3, 3], tall[:, 4, 4] = 1e-6, 1e-2
-    orange = [_extent_of_orange(trajectory_picture(replace(estimate, covariances=c))) for c in (wide, tall)]
-    assert orange[0][0] > orange[1][0], "wider where x is not known"
-    assert orange[1][1] > orange[0][1], "taller where y is not known"
+    purple = [_extent_of_purple(trajectory_picture(replace(estimate, covariances=c))) for c in (wide, tall)]
+    assert purple[0][0] > purple[1][0], "wider where x is not known"
+    assert purple[1][1] > purple[0][1], "taller where y is not known"
 
 
 @pytest.mark.parametrize(
@@ -56,13 +56,13 @@ def test_ellipses_are_drawn_at_a_size_that_can_be_read(sigma_m):
     covariances = np.tile(np.diag([1e-5] * 3 + [sigma_m**2] * 3), (60, 1, 1))
     png = trajectory_picture(replace(made_estimate(), covariances=covariances))
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
-    share = (np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30).mean()
+    share = (np.abs(pixels - [0xCC, 0x79, 0xA7]).sum(axis=2) < 30).mean()
     assert 0.001 < share < 0.02
 
 
-def _extent_of_orange(png: bytes) -> tuple[int, int]:
+def _extent_of_purple(png: bytes) -> tuple[int, int]:
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
-    rows, columns = np.nonzero(np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30)
+    rows, columns = np.nonzero(np.abs(pixels - [0xCC, 0x79, 0xA7]).sum(axis=2) < 30)
     return int(np.ptp(columns)), int(np.ptp(rows))
 
 
