@@ -16,10 +16,9 @@ import pytest
 from tests.syntax import statements
 
 ROOT = Path(__file__).parents[1]
-OF_BACKEND = ("backend.measurements", "backend.rejection")
 ALLOWED = {
     "backend": ("backend", "numpy", "gtsam", "gtsam_unstable", "scipy", "networkx", "numba"),
-    "frontend": ("frontend", "numpy", "cv2", "scipy", "networkx", *OF_BACKEND),
+    "frontend": ("frontend", "numpy", "cv2", "scipy", "networkx", "backend.measurements"),
 }
 HEAVY = (
     "gtsam", "gtsam_unstable", "cv2", "scipy.optimize", "scipy.stats", "matplotlib", "rasterio", "numba",
@@ -199,7 +198,7 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
-        ("aligned_pair", "rejection"),
+        ("aligned_pair",),
         ("errors", "measurements", "quantiles", "quaternions", "se3", "triple", "compilation", "wording"),
         ("gauge", "preintegration", "robust", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),

@@ -21,7 +21,13 @@ Matrix: TypeAlias = tuple[Vector, Vector, Vector]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
 _EKF = Path(__file__).parent
-discard_stale([*_EKF.glob("*.py"), _EKF.parent / "measurements.py", _EKF.parent / "sparse_product.py"])
+discard_stale(
+    [
+        *_EKF.glob("*.py"),
+        _EKF.parent / "measurements" / "__init__.py",
+        _EKF.parent / "sparse_product.py",
+    ]
+)
 
 
 @inner_kernel

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.gauge import format_directions, format_keys, gauge_prior, unobserved_directions
+from backend.measurements.rejection import Rejection
 from backend.pose_graph.elimination import elimination_exceeds
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
@@ -25,7 +26,6 @@ from backend.pose_graph.selection.own_noise import own_noise
 from backend.pose_graph.selection.rejection import has_loops_on_odometry, reasons, reject_outliers
 from backend.pose_graph.selection.rival_loops import rival_loops, rivals_sentence
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
-from backend.rejection import Rejection
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from backend.errors import BackendError
 from backend.gauge import format_keys
 from backend.measurements import Measurements
+from backend.measurements.rejection import LinkCheck, Rejection
 from backend.pose_graph.checks.displaced_loops import displaced_loops
 from backend.pose_graph.checks.redundancy import (
     rejected_odometry_warning,
@@ -35,7 +36,6 @@ from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
 from backend.pose_graph.problem import Problem, from_pose_graph, informative
 from backend.pose_graph.solution import NO_INFORMATION, Solution
-from backend.rejection import LinkCheck, Rejection
 from backend.wording import counted, either
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
-from backend.rejection import Rejection
+from backend.measurements.rejection import Rejection
 from frontend.camera import Camera
 from frontend.elevation import Elevation
 from slam.core.control_points import ControlReport

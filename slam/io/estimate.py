@@ -35,8 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import RelativePose
+from backend.measurements.rejection import Rejection
 from backend.pose_graph.solution import RangeErrors
-from backend.rejection import Rejection
 from backend.triple import triple
 from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import RelativePose
+from backend.measurements.rejection import LinkCheck, Rejection
 from backend.pose_graph.heights import HeightEstimate
 from backend.pose_graph.solution import Solution
-from backend.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from slam.core.units import unit
 from slam.mapping.config import LoopConfig

@@ -13,8 +13,8 @@ import numpy as np
 
 from backend import se3
 from backend.measurements import RelativePose
+from backend.measurements.rejection import LinkCheck, Rejection
 from backend.quantiles import chi_square_quantile
-from backend.rejection import LinkCheck, Rejection
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.bridges import InertialBridges
 from slam.mapping.lift_edges import lift_edges

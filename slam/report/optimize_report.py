@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.rejection import CONTRADICTED
+from backend.measurements.rejection import CONTRADICTED
 from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of, sentences
@@ -20,7 +20,7 @@ from slam.report.answers.checked_lengths import basis, settled
 from slam.report.answers.headline import sentence
 from slam.report.answers.left_out import reason_in_words
 from slam.report.answers.left_out_here import left_out_here
-from slam.report.answers.pilot import PLACE, pilots_answers
+from slam.report.answers.questions import PLACE, pilots_answers
 from slam.report.answers.streams import STREAM_WORDS
 from slam.report.facts import Facts, gather
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
@@ -168,7 +168,7 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
         Item("length of the path", facts.length(facts.path_m)),
     ]
     if not facts.is_graph and facts.loops_kept and np.isfinite(largest_m := facts.loops_moved_m[1]):
-        tiles.append(Item("wrong without loop closures, at most", facts.length(largest_m)))
+        tiles.append(Item("moved by loop closures, at most", facts.length(largest_m)))
     return tuple(tiles)
 
 

@@ -40,7 +40,7 @@ discard_stale(
     [
         Path(__file__),
         Path(__file__).with_name("state.py"),
-        Path(__file__).parents[2] / "backend" / "measurements.py",
+        Path(__file__).parents[2] / "backend" / "measurements" / "__init__.py",
     ]
 )
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from backend.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
+from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
 
 
 @pytest.mark.parametrize("check", LinkCheck)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from backend.measurements import RelativePose
+from backend.measurements.rejection import LinkCheck, Rejection
 from backend.pose_graph.solution import RangeErrors
-from backend.rejection import LinkCheck, Rejection
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Sonar
 

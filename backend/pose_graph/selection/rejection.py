@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.errors import BackendError
+from backend.measurements.rejection import LinkCheck, Rejection
 from backend.pose_graph.chi_square import edge_limit
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
@@ -27,7 +28,6 @@ from backend.pose_graph.selection.places import ROW_LENGTH, place_pairs
 from backend.pose_graph.selection.prediction import SIGNIFICANCE, noise_scale, sample_posterior
 from backend.pose_graph.selection.step_support import may_be_wrong
 from backend.pose_graph.selection.swap import swap_loops
-from backend.rejection import LinkCheck, Rejection
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

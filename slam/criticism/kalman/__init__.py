@@ -15,7 +15,7 @@ discard_stale(
         *(_ROOT / "slam" / "simulation" / name for name in ("dynamics.py", "state.py")),
         _ROOT / "slam" / "simulation" / "terms",
         *(_ROOT / "slam" / "simulation" / "terms").glob("*.py"),
-        _ROOT / "backend" / "measurements.py",
+        _ROOT / "backend" / "measurements" / "__init__.py",
         _ROOT / "backend" / "sparse_product.py",
     ]
 )

@@ -58,7 +58,7 @@ class FixComparison:
         near = nearest(self.stamps_s, self.fixes.stamps_s)
         R, of_pose = w_T_b[near, :3, :3], covariances[near, 3:, 3:]
         turned = R - R[~unused].mean(axis=0)
-        antenna_m = NOMINAL_ANTENNA_STD_M if self.fixes.is_antenna_assumed else 0.0
+        antenna_m = NOMINAL_ANTENNA_STD_M if self.fixes.holds_untold_antenna else 0.0
         of_pose = R @ of_pose @ np.swapaxes(R, 1, 2)
         total = of_pose + antenna_m**2 * turned @ np.swapaxes(turned, 1, 2)
         std_m[unused] = np.sqrt(np.diagonal(total, axis1=1, axis2=2))[unused]

@@ -42,7 +42,7 @@ class Fixes:
     """Whether it is at the body's origin because nobody told its place."""
 
     @property
-    def is_antenna_assumed(self) -> bool:
+    def holds_untold_antenna(self) -> bool:
         """Whether the antenna is held where nobody told that it is."""
         return self.antenna_std_m == 0 and self.antenna_assumed
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.rejection import CONTRADICTED
+from backend.measurements.rejection import CONTRADICTED
 from backend.wording import counted, either
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind
@@ -211,9 +211,8 @@ def gain_of_loops(facts: Facts) -> str:
     )
     return (
         f"Without them, the same pictures and instruments would place the camera {facts.length(typical_m)} "
-        f"away from here typically, and {facts.length(largest_m)} at most. Each place that is recognised "
-        "again takes away the error that grew since the first visit, in place, heading and height; the "
-        f"picture “Height” below shows the heights of both.{known}"
+        f"away from here typically, and {facts.length(largest_m)} at most. That counts place and height, and "
+        f"a change of scale too; the picture “Height” below shows the heights of both.{known}"
     )
 
 

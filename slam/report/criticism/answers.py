@@ -11,8 +11,8 @@ import numpy as np
 from backend.wording import counted, either
 from slam.core.names import enumerated, listed
 from slam.core.units import sized
-from slam.report.criticism.effect_names import reading, sized_between, title_of, with_titles
 from slam.report.criticism.evidence import how_sure, no_other, what_changes, where_it_shows
+from slam.report.criticism.plain_names import reading, sized_between, title_of, with_titles
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from backend.wording import counted, either
 from slam.core.units import everyday, sized
-from slam.report.criticism.effect_names import figure, reading
+from slam.report.criticism.plain_names import figure, reading
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:

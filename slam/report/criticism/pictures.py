@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
 from slam.core.units import everyday
-from slam.report.criticism.effect_names import reading, title_of
+from slam.report.criticism.plain_names import reading, title_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

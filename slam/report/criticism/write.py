@@ -14,7 +14,6 @@ from slam.core.units import sized, spaced
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.effect_names import TWO_SIDED, constant, figure, reading, title_of, with_titles
 from slam.report.criticism.evidence import longer_bar
 from slam.report.criticism.pictures import (
     calibration_picture,
@@ -23,6 +22,7 @@ from slam.report.criticism.pictures import (
     panels_of,
     ranking_picture,
 )
+from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, reading, title_of, with_titles
 from slam.report.criticism.segment import evidence_segment
 from slam.report.page import Item, embedded, render_page
 from slam.report.tables.evaluation import map_gain_table

@@ -239,6 +239,7 @@ def test_a_surface_does_not_depend_on_the_workers(pictures):
     for chosen in (Workers(1), Workers(2), SentWorkers(2)):
         with share_with(chosen):
             found.append(build_surface(plan, Pictures(plan, pictures.__getitem__), everywhere, None))
+    assert (found[0].source == HeightSource.PICTURES).mean() > 0.2
     for other in found[1:]:
         np.testing.assert_array_equal(other.height_m, found[0].height_m)
         np.testing.assert_array_equal(other.std_m, found[0].std_m)

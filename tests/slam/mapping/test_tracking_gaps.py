@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from backend.measurements import RelativePose
-from backend.rejection import LinkCheck, Rejection
+from backend.measurements.rejection import LinkCheck, Rejection
 from frontend.registration import Registration
 from frontend.store import FeatureStore
 from frontend.tracked import IntermediateFrame

@@ -10,11 +10,11 @@ import pytest
 
 from backend import se3
 from backend.g2o import read_g2o
+from backend.measurements.rejection import LinkCheck, Rejection
 from backend.pose_graph.checks.redundancy import unchecked_components
 from backend.pose_graph.graph import PoseGraph, repeated_edges
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve_pose_graph
-from backend.rejection import LinkCheck, Rejection
 from tests.backend.synthetic import graph
 from tests.slam.faults.made_graph import laps
 

@@ -11,7 +11,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from backend.measurements import RelativePose
-from backend.rejection import LinkCheck, Rejection
+from backend.measurements.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from slam.core.summary import summarise
 from slam.report.answers.checked_lengths import as_asked
-from slam.report.answers.pilot import pilots_answers
+from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 
 AGAIN = "Was a place recognised again, and is that right?"

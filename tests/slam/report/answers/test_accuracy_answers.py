@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from backend.rejection import LinkCheck, Rejection
+from backend.measurements.rejection import LinkCheck, Rejection
 from slam.core.estimate import GroundFacts, LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
@@ -15,7 +15,7 @@ from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.answers.headline import sentence
-from slam.report.answers.pilot import pilots_answers
+from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.optimize_report import render

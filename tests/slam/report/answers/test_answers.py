@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.rejection import LinkCheck, Rejection
+from backend.measurements.rejection import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
@@ -19,7 +19,7 @@ from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.answers.advice import limit, limit_sentence, next_steps
-from slam.report.answers.pilot import pilots_answers
+from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
 from slam.report.mosaic_facts import MosaicFacts

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from backend.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
+from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
 from slam.core.estimate import GroundFacts, LoopVerdict
 from slam.core.summary import summarise
 from slam.report.answers.left_out import left_out, reason_in_words

@@ -21,7 +21,6 @@ from slam.criticism.verdict.over_time import SizeOverTime
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight, unexplained_in_words
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.effect_names import constant, reading, with_titles
 from slam.report.criticism.evidence import longer_bar
 from slam.report.criticism.pictures import (
     covariate_picture,
@@ -29,6 +28,7 @@ from slam.report.criticism.pictures import (
     panels_of,
     ranking_picture,
 )
+from slam.report.criticism.plain_names import constant, reading, with_titles
 from slam.report.criticism.segment import before_after_picture, evidence_segment
 from slam.report.criticism.write import VERDICTS, covariate_caption, nuisance_rows, render_criticism
 from slam.simulation.healthy.flights import simulate_flight

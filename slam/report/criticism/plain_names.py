@@ -1,4 +1,4 @@
-"""Plain names of effects, and sizes in everyday units, in the text of a page."""
+"""Plain names of effects, readings and constants, and sizes in everyday units, in the text of a page."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ _CONSTANTS = {
     "vehicle.attitude_time_s": "time in which the tilt follows",
     "sonar.datum_m": "zero of the height sensor",
     "tilt_std_rad": "tilt that nobody commands",
-    "tilt_time_s": "how long it lasts",
+    "tilt_time_s": "how long such a tilt lasts",
     "yaw_rate_std_rad_s": "turning that nobody commands",
-    "yaw_rate_time_s": "how long it lasts",
+    "yaw_rate_time_s": "how long such turning lasts",
     "velocity_std_m_s": "speed of gusts",
-    "velocity_time_s": "how long a gust lasts",
+    "velocity_time_s": "how long such a gust lasts",
     "velocity_up_std_m_s": "speed of gusts up and down",
     "gyro_noise": "noise of the gyro",
     "accel_noise": "noise of the accelerometer",
