@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.camera import Camera
+from frontend.camera import Camera, Intrinsics
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -143,25 +144,31 @@ def _distorted(camera: Camera, u: Float32, v: Float32) -> tuple[Float32, Float32
 
     What lies outside the table lies outside the picture.
     """
+    low, moved = _displacements(camera.intrinsics)
+    at = (u - low[0]) / np.float32(TABLE_PX), (v - low[1]) / np.float32(TABLE_PX)
+    du, dv = (cv2.remap(table, *at, cv2.INTER_LINEAR, borderValue=np.nan) for table in moved)
+    return _clipped(camera, u + du, v + dv)
+
+
+@lru_cache(maxsize=2)  # Small lattices are many, and the table covers a whole picture.
+def _displacements(lens: Intrinsics) -> tuple[Float32, tuple[Float32, Float32]]:
+    """Return the first node (2,) of a table over the picture, and the displacements (u, v) of its nodes."""
+    camera = lens.camera()
     edge = camera.undistort(_border(camera))
     low = np.floor(edge.min(axis=0)) - 2 * TABLE_PX
     cols, rows = (np.ceil((edge.max(axis=0) - low) / TABLE_PX).astype(int) + 3).tolist()
     undistorted_H_node = np.array([[TABLE_PX, 0, low[0]], [0, TABLE_PX, low[1]], [0, 0, 1.0]])
-    table = homography_maps(camera, np.linalg.inv(camera.matrix) @ undistorted_H_node, rows, cols)
-    at = (u - np.float32(low[0])) / np.float32(TABLE_PX), (v - np.float32(low[1])) / np.float32(TABLE_PX)
+    u, v = homography_maps(camera, np.linalg.inv(camera.matrix) @ undistorted_H_node, rows, cols)
     nodes = low[0] + TABLE_PX * np.arange(cols)[None], low[1] + TABLE_PX * np.arange(rows)[:, None]
-    moved = [
-        cv2.remap((to - node).astype(np.float32), *at, cv2.INTER_LINEAR, borderValue=np.nan)
-        for to, node in zip(table, nodes, strict=True)
-    ]
-    return _clipped(camera, u + moved[0], v + moved[1])
+    return low.astype(np.float32), ((u - nodes[0]).astype(np.float32), (v - nodes[1]).astype(np.float32))
 
 
 def _clipped(camera: Camera, u: Float32, v: Float32) -> tuple[Float32, Float32]:
     # Clipping keeps the values finite at the horizon. Far outside, only mirrored content is read.
-    w, h = camera.size_px
-    np.nan_to_num(u, copy=False, nan=-w), np.nan_to_num(v, copy=False, nan=-h)
-    return np.clip(u, -w, 2 * w, out=u), np.clip(v, -h, 2 * h, out=v)
+    w, h = (np.float32(side) for side in camera.size_px)
+    for at, side in ((u, w), (v, h)):  # The larger of NaN and a number is the number.
+        np.fmin(np.fmax(at, -side, out=at), 2 * side, out=at)
+    return u, v
 
 
 def visible(view: MosaicView, lattice: Lattice) -> tuple[Mask, Float32, Float32]:

@@ -177,9 +177,11 @@ def _turned(placed: Placed, over: Rectified, left_px: float) -> tuple[Image, NDA
     u, v = homography_maps(placed.camera, ray_H_node, over.rows, over.cols)
     w, h = placed.camera.size_px
     x, y, z = (
-        a * np.arange(over.cols)[None] + b * np.arange(over.rows)[:, None] + c for a, b, c in ray_H_node
+        (a * np.arange(over.cols) + c).astype(np.float32)[None]
+        + (b * np.arange(over.rows)).astype(np.float32)[:, None]
+        for a, b, c in ray_H_node
     )
-    in_field = placed.view.in_field(z, np.sqrt(x**2 + y**2 + z**2))
+    in_field = placed.view.in_field(z, np.sqrt(x * x + y * y + z * z))
     inside = in_field & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
     sx, sy = placed.grey.shape[1] / w, placed.grey.shape[0] / h
     at = ((u + 0.5) * np.float32(sx) - 0.5, (v + 0.5) * np.float32(sy) - 0.5)
