@@ -54,6 +54,8 @@ class Map:
     """Each makes the status other than ok."""
     remarks: tuple[str, ...] = ()
     """Measurements that were left out without harm to the result."""
+    no_scale: tuple[str, ...] = ()
+    """Why no instrument determined the lengths of a part in metres; the status is not ok."""
     fixes_left_out: tuple[str, ...] = ()
     """Names of the GPS fixes that contradict the pictures and the other fixes, and are not used."""
     stated_accuracy: tuple[Contradiction, ...] = ()

@@ -37,6 +37,8 @@ class MapPart:
     control: ControlReport | None = None
     warnings: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    no_scale: tuple[str, ...] = ()
+    """Why no instrument determined its lengths in metres."""
     fixes_left_out: tuple[str, ...] = ()
     """Names of the GPS fixes that contradict the pictures and the other fixes, and are not used."""
     stated_accuracy: tuple[Contradiction, ...] = ()

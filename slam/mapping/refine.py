@@ -112,6 +112,7 @@ def refine_map(
             *(control_warnings(main.control) if main and main.control else ()),
         ),
         remarks=tuple(line for part in parts for line in part.remarks),
+        no_scale=tuple(line for part in parts for line in part.no_scale),
         fixes_left_out=tuple(name for part in parts for name in part.fixes_left_out),
         stated_accuracy=tuple(found for part in parts for found in part.stated_accuracy),
         control=main.control if main else None,
@@ -256,11 +257,14 @@ class _Evidence:
             # The messages follow the fixes that the last refinement used.
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
-        warnings = [
-            *_scale_warnings(by_inertia, bundle, refined.reasons),
-            *convergence_warnings(bundle, base.readings),
-        ]
-        part = replace(part, warnings=(*part.warnings, *warnings), remarks=refined.remarks)
+        contradicted = part.inertial.contradiction if part.inertial else ""
+        warnings = [*([contradicted] if contradicted else []), *convergence_warnings(bundle, base.readings)]
+        part = replace(
+            part,
+            warnings=(*part.warnings, *warnings),
+            remarks=refined.remarks,
+            no_scale=_no_scale(by_inertia, bundle, refined.reasons),
+        )
         return part, agreement
 
     def _refined(self, setup: Setup, part: MapPart) -> _Refinement:
@@ -306,16 +310,15 @@ class _Evidence:
         return _Refinement(bundle, compared, reasons)
 
 
-def _scale_warnings(
+def _no_scale(
     by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_others: list[str]
-) -> list[str]:
-    """Report a contradiction of the scale, and why a scale that was needed was not found."""
-    if by_others and bundle.scale_std is None:
-        return by_others
-    if isinstance(by_inertia, NoScale):
-        wanted = bundle.scale_std is None
-        return [f"imu0 could not determine the metric scale: {by_inertia.reason}"] if wanted else []
-    return [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
+) -> tuple[str, ...]:
+    """Return why a scale that was needed was not found."""
+    if bundle.scale_std is not None:
+        return ()
+    if not by_others and isinstance(by_inertia, NoScale):
+        return (f"imu0 could not determine the metric scale: {by_inertia.reason}",)
+    return tuple(by_others)
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

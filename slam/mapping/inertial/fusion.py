@@ -215,6 +215,7 @@ def _with_bundle(
     information = Information.of(bundle.optimum)
     refined = [_refined_bridge(bundle, members, edge, information) for edge in mine]
     main = bool(joined.component[members[0]] == 0)
+    is_scaled = main and bundle.scale_std is not None
     return replace(
         joined,
         w_T_b=w_T_b,
@@ -222,6 +223,8 @@ def _with_bundle(
         over_floor_covariances=over_floor_covariances,
         camera=calibrated(setup.camera, bundle) if main else joined.camera,
         bundle=bundle if main else joined.bundle,
+        metric=joined.metric or is_scaled,
+        no_scale=() if is_scaled else joined.no_scale,
         bridges=(*(edge for edge in joined.bridges if edge.i not in members), *refined),
         warnings=(
             *_replaced(joined.warnings, mine, [bridge_warning(edge) for edge in refined]),

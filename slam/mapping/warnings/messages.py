@@ -158,6 +158,7 @@ def _reasons(
         antenna if _antenna_is_told(flight) else "",
         # First, because instruments contradict a map that a lens has bent.
         systematic.line if systematic.is_in_status else "",
+        *map_.no_scale,
         *map_.warnings,
         lines_alone_warning(map_),
         *map_.graph.disputed_odometry,

@@ -207,3 +207,21 @@ def test_propagated_covariances_that_are_too_small_are_found_through_evaluate():
         pose = evaluate(estimate_of(hat, covariances=0.2 * P), flight_of(truth)).nees.pose
         above.append(pose.mean > pose.upper95)
     assert np.mean(above) > 0.9
+
+
+def test_a_map_without_metres_is_judged_in_its_own_unit():
+    """A unit of 1.25 m, as a mean height, changes no NEES."""
+    rng = np.random.default_rng(3)
+    truth = smooth_poses(rng, 60)
+    covariances = np.tile(np.diag(STD**2), (60, 1, 1))
+    hat = truth @ exponential(rng.normal(size=(60, 6)) * STD)
+    hat[0] = truth[0]
+    metric = estimate_of(hat, covariances=covariances)
+    unit = np.repeat([1.0, 0.8], 3)
+    in_units, by_unit = hat.copy(), unit[:, None] * covariances * unit
+    in_units[:, :3, 3] *= 0.8
+    relative = evaluate(estimate_of(in_units, covariances=by_unit, metric=False), flight_of(truth))
+    # One number, the scale, is fitted to 59 poses.
+    expected = evaluate(metric, flight_of(truth)).nees.pose.mean
+    assert relative.nees.pose.mean == pytest.approx(expected, rel=0.02)
+    assert relative.nees.pose.consistent

@@ -18,6 +18,7 @@ from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.pipeline import optimize
 from slam.mapping.setup import Setup
+from tests.benchmarks.instrument_flights import KINDS, flown
 from tests.slam.mapping.inertial.test_bridges import made_parts, one_way
 from tests.slam.mapping.made_map import CAMERA
 from tests.slam.mapping.test_tracking_gaps import observations
@@ -157,3 +158,14 @@ def test_readings_of_the_wrong_sign_do_not_move_the_map(sign):
     assert ("imu0" in estimate.status) == (sign < 0)
     nees = evaluate(estimate, flight).nees
     assert sign < 0 or (nees is not None and nees.pose.mean < 10)
+
+
+@pytest.mark.slow
+def test_a_map_whose_lengths_only_the_whole_tells_is_in_metres():
+    """Over lines, no part tells the lengths by the accelerometer, but all parts together do."""
+    flight = replace(flown(KINDS["floor of lines"], 0), sonar=None)
+    estimate = optimize(flight)
+    assert estimate.metric
+    assert not any("could not determine the metric scale" in line for line in estimate.warnings)
+    found = evaluate(estimate, flight)
+    assert abs(np.log(found.scale)) < 2 * estimate.scale_std < 0.05
