@@ -144,6 +144,10 @@ class Estimate:
     middle_std_m: float | None = None
     """Standard deviation of the place of the whole map on Earth, x and y together: all places share it, and
     distances do not have it. None without a place on Earth."""
+    length_stds: tuple[tuple[float, float, float], ...] = ()
+    """Distances between two places in pictures, in metres and growing, each with the standard deviation of a
+    typical one and of a badly known one, by the joint covariance of both places
+    (`backend.bundle.accuracy.length_stds`); empty without a refinement."""
     metric: bool = True
     """Whether lengths are metres. Otherwise the scale is not observed, and lengths are multiples of the
     camera's mean height over the floor."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from backend.bundle.accuracy.ground_covariances import ground_covariances
 from backend.bundle.accuracy.information_shares import information_shares
+from backend.bundle.accuracy.length_stds import length_stds
 from backend.bundle.accuracy.systematic_errors import SystematicErrors, error_test
 from backend.errors import BackendError
 from backend.measurements import RelativePose
@@ -115,6 +116,7 @@ def build_estimate(
         information_shares=_information_shares(flight, map_),
         ground_covariances=_ground_covariances(map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
+        length_stds=_length_stds(map_),
         middle_std_m=map_.bundle.middle_std_m if map_.bundle and map_.georeferenced else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
         graph_error=map_.bundle.error if map_.bundle else solution.error,
@@ -173,6 +175,16 @@ def _ground_covariances(map_: Map) -> Array | None:
     found = map_.over_floor_covariances.copy()
     found[main] = of_main
     return found
+
+
+def _length_stds(map_: Map) -> tuple[tuple[float, float, float], ...]:
+    """Return how accurate distances are; empty where a direction is open."""
+    if map_.bundle is None:
+        return ()
+    try:
+        return length_stds(map_.bundle.optimum)
+    except SingularMatrixError:
+        return ()
 
 
 def _information_shares(flight: Flight, map_: Map) -> Mapping[str, Mapping[str, float]]:

@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 _RAYS = 5
 """Rays along each side of the picture on which lens and motion are compared: more than the six numbers of a
 motion, and both ends and the middle of the highest power of a lens."""
+INNER_RAYS = tuple(row * _RAYS + column for row in range(1, _RAYS - 1) for column in range(1, _RAYS - 1))
+"""Those in the middle of a picture, of which a mosaic is made; pictures overlap elsewhere."""
 _STEP = 1e-6
 """Relative step of the central differences, the cube root of the rounding at most."""
 
@@ -67,6 +69,17 @@ def ground_in_picture(optimum: BundleOptimum, k: int) -> Array:
     ray, _ = _rays(cameras.calibration, _seen_pixel(optimum))
     of_camera = _of_pose(*_ends(cameras.f_T_c[k], ray), ray)
     return np.asarray(np.linalg.solve(_to_body(optimum).T, of_camera.T).T)
+
+
+def picture_places(optimum: BundleOptimum, k: int) -> tuple[Array, float]:
+    """Return (m, 2) these places, x and y over the level floor in metres, and the metres of a mean height."""
+    cameras = Cameras.of(optimum.problem, optimum.values)
+    ray, _ = _rays(cameras.calibration, _seen_pixel(optimum))
+    f_T_c = cameras.f_T_c[k]
+    _, length = _ends(f_T_c, ray)
+    scale = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c).scale
+    place = f_T_c[:3, 3] + length[:, 0] * (ray @ f_T_c[:3, :3].T)
+    return scale * place[:, :2], scale
 
 
 def _to_body(optimum: BundleOptimum) -> Array:

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 _STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
 """Instrument that tells the scale -> name of its stream in warnings."""
 _IF_WRONG = "Lengths told 1 % too long make the map 1 % too large."
-_EXAMPLE_M = 10.0
-"""Length of the example; a map smaller than this takes its own size."""
 
 
 def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
@@ -96,64 +94,6 @@ def _why_uncertain(facts: Facts, mosaic: MosaicFacts) -> str:
         told.append(f"it lies {away} from the first keyframe, and errors of scale and heading grow with that")
     text = "; ".join(told)
     return f" {text[0].upper()}{text[1:]}." if text else ""
-
-
-def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
-    """Return how accurate a distance between two points of the mosaic is, and an area."""
-    if not facts.metric:
-        return "In metres not at all: no sensor measured a length. Ratios of distances are right."
-    if not np.isfinite(facts.sigma_median_m):
-        return "Not known."
-    wide_m = max(facts.extent_m)
-    apart_m = min(_EXAMPLE_M, wide_m)
-    end_m, worst_end_m = _ends(estimate, facts, mosaic)
-    ends = f"±{SPACE}{facts.length(np.sqrt(2) * end_m)}"
-    worst_ends = f"±{SPACE}{facts.length(np.sqrt(2) * worst_end_m)}"
-    if not facts.scale_std or not apart_m > 0:
-        text = (
-            f"A distance between two far places is typically known to about {ends}, and to {worst_ends} "
-            "where both are least certain; one between near places better."
-        )
-        return text + uncounted(summary)
-
-    def known_to(length_m: float, of_end_m: float) -> float:
-        return float(np.hypot(facts.scale_std * length_m, np.sqrt(2) * of_end_m))
-
-    whole_m = known_to(apart_m, end_m)
-    by_scale = f"±{SPACE}{length(facts.scale_std * apart_m)} ({percent(facts.scale_std)})"
-    moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
-    return (
-        f"Two places {facts.length(apart_m)} apart: typically to ±{SPACE}{length(whole_m)}, and to "
-        f"±{SPACE}{length(known_to(apart_m, worst_end_m))} where both are least certain, one standard "
-        f"deviation.{uncounted(summary)} Half as far apart as the path is wide, {facts.length(wide_m / 2)}: "
-        f"typically to ±{SPACE}{length(known_to(wide_m / 2, end_m))}. Of the first, the scale causes "
-        f"{by_scale}, and the same share of any other length; the places of both ends cause {ends} "
-        f"(±{SPACE}{facts.length(end_m)} each), between near places less.{moves} Nineteen times out of "
-        f"twenty, a tape differs from the map between typical places by less than {length(2 * whole_m)}: if "
-        f"it differs by more, one of them is wrong. {_area(facts, apart_m, end_m)}"
-    )
-
-
-def _ends(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> tuple[float, float]:
-    """Return the standard deviation of an end of a distance: a typical one and the least certain one."""
-    if mosaic is None or not np.isfinite(mosaic.typical_std_m):
-        return facts.sigma_median_m, facts.sigma_max_m
-    common_m = estimate.middle_std_m or 0.0  # what moves the whole ground moves both ends
-    typical_m, worst_m = (float(np.sqrt(max(std_m**2 - common_m**2, 0.0))) for std_m in mosaic.ground_std_m)
-    return typical_m, worst_m
-
-
-def _area(facts: Facts, side_m: float, end_m: float) -> str:
-    """Return how accurate the area of a square is whose corners are typical places."""
-    ends_share = float(np.sqrt(2) * end_m / side_m)  # each corner moves half of a diagonal
-    side, by_scale = facts.length(side_m), 2 * facts.scale_std
-    return (
-        f"The area of a square of {side} x {side} is typically known to "
-        f"±{SPACE}{percent(float(np.hypot(by_scale, ends_share)))}: ±{SPACE}{percent(by_scale)} by the "
-        f"scale, twice its share of a length, and ±{SPACE}{percent(ends_share)} by the places of the "
-        "corners, which count less on larger areas. map.html measures any distance and area with its "
-        "uncertainty."
-    )
 
 
 def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:

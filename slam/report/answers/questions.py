@@ -11,7 +11,6 @@ from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of
 from slam.core.units import SPACE
 from slam.report.answers.accuracy import (
-    distance,
     gain_of_loops,
     least_certain,
     loops,
@@ -21,6 +20,7 @@ from slam.report.answers.accuracy import (
 )
 from slam.report.answers.advice import WORDS, further_limits, limit, limit_sentence, next_steps
 from slam.report.answers.checked_lengths import RESULT, basis, unless_checked
+from slam.report.answers.distances import distance
 from slam.report.answers.failures import failed, missing
 from slam.report.answers.heights import heights, is_tilt_doubted, only_near, without_heights
 from slam.report.answers.left_out import counted_by_kind

@@ -358,42 +358,65 @@
   const away = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
   /* Standard deviation of a point of the ground relative to the middle of the map, NaN where no picture shows
-     it. Neighbours share a part of their error, which a distance between them does not have; the scale, which
-     all lengths share, is counted with the points and once more by itself. What is made of both is an upper
-     limit. */
+     it. */
   function pointStd([x, y]) {
     const std = data.grids.sigma ? valueAt(data.grids.sigma, x, y) : NaN;
     return Math.sqrt(Math.max(std * std - data.middleStd * data.middleStd, 0));
+  }
+
+  /* Standard deviation of a distance by the joint covariance of its ends: column 1 of the table for a typical
+     one, 2 for a badly known one. The nearest places of the table stand for still nearer ones. */
+  function lengthStd(distance, column) {
+    const table = data.lengthStds, after = table.findIndex((row) => row[0] >= distance);
+    if (after === 0) return table[0][column];
+    if (after < 0) return table[table.length - 1][column] * distance / table[table.length - 1][0];
+    const low = table[after - 1], high = table[after];
+    return low[column] + (high[column] - low[column]) * (distance - low[0]) / (high[0] - low[0]);
+  }
+
+  /* Standard deviation of what moves by ``weights`` when the points move, and by ``byScale`` with the scale.
+     Of a distance, what is not the scale is split between its ends. Without a table, errors of the points may
+     be shared in any way, the scale among them: then their sum is the upper limit. */
+  function stdOf(points, weights, byScale, column) {
+    const stds = points.map(pointStd), sum = (terms) => terms.reduce((total, each) => total + each, 0);
+    if (!stds.every(Number.isFinite)) return NaN;
+    if (!data.lengthStds.length) return sum(stds.map((std, k) => std * weights[k]));
+    const across = Math.max(...points.map((p) => Math.max(...points.map((q) => away(p, q)))));
+    const end = Math.sqrt(Math.max(lengthStd(across, column) ** 2 - (data.scaleStd * across) ** 2, 0) / 2);
+    return Math.hypot(byScale, ...weights.map((weight) => end * weight));
+  }
+
+  function withStd(points, value, weights, byScale) {
+    const [std, worst] = [1, 2].map((column) => stdOf(points, weights, byScale, column));
+    return { value, std, worst };
   }
 
   function distanceOf(points) {
     const unit = (a, b) => { const d = away(a, b) || 1; return [(b[0] - a[0]) / d, (b[1] - a[1]) / d]; };
     const sides = points.slice(1).map((b, k) => unit(points[k], b));
     const value = points.slice(1).reduce((sum, b, k) => sum + away(points[k], b), 0);
-    const variance = points.reduce((sum, p, k) => {
-      const before = sides[k - 1] || [0, 0], after = sides[k] || [0, 0];
-      return sum + (pointStd(p) * Math.hypot(before[0] - after[0], before[1] - after[1])) ** 2;
-    }, (data.scaleStd * value) ** 2);
-    return { value, std: Math.sqrt(variance) };
+    const weights = points.map((p, k) => away(sides[k - 1] || [0, 0], sides[k] || [0, 0]));
+    return withStd(points, value, weights, data.scaleStd * value);
   }
 
   function areaOf(points) {
     const next = (k) => points[(k + 1) % points.length], previous = (k) => points[(k + points.length - 1) % points.length];
     const value = Math.abs(points.reduce((sum, p, k) => sum + p[0] * next(k)[1] - next(k)[0] * p[1], 0)) / 2;
-    const variance = points.reduce((sum, p, k) => sum + (pointStd(p) * away(next(k), previous(k)) / 2) ** 2, (2 * data.scaleStd * value) ** 2);
-    return { value, std: Math.sqrt(variance) };
+    const weights = points.map((p, k) => away(next(k), previous(k)) / 2);
+    return withStd(points, value, weights, 2 * data.scaleStd * value);
   }
 
-  function upTo(std, text) {
-    return Number.isFinite(std) ? `± ${text(std)} (1σ, at most)` : "(uncertainty not known: not on mapped ground)";
+  function upTo({ std, worst }, text) {
+    if (!Number.isFinite(std)) return "(uncertainty not known: not on mapped ground)";
+    return data.lengthStds.length ? `± ${text(std)} (1σ, typically; ± ${text(worst)} where both ends are badly known)` : `± ${text(std)} (1σ, at most)`;
   }
 
   function measured(points) {
     if (points.length < 2) return "Click points on the map, or press Space to take its centre. Enter ends, Escape clears.";
-    const along = distanceOf(points), texts = [`Distance ${exactText(along.value)} ${upTo(along.std, lengthText)}`];
+    const along = distanceOf(points), texts = [`Distance ${exactText(along.value)} ${upTo(along, lengthText)}`];
     if (points.length > 2) {
       const area = areaOf(points), areaText = (value) => `${significant(value)} ${data.unit}²`;
-      texts.push(`Area ${areaText(area.value)} ${upTo(area.std, areaText)}`);
+      texts.push(`Area ${areaText(area.value)} ${upTo(area, areaText)}`);
     }
     return `${texts.join(". ")}.`;
   }

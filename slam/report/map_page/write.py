@@ -46,6 +46,7 @@ def write_map_page(
         "onEarth": estimate.origin is not None,
         "scaleStd": _known(estimate.scale_std),
         "middleStd": _known(estimate.middle_std_m),
+        "lengthStds": [row for row in estimate.length_stds if np.isfinite(row).all()],
         "keyframes": keyframes(estimate, flight, facts.gaps),
         "links": links(estimate),
         "points": floor_points(estimate),

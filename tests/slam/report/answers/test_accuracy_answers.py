@@ -6,6 +6,7 @@ import html
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from backend.measurements.rejection import LinkCheck, Rejection
 from slam.core.estimate import GroundFacts, LoopVerdict
@@ -14,6 +15,7 @@ from slam.core.instrument_errors import AttitudeErrors, LensNumber
 from slam.core.messages import Note
 from slam.core.summary import summarise
 from slam.core.units import length, percent
+from slam.report.answers.distances import area_share
 from slam.report.answers.headline import sentence
 from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
@@ -212,18 +214,42 @@ def test_a_camera_that_is_known_better_than_its_height_over_the_ground_says_why(
     assert "90 % of what is left comes from the pictures themselves" in found
 
 
-def test_an_area_counts_its_corners():
+TABLE = ((0.8, 0.03, 0.05), (2.0, 0.11, 0.13), (4.0, 0.21, 0.25))
+"""Distances with standard deviations, where the scale is known to 5 %."""
+
+
+def test_a_distance_counts_the_scale_once():
+    """The joint covariance of both ends has it; a scale of 5 % is most of it."""
     question = "How far can I trust a distance or an area?"
-    estimate, flight = made_estimate(), made_flight()
-    facts, mosaic = gather(estimate, flight), MosaicFacts(0.004, 800, 600, 0.05, 0.09, 3.0, -1.5)
-    rows = pilots_answers(estimate, summarise(estimate), facts, mosaic)
-    told = next(row.value for row in rows if row.label == question)
-    side_m = max(facts.extent_m)
-    for end_m in (0.05, 0.09):
-        assert length(np.hypot(facts.scale_std * side_m, np.sqrt(2) * end_m)) in told
-    assert f"{length(side_m / 2)}: typically" in told
-    assert percent(np.sqrt(2) * 0.05 / side_m) in told
-    assert percent(np.hypot(2 * facts.scale_std, np.sqrt(2) * 0.05 / side_m)) in told
+    estimate = replace(made_estimate(), length_stds=TABLE)
+    told = answers(estimate, made_flight())[question].replace("\N{NO-BREAK SPACE}", " ")
+    for size_m, std_m, worst_m in (
+        (0.5, 0.03, 0.05),
+        (1.0, 0.03 + 0.08 * 0.2 / 1.2, 0.05 + 0.08 * 0.2 / 1.2),
+        (2.0, 0.11, 0.13),
+    ):
+        std, worst = (length(each).replace("\N{NO-BREAK SPACE}", " ") for each in (std_m, worst_m))
+        assert f"{size_m:.2f} m apart: ± {std} (up to ± {worst})" in told
+    assert "the scale causes ± 0.10 m (5 % of any length)" in told
+    rest = length(np.sqrt(0.11**2 - 0.1**2)).replace("\N{NO-BREAK SPACE}", " ")
+    assert f"the rest, ± {rest}." in told
+    assert "differs from the map by less than 0.22 m" in told
+
+
+def test_the_area_of_a_square_is_as_uncertain_as_its_drawn_corners_say():
+    """Corners that move alone, and a scale that all share."""
+    rng, draws, side_m, scale_std, end_m = np.random.default_rng(0), 20_000, 2.0, 0.05, 0.02
+    corners = side_m * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    scale = 1 + scale_std * rng.standard_normal((draws, 1, 1))
+    drawn = scale * corners + end_m * rng.standard_normal((draws, 4, 2))
+    after = np.roll(drawn, -1, axis=1)
+    area = 0.5 * np.sum(drawn[..., 0] * after[..., 1] - after[..., 0] * drawn[..., 1], axis=1)
+    of_side_m = float(np.hypot(scale_std * side_m, np.sqrt(2) * end_m))
+    sides = np.linalg.norm(drawn[:, 1] - drawn[:, 0], axis=1)
+    assert np.std(sides) == pytest.approx(of_side_m, rel=0.02)
+    estimate = replace(made_estimate(), scale_std=scale_std, length_stds=((side_m, of_side_m, of_side_m),))
+    found = area_share(estimate, gather(estimate, made_flight()), side_m)
+    assert found == pytest.approx(np.std(area) / side_m**2, rel=0.02)
 
 
 def test_what_limits_the_ground_is_named_where_the_ground_is_told():

@@ -85,7 +85,7 @@ def test_answers_follow_the_map():
     rows = pilots_answers(replace(by_gps, middle_std_m=0.03), summarise(by_gps), facts, mosaic)
     told = next(row.value for row in rows if row.label == distance)
     both_ends = length(np.sqrt(2) * 0.04)
-    assert f"both ends cause ±\N{NO-BREAK SPACE}{both_ends}" in told, "the shift of the ground is not counted"
+    assert f"known to about ±\N{NO-BREAK SPACE}{both_ends}" in told, "the shift of the ground is not counted"
     assert answers(no_metres, flight)[scale].startswith("Not known")
     unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
     assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")

@@ -1,0 +1,119 @@
+"""The answer how accurate a distance or an area on the map is, and how that grows with its size."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam.core.estimate import Estimate
+from slam.core.units import SPACE, length, percent
+from slam.report.answers.accuracy import uncounted
+from slam.report.facts import Facts
+from slam.report.mosaic_facts import MosaicFacts
+
+if TYPE_CHECKING:
+    from slam.core.summary import Summary
+
+_SIZES_M = tuple(one * 10.0**ten for ten in range(-1, 4) for one in (1, 2, 5))
+"""Lengths of which examples are taken, from 0.1 m to 5 km."""
+_EXAMPLES = 3
+"""Number of examples: the growth with the length shows in three."""
+
+
+def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
+    """Return how accurate a distance between two points of the mosaic is, and an area."""
+    if not facts.metric:
+        return "In metres not at all: no sensor measured a length. Ratios of distances are right."
+    if not np.isfinite(facts.sigma_median_m):
+        return "Not known."
+    if not known(estimate):
+        return _at_most(estimate, facts, mosaic) + uncounted(summary)
+    examples = example_lengths(estimate)
+    longest_m = examples[-1]
+    stds = [length_std(estimate, size_m) for size_m in examples]
+    told = "; ".join(
+        f"{facts.length(size_m)} apart: ±{SPACE}{length(typical_m)} (up to ±{SPACE}{length(worst_m)})"
+        for size_m, (typical_m, worst_m) in zip(examples, stds, strict=True)
+    )
+    typical_m = stds[-1][0]
+    by_scale_m = facts.scale_std * longest_m
+    rest_m = float(np.sqrt(max(typical_m**2 - by_scale_m**2, 0.0)))
+    sides, shares = map(facts.length, examples), (area_share(estimate, facts, size) for size in examples)
+    areas = "; ".join(
+        f"{side} x {side}: ±{SPACE}{percent(share)}" for side, share in zip(sides, shares, strict=True)
+    )
+    why = (
+        f"Of the longest, the scale causes ±{SPACE}{length(by_scale_m)} ({percent(facts.scale_std)} of any "
+        f"length), and the places of both ends the rest, ±{SPACE}{length(rest_m)}."
+        if facts.scale_std
+        else "It is caused by the places of both ends."
+    )
+    moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
+    return (
+        f"Two places on it that lie {told}: one standard deviation of a typical distance, and in brackets "
+        f"what 19 of 20 stay below.{uncounted(summary)} {why}{moves} A tape over {facts.length(longest_m)} "
+        f"differs from the map by less than {length(2 * typical_m)} nineteen times out of twenty: if it "
+        f"differs by more, one of them is wrong. The area of a square of {areas}, one standard deviation: "
+        "twice the share of the scale in a length, and the places of the corners, which count less on larger "
+        "areas. map.html measures any distance and area with its uncertainty."
+    )
+
+
+def known(estimate: Estimate) -> bool:
+    """Return whether the accuracy of distances follows from the joint covariance of their ends."""
+    return len(estimate.length_stds) > 0 and bool(np.isfinite(estimate.length_stds).all())
+
+
+def length_std(estimate: Estimate, length_m: float) -> tuple[float, float]:
+    """Return the standard deviation of a typical and of a badly known distance of this length.
+
+    Shorter ones than those of the table count as its shortest, longer ones grow in proportion.
+    """
+    lengths, *stds = np.array(estimate.length_stds).T
+    beyond = max(length_m / lengths[-1], 1.0)
+    typical_m, worst_m = (float(beyond * np.interp(length_m, lengths, std)) for std in stds)
+    return typical_m, worst_m
+
+
+def area_share(estimate: Estimate, facts: Facts, side_m: float) -> float:
+    """Return the relative standard deviation of the area of a square whose sides are typical distances.
+
+    What is not the scale is split between both ends of a side. Each corner moves the area by half of a
+    diagonal, four corners by the root of two of a side.
+    """
+    of_side = length_std(estimate, side_m)[0] / side_m
+    by_ends = np.sqrt(max(of_side**2 - facts.scale_std**2, 0.0))
+    return float(np.hypot(2 * facts.scale_std, by_ends))
+
+
+def example_lengths(estimate: Estimate) -> tuple[float, ...]:
+    """Return round lengths from the shortest to the longest that the table of a map spans."""
+    lengths = np.array(estimate.length_stds)[:, 0]
+    inside = [size for size in _SIZES_M if lengths[0] / 2 <= size <= lengths[-1]] or [float(lengths[-1])]
+    picked = np.unique(np.linspace(0, len(inside) - 1, _EXAMPLES).round().astype(int))
+    return tuple(inside[index] for index in picked.tolist())
+
+
+def _at_most(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
+    """Return the accuracy of a distance whose ends have no joint covariance.
+
+    The places of both ends contain the scale.
+    """
+    end_m, worst_end_m = _ends(estimate, facts, mosaic)
+    ends, worst_ends = (f"±{SPACE}{facts.length(np.sqrt(2) * each)}" for each in (end_m, worst_end_m))
+    moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
+    return (
+        f"A distance between two far places is typically known to about {ends}, and to {worst_ends} "
+        f"where both are least certain; one between near places better.{moves} map.html measures any "
+        "distance and area with its uncertainty."
+    )
+
+
+def _ends(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> tuple[float, float]:
+    """Return the standard deviation of an end of a distance: a typical one and the least certain one."""
+    if mosaic is None or not np.isfinite(mosaic.typical_std_m):
+        return facts.sigma_median_m, facts.sigma_max_m
+    common_m = estimate.middle_std_m or 0.0  # what moves the whole ground moves both ends
+    typical_m, worst_m = (float(np.sqrt(max(std_m**2 - common_m**2, 0.0))) for std_m in mosaic.ground_std_m)
+    return typical_m, worst_m
