@@ -63,8 +63,8 @@ class DelayResiduals:
     sampling_std_s: float = 0.0
     """Standard deviation of an error of all delays alike, from the sampling of the gyro."""
 
-    def part(self, turns: slice) -> DelayResiduals:
-        """Return the residuals of some turns that follow each other."""
+    def part(self, turns: slice | NDArray[np.int64]) -> DelayResiduals:
+        """Return the residuals of some turns, in the order of time."""
         rows = (self.begin_s, self.end_s, self.turn_rad, self.difference_rad)
         begin_s, end_s, turn_rad, difference_rad = (values[turns] for values in rows)
         return replace(self, begin_s=begin_s, end_s=end_s, turn_rad=turn_rad, difference_rad=difference_rad)
@@ -92,10 +92,13 @@ class DelayResiduals:
 
     @cached_property
     def squares(self) -> Array:
-        """Squares (3, n, g) of the white residuals of each axis, turn and delay.
+        """Squares (3, n, g) of the white residuals of each axis, turn and delay."""
+        return self.squares_with(self.ratios)
 
-        Whether the noise of an axis is white or a random walk is estimated at the best delay.
-        """
+    @cached_property
+    def ratios(self) -> tuple[float, ...]:
+        """For each axis, whether its noise is white or a random walk, as ``ratio`` of ``whitened``; estimated
+        at the best delay."""
         n, tried = len(self.begin_s), []
         coarse = replace(self, difference_rad=self.difference_rad[:, ::_COARSE])
         for ratio in _RATIOS.tolist():
@@ -103,7 +106,10 @@ class DelayResiduals:
             tried.append(n * np.log(mean_square(white**2)) + log_determinant)
         costs = np.array(tried)
         best = int(np.argmin(costs.min(axis=0).sum(axis=0)))
-        ratios = _RATIOS[costs[:, :, best].argmin(axis=0)].tolist()
+        return tuple(_RATIOS[costs[:, :, best].argmin(axis=0)].tolist())
+
+    def squares_with(self, ratios: tuple[float, ...]) -> Array:
+        """Return the squares (3, n, g) of the residuals with the kind of noise of each axis given."""
         axes = [self.whitened(ratio, slice(axis, axis + 1))[0] for axis, ratio in enumerate(ratios)]
         return np.asarray(np.concatenate(axes) ** 2)
 

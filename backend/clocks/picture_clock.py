@@ -30,7 +30,7 @@ SURE = 6.0
 for between any two pictures, so that chance has thousands of trials."""
 LEAST_TURNS = 15
 """Fewer determine the noise of an axis, its bias and the delay too poorly."""
-_BLOCKS = 12
+BLOCKS = 12
 """Blocks of time whose scores are compared."""
 _ROUNDS = 3
 _FINE_STEP_S, _FINE_S = 0.001, NOTABLE_S
@@ -172,8 +172,8 @@ def robust_cost(turn_cost: Array) -> Array:
     excess = turn_cost - turn_cost[:, [int(turn_cost.sum(axis=0).argmin())]]
     total = excess.sum(axis=0)
     spread = ((excess - excess.mean(axis=0)) ** 2).sum(axis=0)
-    blocks = np.stack([block.sum(axis=0) for block in np.array_split(excess, _BLOCKS)])
-    between = ((blocks - blocks.mean(axis=0)) ** 2).sum(axis=0) * _BLOCKS / (_BLOCKS - 1)
+    blocks = np.stack([block.sum(axis=0) for block in np.array_split(excess, BLOCKS)])
+    between = ((blocks - blocks.mean(axis=0)) ** 2).sum(axis=0) * BLOCKS / (BLOCKS - 1)
     return np.asarray(np.minimum(total, 4 * total**2 / np.maximum(np.maximum(spread, between), 1e-300)))
 
 

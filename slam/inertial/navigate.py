@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.ekf import records as status
 from slam.core.arguments import check_flight
+from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight_info import describe
@@ -24,6 +25,7 @@ from slam.inertial.filter_input import FilterInput
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import filter_motion
 from slam.inertial.noise_identification import identify_noise
+from slam.inertial.stream_clocks import without_stream_steps
 from slam.inertial.velocity_check import velocity_contradiction
 
 if TYPE_CHECKING:
@@ -64,6 +66,7 @@ def navigate(
     flight, clock = in_radians(flight), Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):
+            flight, stepped = without_stream_steps(without_clock_steps(flight), trust)
             contradiction = velocity_contradiction(flight, trust)
             inputs = identify_noise(flight, trust, progress)
         at_s = _times(flight, inputs, rate_hz)
@@ -77,7 +80,7 @@ def navigate(
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     position_std = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
     messages = [*_unobserved(inputs, float(position_std[-1])), *_contradicted(inputs)]
-    messages += [contradiction] if contradiction else []
+    messages += [line for line in (contradiction, clock_step_left(flight), *stepped) if line]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,

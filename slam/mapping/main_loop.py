@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from frontend.camera import Camera
 from slam.core.arguments import check_flight
+from slam.core.clock_steps import without_clock_steps
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
@@ -50,7 +51,7 @@ def map_flight(
     """Return what `slam.mapping.pipeline.optimize_with_observations` does."""
     map_large_blocks()
     camera = _camera(flight)
-    flight = without_horizon_frames(in_radians(flight), camera)
+    flight = without_horizon_frames(without_clock_steps(in_radians(flight)), camera)
     job = Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.
     with threadpool_limits(1, "blas"):

@@ -9,6 +9,7 @@ import numpy as np
 
 from backend.bundle.accuracy.systematic_errors import SystematicErrors
 from backend.wording import counted, either
+from slam.core.clock_steps import clock_step_left
 from slam.core.flight import Flight
 from slam.core.flight_info import describe, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
@@ -175,6 +176,7 @@ def _reasons(
         *_motion_warnings(flight, map_, by_metres),
         clock_contradiction(map_.clock, context.clock)
         or disagreement_warning(disagreements_left(flight, map_.observations, context.setup)),
+        clock_step_left(flight),
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
         *single_join_warnings(flight, map_, context.bridges.join(map_.odometry or map_).component),
         *_placement_warnings(map_, not_placed),
