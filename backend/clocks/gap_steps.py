@@ -38,7 +38,7 @@ class StampGap:
     last_s: float
     """Stamp of the last reading before it."""
     lost_s: float
-    """By how much it exceeds the usual interval."""
+    """Its excess over the usual interval."""
 
     def is_filled_by(self, other_s: Array) -> bool:
         """Return whether the sorted stamps (m,) of another stream go on in most of the gap."""
