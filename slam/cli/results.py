@@ -186,7 +186,10 @@ def _write_mosaics(
         notes.append(Note(f"mosaic: {made.note}"))
     notes += _ground_messages(made.ground.facts, estimate.metric)
     if made.kept:
-        kept = f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged"
+        kept = (
+            f"mosaic: {made.kept} of its {made.tiles} tiles did not change, and were taken over from the "
+            "earlier run in this folder"
+        )
         notes.append(Note(kept))
     try:
         chain = chain_on_result(estimate)

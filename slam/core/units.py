@@ -54,6 +54,12 @@ def length_unit(metres: float) -> tuple[str, float]:
     return ("m", 1.0) if abs(metres) < 9995 else ("km", 1e-3)
 
 
+def area(square_metres: float, metric: bool = True) -> str:
+    """Return an area with two significant figures in square metres; in square heights if not ``metric``."""
+    figure = f"{square_metres:.2g}" if square_metres < 99.5 else f"{square_metres:.0f}"
+    return f"{figure}{SPACE}{unit(metric)}²"
+
+
 def _significant(value: float) -> str:
     digits = 2 if value == 0 else int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 2))
     return f"{value:.{digits}f}"

@@ -14,6 +14,7 @@ from slam.core.units import SPACE, length
 from slam.evaluation.aligned_maps import chain_on_result, odometry_on_result
 from slam.report.coordinates import datum_text, plane_text
 from slam.report.gaps import Gap, gaps
+from slam.report.loop_change import LoopChange, loop_change
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -53,6 +54,8 @@ class Facts:
     loops_moved_m: tuple[float, float]
     """Typical and largest distance of a keyframe from where it lies without loop closures; NaN where the map
     without them is not known."""
+    loop_change: LoopChange | None
+    """What of that all keyframes share; None where it is not known."""
     scale_source: str
     sensor_gain: str
     """Gain and offset of the height sensor, in words; empty without one."""
@@ -116,6 +119,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
     kinds = [edge.kind for edge in estimate.relative_poses]
     scale_std = estimate.scale_std or 0.0 if flight is not None else 0.0
     gain, zero = _height_sensor(estimate, flight)
+    without_loops = odometry_on_result(estimate)
     return Facts(
         keyframes=len(known),
         placed=int(known.sum()),
@@ -133,7 +137,8 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         mostly_scale=estimate.origin is None and _is_mostly_scale(estimate, main, scale_std),
         relative_to=_relative_to(estimate, flight),
         chain_moved_m=_moved_m(estimate, chain_on_result(estimate), main)[1],
-        loops_moved_m=_moved_m(estimate, odometry_on_result(estimate), main),
+        loops_moved_m=_moved_m(estimate, without_loops, main),
+        loop_change=loop_change(without_loops[main, :3, 3], position),
         scale_source=_scale_source(estimate, flight),
         sensor_gain=gain,
         sensor_zero=zero,

@@ -22,6 +22,10 @@ class Gap:
     """Distance between them."""
     shows_nothing: bool
     """Whether it is longer than a picture, so that ground on it is missing."""
+    ends_m: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    """x and y of both keyframes."""
+    width_m: float = 0.0
+    """Shorter side of a picture on the ground there; 0 where it is not known."""
 
 
 def gaps(estimate: Estimate, flight: Flight | None) -> tuple[Gap, ...]:
@@ -41,7 +45,9 @@ def gaps(estimate: Estimate, flight: Flight | None) -> tuple[Gap, ...]:
     for i, j in zip(placed[:-1].tolist(), placed[1:].tolist(), strict=True):
         if estimate.component[i] == estimate.component[j] and not linked[i:j].all():
             length_m = float(np.linalg.norm(estimate.w_T_b[j, :3, 3] - estimate.w_T_b[i, :3, 3]))
-            found.append(Gap(i, j, length_m, length_m > _picture_m(estimate, i)))
+            width_m = _picture_m(estimate, i)
+            (x0, y0), (x1, y1) = (estimate.over_floor_T_b[k, :2, 3].tolist() for k in (i, j))
+            found.append(Gap(i, j, length_m, length_m > width_m, ((x0, y0), (x1, y1)), width_m))
     return tuple(found)
 
 

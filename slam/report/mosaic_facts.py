@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from slam.report.gaps import Gap
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class MosaicFacts:
     """Middle of the largest hole."""
     worst_pictures: int = 0
     """Number of pictures that show the ground with the largest standard deviation; 0 where not known."""
+    gap_area_m2: float = 0.0
+    """Ground that no picture shows, below the stretches of the path without usable pictures."""
 
     @property
     def ground_std_m(self) -> tuple[float, float]:
@@ -46,19 +51,20 @@ class MosaicFacts:
         return self.typical_std_m, self.worst_std_m
 
 
-def mosaic_facts(picture: Path | None, quality: Path | None) -> MosaicFacts | None:
+def mosaic_facts(picture: Path | None, quality: Path | None, gaps: Sequence[Gap] = ()) -> MosaicFacts | None:
     """Return the figures from mosaic.tif beside ``picture`` and from mosaic_quality.tif beside ``quality``.
 
-    None where one of the files is missing.
+    ``gaps``: stretches of the path without usable pictures. None where one of the files is missing.
     """
     files = [path.with_suffix(".tif") for path in (picture, quality) if path is not None]
     if len(files) < 2 or not all(path.exists() for path in files):
         return None
     import rasterio
 
-    from slam.report.rasters.quality import quality_figures  # rasters load OpenCV and GDAL
+    from slam.report.rasters.quality import gap_area_m2, quality_figures  # rasters load OpenCV and GDAL
 
     with rasterio.open(files[0]) as source:
         size, pixel_m = (source.width, source.height), float(source.transform.a)
     found = quality_figures(files[1])
-    return MosaicFacts(pixel_m, *size, **found._asdict())
+    missing_m2 = gap_area_m2(files[1], gaps)
+    return MosaicFacts(pixel_m, *size, **found._asdict(), gap_area_m2=missing_m2)

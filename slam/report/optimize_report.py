@@ -112,7 +112,7 @@ def render(
     before = "as given" if facts.is_graph else ""  # the path over time shows the chain
     timed = facts.placed > 1 and not facts.is_graph
     marks = MapMarks(unit(facts.metric), estimate.origin is not None, surveyed_marks(estimate.control))
-    ground = mosaic_facts(mosaics.after, mosaics.quality)
+    ground = mosaic_facts(mosaics.after, mosaics.quality, facts.gaps)
     told = not_evaluated(flight) if accuracy.evaluated == NOT_EVALUATED else accuracy.evaluated
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     page = render_page(
@@ -123,7 +123,7 @@ def render(
         unit=marks.unit,
         on_earth=marks.on_earth,
         surveyed=marks.points,
-        sentence=sentence(facts, summary.status, ground.ground_std_m if ground else None),
+        sentence=sentence(facts, summary.status, ground),
         summary=summary,
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
@@ -167,8 +167,8 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
         Item(f"typical uncertainty of a {of} (1σ)", facts.length(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
-    if not facts.is_graph and facts.loops_kept and np.isfinite(largest_m := facts.loops_moved_m[1]):
-        tiles.append(Item("moved by loop closures, at most", facts.length(largest_m)))
+    if not facts.is_graph and facts.loops_kept and (change := facts.loop_change) is not None:
+        tiles.append(Item("drift that loop closures took out, at most", facts.length(change.largest_m)))
     return tuple(tiles)
 
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 _STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
 """Instrument that tells the scale -> name of its stream in warnings."""
+_MOST = 0.75
+"""Share of the squared changes above which they are called most of them: half of each change is left."""
 _IF_WRONG = "Lengths told 1 % too long make the map 1 % too large."
 
 
@@ -151,8 +153,28 @@ def gain_of_loops(facts: Facts) -> str:
     )
     return (
         f"Without them, the same pictures and instruments would place the camera {facts.length(typical_m)} "
-        f"away from here typically, and {facts.length(largest_m)} at most. That counts place and height, and "
-        f"a change of scale too; the picture “Height” below shows the heights of both.{known}"
+        f"away from here typically, and {facts.length(largest_m)} at most, place and height together."
+        f"{_common_and_bent(facts)} The picture “Height” below shows the heights of both.{known}"
+    )
+
+
+def _common_and_bent(facts: Facts) -> str:
+    """Return what of the change by loop closures all keyframes share, and the rest, with a space in front."""
+    found = facts.loop_change
+    if found is None:
+        return ""
+    off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
+    common = (
+        f"all lengths {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the whole map turned by "
+        f"{abs(turn_deg):.2g}°"
+    )
+    which = (
+        "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
+    )
+    return (
+        f" {which} is a change that the whole map shares ({common}, and shifted): it is no drift, and "
+        f"bends nothing. The rest is drift that loop closures took out, which would bend the map by "
+        f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most."
     )
 
 

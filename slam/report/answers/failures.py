@@ -8,7 +8,7 @@ from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind
-from slam.core.units import axis_names, percent, unit
+from slam.core.units import area, axis_names, percent, unit
 from slam.report.answers.streams import STREAM_WORDS, doubts
 from slam.report.coordinates import at
 from slam.report.facts import Facts
@@ -30,7 +30,7 @@ def too_bare(facts: Facts, summary: Summary) -> int:
 def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     """Return which ground the map lacks: on the path, inside the mosaic, around it, and of its heights."""
     thing = "poses" if facts.is_graph else "keyframes"
-    told = _stretches(estimate, facts)
+    told = _stretches(estimate, facts, mosaic)
     if bare := too_bare(facts, summary):
         told.append(
             f"{bare} of {facts.frames} pictures {either(bare, 'shows', 'show')} too little, and the "
@@ -58,7 +58,7 @@ def missing(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFa
     )
 
 
-def _stretches(estimate: Estimate, facts: Facts) -> list[str]:
+def _stretches(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> list[str]:
     long = [gap for gap in facts.gaps if gap.shows_nothing]
     told = []
     for gap in long[:_MOST_GAPS]:
@@ -70,9 +70,19 @@ def _stretches(estimate: Estimate, facts: Facts) -> list[str]:
     axes = ", ".join(axis_names(estimate.origin is not None))
     return [
         f"no usable picture was taken along {' and '.join(told)}{more} of the path ({axes} in "
-        f"{unit(facts.metric)}; dotted in the picture of the path); the pictures at both ends still show "
-        "some of the ground between"
+        f"{unit(facts.metric)}; dotted in the picture of the path){_below(facts, mosaic)}"
     ]
+
+
+def _below(facts: Facts, mosaic: MosaicFacts | None) -> str:
+    """Return how much of the ground below the stretches is missing, behind a semicolon."""
+    some = "the pictures at both ends still show some of the ground between"
+    if mosaic is None:
+        return f"; {some}"
+    if not mosaic.gap_area_m2:
+        return "; other pictures show all the ground below"
+    white = area(mosaic.gap_area_m2, facts.metric)
+    return f", where {white} of the ground below, as wide as a picture, are white in the mosaic; {some}"
 
 
 def _holes(estimate: Estimate, mosaic: MosaicFacts) -> str:
@@ -80,7 +90,7 @@ def _holes(estimate: Estimate, mosaic: MosaicFacts) -> str:
     count = "one hole" if mosaic.holes == 1 else f"{mosaic.holes} holes"
     which = "" if mosaic.holes == 1 else "the largest "
     return (
-        f"the mosaic has {count}, {mosaic.hole_area_m2:.2g} {unit(estimate.metric)}² in all, {which}around "
+        f"the mosaic has {count}, {area(mosaic.hole_area_m2, estimate.metric)} in all, {which}around "
         f"{at(estimate, mosaic.hole_x_m, mosaic.hole_y_m)}: "
         "no picture shows this ground, or higher ground hides it"
     )

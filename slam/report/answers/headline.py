@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.wording import either
-from slam.core.units import SPACE, percent
+from backend.wording import counted, either
+from slam.core.units import SPACE, area, percent
 from slam.report.facts import Facts
+from slam.report.mosaic_facts import MosaicFacts
 
 
-def sentence(facts: Facts, status: str, ground_std_m: tuple[float, float] | None = None) -> str:
+def sentence(facts: Facts, status: str, mosaic: MosaicFacts | None = None) -> str:
     """Summarise the result and its accuracy in words for a pilot; ``status`` is that of the map.
 
-    ``ground_std_m``: typical and largest standard deviation of a place on the mosaic, where there is one.
+    ``mosaic``: figures of the mosaic, where there is one.
     """
+    ground_std_m = None if mosaic is None else mosaic.ground_std_m
     thing = "poses" if facts.is_graph else "keyframes"
     if facts.placed == 0:
         return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
@@ -58,9 +60,29 @@ def sentence(facts: Facts, status: str, ground_std_m: tuple[float, float] | None
         text += " No place was recognised a second time with certainty, so errors add up along the path."
     else:
         text += " No place was recognised a second time with certainty: positions alone hold the path."
+    text += _missing(facts, mosaic)
     if not facts.metric:
         text += (
             " No sensor determined the length of a metre, so lengths are relative: in heights, multiples of "
             "the camera's mean height over the floor."
         )
     return text
+
+
+def _missing(facts: Facts, mosaic: MosaicFacts | None) -> str:
+    """Return how much ground the map lacks, in one sentence with a space in front; empty where none is
+    missing."""
+    long = [gap for gap in facts.gaps if gap.shows_nothing]
+    holes_m2 = 0.0 if mosaic is None else mosaic.hole_area_m2
+    told = []
+    if long:
+        path = facts.length(sum(gap.length_m for gap in long))
+        told.append(
+            f"no usable picture shows {counted(len(long), 'stretch', 'stretches')} of the path, {path} in all"
+        )
+        if mosaic is not None and mosaic.gap_area_m2 > 0:
+            told[-1] += f", and with it {area(mosaic.gap_area_m2, facts.metric)} of ground"
+    if holes_m2 > 0:
+        told.append(f"{area(holes_m2, facts.metric)} {'more ' if long else ''}inside the map are white")
+    text = " and ".join(told)
+    return f" Ground is missing: {text}." if told else ""

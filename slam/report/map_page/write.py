@@ -39,7 +39,7 @@ def write_map_page(
     """
     if facts.placed == 0:
         return None
-    ground = mosaic_facts(folder / _IMAGES["map"], folder / _VALUES["sigma"][0])
+    ground = mosaic_facts(folder / _IMAGES["map"], folder / _VALUES["sigma"][0], facts.gaps)
     data = {
         "metric": facts.metric,
         "unit": unit(facts.metric),
@@ -59,7 +59,7 @@ def write_map_page(
         "map_page/page.html.j2",
         name=estimate.name,
         version=VERSION,
-        sentence=sentence(facts, status, ground.ground_std_m if ground else None),
+        sentence=sentence(facts, status, ground),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
         reasons=tuple(map(sentences, reasons_of(status, estimate.warnings))),
         is_graph=facts.is_graph,

@@ -71,7 +71,7 @@ def trajectory_picture(estimate: Estimate, gaps: Sequence[Gap] = (), before: str
 def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     """Draw the height above the floor over time, with its 2-sigma band and the height without loops.
 
-    Over ``gaps`` the height is dotted.
+    Over ``gaps`` the height is dotted, and the band is open.
     """
     figure, axes = new_figure(6.4, 3.0)
     time = estimate.stamps_s - estimate.stamps_s[0]
@@ -82,8 +82,10 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     # The band is often narrower than a line, so the legend gives its size.
     known = sigma[np.isfinite(sigma)]
     size = f" (typically ± {length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""
-    band = height - 2 * sigma, height + 2 * sigma
-    axes.fill_between(time, *band, color=ORANGE, alpha=0.6, linewidth=0, label=f"± 2σ{size}")
+    # Between the keyframes at both ends of a gap nothing is known of the uncertainty: a straight edge of the
+    # band would claim that it stays small.
+    edges = _broken(np.column_stack([time, height - 2 * sigma, height + 2 * sigma]), gaps)
+    axes.fill_between(*edges.T, color=ORANGE, alpha=0.6, linewidth=0, label=f"± 2σ{size}")
     curve = _broken(np.column_stack([time, height]), gaps)
     axes.plot(curve[:, 0], curve[:, 1], color=BLUE, linewidth=0.8, label="height above the floor")
     _dotted(axes, time, height, gaps)

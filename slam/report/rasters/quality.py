@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -16,6 +17,7 @@ from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.core.units import length_unit, unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
+from slam.report.gaps import Gap
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -94,6 +96,38 @@ def quality_figures(path: Path) -> QualityFigures:
     views = int(np.nan_to_num(pictures.ravel()[int(np.nanargmax(std_m))])) if known else 0
     largest = *_largest(std_m, at), views, *_largest(seam, at)
     return QualityFigures(_median(std_m), *largest, _median(seam), covered, count, area_m2, x_m, y_m)
+
+
+def gap_area_m2(path: Path, gaps: Sequence[Gap]) -> float:
+    """Return the ground that no picture shows below ``gaps``, in strips as wide as a picture.
+
+    Ground beyond the raster is missing as well.
+    """
+    import rasterio
+
+    strips = [gap for gap in gaps if gap.shows_nothing and gap.width_m > 0]
+    if not strips:
+        return 0.0
+    with rasterio.open(path) as source:
+        shown, at = np.isfinite(source.read(_PICTURES_BAND)), source.transform
+    # Cells beyond the raster hold the whole strips.
+    ends = np.array([gap.ends_m for gap in strips]).reshape(-1, 2)
+    far_m = max(gap.width_m for gap in strips)
+    cells = [~at @ tuple(corner) for corner in (*(ends - far_m), *(ends + far_m))]
+    low, high = np.floor(np.min(cells, axis=0)).astype(int), np.ceil(np.max(cells, axis=0)).astype(int)
+    before = tuple(max(0, -int(start)) for start in low[::-1])
+    behind = tuple(max(0, int(end) - size) for end, size in zip(high[::-1], shown.shape, strict=True))
+    shown = np.pad(shown, tuple(zip(before, behind, strict=True)))
+    row, col = np.nonzero(~shown)
+    x, y = at @ (col - before[1] + 0.5, row - before[0] + 0.5)
+    missing = np.zeros(len(row), dtype=bool)
+    for gap in strips:
+        (x0, y0), (x1, y1) = gap.ends_m
+        along = np.array([x1 - x0, y1 - y0]) / max(np.hypot(x1 - x0, y1 - y0), 1e-9)
+        ahead, aside = (x - x0) * along[0] + (y - y0) * along[1], (y - y0) * along[0] - (x - x0) * along[1]
+        inside = (ahead > 0) & (ahead < np.hypot(x1 - x0, y1 - y0))
+        missing |= inside & (np.abs(aside) < gap.width_m / 2)
+    return float(np.count_nonzero(missing) * abs(at.a * at.e))
 
 
 def _holes(shown: NDArray[np.bool_], at: Affine) -> tuple[int, float, float, float]:

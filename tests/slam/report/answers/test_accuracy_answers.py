@@ -160,10 +160,12 @@ def test_the_keyframe_of_most_contradictions_is_named():
 def test_the_first_sentence_tells_the_ground_where_there_is_a_mosaic():
     estimate = made_estimate()
     facts = gather(estimate, made_flight())
-    on_ground = sentence(facts, "ok", (0.012, 0.034))
+    on_ground = sentence(facts, "ok", MosaicFacts(0.004, 800, 600, 0.012, 0.034, 0.0, 0.0))
     assert "a point on the ground is typically known to" in on_ground
     assert length(0.034) in on_ground
-    assert "the position of a keyframe" in sentence(facts, "ok", (np.nan, np.nan))
+    assert "the position of a keyframe" in sentence(
+        facts, "ok", MosaicFacts(0.004, 800, 600, np.nan, np.nan, 0.0, 0.0)
+    )
 
 
 def test_ground_whose_height_no_picture_shows_is_not_for_heights():

@@ -19,6 +19,7 @@ from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.core.units import length, percent
 from slam.report.answers.advice import limit, limit_sentence, next_steps
+from slam.report.answers.headline import sentence
 from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.gaps import gaps
@@ -132,6 +133,12 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
     (gap,) = gaps(replace(estimate, relative_poses=apart), flight)
     assert (gap.i, gap.j) == (20, 21)
     assert gap.shows_nothing
+    mosaic = MosaicFacts(0.004, 800, 600, 0.05, 0.09, 3.0, -1.5, gap_area_m2=1.25)
+    told = sentence(gather(replace(estimate, relative_poses=apart), flight), "ok", mosaic)
+    missing = (
+        f"1 stretch of the path, {length(length_m)} in all, and with it 1.2\N{NO-BREAK SPACE}m² of ground"
+    )
+    assert missing in told
     hover = next(e for e in estimate.relative_poses if (e.i, e.j) not in {(a.i, a.j) for a in apart})
     assert not gaps(replace(estimate, relative_poses=(*apart, replace(hover, kind="loop"))), flight)
     assert gaps(replace(estimate, relative_poses=(*apart, replace(hover, kind="inertial"))), flight) == (gap,)

@@ -30,6 +30,17 @@ def test_the_band_of_heights_says_how_wide_it_is_and_can_be_seen():
     assert (np.abs(png.astype(int) - [0xF0, 0xC5, 0x66]).sum(axis=2) < 30).mean() > 0.02
 
 
+def test_the_band_of_heights_is_open_over_a_stretch_without_pictures():
+    """Its edges between the keyframes at both ends would claim an uncertainty that nobody computed."""
+    estimate = made_estimate(sigma_m=0.02)
+    whole, torn = (
+        np.asarray(Image.open(io.BytesIO(altitude_picture(estimate, gaps))).convert("RGB")).astype(int)
+        for gaps in ((), (Gap(10, 50, 3.0, True),))
+    )
+    band = [(np.abs(png - [0xF0, 0xC5, 0x66]).sum(axis=2) < 30).sum() for png in (whole, torn)]
+    assert 0 < band[1] < band[0]
+
+
 def _share_of(png: bytes) -> float:
     """Of what is neither grey nor blue: dashed lines in red and pale red."""
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]

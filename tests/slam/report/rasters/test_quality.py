@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from frontend.mosaic.quality import MosaicQuality
 from slam.io.geotiff import Grid, write_bands
-from slam.report.rasters.quality import quality_figure, quality_figures
+from slam.report.gaps import Gap
+from slam.report.rasters.quality import gap_area_m2, quality_figure, quality_figures
 
 
 def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
@@ -37,6 +39,20 @@ def test_white_areas_inside_of_a_mosaic_are_holes_and_those_around_it_are_its_ed
     assert found.holes == 2, "the third one is open to the edge"
     np.testing.assert_allclose(found.hole_area_m2, 0.11)
     np.testing.assert_allclose((found.hole_x_m, found.hole_y_m), (-1.0 + 2.25, 4.0 - 1.1))
+
+
+def test_ground_below_a_stretch_without_pictures_is_missing_as_wide_as_a_picture(tmp_path):
+    """Also beyond the raster, which ends where the pictures end."""
+    pictures = np.full((40, 60), 3.0, np.float32)
+    pictures[:, 20:40] = np.nan
+    path, grid = tmp_path / "mosaic_quality.tif", Grid(-1.0, 4.0, 0.1, 60, 40)
+    write_bands(path, grid, {"pictures": pictures, "position": pictures, "seam": pictures})
+    across = Gap(3, 4, 3.0, True, ((0.5, 2.0), (3.5, 2.0)), 1.0)
+    assert gap_area_m2(path, (across,)) == pytest.approx(2.0 * 1.0, rel=0.1)
+    at_the_edge = Gap(3, 4, 3.0, True, ((0.5, 4.0), (3.5, 4.0)), 1.0)
+    assert gap_area_m2(path, (at_the_edge,)) == pytest.approx(2.0 * 1.0 + 1.0 * 0.5, rel=0.1)
+    assert gap_area_m2(path, (across, across)) == gap_area_m2(path, (across,))
+    assert gap_area_m2(path, (Gap(3, 4, 3.0, False, across.ends_m, 1.0),)) == 0.0
 
 
 def test_the_darkest_ground_is_the_one_that_the_report_states():
