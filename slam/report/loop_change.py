@@ -1,4 +1,4 @@
-"""What loop closures changed of a path: a change that all of it shares, and the drift that is left."""
+"""The change of a path by loop closures: what all of it shares, and the drift that is left."""
 
 from __future__ import annotations
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _SIZES_M = tuple(one * 10.0**ten for ten in range(-1, 4) for one in (1, 2, 5))
 """Lengths of which examples are taken, from 0.1 m to 5 km."""
+_LITTLE = 0.1
+"""Share of a standard deviation whose square is a hundredth of the variance."""
 _EXAMPLES = 3
 """Number of examples: the growth with the length shows in three."""
 
@@ -43,9 +45,10 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     areas = "; ".join(
         f"{side} x {side}: ±{SPACE}{percent(share)}" for side, share in zip(sides, shares, strict=True)
     )
+    rest = f"the rest, ±{SPACE}{length(rest_m)}" if rest_m > _LITTLE * typical_m else "almost nothing"
     why = (
         f"Of the longest, the scale causes ±{SPACE}{length(by_scale_m)} ({percent(facts.scale_std)} of any "
-        f"length), and the places of both ends the rest, ±{SPACE}{length(rest_m)}."
+        f"length), and the places of both ends {rest}."
         if facts.scale_std
         else "It is caused by the places of both ends."
     )

@@ -1,4 +1,4 @@
-"""What loop closures changed: a similarity is found exactly, and drift is what it leaves."""
+"""The change by loop closures: a similarity is found exactly, and drift is what it leaves."""
 
 from __future__ import annotations
 
