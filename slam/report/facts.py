@@ -55,7 +55,7 @@ class Facts:
     """Typical and largest distance of a keyframe from where it lies without loop closures; NaN where the map
     without them is not known."""
     loop_change: LoopChange | None
-    """What of that all keyframes share; None where it is not known."""
+    """The part of that which all keyframes share, and the rest; None where it is not known."""
     scale_source: str
     sensor_gain: str
     """Gain and offset of the height sensor, in words; empty without one."""
