@@ -19,10 +19,12 @@ from slam.core.flight_info import describe
 from slam.core.progress import Progress, show_compilation, silent
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
+from slam.core.stream_anomalies import velocity_anomalies
 from slam.core.turn_units import in_radians
 from slam.inertial.accuracy_basis import track_accuracy_basis
 from slam.inertial.filter_input import FilterInput
 from slam.inertial.instruments import InertialTrust
+from slam.inertial.level_steps import level_contradictions
 from slam.inertial.motion import filter_motion
 from slam.inertial.noise_identification import identify_noise
 from slam.inertial.stream_clocks import without_stream_steps
@@ -67,7 +69,13 @@ def navigate(
     with show_compilation(progress):
         with clock("instruments"):
             flight, stepped = without_stream_steps(without_clock_steps(flight), trust)
-            contradiction = velocity_contradiction(flight, trust)
+            contradictions = [
+                velocity_contradiction(flight, trust),
+                clock_step_left(flight),
+                *stepped,
+                *level_contradictions(flight, trust),
+                *(velocity_anomalies(flight.velocity) if flight.velocity is not None else ()),
+            ]
             inputs = identify_noise(flight, trust, progress)
         at_s = _times(flight, inputs, rate_hz)
         absolute = inputs.readings.w_p_b_m is not None
@@ -80,7 +88,7 @@ def navigate(
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     position_std = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
     messages = [*_unobserved(inputs, float(position_std[-1])), *_contradicted(inputs)]
-    messages += [line for line in (contradiction, clock_step_left(flight), *stepped) if line]
+    messages += [line for line in contradictions if line]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,
@@ -104,7 +112,7 @@ def navigate(
         timing_s=clock.seconds,
         warnings=(
             *flight.warnings,
-            *describe(flight).anomalies,
+            *(line for line in describe(flight).anomalies if line not in messages),
             *messages,
             *_identified_errors(inputs, track),
         ),

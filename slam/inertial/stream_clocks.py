@@ -25,7 +25,7 @@ from slam.inertial.motion import filter_motion
 
 Array = NDArray[np.float64]
 
-_COMPARED = ("velocity", "sonar", "barometer")
+COMPARED = ("velocity", "sonar", "barometer")
 _STEP_S = 0.02
 """Step of the motion by the IMU: a vehicle accelerates at less than 10 Hz."""
 _MEAN_S = 0.25
@@ -42,7 +42,7 @@ _LEAST_CHANGES = 40
 
 
 @dataclass(frozen=True)
-class _Motion:
+class ImuMotion:
     """Motion by gyro, accelerometer and attitude alone; its velocity drifts."""
 
     at_s: Array
@@ -51,7 +51,7 @@ class _Motion:
     """(n, 3), the yaw unwrapped."""
 
     @staticmethod
-    def of(flight: Flight, trust: InertialTrust) -> _Motion | None:
+    def of(flight: Flight, trust: InertialTrust) -> ImuMotion | None:
         """Return the motion; None without an IMU."""
         if flight.imu is None or len(flight.imu.stamps_s) < 2:
             return None
@@ -63,16 +63,16 @@ class _Motion:
         assert states is not None
         angles = roll_pitch_yaw_of(states.w_T_b[:, :3, :3])
         angles[:, 2] = np.unwrap(angles[:, 2])
-        return _Motion(at_s, states.w_v_m_s, angles)
+        return ImuMotion(at_s, states.w_v_m_s, angles)
 
-    def opened(self, gap: StampGap) -> _Motion:
+    def opened(self, gap: StampGap) -> ImuMotion:
         """Return the motion as it is where no time was lost in the gap of another stream."""
         return replace(self, at_s=gap.opened(self.at_s))
 
-    def closed(self, gap: StampGap) -> _Motion:
+    def closed(self, gap: StampGap) -> ImuMotion:
         """Return the motion as it is where no time was lost in the gap of the IMU."""
         known = (self.at_s <= gap.last_s) | (self.at_s > gap.last_s + gap.lost_s)
-        return _Motion(gap.closed(self.at_s[known]), self.w_v_m_s[known], self.roll_pitch_yaw[known])
+        return ImuMotion(gap.closed(self.at_s[known]), self.w_v_m_s[known], self.roll_pitch_yaw[known])
 
     def angles_at(self, stamps_s: Array) -> Array:
         """Return roll, pitch and yaw (n, 3)."""
@@ -101,8 +101,8 @@ class _Motion:
 def without_stream_steps(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[str]]:
     """Return the flight with the gaps closed in which a clock was set forward, each a warning of the flight,
     and a line for each stream whose clock steps otherwise. Raises ``InputError``."""
-    streams = [name for name in _COMPARED if len(_stamps_s(flight, name)) > 1]
-    motion = _Motion.of(flight, trust) if streams else None
+    streams = [name for name in COMPARED if len(_stamps_s(flight, name)) > 1]
+    motion = ImuMotion.of(flight, trust) if streams else None
     if motion is None:
         return flight, []
     flight, motion = _with_imu_gaps_closed(flight, streams, motion, trust)
@@ -112,7 +112,7 @@ def without_stream_steps(flight: Flight, trust: InertialTrust) -> tuple[Flight, 
         for gap in gaps_of_one(_stamps_s(flight, name), _stamps_s(flight, "imu")):
             if _fits_surely(flight, name, motion, motion.opened(gap), gap):
                 flight = flight.restamped([name], gap.closed).with_warning(told_step(folder, gap, "imu0"))
-        residuals = _residuals(flight, name, motion, _grid(_longest_delay_s(motion)))
+        residuals = changes_against(flight, name, motion, delay_grid(_longest_delay_s(motion)))
         clock = None if residuals is None else clock_of(residuals, _GAIN_ERROR)
         if clock is not None and _steps_notably(clock) and _is_within(clock):
             left.append(told_steps_left(folder, "imu0", clock))
@@ -120,8 +120,8 @@ def without_stream_steps(flight: Flight, trust: InertialTrust) -> tuple[Flight, 
 
 
 def _with_imu_gaps_closed(
-    flight: Flight, streams: list[str], motion: _Motion, trust: InertialTrust
-) -> tuple[Flight, _Motion]:
+    flight: Flight, streams: list[str], motion: ImuMotion, trust: InertialTrust
+) -> tuple[Flight, ImuMotion]:
     """Close the gaps in which the clock of the IMU was set forward, and of an attitude with the same gap.
 
     An attitude without the gap has shown already whether time was lost in it.
@@ -135,7 +135,7 @@ def _with_imu_gaps_closed(
                 continue
             flight = flight.restamped(["imu", "attitude"], gap.closed)
             flight = flight.with_warning(told_step("imu0", gap, STREAMS[name].folder))
-            moved = _Motion.of(flight, trust)
+            moved = ImuMotion.of(flight, trust)
             assert moved is not None
             motion = moved
     return flight, motion
@@ -156,36 +156,51 @@ def _steps_notably(clock: PictureClock) -> bool:
     return len(delays_s) > 1 and float(np.ptp(delays_s)) > _LEAST_STEP_S
 
 
-def _longest_delay_s(motion: _Motion) -> float:
+def _longest_delay_s(motion: ImuMotion) -> float:
     return min(LONGEST_DELAY_S, 0.1 * float(motion.at_s[-1] - motion.at_s[0]))
 
 
-def _grid(longest_s: float) -> Array:
+def delay_grid(longest_s: float) -> Array:
+    """Return delays (g,) from minus the longest one to it."""
     steps = int(longest_s / GRID_STEP_S)
     return np.arange(-steps, steps + 1, dtype=np.float64) * GRID_STEP_S
 
 
-def _fits_surely(flight: Flight, name: str, motion: _Motion, other: _Motion, gap: StampGap) -> bool:
+def _fits_surely(flight: Flight, name: str, motion: ImuMotion, other: ImuMotion, gap: StampGap) -> bool:
     """Return whether a stream fits surely better to another motion."""
-    grid = _grid(LONGEST_LAG_S)
+    grid = delay_grid(LONGEST_LAG_S)
     return gap.lost_s > _LEAST_STEP_S and is_step(
-        gap, _residuals(flight, name, motion, grid), _residuals(flight, name, other, grid)
+        gap, changes_against(flight, name, motion, grid), changes_against(flight, name, other, grid)
     )
 
 
-def _residuals(flight: Flight, name: str, motion: _Motion, delays_s: Array) -> DelayResiduals | None:
+def changes_against(flight: Flight, name: str, motion: ImuMotion, delays_s: Array) -> DelayResiduals | None:
+    """Compare the changes of velocity that a stream shows with those of the motion, at delays (g,)."""
     stamps_s, w_v_m_s, axes = _velocity(flight, name, motion)
     return motion.residuals(stamps_s, w_v_m_s, axes, delays_s)
 
 
-def _velocity(flight: Flight, name: str, motion: _Motion) -> tuple[Array, Array, list[int]]:
+def _velocity(flight: Flight, name: str, motion: ImuMotion) -> tuple[Array, Array, list[int]]:
     """Return stamps (n,), the velocity (n, c) that a stream shows, and its axes of the world."""
+    stamps_s, values, axes = readings_in_world(flight, name, motion)
+    stamps_s, values = _averaged(stamps_s, values)
+    if name == "velocity":
+        return stamps_s, values, axes
+    steps_s = np.diff(stamps_s)
+    short = steps_s < _LONGEST_CHANGE_S
+    middle_s = 0.5 * (stamps_s[1:] + stamps_s[:-1])
+    return middle_s[short], (np.diff(values, axis=0) / steps_s[:, None])[short], axes
+
+
+def readings_in_world(flight: Flight, name: str, motion: ImuMotion) -> tuple[Array, Array, list[int]]:
+    """Return stamps (n,), velocities or heights (n, c) of a stream of ``COMPARED``, and their axes of the
+    world."""
     if name == "velocity":
         assert flight.velocity is not None
         known = np.isfinite(flight.velocity.v_m_s).all(axis=1)
         stamps_s, v = flight.velocity.stamps_s[known], flight.velocity.v_m_s[known]
         along = (v[:, 0] + 1j * v[:, 1]) * np.exp(1j * motion.angles_at(stamps_s)[:, 2])
-        return *_averaged(stamps_s, np.column_stack([along.real, along.imag])), [0, 1]
+        return stamps_s, np.column_stack([along.real, along.imag]), [0, 1]
     heights = (range_of if name == "sonar" else barometer_of)(flight, InertialTrust())
     if heights is None:
         return np.empty(0), np.empty((0, 1)), [2]
@@ -193,11 +208,7 @@ def _velocity(flight: Flight, name: str, motion: _Motion) -> tuple[Array, Array,
     stamps_s, values = heights.stamps_s[known], heights.values[known]
     if name == "sonar":
         values = values * np.cos(motion.angles_at(stamps_s)[:, :2]).prod(axis=1)[:, None]
-    stamps_s, values = _averaged(stamps_s, values)
-    steps_s = np.diff(stamps_s)
-    short = steps_s < _LONGEST_CHANGE_S
-    middle_s = 0.5 * (stamps_s[1:] + stamps_s[:-1])
-    return middle_s[short], (np.diff(values, axis=0) / steps_s[:, None])[short], [2]
+    return stamps_s, values, [2]
 
 
 def _averaged(stamps_s: Array, values: Array) -> tuple[Array, Array]:

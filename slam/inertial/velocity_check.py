@@ -30,6 +30,8 @@ _STEP_S, _WINDOW_S = 0.05, 2.0
 accelerometer add up more slowly."""
 _SURE = 3.0
 """Standard deviations of the correlation of two velocities that have nothing in common."""
+_PARTS, _SURE_IN_PARTS = (2, 4), 4.0
+"""Numbers of parts that are looked at alone, and the standard deviations that their six comparisons need."""
 _ABOVE_NOISE, _FAR_ABOVE_NOISE = 2.0, 3.0
 """Multiples of the accelerometer's integrated noise that the vehicle's changes of velocity must exceed; the
 larger one where nothing but a lack of correlation speaks against the velocity."""
@@ -79,7 +81,25 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
         return f"velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?): {_CHECK}"
     chance = _SURE / np.sqrt(2 * max(float(at_s[-1] - at_s[0]) / (0.5 * _WINDOW_S), 1.0))
     read = {name: _changes(level @ axes, turn) for name, axes in _AXES.items()}
-    return _other_axes(read, made, chance) or _compared(read[""], made, chance, moved)
+    return (
+        _other_axes(read, made, chance)
+        or _compared(read[""], made, chance, moved)
+        or _in_a_part(read, made, at_s, _noise_m_s(imu.stamps_s, imu.accel_m_s2))
+    )
+
+
+def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: float) -> str:
+    """Compare changes of velocity (n, 2) in parts of the flight: axes may change in mid-flight."""
+    for parts in _PARTS:
+        for rows in np.array_split(np.arange(len(at_s)), parts):
+            lasts_s = float(at_s[rows[-1]] - at_s[rows[0]])
+            if float(np.sqrt((made[rows] ** 2).sum(axis=1).mean())) < _ABOVE_NOISE * noise_m_s:
+                continue
+            chance = _SURE_IN_PARTS / np.sqrt(2 * max(lasts_s / (0.5 * _WINDOW_S), 1.0))
+            of_part = {name: changes[rows] for name, changes in read.items()}
+            if line := _other_axes(of_part, made[rows], chance):
+                return f"from {at_s[rows[0]]:.1f} to {at_s[rows[-1]]:.1f} s {line}"
+    return ""
 
 
 def _changes(level: Array, turn: NDArray[np.complex128]) -> Array:

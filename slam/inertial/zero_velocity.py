@@ -35,6 +35,18 @@ def zero_velocity_times(flight: Flight) -> Array:
     return np.arange(begin_s, until_s, _STEP_S)
 
 
+def still_times(flight: Flight) -> Array:
+    """Return times (n,) of the whole flight at which gyro and accelerometer are as calm as on the floor."""
+    imu = flight.imu
+    if imu is None or len(imu.stamps_s) == 0:
+        return np.zeros(0)
+    begins_s = np.arange(imu.stamps_s[0], imu.stamps_s[-1], _WINDOW_S)
+    still = [
+        _is_still(imu.stamps_s, imu.gyro_rad_s, imu.accel_m_s2, begin_s) for begin_s in begins_s.tolist()
+    ]
+    return np.asarray(begins_s[still])
+
+
 def _is_still(stamps_s: Array, gyro_rad_s: Array, accel_m_s2: Array, from_s: float) -> bool:
     first, last = np.searchsorted(stamps_s, [from_s, from_s + _WINDOW_S])
     if last - first < _LEAST_READINGS:
