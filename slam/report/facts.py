@@ -14,6 +14,7 @@ from slam.core.units import SPACE, length
 from slam.evaluation.aligned_maps import chain_on_result, odometry_on_result
 from slam.report.coordinates import datum_text, plane_text
 from slam.report.gaps import Gap, gaps
+from slam.report.heading import heading_doubt
 from slam.report.loop_change import LoopChange, loop_change
 
 if TYPE_CHECKING:
@@ -77,6 +78,10 @@ class Facts:
     """Coordinate system of the rasters, in words; empty for a graph."""
     datum: str = ""
     """The datum of heights, in words; empty for a graph."""
+    heading_doubt: str = ""
+    """By how much the recorded heading drifts against its stated accuracy; empty where both agree."""
+    has_truth: bool = False
+    """Whether the flight holds a true path."""
     metric: bool = True
     """Whether lengths are metres, as `slam.core.estimate.Estimate` defines it."""
 
@@ -151,6 +156,8 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         controlled=_controlled(estimate),
         plane="" if flight is None else plane_text(estimate),
         datum="" if flight is None else datum_text(estimate),
+        heading_doubt=heading_doubt(estimate, flight),
+        has_truth=flight is not None and flight.truth is not None,
         metric=estimate.metric,
     )
 
@@ -250,8 +257,20 @@ def _axes(estimate: Estimate, flight: Flight | None) -> str:
     start = "The origin is on the ground below the first keyframe; z points up."
     headed = flight.attitude is not None and bool(np.isfinite(flight.attitude.roll_pitch_yaw_rad[:, 2]).any())
     if headed:
-        return f"{start} x points where the recorded heading (yaw) is zero, y to the left of it."
+        text = f"{start} x points where the recorded heading (yaw) is zero, y to the left of it."
+        return f"{text}{_x_axis_doubt(estimate, flight)}"
     return f"{start} x points where the drone's nose pointed at the first keyframe, y to the left of it."
+
+
+def _x_axis_doubt(estimate: Estimate, flight: Flight) -> str:
+    """Return that x is no sure direction where the heading drifts, with a space in front."""
+    doubt = heading_doubt(estimate, flight)
+    if not doubt:
+        return ""
+    return (
+        f" This direction is that of the attitude sensor at the first keyframe, but {doubt}: on the map all "
+        "fits together, but do not take x for a direction of a compass."
+    )
 
 
 def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: float) -> bool:

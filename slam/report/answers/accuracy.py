@@ -77,7 +77,8 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
     what = "pose" if facts.is_graph else "keyframe"
     name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
     path = f"Around {at(estimate, x, y)} ({what} {k}{f', {name}' * bool(name)})"
-    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}, all axes together."
+    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}, all axes together"
+    path += ": no usable picture lies on one side of it." if _borders_gap(facts, k) else "."
     if mosaic is None or not np.isfinite(mosaic.worst_std_m):
         return f"{path} map.html colours the path by it."
     return (
@@ -85,6 +86,10 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
         f"±{SPACE}{facts.length(mosaic.worst_std_m)}, x and y together: the ring in the middle one "
         f"of the three maps below.{_why_uncertain(facts, mosaic)} The path: {path[0].lower()}{path[1:]}"
     )
+
+
+def _borders_gap(facts: Facts, k: int) -> bool:
+    return any(k in (gap.i, gap.j) for gap in facts.gaps)
 
 
 def _why_uncertain(facts: Facts, mosaic: MosaicFacts) -> str:

@@ -14,6 +14,7 @@ from slam.core.units import percent
 from slam.report.answers.checked_lengths import unless_checked
 from slam.report.facts import Facts, heights_over_floor
 from slam.report.gaps import picture_over_height
+from slam.report.tables.evaluation import EVALUATE
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -48,6 +49,8 @@ _STEPS: Mapping[str, str] = {
 }
 
 
+_SURVEYS = ("measure one distance", "measure heights", "measure control points")
+"""Measurements on the ground that a step asks for."""
 _PLACE = "the place of a camera"
 HEIGHTS = "heights over the ground"
 """Name of the heights that may hang on the focal length, as lengths may."""
@@ -157,6 +160,14 @@ def next_steps(
         steps.append(f"to be more accurate than now, {step}")
     if lens_step := _lens_step(estimate):
         steps.append(lens_step)
+    if facts.has_truth:
+        steps.append(f"compare the map with the true path that this flight holds: {EVALUATE}")
+    if any(asked in step for step in steps for asked in _SURVEYS) and not facts.controlled:
+        steps.append(
+            "What you measure on the ground, places with heights and so lengths too, can be given to the "
+            "program as at least three points that two pictures each show: slam optimize --gcp FILE "
+            "(docs/method/control-points.md of the project has its columns)"
+        )
     return " ".join(f"{step[0].upper()}{step[1:]}." for step in steps)
 
 
@@ -274,6 +285,7 @@ def _better_ranges(facts: Facts) -> str:
         )
     return (
         unless_checked("measure one distance on the ground and compare it with map.html; or ")
-        + "hold the drone at two heights measured by tape, and state gain and zero of the height sensor in "
-        "its sensor.yaml"
+        + "hold the drone at two heights measured by tape, correct the readings in sonar0/data.csv by the "
+        "gain and the zero of the height sensor that follow, and state how sure these are as scale_std and "
+        "datum_std in sonar0/sensor.yaml"
     )

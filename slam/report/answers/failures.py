@@ -17,6 +17,8 @@ from slam.report.mosaic_facts import MosaicFacts
 if TYPE_CHECKING:
     from slam.core.summary import Summary
 
+_MOST_NAMED = 3
+"""Keyframes that are named; summary.json has all of them."""
 _MOST_GAPS = 3
 """Stretches without pictures that are named."""
 
@@ -138,11 +140,15 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"{whole}"
         )
     if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
-        are = "keyframe is" if number == 1 else "keyframes are"
-        told.append(f"{number} {are} not in the mosaic (summary.json says why)")
+        told.append(_not_drawn(estimate, number))
     told_doubts = _doubted(summary)
-    doubted = "".join(f" {text}" for text in told_doubts)
-    if not told_doubts and not facts.is_graph and summary.status == "ok":
+    heading = (
+        f" Of the attitude sensor, {facts.heading_doubt}; the pictures hold the heading of the map."
+        if facts.heading_doubt
+        else ""
+    )
+    doubted = "".join(f" {text}" for text in told_doubts) + heading
+    if not told_doubts and not heading and not facts.is_graph and summary.status == "ok":
         doubted = " No instrument is doubted."
     on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
     if told:
@@ -154,6 +160,25 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return f"No part of the map, but {which}.{doubted}{on_purpose}"
     warned = by_kind(summary.warnings).warnings
     return f"Nothing{'; the warnings name what to check' if warned else ''}.{doubted}{on_purpose}"
+
+
+def _not_drawn(estimate: Estimate, number: int) -> str:
+    """Return which keyframes the mosaic does not show, and why."""
+    names: dict[str, list[str]] = {}
+    for name, why in estimate.not_drawn.items():
+        if why != REDUNDANT:
+            names.setdefault(why, []).append(name)
+    are = "keyframe is" if number == 1 else "keyframes are"
+    told = "; ".join(f"{_keyframes(estimate, of)}: {why}" for why, of in names.items())
+    return f"{number} {are} not in the mosaic ({told})"
+
+
+def _keyframes(estimate: Estimate, names: list[str]) -> str:
+    """Return keyframes by number and name, where they are few."""
+    if len(names) > _MOST_NAMED:
+        return f"{len(names)} keyframes, which summary.json names"
+    number = {name: k for k, name in enumerate(estimate.frame_names)}
+    return ", ".join(f"keyframe {number[name]}, {name}" if name in number else name for name in names)
 
 
 def _doubted(summary: Summary) -> list[str]:

@@ -23,7 +23,9 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         return (
             "Height of what stands on the ground, over the floor, which the map takes as flat. The height "
             "sensor alone measured it, and shows no detail smaller than the spot of its beam on the floor. "
-            f"{_of_echo(facts, flight)}Grey: no echo came from there. "
+            f"{_of_echo(facts, flight)}A flat floor has one colour as far as it scatters "
+            "by chance (above the picture), so that what stands on it can be told. Grey: no echo came from "
+            "there. "
         )
     known = f", typically to ±{SPACE}{facts.length(ground.height_std_m)}" if ground.height_std_m else ""
     filled = (

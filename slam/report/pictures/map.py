@@ -107,7 +107,7 @@ def thumbnail(path: Path, most_px: int = _MOST_PX, marks: MapMarks | None = None
     if marks is not None:
         if marks.points:
             pixels = with_points(pixels, pixel_m, (area.left, area.top), marks.points)
-        pixels = with_marks(pixels, pixel_m, marks.unit, marks.on_earth)
+        pixels = with_marks(pixels, pixel_m, marks.unit, marks.on_earth, (area.left, area.top))
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, "JPEG", quality=88)
     return stream.getvalue()

@@ -18,6 +18,8 @@ _STRIP_SHARE, _LEAST_STRIP_PX = 0.05, 28
 """Height of the strip over the width of the picture, and in pixels at least."""
 _BAR_SHARE = 0.3
 """Longest bar over the width of the picture."""
+_LEAST_TICKS = 4
+"""Steps between coordinates along the longer side, at least."""
 _BLACK, _WHITE = (31, 35, 40), 255
 _CAPITAL_PX = 21
 """Height of a capital letter of the font at size 1."""
@@ -145,18 +147,61 @@ class _Pen:
             cv2.putText(marked, name, at, cv2.FONT_HERSHEY_SIMPLEX, self.size, color, edge, cv2.LINE_AA)
 
 
-def with_marks(pixels: Image, pixel_m: float, unit: str, on_earth: bool) -> Image:
+def with_marks(
+    pixels: Image, pixel_m: float, unit: str, on_earth: bool, corner: tuple[float, float] | None = None
+) -> Image:
     """Return a north-up picture (h, w) or (h, w, 3) with a strip below it that holds a scale bar and arrows.
 
-    ``pixel_m`` is the side of a pixel in ``unit``. The arrows are x and y, or east and north.
+    ``pixel_m`` is the side of a pixel in ``unit``. The arrows are x and y, or east and north. With
+    ``corner``, x and y of the upper left corner, the picture has coordinates at its left and lower edge.
     """
     picture = pixels if pixels.ndim == 3 else cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB)
+    height = max(_LEAST_STRIP_PX, round(_STRIP_SHARE * picture.shape[1]))
+    if corner is not None:
+        picture = _with_ticks(picture, pixel_m, corner, height)
     width = picture.shape[1]
-    height = max(_LEAST_STRIP_PX, round(_STRIP_SHARE * width))
     strip = np.full((height, width, 3), _WHITE, np.uint8)
     _scale_bar(strip, pixel_m, unit)
     _arrows(strip, ("E", "N") if on_earth else ("x", "y"))
     return np.concatenate([picture, strip])
+
+
+def _with_ticks(picture: Image, pixel_m: float, corner: tuple[float, float], strip_px: int) -> Image:
+    """Return the picture in a frame with coordinates at round places along its left and its lower edge."""
+    tall, wide = picture.shape[:2]
+    step = bar_length(max(tall, wide) * pixel_m / _LEAST_TICKS)
+    size, tick, thick = strip_px / 60, strip_px // 6, max(1, strip_px // 30)
+    across = _round_places(corner[0], corner[0] + wide * pixel_m, step)
+    upward = _round_places(corner[1] - tall * pixel_m, corner[1], step)
+    left = 2 * tick + max((_written(y, size)[1] for y in upward), default=0)
+    framed = np.full((tall + strip_px, left + wide, 3), _WHITE, np.uint8)
+    framed[:tall, left:] = picture
+    cv2.rectangle(framed, (left - thick, 0), (left + wide - 1, tall + thick), _BLACK, thick)
+    for x in across:
+        text, text_wide, text_tall = _written(x, size)
+        at = left + round((x - corner[0]) / pixel_m)
+        cv2.line(framed, (at, tall), (at, tall + tick), _BLACK, thick)
+        begin = min(max(at - text_wide // 2, 0), left + wide - text_wide)
+        _write(framed, text, (begin, tall + 3 * tick // 2 + text_tall), size)
+    for y in upward:
+        text, text_wide, text_tall = _written(y, size)
+        at = round((corner[1] - y) / pixel_m)
+        cv2.line(framed, (left - tick, at), (left, at), _BLACK, thick)
+        low = min(max(at + text_tall // 2, text_tall), tall)
+        _write(framed, text, (left - 3 * tick // 2 - text_wide, low), size)
+    return framed
+
+
+def _round_places(low: float, high: float, step: float) -> list[float]:
+    """Return the multiples of ``step`` between two ends."""
+    return [step * k for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
+
+
+def _written(value: float, size: float) -> tuple[str, int, int]:
+    """Return a coordinate as text, and the width and the height of that in pixels."""
+    text = f"{value:g}"
+    (wide, tall), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+    return text, wide, tall
 
 
 def bar_length(longest: float) -> float:
@@ -192,6 +237,9 @@ def _arrows(strip: Image, names: tuple[str, str]) -> None:
 
 
 def _text(strip: Image, text: str, at: tuple[int, int]) -> None:
-    size = strip.shape[0] / 60
+    _write(strip, text, at, strip.shape[0] / 60)
+
+
+def _write(strip: Image, text: str, at: tuple[int, int], size: float) -> None:
     # A thicker pen fills small letters: the font of OpenCV 5 takes the thickness as its weight.
     cv2.putText(strip, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _BLACK, 1, cv2.LINE_AA)

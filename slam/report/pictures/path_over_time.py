@@ -52,7 +52,9 @@ def path_over_time(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
         axes.plot(*chain[stretch].T, color=GREY, linewidth=0.9, linestyle=(0, (5, 3)), label="chain alone")
         colours = _coloured(axes, estimate, stretch, time, gaps)
         first, last = known[0], known[-1]
-        axes.plot(*xy[first], "o", color=BLUE, mfc="white", ms=7, zorder=4, label="start", linestyle="")
+        axes.plot(
+            *xy[first], "o", color=BLUE, mfc="none", ms=10, mew=1.8, zorder=5, label="start", linestyle=""
+        )
         axes.plot(*xy[last], "s", color=BLUE, ms=6, zorder=4, label="end", linestyle="")
         axes.set_aspect("equal", adjustable="datalim")
         axes.spines[["top", "right"]].set_visible(False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 HEIGHT_BAND = "height over the floor [m]"
 _VEIL = 0.55
@@ -29,6 +32,13 @@ _BEYOND: Mapping[tuple[bool, bool], Literal["neither", "min", "max", "both"]] = 
     (True, True): "both",
 }
 """Whether heights lie below and above the range of the colours -> the ends of their bar that are pointed."""
+_SHOWN = (0.5, 99.5)
+"""Percentiles of heights at the ends of the colours: a few of many are wrong. Over a flat floor, on which a
+thing may be a few cells of echoes, the colours span all of them."""
+_STD_OF_MEDIAN = 1.4826
+"""Standard deviation of a normal distribution over the median of its absolute deviations."""
+_SURE = 3.0
+"""Standard deviations that noise exceeds in one cell of 400."""
 LEAST_SPAN_M = 0.1
 """Range of the colours on a flat floor, half of it below the floor, so that noise does not look like
 hills."""
@@ -105,19 +115,23 @@ def elevation_picture(
     )
     axes = figure.subplots()
     axes.set_facecolor(UNMEASURED)
-    low, high = (float(q) for q in np.nanpercentile(height, [0.5, 99.5]))
+    floor = None if measured is not None else _scatter(height)
+    low, high = (float(q) for q in np.nanpercentile(height, _SHOWN if floor is None else (0, 100)))
     low, high = min(low, -LEAST_SPAN_M / 2), max(high, LEAST_SPAN_M / 2)
+    shown = height
+    if floor is not None:
+        shown = np.where((height >= floor[0]) & (height <= floor[1]), np.mean(floor), height)
     drawn = axes.imshow(
-        height, cmap="viridis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
+        shown, cmap="viridis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
     )
     grey = "not measured"
     if measured is not None:
         grey = "no picture"
         if (filled := ~measured & np.isfinite(height)).any():
-            veil = np.zeros((*height.shape, 4), np.float32)
-            veil[filled] = 1.0, 1.0, 1.0, _VEIL
-            axes.imshow(veil, extent=grid.extent_m, interpolation="nearest")
+            _veil(axes, filled, grid)
             grey = "no picture; pale: filled in"
+    if floor is not None:
+        grey = f"{grey}; floor in one colour: {1e3 * floor[0]:+.0f} to {1e3 * floor[1]:+.0f} mm"
     x, y = ground_labels(grid.origin is not None, grid.metric)
     axes.set(xlabel=x, ylabel=y)
     axes.set_title(f"Height over the floor, by {by}\n(grey: {grey})", fontsize=10)
@@ -127,3 +141,19 @@ def elevation_picture(
         extend=further,
     )  # fmt: skip
     return png(figure, cropped=True)
+
+
+def _veil(axes: Axes, where: NDArray[np.bool_], grid: Grid) -> None:
+    veil = np.zeros((*where.shape, 4), np.float32)
+    veil[where] = 1.0, 1.0, 1.0, _VEIL
+    axes.imshow(veil, extent=grid.extent_m, interpolation="nearest")
+
+
+def _scatter(height: NDArray[np.float32]) -> tuple[float, float] | None:
+    """Return between which heights a flat floor scatters by chance, by the median of its deviations.
+
+    None where these are too large for noise, as on hills.
+    """
+    middle = float(np.nanmedian(height))
+    reach = _SURE * _STD_OF_MEDIAN * float(np.nanmedian(np.abs(height - middle)))
+    return (middle - reach, middle + reach) if reach < LEAST_SPAN_M / 2 else None

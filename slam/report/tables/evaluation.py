@@ -48,12 +48,16 @@ NOT_EVALUATED = Evaluated()
 """The words for a map that was not compared."""
 
 
+EVALUATE = "slam evaluate OUT --truth FLIGHT (OUT is the folder of this page, FLIGHT that of the flight)"
+"""Command that compares a map with the truth of its flight, in a sentence."""
+
+
 def not_evaluated(flight: Flight | None) -> Evaluated:
     """Return the words for a map that was not compared: its flight may hold a reference that checks it."""
     if flight is None or flight.truth is None:
         return NOT_EVALUATED
     return Evaluated(
-        "Not measured yet, but this flight holds a true path: the command slam evaluate compares the map "
+        f"Not measured yet, but this flight holds a true path: the command {EVALUATE} compares the map "
         "with it, and writes the result here."
     )
 

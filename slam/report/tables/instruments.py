@@ -11,9 +11,11 @@ import numpy as np
 from slam.core.estimate import Estimate
 from slam.core.figure_table import FigureTable
 from slam.core.instrument import Instrument
+from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.answers.advice import WORDS
 from slam.report.answers.streams import doubts
+from slam.report.heading import heading_doubt
 
 if TYPE_CHECKING:
     from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Sonar, Velocity
@@ -22,7 +24,8 @@ _TITLE = (
     "Instruments. The columns behind “doubted?” say how much of the uncertainty that is left each of them "
     "causes (in the variance, at the keyframe farthest from the start; each adds up to 100 %). The one with "
     "the largest share is the one to improve. A small share means that more accurate instruments outweigh "
-    "it, or that it is more accurate than the map needs. Doubted is an instrument that a warning names."
+    "it, or that it is more accurate than the map needs. Doubted is an instrument that a warning names, or "
+    "whose heading drifts more than is stated."
 )
 _COLUMNS = (
     "instrument", "readings", "one reading is good to", "used?", "doubted?", "place of the ground", "lengths",
@@ -111,7 +114,7 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
         cells = _cells(shares, name) if used else ("",) * len(_DIRECTIONS)
         weighed = _weighed(estimate, name) if used and count else ""
         use = "" if name not in _STREAMS else "yes" if used else NOT_USED
-        rows.append((words, count, f"{stated}{weighed}", use, _doubted(estimate, name), *cells))
+        rows.append((words, count, f"{stated}{weighed}", use, _doubted(estimate, flight, name), *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
 
 
@@ -129,7 +132,9 @@ def _weighed(estimate: Estimate, name: str) -> str:
 
     `backend.bundle.noise` estimates that of roll and pitch from their differences from the map.
     """
-    found = estimate.instruments.attitude
+    inertial, found = estimate.instruments.accelerometer, estimate.instruments.attitude
+    if name == "imu" and inertial is not None and inertial.used:
+        return f"; lengths by it {percent(inertial.scale_std)}, of which its gain is a part"
     if name != "attitude" or found is None:
         return ""
     off_rad = float(np.linalg.norm(found.offset_rad))
@@ -139,13 +144,22 @@ def _weighed(estimate: Estimate, name: str) -> str:
     )
 
 
-def _doubted(estimate: Estimate, name: str) -> str:
-    """Return whether a warning doubts an instrument, and what it found, up to the first colon."""
+def _doubted(estimate: Estimate, flight: Flight, name: str) -> str:
+    """Return whether a warning doubts an instrument, and what it found, up to the first colon.
+
+    A note names what the accuracy counts. The heading is doubted by its drift.
+    """
     stream = _STREAMS.get(name)
     if stream is None:
         return ""
     found = [doubt.found for doubt in doubts(estimate.warnings) if doubt.concerns(stream.name)]
-    return f"yes: {'; '.join(text.split(': ')[0] for text in found)}" if found else "no"
+    told = [text.split(": ")[0] for text in found]
+    if name == "attitude" and (drift := heading_doubt(estimate, flight)):
+        told.append(drift)
+    if told:
+        return f"yes: {'; '.join(told)}"
+    noted = any(line.startswith(f"{stream.name}:") for line in by_kind(estimate.warnings).notes)
+    return "no: what a note above says of it is counted" if noted else "no"
 
 
 def _cells(shares: Mapping[str, Mapping[str, float]], name: str) -> tuple[str, ...]:

@@ -133,6 +133,11 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
     (gap,) = gaps(replace(estimate, relative_poses=apart), flight)
     assert (gap.i, gap.j) == (20, 21)
     assert gap.shows_nothing
+    vague = estimate.covariances.copy()
+    vague[20] *= 4
+    least = replace(estimate, relative_poses=apart, covariances=vague)
+    least_certain = answers(least, flight)["Where is it least certain?"]
+    assert "no usable picture lies on one side of it" in least_certain
     mosaic = MosaicFacts(0.004, 800, 600, 0.05, 0.09, 3.0, -1.5, gap_area_m2=1.25)
     told = sentence(gather(replace(estimate, relative_poses=apart), flight), "ok", mosaic)
     missing = (
@@ -178,7 +183,11 @@ def test_advice_follows_from_what_limits_and_from_what_is_at_hand():
     assert "measure control points" in advice(corrected)
     assert "mark more control points" in advice(replace(corrected, controlled=True))
     by_range = replace(estimate, information_shares=SHARES)
-    assert "gain and zero of the height sensor in its sensor.yaml" in advice(facts, by_range)
+    by_hand = advice(facts, by_range)
+    assert "state how sure these are as scale_std and datum_std in sonar0/sensor.yaml" in by_hand
+    assert "slam optimize --gcp FILE" in by_hand, "a measured distance can be given"
+    assert "slam evaluate" not in by_hand
+    assert "slam evaluate OUT --truth FLIGHT" in advice(replace(facts, has_truth=True), by_range)
     exact = advice(replace(facts, range_exact=True), by_range)
     assert "sensor.yaml" not in exact, "what is taken as exact is stated there already"
     bare = replace(by_gps, warnings=("bare ground: 40 of 200 pictures are left out; fly higher",))
@@ -378,3 +387,10 @@ def test_the_first_step_is_what_the_only_warning_advises(warnings, step):
     estimate, flight = replace(made_estimate(), status="ok", warnings=warnings), made_flight()
     facts, summary = gather(estimate, flight), summarise(estimate)
     assert next_steps(estimate, facts, summary, ground_missing=False).startswith(step)
+
+
+def test_a_keyframe_that_the_mosaic_does_not_show_is_named_with_the_reason():
+    estimate = made_estimate()
+    name = estimate.frame_names[18]
+    told = answers(replace(estimate, not_drawn={name: "it borders a gap"}), made_flight())["What failed?"]
+    assert f"1 keyframe is not in the mosaic (keyframe 18, {name}: it borders a gap)" in told

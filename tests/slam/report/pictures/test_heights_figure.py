@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +10,11 @@ from PIL import Image
 
 from slam.core.estimate import GroundFacts
 from slam.core.summary import summarise
+from slam.io.geotiff import Grid
 from slam.report.facts import gather
 from slam.report.optimize_report import Mosaics, render
 from slam.report.pictures.heights import heights_figure_words
+from slam.report.rasters.elevation import _scatter, elevation_picture
 from tests.slam.made_estimate import made_estimate, made_flight
 
 MEASURED = GroundFacts(
@@ -44,3 +47,16 @@ def test_heights_by_the_height_sensor_have_its_accuracy():
     words = heights_figure_words(estimate, gather(estimate, flight), flight)
     assert "height sensor alone" in words
     assert "smaller differences are noise" in words
+
+
+def test_the_colours_reach_the_highest_echo_and_the_floor_has_one():
+    """One cell of 900 is a thing on the floor; a percentile would have cut its colour."""
+    rng = np.random.default_rng(0)
+    height = (0.005 * rng.standard_normal((30, 30))).astype(np.float32)
+    low, high = _scatter(height)
+    assert -0.02 < low < 0 < high < 0.02
+    height[10, 10], height[20, 20] = 0.06, 0.09
+    drawn = elevation_picture(height, Grid(0, 3, 0.1, 30, 30))
+    pixels = np.asarray(Image.open(io.BytesIO(drawn)).convert("RGB")).astype(int)[:, : 30 * 25]
+    inside = pixels[100:800, 120:700]
+    assert (np.abs(inside - [0xFD, 0xE7, 0x25]).sum(axis=2) < 20).sum() > 100, "the upper end of the colours"

@@ -61,3 +61,18 @@ def test_names_of_marks_side_by_side_do_not_cover_each_other():
     alone = [np.count_nonzero(with_points(picture, 0.01, (0.0, 3.0), [mark]) != 128) for mark in (a, b)]
     both = np.count_nonzero(with_points(picture, 0.01, (0.0, 3.0), [a, b]) != 128)
     assert both == pytest.approx(sum(alone), rel=0.05)
+
+
+def test_a_picture_has_coordinates_at_its_edges():
+    """Ticks stand at round places: here x = 0, 0.5 to 2 and y = 1 to 2 of a picture of 2.5 x 2 m."""
+    pixels = np.full((400, 500, 3), 200, np.uint8)
+    marked = with_marks(pixels, 0.005, "m", False, (-0.25, 2.5))
+    left = marked.shape[1] - 500
+    assert left > 0
+    below = marked[402:404].min(axis=(0, 2))
+    ticks = np.flatnonzero(below[left + 5 : left + 495] < 100) + 5
+    for x in (0.0, 0.5, 1.0, 1.5, 2.0):
+        assert np.abs(ticks - (x + 0.25) / 0.005).min() <= 1
+    beside = marked[:395, left - 3].min(axis=1)
+    for y in (1.0, 1.5, 2.0):
+        assert np.abs(np.flatnonzero(beside < 100) - (2.5 - y) / 0.005).min() <= 1
