@@ -79,7 +79,7 @@ class Facts:
     datum: str = ""
     """The datum of heights, in words; empty for a graph."""
     heading_doubt: str = ""
-    """By how much the recorded heading drifts against its stated accuracy; empty where both agree."""
+    """The drift of the recorded heading beyond its stated accuracy, in words; empty where both agree."""
     has_truth: bool = False
     """Whether the flight holds a true path."""
     metric: bool = True
