@@ -24,6 +24,12 @@ _READINGS = {
     "accel_x": "acceleration ahead",
     "accel_y": "acceleration to the left",
     "accel_z": "acceleration up",
+    "attitude.roll": "roll (right side down)",
+    "attitude.pitch": "pitch (nose down)",
+    "attitude.yaw": "heading",
+    "velocity.v_x": "speed ahead",
+    "velocity.v_y": "speed to the left",
+    "sonar.range": "height reading",
 }
 """Names of readings that are no plain words."""
 _CONSTANTS = {

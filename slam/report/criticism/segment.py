@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREY, VERMILLION, legend_below, new_figure, png
 from slam.core.units import everyday
+from slam.report.criticism.plain_names import reading
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -139,14 +140,15 @@ def before_after_picture(
     ):
         axes.plot(*best.line_of(factor * side), ".-", color=colour, markersize=3, linewidth=1.4, label=name)
     axes.set_xlabel(f"time from {best.stamps_s[0]:.1f} s of {best.flight} [s]")
-    axes.set_ylabel(f"{best.channel} [{unit}]")
+    axes.set_ylabel(f"{reading(best.channel)} [{unit}]")
     legend_below(axes)
     rms = [
         factor * float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)
     ]
     fitted = "; the extension was fitted on the other flights" if best.flight in (unseen or {}) else ""
+    shown = reading(best.channel)
     caption = (
-        f"{best.channel} over the {SEGMENT_S:g} s with the model's largest error{fitted}. Both models get "
+        f"{shown[0].upper()}{shown[1:]} over the {SEGMENT_S:g} s with the model's largest error{fitted}. Both models get "
         f"the same commands and restart from the measured state every {RESTART_S:g} s, where the lines "
         f"break; nothing else is fed back. Root mean square error {rms[0]:.3g} {unit} before, "
         f"{rms[1]:.3g} {unit} after."
@@ -195,7 +197,7 @@ def _reading_gaps(flight: Flight) -> tuple[Array, Array]:
     return stream.stamps_s[1:], 1e3 * np.diff(stream.stamps_s)
 
 
-_RANGE = (_ranges, "sonar.range [m]", "What the sonar read")
+_RANGE = (_ranges, "height reading [m]", "What the height sensor read")
 READINGS_OF = {
     "sonar_spikes": _RANGE,
     "sonar_quantisation": _RANGE,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import NamedTuple
 
 import cv2
@@ -25,6 +26,8 @@ _CAPITAL_PX = 21
 """Height of a capital letter of the font at size 1."""
 _LETTER_SHARE = 0.035
 """Height of the letters of a landmark over the width of the picture, which is shown half a page wide."""
+_CROWDED = 0.6
+"""Size of all marks where signs would cover each other: that of surveyed points for landmarks."""
 _SURVEYED_SHARE = 0.02
 """The same of control points, which are more and have longer names: as tall as the text of a caption."""
 _TRIANGLE = np.array([(-np.sqrt(3) / 2, 0.5), (np.sqrt(3) / 2, 0.5), (0.0, -1.0)])
@@ -65,6 +68,8 @@ def with_points(pixels: Image, pixel_m: float, corner: tuple[float, float], poin
     """
     marked = pixels.copy()
     pens = [_Pen.of(mark, pixel_m, corner, marked.shape[1]) for mark in points]
+    if any(a.sign.shared_px(b.sign) for a, b in combinations(pens, 2)):
+        pens = [_Pen.of(mark, pixel_m, corner, round(_CROWDED * marked.shape[1])) for mark in points]
     taken = [pen.sign for pen in pens]
     for pen in pens:
         for color, thickness in ((_WHITE,) * 3, 4 * pen.edge), (_BLACK, pen.edge):

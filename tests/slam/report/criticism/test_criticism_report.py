@@ -130,10 +130,10 @@ def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
     slow = load_model("nominal").with_term("climb_asymmetry", eps=-0.3)
     flights = [simulate_flight(slow, stick_for(["climb and descend by 0.6 m"]), 1)]
     assert made().causes[0].gain.foremost == ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
-    for name in ("sonar.range", "attitude.pitch"):
+    for name, words in (("sonar.range", "Height reading"), ("attitude.pitch", "Pitch (nose down)")):
         drawn = before_after_picture(load_model("nominal"), slow, flights, name)
         assert drawn is not None
-        assert drawn.caption.startswith(name)
+        assert drawn.caption.startswith(words)
 
 
 @pytest.mark.parametrize("term", ["sonar_spikes", "timestamp_jitter"])

@@ -76,3 +76,13 @@ def test_a_picture_has_coordinates_at_its_edges():
     beside = marked[:395, left - 3].min(axis=1)
     for y in (1.0, 1.5, 2.0):
         assert np.abs(np.flatnonzero(beside < 100) - (2.5 - y) / 0.005).min() <= 1
+
+
+def test_rings_that_would_cover_each_other_are_drawn_smaller():
+    pixels = np.full((1000, 1000, 3), 200, np.uint8)
+    apart, crowded = (
+        with_points(pixels, 0.01, (0.0, 10.0), [Mark("A", 5.0, 5.0), Mark("E", 5.0 + d, 5.0)])
+        for d in (3.0, 0.2)
+    )
+    black = [(marked < 60).all(axis=2).sum() for marked in (apart, crowded)]
+    assert black[1] < 0.6 * black[0]
