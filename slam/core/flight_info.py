@@ -14,6 +14,7 @@ from slam.core.flight import STREAMS, AttitudeSeries, Flight
 from slam.core.imu_at_rest import imu_anomalies
 from slam.core.messages import Note, same_kind
 from slam.core.names import listed
+from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import (
     camera_anomalies,
     sonar_anomalies,
@@ -224,6 +225,7 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     if flight.velocity is not None:
         lines += velocity_anomalies(flight.velocity)
     lines += fix_anomalies(flight)
+    lines += repeated_readings(flight)
     lines += [
         f"{name}: its noise is given as zero, which no sensor has; write its own into sensor.yaml"
         for name in _noiseless(flight)

@@ -17,6 +17,7 @@ from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight_info import describe
 from slam.core.progress import Progress, show_compilation, silent
+from slam.core.repeated_readings import repeated_readings
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
 from slam.core.stream_anomalies import velocity_anomalies
@@ -74,6 +75,7 @@ def navigate(
                 clock_step_left(flight),
                 *stepped,
                 *level_contradictions(flight, trust),
+                *repeated_readings(flight),
                 *(velocity_anomalies(flight.velocity) if flight.velocity is not None else ()),
             ]
             inputs = identify_noise(flight, trust, progress)

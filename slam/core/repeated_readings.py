@@ -1,0 +1,65 @@
+"""Blocks of readings that repeat earlier ones of the same stream exactly, at other times.
+
+Noise never repeats: such a block was copied when the file was joined or repaired, and is no measurement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from slam.core.flight import STREAMS, Flight
+
+Array = NDArray[np.float64]
+
+_ROWS = 20
+"""Successive equal readings that make a block."""
+_VARIED = 10
+"""Different readings that a block holds at least. A coarse or resting sensor repeats a few; that ten in one
+order come twice by chance is excluded for a million readings."""
+_FIELDS = {
+    "imu": ("gyro_rad_s", "accel_m_s2"),
+    "attitude": ("roll_pitch_yaw_rad",),
+    "velocity": ("v_m_s",),
+    "sonar": ("range_m",),
+    "barometer": ("value",),
+}
+
+
+def repeated_readings(flight: Flight) -> list[str]:
+    """Return a line for each stream in which a block of readings repeats an earlier one."""
+    lines = []
+    for name, fields in _FIELDS.items():
+        series = getattr(flight, name)
+        if series is None:
+            continue
+        block = _longest_copy(np.column_stack([getattr(series, field) for field in fields]))
+        if block is not None:
+            first, earlier, count = block
+            at_s = series.stamps_s[[first, first + count - 1, earlier, earlier + count - 1]]
+            lines.append(
+                f"{STREAMS[name].folder}: its readings from {at_s[0]:.1f} to {at_s[1]:.1f} s repeat exactly "
+                f"those from {at_s[2]:.1f} to {at_s[3]:.1f} s, which no sensor does: remove the copied rows"
+            )
+    return lines
+
+
+def _longest_copy(values: Array) -> tuple[int, int, int] | None:
+    """Return the first row of the longest copied block of values (n, d), that of its original, and the number
+    of rows; None without one."""
+    if len(values) < 2 * _ROWS:
+        return None
+    reading = np.unique(values, axis=0, return_inverse=True)[1].reshape(-1)
+    weights = np.random.default_rng(0).integers(1, 2**62, _ROWS)  # a hash; sums may overflow
+    windows = sliding_window_view(reading, _ROWS)
+    _, original, number = np.unique(windows @ weights, return_index=True, return_inverse=True)
+    back = np.arange(len(windows)) - original[number.reshape(-1)]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(back)) + 1, [len(back)]])
+    for k in np.argsort(-np.diff(edges), kind="stable").tolist():
+        first, count = int(edges[k]), int(edges[k + 1] - edges[k]) + _ROWS - 1
+        shift = int(back[first])
+        # A copy lies behind its original; nearer ones are a sensor that sticks.
+        if shift >= _ROWS and len(np.unique(reading[first : first + count])) >= _VARIED:
+            return first, first - shift, count
+    return None

@@ -1,0 +1,37 @@
+"""A block of readings that was copied is told; readings that merely repeat are not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam.core.flight import Flight, Sonar, Velocity
+from slam.core.flight_info import describe
+from slam.core.repeated_readings import repeated_readings
+
+
+def read(range_m: np.ndarray) -> Flight:
+    return Flight("made", sonar=Sonar(0.05 * np.arange(len(range_m)), range_m, 0.01))
+
+
+def test_a_copied_block_is_told_with_both_times():
+    range_m = np.random.default_rng(0).normal(1.0, 0.01, 400)
+    range_m[300:361] = range_m[100:161]
+    (line,) = repeated_readings(read(range_m))
+    assert line.startswith("sonar0: its readings from 15.0 to 18.0 s repeat exactly those from 5.0 to 8.0 s")
+    assert line in describe(read(range_m)).anomalies
+
+
+def test_columns_are_compared_together():
+    v_m_s = np.random.default_rng(0).normal(0.0, 0.1, (400, 2))
+    v_m_s[200:260, 0] = v_m_s[100:160, 0]
+    flight = Flight("made", velocity=Velocity(0.05 * np.arange(400), v_m_s, (0.1, 0.1)))
+    assert repeated_readings(flight) == []
+
+
+def test_a_sensor_that_is_coarse_or_rests_or_has_no_echo_is_not_told():
+    rng = np.random.default_rng(0)
+    assert repeated_readings(read(np.round(rng.normal(1.0, 0.01, 20_000), 2))) == []
+    assert repeated_readings(read(np.full(400, 1.0))) == []
+    assert repeated_readings(read(np.full(400, np.nan))) == []
+    assert repeated_readings(read(np.repeat(rng.normal(1.0, 0.01, 40), 10))) == []
+    assert repeated_readings(read(np.empty(0))) == []
