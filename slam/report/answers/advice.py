@@ -11,7 +11,7 @@ from slam.core.estimate import Estimate
 from slam.core.lost_pictures import BARE_GROUND
 from slam.core.messages import by_kind, clauses
 from slam.core.units import percent
-from slam.report.answers.checked_lengths import unless_checked
+from slam.report.answers.checked_lengths import RESULT, unless_checked
 from slam.report.facts import Facts, heights_over_floor
 from slam.report.gaps import picture_over_height
 from slam.report.tables.evaluation import EVALUATE
@@ -161,7 +161,12 @@ def next_steps(
     if lens_step := _lens_step(estimate):
         steps.append(lens_step)
     if facts.has_truth:
-        steps.append(f"compare the map with the true path that this flight holds: {EVALUATE}")
+        steps.append(
+            unless_checked(
+                f"Compare the map with the true path that this flight holds: {EVALUATE}",
+                f"The map was compared with the true path of its flight ({RESULT})",
+            )
+        )
     if any(asked in step for step in steps for asked in _SURVEYS) and not facts.controlled:
         steps.append(
             "What you measure on the ground, places with heights and so lengths too, can be given to the "

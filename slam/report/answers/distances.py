@@ -31,7 +31,7 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         return "Not known."
     if not known(estimate):
         return _at_most(estimate, facts, mosaic) + uncounted(summary)
-    examples = example_lengths(estimate)
+    examples = example_lengths(estimate, float(np.hypot(*facts.extent_m)))
     longest_m = examples[-1]
     stds = [length_std(estimate, size_m) for size_m in examples]
     told = "; ".join(
@@ -90,10 +90,11 @@ def area_share(estimate: Estimate, facts: Facts, side_m: float) -> float:
     return float(np.hypot(2 * facts.scale_std, by_ends))
 
 
-def example_lengths(estimate: Estimate) -> tuple[float, ...]:
-    """Return round lengths from the shortest to the longest that the table of a map spans."""
+def example_lengths(estimate: Estimate, widest_m: float) -> tuple[float, ...]:
+    """Return round lengths from the shortest of the table of a map to the longest on it."""
     lengths = np.array(estimate.length_stds)[:, 0]
-    inside = [size for size in _SIZES_M if lengths[0] / 2 <= size <= lengths[-1]] or [float(lengths[-1])]
+    longest_m = max(lengths[-1], widest_m)
+    inside = [size for size in _SIZES_M if lengths[0] / 2 <= size <= longest_m] or [float(lengths[-1])]
     picked = np.unique(np.linspace(0, len(inside) - 1, _EXAMPLES).round().astype(int))
     return tuple(inside[index] for index in picked.tolist())
 

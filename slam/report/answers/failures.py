@@ -143,7 +143,7 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         told.append(_not_drawn(estimate, number))
     told_doubts = _doubted(summary)
     heading = (
-        f" Of the attitude sensor, {facts.heading_doubt}; the pictures hold the heading of the map."
+        f" The attitude sensor: {facts.heading_doubt}; the pictures hold the heading of the map."
         if facts.heading_doubt
         else ""
     )

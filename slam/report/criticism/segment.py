@@ -148,10 +148,10 @@ def before_after_picture(
     fitted = "; the extension was fitted on the other flights" if best.flight in (unseen or {}) else ""
     shown = reading(best.channel)
     caption = (
-        f"{shown[0].upper()}{shown[1:]} over the {SEGMENT_S:g} s with the model's largest error{fitted}. Both models get "
-        f"the same commands and restart from the measured state every {RESTART_S:g} s, where the lines "
-        f"break; nothing else is fed back. Root mean square error {rms[0]:.3g} {unit} before, "
-        f"{rms[1]:.3g} {unit} after."
+        f"{shown[0].upper()}{shown[1:]} over the {SEGMENT_S:g} s with the model's largest error{fitted}. "
+        f"Both models get the same commands and restart from the measured state every {RESTART_S:g} s, "
+        f"where the lines break; nothing else is fed back. Root mean square error {rms[0]:.3g} {unit} "
+        f"before, {rms[1]:.3g} {unit} after."
     )
     between = f"{best.stamps_s[0]:.1f} to {best.stamps_s[-1]:.1f} s of {best.flight}"
     return Segment(

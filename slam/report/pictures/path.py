@@ -78,7 +78,12 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     height, sigma = heights_over_floor(estimate)
     before = estimate.odometry_w_T_b[:, 2, 3] - estimate.floor_z_m
     if np.isfinite(before).any():
-        axes.plot(time, before, color=GREY, linewidth=1.0, label="without loops")
+        axes.plot(
+            *_broken(np.column_stack([time, before]), gaps).T,
+            color=GREY,
+            linewidth=1.0,
+            label="without loops",
+        )
     # The band is often narrower than a line, so the legend gives its size.
     known = sigma[np.isfinite(sigma)]
     size = f" (typically ± {length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""

@@ -227,15 +227,18 @@ def test_a_distance_counts_the_scale_once():
     told = answers(estimate, made_flight())[question].replace("\N{NO-BREAK SPACE}", " ")
     for size_m, std_m, worst_m in (
         (0.5, 0.03, 0.05),
-        (1.0, 0.03 + 0.08 * 0.2 / 1.2, 0.05 + 0.08 * 0.2 / 1.2),
         (2.0, 0.11, 0.13),
+        (5.0, 0.21 * 5 / 4, 0.25 * 5 / 4),
     ):
         std, worst = (length(each).replace("\N{NO-BREAK SPACE}", " ") for each in (std_m, worst_m))
         assert f"{size_m:.2f} m apart: ± {std} (up to ± {worst})" in told
-    assert "the scale causes ± 0.10 m (5 % of any length)" in told
-    rest = length(np.sqrt(0.11**2 - 0.1**2)).replace("\N{NO-BREAK SPACE}", " ")
+    assert "the scale causes ± 0.25 m (5 % of any length)" in told
+    rest = length(np.sqrt((0.21 * 5 / 4) ** 2 - 0.25**2)).replace("\N{NO-BREAK SPACE}", " ")
     assert f"the rest, ± {rest}." in told
-    assert "differs from the map by less than 0.22 m" in told
+    assert (
+        f"differs from the map by less than {length(2 * 0.21 * 5 / 4)}".replace("\N{NO-BREAK SPACE}", " ")
+        in told
+    )
 
 
 def test_the_area_of_a_square_is_as_uncertain_as_its_drawn_corners_say():
