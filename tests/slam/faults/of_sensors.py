@@ -15,6 +15,12 @@ def at_once(table: Rows) -> Rows:
     return [[table[0][0], *row[1:]] for row in table]
 
 
+def copied(table: Rows) -> Rows:
+    """The readings of the first half once more, at the stamps of the second."""
+    half = len(table) // 2
+    return [*table[:half], *([late[0], *row[1:]] for late, row in zip(table[half:], table, strict=False))]
+
+
 def no_turns(table: Rows) -> Rows:
     return [[*r[:4], *"0000", *r[8:]] if k % 9 == 0 else r for k, r in enumerate(table)]
 
@@ -37,6 +43,16 @@ def stamped_late(_: Sources, place: Path) -> str:
     return optimized(place / "flight", place / "out")
 
 
+def imu_set_forward(_: Sources, place: Path) -> str:
+    """The map of a flight in which the clock of the IMU is set forward by a second."""
+    flight = flown(0)
+    assert flight.imu is not None
+    stamps_s = flight.imu.stamps_s
+    stepped = flight.restamped(["imu"], lambda s: s + (s > stamps_s[len(stamps_s) // 2]))
+    write_flight(stepped, place / "flight")
+    return optimized(place / "flight", place / "out")
+
+
 FAULTS = (
     Fault(28, "NaN stamps", "W", "without a finite stamp", column("imu0", 0, lambda _: "nan", every=50)),
     Fault(28, "Inf stamps", "W", "without a finite stamp", column("sonar0", 0, lambda _: "inf", every=50)),
@@ -44,6 +60,10 @@ FAULTS = (
     Fault(30, "unsorted", "W", "out of order", rows("imu0", lambda t: t[::-1])),
     Fault(31, "clock back", "W", "jumps back by 3", rows("sonar0", later(-3 * 10**9))),
     Fault(32, "clock an hour ahead", "W", "jumps ahead by 3600", rows("sonar0", later(HOUR_NS))),
+    Event(
+        31, "clock set forward in flight", "W", "its clock steps by [+]1.000", imu_set_forward, is_slow=True
+    ),
+    Fault(29, "block copied to other times", "W", "repeat exactly", rows("imu0", copied)),
     Fault(33, "microseconds", "E", "microseconds", column("imu0", 0, lambda s: int(s) // 1000)),
     Fault(33, "seconds", "E", "seconds", column("imu0", 0, lambda s: int(s) // 10**9)),
     Event(34, "pictures stamped late", "W", "pictures are stamped 5[0-9]", stamped_late, is_slow=True),
