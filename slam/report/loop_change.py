@@ -21,6 +21,8 @@ class LoopChange:
     """Lengths without loop closures over those with them."""
     turn_rad: float
     """Heading without them less that with them, counterclockwise."""
+    shift_m: float
+    """Distance between the middles of both paths."""
     typical_m: float
     largest_m: float
     """Distances that are left after the common change."""
@@ -38,6 +40,7 @@ def loop_change(before_m: Array, after_m: Array) -> LoopChange | None:
     known = np.isfinite(before_m + after_m).all(axis=1)
     if known.sum() < _LEAST_POINTS:
         return None
+    shift_m = float(np.linalg.norm((before_m - after_m)[known].mean(axis=0)))
     before, after = (each[known] - each[known].mean(axis=0) for each in (before_m, after_m))
     flat_before, flat_after = (each[:, 0] + 1j * each[:, 1] for each in (before, after))
     size = float(np.sum(np.abs(flat_after) ** 2))
@@ -53,5 +56,5 @@ def loop_change(before_m: Array, after_m: Array) -> LoopChange | None:
     moved = float(np.sum((before_m - after_m)[known] ** 2))
     share = max(0.0, 1.0 - float(np.sum(left_m**2)) / moved) if moved > 0 else 0.0
     return LoopChange(
-        abs(ratio), float(np.angle(ratio)), float(np.median(left_m)), float(np.max(left_m)), share
+        abs(ratio), float(np.angle(ratio)), shift_m, float(np.median(left_m)), float(np.max(left_m)), share
     )

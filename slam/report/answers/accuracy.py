@@ -177,7 +177,7 @@ def _common_and_bent(facts: Facts) -> str:
         "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
     )
     return (
-        f" {which} is a change that the whole map shares ({common}, and shifted): it is no drift, and "
+        f" {which} is a change that the whole map shares ({common}, and shifted by {facts.length(found.shift_m)}): it is no drift, and "
         f"bends nothing. The rest is drift that loop closures took out, which would bend the map by "
         f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most."
     )

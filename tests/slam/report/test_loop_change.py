@@ -20,6 +20,7 @@ def test_a_common_change_is_no_drift():
     found = loop_change(turned(AFTER, 0.965, 0.02), AFTER)
     assert (found.scale, found.turn_rad) == (pytest.approx(0.965), pytest.approx(0.02))
     assert found.largest_m == pytest.approx(0.0, abs=1e-9)
+    assert found.shift_m == pytest.approx(np.linalg.norm((turned(AFTER, 0.965, 0.02) - AFTER).mean(axis=0)))
     assert found.share == pytest.approx(1.0)
 
 
