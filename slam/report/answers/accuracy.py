@@ -171,13 +171,13 @@ def _common_and_bent(facts: Facts) -> str:
     off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
     common = (
         f"all lengths {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the whole map turned by "
-        f"{abs(turn_deg):.2g}°"
+        f"{abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}"
     )
     which = (
         "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
     )
     return (
-        f" {which} is a change that the whole map shares ({common}, and shifted by {facts.length(found.shift_m)}): it is no drift, and "
+        f" {which} is a change that the whole map shares ({common}): it is no drift, and "
         f"bends nothing. The rest is drift that loop closures took out, which would bend the map by "
         f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most."
     )
