@@ -63,7 +63,7 @@ def explain(
         best = fit_rollouts(parameters, reported, progress)
         reported, parameters = replace(reported, chosen=best.chosen), best.parameters
     if reported is not found:
-        posterior = posterior_of(reported)
+        posterior = posterior_of(reported, refuted)
     if best is not None:
         known = {e.name: rollout_probability(best, e) for e in reported.chosen}
         posterior = posterior.raised(known, reported.rivals)

@@ -9,7 +9,7 @@ its prior.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -81,10 +81,11 @@ class Place:
     """Alternative -> nats by which the term leads; none where they fitted as well."""
 
 
-def posterior_of(found: SearchResult) -> Posterior:
-    """Return the probabilities at the last expansion; of terms that increase noise, at one without them."""
+def posterior_of(found: SearchResult, refuted: Container[str] = ()) -> Posterior:
+    """Return the probabilities at the last expansion; of terms that increase noise, at one without them.
+    ``refuted`` terms, which contradict themselves, are no alternatives."""
     expansion, chosen = found.last, list(found.chosen)
-    places = [_at_saturation(found, e) if e.is_saturation else _at_term(found, e) for e in chosen]
+    places = [_at_saturation(found, e) if e.is_saturation else _at_term(found, e, refuted) for e in chosen]
     weights = [
         (_evidence(expansion, chosen, chosen), _names(chosen)),
         *(w for place in places for w in place.weights),
@@ -148,7 +149,7 @@ def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
     return Place((saturation.name, *tied), 0.0 if tied else np.inf, rival, tied=tied)
 
 
-def _at_term(found: SearchResult, term: Effect) -> Place:
+def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Place:
     expansion = _expansion_without(found, term)
     own, over = _evidence(found.last, found.chosen, found.chosen), _over(found, expansion)
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
@@ -156,7 +157,7 @@ def _at_term(found: SearchResult, term: Effect) -> Place:
     weights = [(_evidence(expansion, rest, chosen) + over, _names(rest))]
     among = [
         e for e in (*expansion.effects, *expansion.patterns)
-        if not any(e.repeats(c) for c in chosen) and not _in_other_words(expansion, rest, term, e)
+        if not (e.name in refuted or any(map(e.repeats, chosen)) or _in_other_words(expansion, rest, term, e))
     ]  # fmt: skip
     tried = [
         (effect, found.leads.get((term.label, effect.label), own - evidence - over))
