@@ -82,8 +82,7 @@ class Place:
 
 
 def posterior_of(found: SearchResult, refuted: Container[str] = ()) -> Posterior:
-    """Return the probabilities at the last expansion; of terms that increase noise, at one without them.
-    ``refuted`` terms, which contradict themselves, are no alternatives."""
+    """Return probabilities at the last expansion, of noise at one without it; ``refuted`` terms have none."""
     expansion, chosen = found.last, list(found.chosen)
     places = [_at_saturation(found, e) if e.is_saturation else _at_term(found, e, refuted) for e in chosen]
     weights = [

@@ -208,6 +208,16 @@ def test_no_alternative_stands_beside_a_probability_of_one(lead):
     assert apart.probability["steady_wind"] > posterior.probability["steady_wind"]
 
 
+def test_a_term_that_contradicts_itself_is_no_alternative():
+    wind, cant = Effect("steady_wind", relaxes=("a",)), Effect("canted_thrust", relaxes=("b",))
+    nats = {(): 0.0, (wind,): 50.0, (cant,): 80.0, (wind, cant): 80.5}
+    found = searched(nats, (wind,), np.array([[1.0, 0.99], [0.99, 1.0]]))
+    assert posterior_of(found).probability["steady_wind"] < 0.01
+    refuting = posterior_of(found, {"canted_thrust"})
+    assert refuting.probability["steady_wind"] > 0.99
+    assert refuting.alternatives == (("steady_wind",),)
+
+
 def test_a_limit_and_a_curve_that_fit_alike_are_a_set_for_an_out_of_model_vehicle_too():
     limit = Effect("tilt_limit", parameters=("limit",), relaxes=("a",))
     curve = Effect("command_nonlinearity", relaxes=("b",))
