@@ -231,8 +231,8 @@ def _residuals(turns: Turns, readings: InertialReadings, reach_s: float) -> Dela
 
 def _evidence(residuals: DelayResiduals) -> Array:
     """Return how much better the best delay explains each turn (n,) than a gyro that says nothing."""
-    tried = np.concatenate([residuals.difference_rad, residuals.turn_rad[:, None]], axis=1)
-    cost = turn_costs(replace(residuals, difference_rad=tried).squares)
+    tried = np.concatenate([residuals.difference, residuals.change[:, None]], axis=1)
+    cost = turn_costs(replace(residuals, difference=tried).squares)
     return np.asarray(cost[:, -1] - cost[:, int(cost[:, :-1].sum(axis=0).argmin())])
 
 
@@ -242,8 +242,8 @@ def _mount(residuals: DelayResiduals) -> tuple[Array, Array]:
     An axis about which the turns say nothing keeps its direction.
     """
     lasts_s = residuals.end_s - residuals.begin_s
-    seen = _without_bias(residuals.turn_rad[:, None], lasts_s)[:, 0]
-    by_gyro = _without_bias(residuals.turn_rad[:, None] - residuals.difference_rad, lasts_s)
+    seen = _without_bias(residuals.change[:, None], lasts_s)[:, 0]
+    by_gyro = _without_bias(residuals.change[:, None] - residuals.difference, lasts_s)
     products = np.einsum("ngi,nj->gij", by_gyro, seen)
     alike = np.linalg.svd(products, compute_uv=False).sum(axis=1)
     off = (by_gyro**2).sum(axis=(0, 2)) + (seen**2).sum() - 2.0 * alike

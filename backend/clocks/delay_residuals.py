@@ -48,26 +48,30 @@ _RATIOS = np.geomspace(1e-2, 1e3, 11)
 
 @dataclass(frozen=True)
 class DelayResiduals:
-    """Differences between the turns of pictures and gyro, for each turn and each delay."""
+    """Differences between the changes of a motion by two streams, for each change and each delay.
+
+    Changes are turns in radians by default, or changes of velocity in m/s. The second stream is the gyro, or
+    the IMU.
+    """
 
     delays_s: Array
     """(g,) tried delays, evenly spaced."""
     begin_s: Array
-    """(n,) stamps of the pictures at which the turns begin."""
+    """(n,) stamps of the first stream at which the changes begin."""
     end_s: Array
     """(n,)."""
-    turn_rad: Array
-    """(n, 3) turns by the pictures."""
-    difference_rad: Array
-    """(n, g, 3)."""
+    change: Array
+    """(n, c) changes by the first stream along each axis."""
+    difference: Array
+    """(n, g, c) these less the changes by the second stream."""
     sampling_std_s: float = 0.0
     """Standard deviation of an error of all delays alike, from the sampling of the gyro."""
 
     def part(self, turns: slice | NDArray[np.int64]) -> DelayResiduals:
-        """Return the residuals of some turns, in the order of time."""
-        rows = (self.begin_s, self.end_s, self.turn_rad, self.difference_rad)
-        begin_s, end_s, turn_rad, difference_rad = (values[turns] for values in rows)
-        return replace(self, begin_s=begin_s, end_s=end_s, turn_rad=turn_rad, difference_rad=difference_rad)
+        """Return the residuals of some changes, in the order of time."""
+        rows = (self.begin_s, self.end_s, self.change, self.difference)
+        begin_s, end_s, change, difference = (values[turns] for values in rows)
+        return replace(self, begin_s=begin_s, end_s=end_s, change=change, difference=difference)
 
     def whitened(self, ratio: float, axes: slice = slice(None)) -> tuple[Array, float]:
         """Return residuals (a, n, g) of some axes, white up to their size and without the gyro's bias.
@@ -82,7 +86,7 @@ class DelayResiduals:
         band[0] = 2.0 + ratio * lasts_s / np.median(lasts_s)
         band[1, :-1] = np.where(joined, -1.0, 0.0)
         factor = cholesky_banded(band, lower=True)
-        difference = np.moveaxis(self.difference_rad[:, :, axes], -1, 1)
+        difference = np.moveaxis(self.difference[:, :, axes], -1, 1)
         values = np.column_stack([difference.reshape(len(lasts_s), -1), lasts_s])
         white = lapack.dtbtrs(factor, values, uplo="L")[0]
         white, lasting = white[:, :-1], white[:, -1]
@@ -92,7 +96,7 @@ class DelayResiduals:
 
     @cached_property
     def squares(self) -> Array:
-        """Squares (3, n, g) of the white residuals of each axis, turn and delay."""
+        """Squares (c, n, g) of the white residuals of each axis, turn and delay."""
         return self.squares_with(self.ratios)
 
     @cached_property
@@ -100,7 +104,7 @@ class DelayResiduals:
         """For each axis, whether its noise is white or a random walk, as ``ratio`` of ``whitened``; estimated
         at the best delay."""
         n, tried = len(self.begin_s), []
-        coarse = replace(self, difference_rad=self.difference_rad[:, ::_COARSE])
+        coarse = replace(self, difference=self.difference[:, ::_COARSE])
         for ratio in _RATIOS.tolist():
             white, log_determinant = coarse.whitened(ratio)
             tried.append(n * np.log(mean_square(white**2)) + log_determinant)
@@ -109,7 +113,7 @@ class DelayResiduals:
         return tuple(_RATIOS[costs[:, :, best].argmin(axis=0)].tolist())
 
     def squares_with(self, ratios: tuple[float, ...]) -> Array:
-        """Return the squares (3, n, g) of the residuals with the kind of noise of each axis given."""
+        """Return the squares (c, n, g) of the residuals with the kind of noise of each axis given."""
         axes = [self.whitened(ratio, slice(axis, axis + 1))[0] for axis, ratio in enumerate(ratios)]
         return np.asarray(np.concatenate(axes) ** 2)
 
@@ -187,7 +191,7 @@ def gyro_attitudes(readings: InertialReadings, stamps_s: Array) -> Array:
 
 
 def turn_costs(squares: Array) -> Array:
-    """Return the log-likelihood (n, g) of each turn at each delay, times -2, from squares (3, n, g).
+    """Return the log-likelihood (n, g) of each turn at each delay, times -2, from squares (c, n, g).
 
     The size of the noise of each axis is estimated at each delay.
     """

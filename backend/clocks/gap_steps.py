@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.clocks.delay_residuals import DelayResiduals, turn_costs
-from backend.clocks.picture_clock import BLOCKS, LEAST_TURNS, NOTABLE_S
+from backend.clocks.picture_clock import LEAST_TURNS, NOTABLE_S, variation
 
 Array = NDArray[np.float64]
 
@@ -98,9 +98,6 @@ def _is_better(
     least = [cost[:, int(cost.sum(axis=0).argmin())] for cost in costs]
     excess = least[0] - least[1]
     total = float(excess.sum())
-    # Where turns or blocks of time disagree by more than the model implies, their variation counts, as in
-    # `robust_cost`. Turns before the gap fit both, so that only later ones vary for the reason in question.
-    spread = float(((excess - excess.mean()) ** 2).sum())
-    blocks = np.array([block.sum() for block in np.array_split(excess[later], BLOCKS)])
-    between = float(((blocks - blocks.mean()) ** 2).sum()) * BLOCKS / (BLOCKS - 1)
-    return total > _SURE**2 and 4 * total**2 > _SURE**2 * max(spread, between)
+    # Turns before the gap fit both, so that only later ones vary for the reason in question.
+    varies = float(variation(excess, excess[later]))
+    return total > _SURE**2 and 4 * total**2 > _SURE**2 * varies

@@ -30,7 +30,7 @@ SURE = 6.0
 for between any two pictures, so that chance has thousands of trials."""
 LEAST_TURNS = 15
 """Fewer determine the noise of an axis, its bias and the delay too poorly."""
-BLOCKS = 12
+_BLOCKS = 12
 """Blocks of time whose scores are compared."""
 _ROUNDS = 3
 _FINE_STEP_S, _FINE_S = 0.001, NOTABLE_S
@@ -171,10 +171,16 @@ def robust_cost(turn_cost: Array) -> Array:
     """
     excess = turn_cost - turn_cost[:, [int(turn_cost.sum(axis=0).argmin())]]
     total = excess.sum(axis=0)
+    return np.asarray(np.minimum(total, 4 * total**2 / np.maximum(variation(excess, excess), 1e-300)))
+
+
+def variation(excess: Array, of_blocks: Array) -> Array:
+    """Return the variance of the sum of costs (n, ...), by their scatter or that of ``of_blocks`` (m, ...) of
+    them in blocks of time, whichever is larger."""
     spread = ((excess - excess.mean(axis=0)) ** 2).sum(axis=0)
-    blocks = np.stack([block.sum(axis=0) for block in np.array_split(excess, BLOCKS)])
-    between = ((blocks - blocks.mean(axis=0)) ** 2).sum(axis=0) * BLOCKS / (BLOCKS - 1)
-    return np.asarray(np.minimum(total, 4 * total**2 / np.maximum(np.maximum(spread, between), 1e-300)))
+    blocks = np.stack([block.sum(axis=0) for block in np.array_split(of_blocks, _BLOCKS)])
+    between = ((blocks - blocks.mean(axis=0)) ** 2).sum(axis=0) * _BLOCKS / (_BLOCKS - 1)
+    return np.asarray(np.maximum(spread, between))
 
 
 def _pieces(residuals: DelayResiduals, begin_s: float, whole: ClockPiece) -> list[ClockPiece]:
@@ -226,11 +232,11 @@ def explained(residuals: DelayResiduals, pieces: list[ClockPiece], gain_error: f
     """
     delays_s = PictureClock(tuple(pieces), 0.0).delays_at(residuals.begin_s)
     nearest = np.abs(residuals.delays_s - delays_s[:, None]).argmin(axis=1)
-    difference = np.take_along_axis(residuals.difference_rad, nearest[:, None, None], axis=1)[:, 0]
+    difference = np.take_along_axis(residuals.difference, nearest[:, None, None], axis=1)[:, 0]
     lasts_s = residuals.end_s - residuals.begin_s
     left, turned = (
         values - np.outer(lasts_s, lasts_s @ values / (lasts_s @ lasts_s))
-        for values in (difference, residuals.turn_rad)
+        for values in (difference, residuals.change)
     )
     by_gyro = turned - left
     size = max(float((by_gyro**2).sum()), 1e-300)

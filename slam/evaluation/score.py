@@ -132,8 +132,8 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
     rigid = umeyama(estimated_m, reference_m, with_scale=False)
     similar = umeyama(estimated_m, reference_m, with_scale=True)
     coarse = _too_coarse(estimate, association)
-    metres = 1.0 if estimate.metric else similar.scale
-    consistency, per_keyframe = _consistency(estimate, association, maps.loops.w_T_b, coarse, metres)
+    unit_m = 1.0 if estimate.metric else similar.scale
+    consistency, per_keyframe = _consistency(estimate, association, maps.loops.w_T_b, coarse, unit_m)
     landmarks, gaps = landmark_table(estimate, flight, association, maps)
     return Evaluation(
         name=estimate.name,
@@ -172,22 +172,21 @@ def _consistency(
     association: Association,
     aligned_w_T_b: Array,
     coarse: NDArray[np.bool_],
-    metres: float,
+    unit_m: float,
 ) -> tuple[Nees | None, Array]:
     """NEES of all but the first keyframe, which fixes the gauge: its errors are zero by construction.
 
-    ``metres`` is the length of the map's unit.
+    ``unit_m`` is the length of the map's unit.
     """
     per_keyframe = np.full(len(association.keyframe), np.nan)
     if association.w_T_b is None or len(per_keyframe) < 2 or coarse[0]:
         return None, per_keyframe
-    unit = np.repeat([1.0, metres], 3)
-    covariances = np.where(coarse[:, None, None], np.nan, estimate.covariances[association.keyframe])
+    to_metres = np.repeat([1.0, unit_m], 3)
+    covariances = to_metres[:, None] * estimate.covariances[association.keyframe] * to_metres
+    covariances[coarse] = np.nan
     w_T_b = aligned_w_T_b.copy()
-    w_T_b[:, :3, 3] += (metres - 1.0) * (w_T_b[:, :3, 3] - w_T_b[0, :3, 3])
-    result = nees(
-        w_T_b[1:], association.w_T_b[1:], (unit[:, None] * covariances * unit)[1:], _by_scale(estimate, w_T_b)
-    )
+    w_T_b[:, :3, 3] += (unit_m - 1.0) * (w_T_b[:, :3, 3] - w_T_b[0, :3, 3])
+    result = nees(w_T_b[1:], association.w_T_b[1:], covariances[1:], _by_scale(estimate, w_T_b))
     if result is not None:
         per_keyframe[1:] = result.per_keyframe
     return result, per_keyframe

@@ -16,8 +16,7 @@ from backend.clocks.delay_residuals import turn_costs
 from backend.clocks.gap_steps import LONGEST_LAG_S
 from slam.core.flight import STREAMS, Flight
 from slam.core.stream_anomalies import stuck_ranges
-from slam.inertial.instruments import InertialTrust
-from slam.inertial.stream_clocks import (
+from slam.inertial.imu_motion import (
     COMPARED,
     ImuMotion,
     changes_against,
@@ -44,13 +43,10 @@ _SURE = 3.0
 _UNIT_OF = {"velocity": "m/s", "sonar": "m"}
 
 
-def level_contradictions(flight: Flight, trust: InertialTrust = InertialTrust()) -> list[str]:
-    """Return a line for each stream whose level steps, or whose changes have another size, while gyro and
-    accelerometer show otherwise. Raises ``InputError`` where the flight has too little without them."""
+def level_contradictions(flight: Flight, motion: ImuMotion) -> list[str]:
+    """Return a line for each stream whose level steps, or whose changes have another size, while the motion
+    by its IMU shows otherwise."""
     streams = [name for name in COMPARED if getattr(flight, name) is not None]
-    motion = ImuMotion.of(flight, trust) if streams else None
-    if motion is None:
-        return []
     lines = [line for name in streams for line in _lines(flight, name, motion)]
     stuck = _stuck_in_flight(flight)
     return [*lines, stuck] if stuck else lines
@@ -144,8 +140,8 @@ def _ratio(flight: Flight, name: str, motion: ImuMotion) -> float | None:
     if residuals is None:
         return None
     best = int(turn_costs(residuals.squares).sum(axis=0).argmin())
-    read = residuals.turn_rad
-    made = read - residuals.difference_rad[:, best]
+    read = residuals.change
+    made = read - residuals.difference[:, best]
     size, of_made = float((read**2).sum()), float((made**2).sum())
     product = float((read * made).sum())
     if product**2 < _SURE**2 * size * of_made * 2 / len(read):

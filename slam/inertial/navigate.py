@@ -12,24 +12,19 @@ from scipy.spatial.transform import Rotation
 
 from backend.ekf import records as status
 from slam.core.arguments import check_flight
-from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight_info import describe
 from slam.core.progress import Progress, show_compilation, silent
-from slam.core.repeated_readings import repeated_readings
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
-from slam.core.stream_anomalies import velocity_anomalies
 from slam.core.turn_units import in_radians
 from slam.inertial.accuracy_basis import track_accuracy_basis
 from slam.inertial.filter_input import FilterInput
+from slam.inertial.instrument_checks import checked
 from slam.inertial.instruments import InertialTrust
-from slam.inertial.level_steps import level_contradictions
 from slam.inertial.motion import filter_motion
 from slam.inertial.noise_identification import identify_noise
-from slam.inertial.stream_clocks import without_stream_steps
-from slam.inertial.velocity_check import velocity_contradiction
 
 if TYPE_CHECKING:
     from backend.ekf.results import States, Track
@@ -69,15 +64,7 @@ def navigate(
     flight, clock = in_radians(flight), Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):
-            flight, stepped = without_stream_steps(without_clock_steps(flight), trust)
-            contradictions = [
-                velocity_contradiction(flight, trust),
-                clock_step_left(flight),
-                *stepped,
-                *level_contradictions(flight, trust),
-                *repeated_readings(flight),
-                *(velocity_anomalies(flight.velocity) if flight.velocity is not None else ()),
-            ]
+            flight, contradictions = checked(flight, trust)
             inputs = identify_noise(flight, trust, progress)
         at_s = _times(flight, inputs, rate_hz)
         absolute = inputs.readings.w_p_b_m is not None
@@ -89,8 +76,7 @@ def navigate(
     assert track.smoothed is not None
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     position_std = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
-    messages = [*_unobserved(inputs, float(position_std[-1])), *_contradicted(inputs)]
-    messages += [line for line in contradictions if line]
+    messages = [*_unobserved(inputs, float(position_std[-1])), *_contradicted(inputs), *contradictions]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,

@@ -124,7 +124,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
     kinds = [edge.kind for edge in estimate.relative_poses]
     scale_std = estimate.scale_std or 0.0 if flight is not None else 0.0
     gain, zero = _height_sensor(estimate, flight)
-    without_loops = odometry_on_result(estimate)
+    without_loops, doubt = odometry_on_result(estimate), heading_doubt(estimate, flight)
     return Facts(
         keyframes=len(known),
         placed=int(known.sum()),
@@ -147,7 +147,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         scale_source=_scale_source(estimate, flight),
         sensor_gain=gain,
         sensor_zero=zero,
-        axes=_axes(estimate, flight),
+        axes=_axes(estimate, flight, doubt),
         gaps=gaps(estimate, flight),
         is_graph=flight is None,
         gps_std_m=_gps_std_m(flight),
@@ -156,7 +156,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         controlled=_controlled(estimate),
         plane="" if flight is None else plane_text(estimate),
         datum="" if flight is None else datum_text(estimate),
-        heading_doubt=heading_doubt(estimate, flight),
+        heading_doubt=doubt,
         has_truth=flight is not None and flight.truth is not None,
         metric=estimate.metric,
     )
@@ -249,7 +249,7 @@ def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
     return "" if estimate.origin is not None else "the first keyframe"
 
 
-def _axes(estimate: Estimate, flight: Flight | None) -> str:
+def _axes(estimate: Estimate, flight: Flight | None, doubt: str) -> str:
     if flight is None:
         return "Those of the file."
     if estimate.origin is not None:
@@ -258,13 +258,12 @@ def _axes(estimate: Estimate, flight: Flight | None) -> str:
     headed = flight.attitude is not None and bool(np.isfinite(flight.attitude.roll_pitch_yaw_rad[:, 2]).any())
     if headed:
         text = f"{start} x points where the recorded heading (yaw) is zero, y to the left of it."
-        return f"{text}{_x_axis_doubt(estimate, flight)}"
+        return f"{text}{_x_axis_doubt(doubt)}"
     return f"{start} x points where the drone's nose pointed at the first keyframe, y to the left of it."
 
 
-def _x_axis_doubt(estimate: Estimate, flight: Flight) -> str:
+def _x_axis_doubt(doubt: str) -> str:
     """Return that x is no sure direction where the heading drifts, with a space in front."""
-    doubt = heading_doubt(estimate, flight)
     if not doubt:
         return ""
     return (

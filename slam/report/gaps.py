@@ -22,9 +22,9 @@ class Gap:
     """Distance between them."""
     shows_nothing: bool
     """Whether it is longer than a picture, so that ground on it is missing."""
-    ends_m: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+    ends_m: tuple[tuple[float, float], tuple[float, float]]
     """x and y of both keyframes."""
-    width_m: float = 0.0
+    width_m: float
     """Shorter side of a picture on the ground there; 0 where it is not known."""
 
 

@@ -11,6 +11,8 @@ Source: derived.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
@@ -62,24 +64,38 @@ def ground_jacobians(optimum: BundleOptimum) -> Array:
     return np.concatenate([J, of_lens], axis=2)
 
 
-def ground_in_picture(optimum: BundleOptimum, k: int) -> Array:
-    """Return the Jacobian (2m, 6) of the ground at m places of the picture of keyframe k, x and y in mean
-    heights, by the right perturbation of the metric body pose."""
-    cameras = Cameras.of(optimum.problem, optimum.values)
-    ray, _ = _rays(cameras.calibration, _seen_pixel(optimum))
-    of_camera = _of_pose(*_ends(cameras.f_T_c[k], ray), ray)
-    return np.asarray(np.linalg.solve(_to_body(optimum).T, of_camera.T).T)
+@dataclass(frozen=True)
+class SeenGround:
+    """Places of the ground that the pictures of a map show, on a grid over the observed part of each."""
 
+    f_T_c: Array
+    """(n, 4, 4) poses of the cameras over the level floor, in mean heights."""
+    ray: Array
+    """(m, 3) directions of the places at depth 1."""
+    to_body: Array
+    """(6, 6) right perturbation of a metric body pose by that of its camera in mean heights."""
+    height_m: float
+    """Length of a mean height."""
 
-def picture_places(optimum: BundleOptimum, k: int) -> tuple[Array, float]:
-    """Return (m, 2) these places, x and y over the level floor in metres, and the metres of a mean height."""
-    cameras = Cameras.of(optimum.problem, optimum.values)
-    ray, _ = _rays(cameras.calibration, _seen_pixel(optimum))
-    f_T_c = cameras.f_T_c[k]
-    _, length = _ends(f_T_c, ray)
-    scale = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c).scale
-    place = f_T_c[:3, 3] + length[:, 0] * (ray @ f_T_c[:3, :3].T)
-    return scale * place[:, :2], scale
+    @staticmethod
+    def of(optimum: BundleOptimum) -> SeenGround:
+        """Return the places of a refined map."""
+        cameras = Cameras.of(optimum.problem, optimum.values)
+        ray, _ = _rays(cameras.calibration, _seen_pixel(optimum))
+        height_m = WorldTransform(optimum.values.atVector(WORLD), optimum.problem.camera.b_T_c).scale
+        return SeenGround(cameras.f_T_c, ray, _to_body(optimum), height_m)
+
+    def jacobian(self, k: int) -> Array:
+        """Return the Jacobian (2m, 6) of the ground at the places in the picture of keyframe k, x and y in
+        mean heights, by the right perturbation of the metric body pose."""
+        of_camera = _of_pose(*_ends(self.f_T_c[k], self.ray), self.ray)
+        return np.asarray(np.linalg.solve(self.to_body.T, of_camera.T).T)
+
+    def place_m(self, k: int) -> Array:
+        """Return x and y (m, 2) of the places in the picture of keyframe k, in metres."""
+        _, length = _ends(self.f_T_c[k], self.ray)
+        place = self.f_T_c[k, :3, 3] + length[:, 0] * (self.ray @ self.f_T_c[k, :3, :3].T)
+        return self.height_m * place[:, :2]
 
 
 def _to_body(optimum: BundleOptimum) -> Array:

@@ -20,7 +20,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.accuracy.ground_covariances import ground_in_picture, ground_jacobians
+from backend.bundle.accuracy.ground_covariances import SeenGround, ground_jacobians
 from backend.bundle.accuracy.ground_size import gradients
 from backend.bundle.barometer import HEIGHTS
 from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, MOUNT, WORLD_SIZE
@@ -108,7 +108,7 @@ def _height_jacobian(optimum: BundleOptimum, k: int) -> Array:
 
 def _variances(rows: Array, optimum: BundleOptimum, k: int) -> Array:
     """Return the variance of each direction by the rows (r, columns of the gradient) of one instrument."""
-    of_ground = rows[:, _GROUND] @ ground_in_picture(optimum, k).T
+    of_ground = rows[:, _GROUND] @ SeenGround.of(optimum).jacobian(k).T
     return np.append(np.sum(rows[:, : _GROUND.start] ** 2, axis=0), np.sum(of_ground**2))
 
 

@@ -16,12 +16,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.accuracy.ground_covariances import (
-    INNER_RAYS,
-    ground_in_picture,
-    ground_jacobians,
-    picture_places,
-)
+from backend.bundle.accuracy.ground_covariances import INNER_RAYS, SeenGround, ground_jacobians
 from backend.bundle.graph import WORLD
 from backend.bundle.minimise import BundleOptimum
 
@@ -88,15 +83,14 @@ def shown_places(optimum: BundleOptimum) -> ShownPlaces:
     count = problem.measurements.count
     keyframe = np.unique(np.linspace(0, count - 1, min(count, _MOST_PLACES)).round().astype(np.int64))
     lens = (CALIBRATION(0),) if problem.self_calibrates else ()
-    of_body = ground_jacobians(optimum)
+    seen, of_body = SeenGround.of(optimum), ground_jacobians(optimum)
     places = np.empty((len(keyframe), 2))
     gradient = np.zeros((reduced.size, 2 * len(keyframe)))
     for number, k in enumerate(keyframe.tolist()):
-        place_m, length_unit_m = picture_places(optimum, k)
         ray = INNER_RAYS[number % len(INNER_RAYS)]
-        J = length_unit_m * ground_in_picture(optimum, k)[2 * ray : 2 * ray + 2] @ of_body[k]
+        J = seen.height_m * seen.jacobian(k)[2 * ray : 2 * ray + 2] @ of_body[k]
         at = np.r_[tuple(columns(key) for key in (POSE(k), WORLD, *lens))]
         gradient[at, 2 * number : 2 * number + 2] = J.T
-        places[number] = place_m[ray]
+        places[number] = seen.place_m(k)[ray]
     by_pose, _ = reduced.solve(gradient, np.zeros((3 * len(optimum.at.point), gradient.shape[1])))
     return ShownPlaces(keyframe, places, gradient.T @ by_pose)

@@ -82,7 +82,7 @@ class Place:
 
 
 def posterior_of(found: SearchResult, refuted: Container[str] = ()) -> Posterior:
-    """Return probabilities at the last expansion, of noise at one without it; ``refuted`` terms have none."""
+    """Return the probabilities beside the last expansion; ``refuted`` terms are no alternatives."""
     expansion, chosen = found.last, list(found.chosen)
     places = [_at_saturation(found, e) if e.is_saturation else _at_term(found, e, refuted) for e in chosen]
     weights = [

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.clocks.picture_clock import ClockPiece, PictureClock, picture_clock
+from backend.clocks.picture_clock import ClockPiece, PictureClock
+from slam.core.clock_steps import attitude_clock
 from slam.core.flight import Flight
-from slam.core.instrument_readings import MAX_GAP_S, attitude_readings, inertial_readings
 from slam.core.messages import Note
-from slam.core.rotations import rotation_of
 from slam.core.units import with_error
 
 
@@ -46,19 +45,9 @@ def on_one_clock(flight: Flight, pictures: PictureClock | None) -> Flight:
 
 
 def attitude_delay(flight: Flight) -> ClockPiece | None:
-    """Return by how much the attitude is stamped after the gyro's reading of that moment.
-
-    None where one of the two is missing, where the gyro does not explain the attitude's turns, and where the
-    delay changes or is not known well enough.
-    """
-    readings = inertial_readings(flight.imu)
-    if readings is None or flight.attitude is None:
-        return None
-    stamps_s, angles = attitude_readings(flight.attitude)
-    if len(stamps_s) < 2:
-        return None
-    chain = np.append(0, np.cumsum(np.diff(stamps_s) > MAX_GAP_S))
-    found = picture_clock(stamps_s, rotation_of(angles), chain, readings)
+    """Return the one delay of `slam.core.clock_steps.attitude_clock`; None where it is not known well enough,
+    or changes."""
+    found = attitude_clock(flight)
     if found is None or len(found.pieces) > 1 or not found.pieces[0].known:
         return None
     return found.pieces[0]

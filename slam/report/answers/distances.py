@@ -54,12 +54,12 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     )
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
     return (
-        f"Two places on it that lie {told}: one standard deviation of a typical distance, and in brackets "
-        f"what 19 of 20 stay below.{uncounted(summary)} {why}{moves} A tape over {facts.length(longest_m)} "
-        f"differs from the map by less than {length(2 * typical_m)} nineteen times out of twenty: if it "
-        f"differs by more, one of them is wrong. The area of a square of {areas}, one standard deviation: "
-        "twice the share of the scale in a length, and the places of the corners, which count less on larger "
-        "areas. map.html measures any distance and area with its uncertainty."
+        f"Two places on the map that are {told}. This is one standard deviation of a typical distance; 19 of "
+        f"20 distances have less than the one in brackets.{uncounted(summary)} {why}{moves} A tape over "
+        f"{facts.length(longest_m)} differs from the map by less than {length(2 * typical_m)} nineteen times "
+        "out of twenty: if it differs by more, one of them is wrong. The area of a square, one standard "
+        f"deviation: {areas}. The scale counts twice in an area; the places of the corners count less on "
+        "larger areas. map.html measures any distance and area with its uncertainty."
     )
 
 

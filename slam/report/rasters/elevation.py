@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from frontend.elevation import Elevation
 from frontend.mosaic.surface import HeightSource, Surface
+from frontend.robust import robust_std
 from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.core.units import unit
@@ -35,8 +36,6 @@ _BEYOND: Mapping[tuple[bool, bool], Literal["neither", "min", "max", "both"]] = 
 _SHOWN = (0.5, 99.5)
 """Percentiles of heights at the ends of the colours: a few of many are wrong. Over a flat floor, on which a
 thing may be a few cells of echoes, the colours span all of them."""
-_STD_OF_MEDIAN = 1.4826
-"""Standard deviation of a normal distribution over the median of its absolute deviations."""
 _SURE = 3.0
 """Standard deviations that noise exceeds in one cell of 400."""
 LEAST_SPAN_M = 0.1
@@ -155,5 +154,5 @@ def _scatter(height: NDArray[np.float32]) -> tuple[float, float] | None:
     None where these are too large for noise, as on hills.
     """
     middle = float(np.nanmedian(height))
-    reach = _SURE * _STD_OF_MEDIAN * float(np.nanmedian(np.abs(height - middle)))
+    reach = _SURE * robust_std(height[np.isfinite(height)] - middle)
     return (middle - reach, middle + reach) if reach < LEAST_SPAN_M / 2 else None

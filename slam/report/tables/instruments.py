@@ -159,7 +159,7 @@ def _doubted(estimate: Estimate, flight: Flight, name: str) -> str:
     if told:
         return f"yes: {'; '.join(told)}"
     noted = any(line.startswith(f"{stream.name}:") for line in by_kind(estimate.warnings).notes)
-    return "no: what a note above says of it is counted" if noted else "no"
+    return "no; the accuracy counts what a note above says of it" if noted else "no"
 
 
 def _cells(shares: Mapping[str, Mapping[str, float]], name: str) -> tuple[str, ...]:

@@ -10,12 +10,22 @@ import pytest
 from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.flight import Flight
 from slam.inertial.filter_input import filter_input
+from slam.inertial.imu_motion import ImuMotion
+from slam.inertial.instrument_checks import checked
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.navigate import navigate
 from slam.inertial.stream_clocks import without_stream_steps
 from tests.slam.inertial.made_navigation import made_flight, without
 
 TRUST = InertialTrust()
+
+
+def set_right(flight: Flight) -> tuple[Flight, list[str]]:
+    """The flight with clocks set right, and what is told of the others."""
+    motion = ImuMotion.of(flight, TRUST)
+    assert motion is not None
+    fixed, _, left = without_stream_steps(flight, motion, TRUST)
+    return fixed, left
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +77,7 @@ def test_a_gyro_or_attitude_that_is_set_back_is_told(flight: Flight, name: str):
 
 
 def test_a_velocity_that_is_set_forward_is_set_right(flight: Flight):
-    fixed, left = without_stream_steps(stepped(flight, "velocity", 1.0), TRUST)
+    fixed, left = set_right(stepped(flight, "velocity", 1.0))
     assert left == []
     assert np.abs(fixed.velocity.stamps_s - flight.velocity.stamps_s).max() < 1e-6
     assert fixed.warnings[0].startswith("velocity0: its clock steps by +1.000 s at 1")
@@ -75,14 +85,14 @@ def test_a_velocity_that_is_set_forward_is_set_right(flight: Flight):
 
 def test_an_imu_without_attitude_is_set_right_by_the_velocity(flight: Flight):
     alone = without(flight, "attitude")
-    fixed, left = without_stream_steps(stepped(alone, "imu", 1.0), TRUST)
+    fixed, left = set_right(stepped(alone, "imu", 1.0))
     assert left == []
     assert np.abs(fixed.imu.stamps_s - flight.imu.stamps_s).max() < 1e-6
 
 
 def test_a_velocity_that_is_set_back_is_told(flight: Flight):
     moved = stepped(flight, "velocity", -1.0)
-    unchanged, (line,) = without_stream_steps(moved, TRUST)
+    unchanged, (line,) = set_right(moved)
     assert unchanged is moved
     assert "the clock of velocity0 steps against that of imu0 by -" in line
 
@@ -92,15 +102,17 @@ def test_time_that_was_lost_is_no_step_of_the_clock(flight: Flight, name: str):
     gap = lost(flight, name, 1.0)
     assert without_clock_steps(gap) is gap
     assert clock_step_left(gap) == ""
-    same, left = without_stream_steps(gap, TRUST)
+    same, left = set_right(gap)
     assert same is gap
     assert left == []
 
 
 def test_a_healthy_flight_is_left_alone(flight: Flight):
     assert without_clock_steps(flight) is flight
-    assert without_stream_steps(flight, TRUST) == (flight, [])
-    assert without_stream_steps(without(flight, "imu"), TRUST) == (without(flight, "imu"), [])
+    assert set_right(flight) == (flight, [])
+    assert checked(flight, TRUST) == (flight, [])
+    without_imu = without(flight, "imu")
+    assert checked(without_imu, TRUST) == (without_imu, [])
 
 
 @pytest.mark.slow

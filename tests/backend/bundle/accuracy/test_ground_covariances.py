@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from backend.bundle.accuracy.ground_covariances import ground_covariances, ground_in_picture
+from backend.bundle.accuracy.ground_covariances import SeenGround, ground_covariances
 from backend.bundle.projections import undistorted
 from backend.bundle.refinement import Bundle, refine
 from frontend.mosaic.quality import ground_jacobian
@@ -87,6 +87,6 @@ def test_the_ground_in_a_picture_moves_with_the_body_as_the_mosaic_has_it():
     ray = hat[:3, :3] @ [*corner, 1.0]
     place = hat[:3, 3] + ray * (found.floor_z_m - hat[2, 3]) / ray[2]
     J = ground_jacobian(place, hat[:3, 3], body[:3, 3]) @ np.kron(np.eye(2), body[:3, :3])
-    in_heights = ground_in_picture(found.optimum, k)[:2]
+    in_heights = SeenGround.of(found.optimum).jacobian(k)[:2]
     height_m = np.linalg.norm(J[:, 3:]) / np.linalg.norm(in_heights[:, 3:])
     np.testing.assert_allclose(height_m * in_heights, J, rtol=1e-6, atol=1e-6)

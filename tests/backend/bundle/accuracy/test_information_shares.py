@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X as POSE
 
-from backend.bundle.accuracy.ground_covariances import ground_in_picture, ground_jacobians
+from backend.bundle.accuracy.ground_covariances import SeenGround, ground_jacobians
 from backend.bundle.accuracy.ground_size import gradients
 from backend.bundle.accuracy.information_shares import DIRECTIONS, information_shares
 from backend.bundle.graph import WORLD
@@ -83,7 +83,7 @@ def test_the_share_of_the_ground_is_that_of_its_variance_in_the_dense_system():
     A, columns = linear.jacobian()[0].toarray(), linear.eliminate().structure.columns
     # Without positions the keyframe farthest from the first one is found by the result.
     k = int(np.argmax(np.linalg.norm(made.w_T_b[:, :3, 3] - made.w_T_b[0, :3, 3], axis=1)))
-    J = ground_in_picture(optimum, k) @ ground_jacobians(optimum)[k]
+    J = SeenGround.of(optimum).jacobian(k) @ ground_jacobians(optimum)[k]
     gradient = np.zeros((A.shape[1], len(J)))
     gradient[np.r_[columns(POSE(k)), columns(WORLD)]] = J.T
     rows = A @ np.linalg.solve(A.T @ A, gradient)

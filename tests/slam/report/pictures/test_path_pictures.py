@@ -35,7 +35,7 @@ def test_the_band_of_heights_is_open_over_a_stretch_without_pictures():
     estimate = made_estimate(sigma_m=0.02)
     whole, torn = (
         np.asarray(Image.open(io.BytesIO(altitude_picture(estimate, gaps))).convert("RGB")).astype(int)
-        for gaps in ((), (Gap(10, 50, 3.0, True),))
+        for gaps in ((), (Gap(10, 50, 3.0, True, ((0.0, 0.0), (3.0, 0.0)), 1.0),))
     )
     band = [(np.abs(png - [0xF0, 0xC5, 0x66]).sum(axis=2) < 30).sum() for png in (whole, torn)]
     assert 0 < band[1] < band[0]
@@ -85,7 +85,7 @@ def test_laps_are_counted_by_the_length_of_the_way_around(times):
 
 
 def test_the_path_over_time_has_the_colours_of_begin_and_end():
-    png = path_over_time(made_estimate(), [Gap(3, 4, 1.0, True)])
+    png = path_over_time(made_estimate(), [Gap(3, 4, 1.0, True, ((0.0, 0.0), (1.0, 0.0)), 0.5)])
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
     for colour in ([0x44, 0x01, 0x54], [0xFD, 0xE7, 0x25]):  # the ends of viridis
         assert (np.abs(pixels - colour).sum(axis=2) < 30).mean() > 5e-4

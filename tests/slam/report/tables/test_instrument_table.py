@@ -69,7 +69,7 @@ def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names
     assert found["the GPS"]["doubted?"] == "yes: far off"
     assert found["the barometer"]["doubted?"] == "yes: falls where the camera climbs"
     assert found["the barometer"]["used?"] == NOT_USED
-    assert found["the height sensor"]["doubted?"] == "no: what a note above says of it is counted"
+    assert found["the height sensor"]["doubted?"] == "no; the accuracy counts what a note above says of it"
     assert found["the pictures themselves"]["doubted?"] == "no", "the ground is at fault"
 
 

@@ -1,0 +1,37 @@
+"""Instruments that contradict each other, before a filter fuses them and hides it."""
+
+from __future__ import annotations
+
+from slam.core.clock_steps import clock_step_left, without_clock_steps
+from slam.core.flight import Flight
+from slam.core.repeated_readings import repeated_readings
+from slam.core.stream_anomalies import velocity_anomalies
+from slam.inertial.imu_motion import COMPARED, ImuMotion
+from slam.inertial.instruments import InertialTrust
+from slam.inertial.level_steps import level_contradictions
+from slam.inertial.stream_clocks import without_stream_steps
+from slam.inertial.velocity_check import velocity_contradiction
+
+
+def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[str]]:
+    """Return the flight with its clocks set right, and a line for each contradiction that is left.
+
+    Each correction is a warning of the flight. Raises ``InputError`` where the flight has too little without
+    a stream that is compared.
+    """
+    flight = without_clock_steps(flight)
+    stepped: list[str] = []
+    levels: list[str] = []
+    has_compared = any(getattr(flight, name) is not None for name in COMPARED)
+    if has_compared and (motion := ImuMotion.of(flight, trust)) is not None:
+        flight, motion, stepped = without_stream_steps(flight, motion, trust)
+        levels = level_contradictions(flight, motion)
+    lines = [
+        velocity_contradiction(flight, trust),
+        clock_step_left(flight),
+        *stepped,
+        *levels,
+        *repeated_readings(flight),
+        *(velocity_anomalies(flight.velocity) if flight.velocity is not None else ()),
+    ]
+    return flight, [line for line in lines if line]
