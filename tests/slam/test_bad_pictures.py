@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -114,3 +115,19 @@ def test_a_camera_without_rows_and_one_picture_alone_are_reported_as_such():
     assert "no camera in this flight, so no map" in refusal(replace(flight, camera=None, frames=None))
     alone = only(flight, [0]).with_warning("cam0: 47 files in data/ not listed in data.csv and ignored")
     assert "1 of 1 pictures usable (there is one alone; cam0: 47 files" in refusal(alone)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("odd", [lambda k: k == 40, lambda k: k in (0, 24, 58), lambda k: k % 2 == 0])
+def test_pictures_of_two_zooms_are_told(odd):
+    """Pictures cut to their middle and enlarged put the camera lower by a quarter: other sensors disagree."""
+    load = flown(0).frames.load
+    estimate = optimize(seeing(flown(0), lambda k: _zoomed(load(k)) if odd(k) else load(k)))
+    assert "another camera or zoom" in estimate.status
+    assert "imu0 and sonar0" in estimate.status
+
+
+def _zoomed(image):
+    height, width = image.shape[:2]
+    middle = image[height // 8 : -height // 8, width // 8 : -width // 8]
+    return cv2.resize(middle, (width, height))

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
+from slam.mapping.warnings.motions import GYRO, KeyframeSteps, StepMotion
 
 Array = NDArray[np.float64]
 
@@ -29,22 +29,20 @@ FAR = 1.5
 """Gains of flow and sonar are within a fourth."""
 
 
-def contradictions(steps: KeyframeSteps, metric: bool) -> list[str]:
-    """Return a line for each instrument whose motion differs from the map's in most steps.
-
-    ``metric``: whether the map's lengths are metres.
-    """
+def contradictions(steps: KeyframeSteps) -> list[str]:
+    """Return a line for each instrument whose motion differs from the map's in most steps."""
     if len(steps.keyframe) < LEAST_STEPS:
         return []
-    lines = [line for motion in steps.motions for line in _lines(motion, metric)]
+    lines = [
+        line for motion in steps.motions if motion.is_judged_as_whole for line in _lines(motion, steps.metric)
+    ]
     return [*_common_cause(lines), *lines]
 
 
 def _lines(motion: StepMotion, metric: bool) -> list[str]:
     least = LEAST_WAY_M if motion.is_way else max(LEAST_TURN_RAD, ABOVE_NOISE * motion.noise)
     lines = list(_contradictions(motion, least, motion.is_way and metric))
-    is_gyro = motion.stream == "imu0"
-    return lines or (_gain(motion) if is_gyro else [])
+    return lines or (_gain(motion) if motion.who == GYRO else [])
 
 
 def _common_cause(lines: list[str]) -> list[str]:
@@ -99,10 +97,11 @@ def _contradictions(motion: StepMotion, least: float, by_length: bool) -> Iterat
     elif alike < ALIKE:
         yield (
             f"{who}: does not match the motion seen in the pictures (correlation {alike:.2f}); check stamps, "
-            "signs and axes, and the order of the pictures"
+            "signs and axes, the order of the pictures, and whether one camera at one zoom took them all"
         )
-    elif by_length and not 1 / FAR < further < FAR:
+    elif by_length and (further > FAR or (further < 1 / FAR and not motion.by_acceleration)):
         yield (
             f"{who}: the path on the map is {further:.2g} times as long as this sensor says; check its unit, "
-            "the focal length of cam0, and whether the height sensor is stuck or in another unit"
+            "the focal length of cam0 (and its zoom), and whether the height sensor is stuck "
+            "or in another unit"
         )

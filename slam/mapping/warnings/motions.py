@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from slam.core.flight import Flight
+from backend.measurements import SlantRange
+from slam.core.flight import Flight, Imu
+from slam.core.instrument_readings import MAX_GAP_S
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.mapping.keyframe_readings import heights_at, ranges_at
+from slam.mapping.obstacles import poses_between
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LONGEST_STEP_S = 2.0
+GYRO = "imu0 (gyro)"
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,16 @@ class StepMotion:
     """Whether it is a way on the ground (m), and not a turn (rad)."""
     noise: float = 0.0
     """Nominal standard deviation (rad or m) of the reading of a step, where it is known."""
+    gain: float | None = None
+    """Ratio of the reading to the motion of the map; None where the steps have to tell it."""
+    is_judged_as_whole: bool = True
+    """Whether the readings as a whole show the motion of the map. Ranges do not: the floor has steps too."""
+    by_acceleration: bool = False
+    """Whether it is integrated twice: noise makes it longer, and the step before has a part in it."""
+
+    def only(self, chosen: NDArray[np.bool_]) -> StepMotion:
+        """Return the motion in some of the steps, ``chosen`` (n,)."""
+        return replace(self, read=self.read[chosen], made=self.made[chosen], lasts_s=self.lasts_s[chosen])
 
     @property
     def stream(self) -> str:
@@ -47,15 +63,31 @@ class KeyframeSteps:
     keyframe: Index
     """(n, 2) the keyframes at both ends of each step."""
     motions: tuple[StepMotion, ...]
+    metric: bool
+    """Whether the map's lengths are metres."""
 
     @staticmethod
-    def of(flight: Flight, stamps_s: Array, w_T_b: Array) -> KeyframeSteps:
-        """Compare the poses ``w_T_b`` (n, 4, 4) at ``stamps_s`` (n,), NaN where a keyframe is not placed."""
+    def of(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) -> KeyframeSteps:
+        """Compare the poses ``w_T_b`` (n, 4, 4) at ``stamps_s`` (n,), NaN where a keyframe is not placed.
+
+        ``metric``: whether the map's lengths are metres. Only then are changes of height compared.
+        """
         placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
         at_s, poses = stamps_s[placed], w_T_b[placed]
         near = np.flatnonzero((np.diff(at_s) > 0) & (np.diff(at_s) <= LONGEST_STEP_S))
         keyframe = np.column_stack([placed[near], placed[near + 1]]).astype(np.int64)
-        return KeyframeSteps(keyframe, tuple(_motions(flight, at_s, poses, near)) if len(near) else ())
+        if not len(near):
+            return KeyframeSteps(keyframe, (), metric)
+        motions = _motions(flight, at_s, poses, near)
+        if metric:
+            motions += _climbs(flight, at_s, poses, near)
+        return KeyframeSteps(keyframe, tuple(motions), metric)
+
+    def only(self, chosen: NDArray[np.bool_]) -> KeyframeSteps:
+        """Return some of the steps, ``chosen`` (n,)."""
+        return replace(
+            self, keyframe=self.keyframe[chosen], motions=tuple(one.only(chosen) for one in self.motions)
+        )
 
 
 def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[StepMotion]:
@@ -68,7 +100,7 @@ def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Ste
     motions: list[StepMotion] = []
     if flight.imu is not None:
         read = _mean(flight.imu.stamps_s, flight.imu.gyro_rad_s, begin_s, end_s) * span_s
-        motions.append(StepMotion("imu0 (gyro)", read, turned, lasts_s))
+        motions.append(StepMotion(GYRO, read, turned, lasts_s))
     if flight.attitude is not None:
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
@@ -85,6 +117,82 @@ def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Ste
         made = level_R_w.apply(np.diff(poses[:, :3, 3], axis=0)[near])[:, :2]
         motions.append(StepMotion("velocity0", read, made, lasts_s, is_way=True))
     return motions
+
+
+def _climbs(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[StepMotion]:
+    """Return the changes of height by each instrument that measures heights or vertical accelerations."""
+    height_m = poses[:, 2, 3]
+    climbed, lasts_s = np.diff(height_m)[near, None], np.diff(at_s)[near]
+    motions: list[StepMotion] = []
+    ranges = ranges_at(flight.sonar, at_s, 0.0)
+    if ranges:
+        fall = np.full(len(at_s), np.nan)
+        fall[[one.k for one in ranges]] = [_fall(one, poses) for one in ranges]
+        read = np.diff(fall)[near, None]
+        noise = np.sqrt(2.0) * float(np.median([one.std_m for one in ranges]))
+        motions.append(
+            StepMotion("sonar0 (height)", read, climbed, lasts_s, True, noise, 1.0, is_judged_as_whole=False)
+        )
+    heights = heights_at(flight.barometer, at_s, 0.0)
+    if heights:
+        level = np.full(len(at_s), np.nan)
+        level[[one.k for one in heights]] = [one.height_m for one in heights]
+        read = np.diff(level)[near, None]
+        noise = np.sqrt(2.0) * float(np.median([one.std_m for one in heights]))
+        motions.append(
+            StepMotion("barometer0", read, climbed, lasts_s, True, noise, 1.0, is_judged_as_whole=False)
+        )
+    if flight.imu is not None:
+        read = _second_differences(at_s, _heights_by_acceleration(flight.imu, at_s, poses))[near, None]
+        made = _second_differences(at_s, height_m)[near, None]
+        motions.append(
+            StepMotion(
+                "imu0 (vertical acceleration)", read, made, lasts_s, True, gain=1.0, by_acceleration=True
+            )
+        )
+    return motions
+
+
+def _fall(one: SlantRange, poses: Array) -> float:
+    """Return how far below the body the floor is by one range."""
+    w_T_s = poses[one.k] @ one.b_T_s
+    return float(one.range_m * w_T_s[2, 2] - (w_T_s[2, 3] - poses[one.k, 2, 3]))
+
+
+def _heights_by_acceleration(imu: Imu, at_s: Array, poses: Array) -> Array:
+    """Return (m,) the heights at ``at_s`` by integrated accelerations, but for an unknown height and speed.
+
+    The mean acceleration over the flight is zero, which takes out gravity and a constant bias.
+    """
+    known = np.flatnonzero(np.isfinite(imu.accel_m_s2).all(axis=1))
+    before, after = np.searchsorted(imu.stamps_s[known], at_s[[0, -1]]).tolist()
+    known = known[max(before - 1, 0) : after + 1]
+    stamps_s = imu.stamps_s[known]
+    if len(stamps_s) < 2:
+        return np.full(len(at_s), np.nan)
+    w_T_b = poses_between(at_s, poses, np.clip(stamps_s, at_s[0], at_s[-1]))
+    upward = np.einsum("nj,nj->n", (w_T_b[:, :3, :3] @ imu.b_T_s[:3, :3])[:, 2], imu.accel_m_s2[known])
+    upward -= upward.mean()
+    # The first and the last reading stand for the moments just before and after them.
+    ends_s = np.clip(at_s[[0, -1]], stamps_s[0] - MAX_GAP_S, stamps_s[-1] + MAX_GAP_S)
+    stamps_s = np.concatenate(
+        [np.minimum(ends_s[:1], stamps_s[0]), stamps_s, np.maximum(ends_s[1:], stamps_s[-1])]
+    )
+    upward = np.pad(upward, 1, mode="edge")
+    speed = cumulative_trapezoid(upward, stamps_s, initial=0)
+    return _at(stamps_s, cumulative_trapezoid(speed, stamps_s, initial=0)[:, None], at_s)[:, 0]
+
+
+def _second_differences(at_s: Array, height_m: Array) -> Array:
+    """Return (m - 1,) what each step climbs beyond the speed of the step before; NaN for the first.
+
+    An unknown height and speed have no part in it.
+    """
+    lasts_s, climbed = np.diff(at_s), np.diff(height_m)
+    beyond = np.full(len(climbed), np.nan)
+    near = lasts_s[:-1] <= LONGEST_STEP_S
+    beyond[1:][near] = (climbed[1:] - climbed[:-1] * lasts_s[1:] / lasts_s[:-1])[near]
+    return beyond
 
 
 def _at(stamps_s: Array, values: Array, at_s: Array) -> Array:

@@ -1,7 +1,8 @@
-"""Pictures that were not taken when their stamps say: two instruments contradict the map in the same steps.
+"""Pictures that were not taken when their stamps say, or by another camera: two instruments contradict the
+map in the same steps.
 
 The map of such pictures is consistent in itself, so that its covariances are small; but at the times of
-their stamps the vehicle was elsewhere.
+their stamps the vehicle was elsewhere. Those of another camera or zoom show it at another height.
 """
 
 from __future__ import annotations
@@ -32,15 +33,36 @@ def wrong_moments(steps: KeyframeSteps, names: Sequence[str]) -> list[str]:
 
     ``names`` (n,) are those of the keyframes.
     """
-    off: dict[str, Mask] = {}
-    for motion in steps.motions:
-        beyond = deviations(motion) > GATE_SIGMAS
-        off[motion.stream] = off.get(motion.stream, np.zeros_like(beyond)) | beyond
-    contradicted = sum((mask.astype(int) for mask in off.values()), np.zeros(len(steps.keyframe), dtype=int))
-    wrong = np.flatnonzero(contradicted >= 2)
+    off = _off(steps)
+    wrong = np.flatnonzero(_contradicted_twice(off))
     # Between two pictures of wrong times, a step may look right by chance.
     runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 2) + 1) if len(wrong) else []
     return [_line(steps, names, off, run) for run in runs]
+
+
+def without_wrong_moments(steps: KeyframeSteps) -> KeyframeSteps:
+    """Return the steps but those that two instruments contradict, and those right after them."""
+    off = _off(steps)
+    if not off:
+        return steps
+    wrong = _contradicted_twice(off)
+    wrong[1:] |= wrong[:-1].copy()
+    return steps.only(~wrong)
+
+
+def _off(steps: KeyframeSteps) -> dict[str, Mask]:
+    """Return (n,) which steps each instrument contradicts."""
+    off: dict[str, Mask] = {}
+    for motion in steps.motions:
+        beyond = deviations(motion) > GATE_SIGMAS
+        if motion.by_acceleration:
+            beyond[:-1] |= beyond[1:]
+        off[motion.stream] = off.get(motion.stream, np.zeros_like(beyond)) | beyond
+    return off
+
+
+def _contradicted_twice(off: dict[str, Mask]) -> Mask:
+    return np.asarray(sum(mask.astype(int) for mask in off.values()) >= 2) if off else np.zeros(0, dtype=bool)
 
 
 def _line(steps: KeyframeSteps, names: Sequence[str], off: dict[str, Mask], run: NDArray[np.int64]) -> str:
@@ -48,8 +70,9 @@ def _line(steps: KeyframeSteps, names: Sequence[str], off: dict[str, Mask], run:
     streams = enumerated([stream for stream, mask in off.items() if mask[run].any()])
     return (
         f"cam0: from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures there "
-        "are in another order, or were not taken when their stamps say, unless the instruments lost readings "
-        "together; trust no pose there, and correct the stamps"
+        "are in another order, were not taken when their stamps say, or are of another camera or zoom, "
+        "unless the instruments lost readings together; trust no pose there, and correct the stamps or leave "
+        "the pictures out"
     )
 
 
@@ -64,7 +87,8 @@ def deviations(motion: StepMotion) -> Array:
     read, made = motion.read[known], motion.made[known]
     if len(read) < LEAST_STEPS:
         return found
-    off = read - _gain(read, made) * made
+    gain = _gain(read, made) if motion.gain is None else motion.gain
+    off = read - gain * made
     off -= np.median(off, axis=0)
     longer = np.maximum(motion.lasts_s[known] / np.median(motion.lasts_s[known]), 1.0)
     spread = NORMAL * np.median(np.abs(off), axis=0) * longer[:, None]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from slam.core.flight import Flight
+from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
-from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, deviations, wrong_moments
+from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, deviations, without_wrong_moments, wrong_moments
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 
@@ -29,7 +30,7 @@ def told(flight: Flight, order: np.ndarray | None = None, late_s: float = 0.0) -
     if order is not None:
         poses[: len(order)] = poses[order]
     return wrong_moments(
-        KeyframeSteps.of(flight, stamps_s, poses), [f"picture_{k}" for k in range(len(stamps_s))]
+        KeyframeSteps.of(flight, stamps_s, poses, True), [f"picture_{k}" for k in range(len(stamps_s))]
     )
 
 
@@ -59,12 +60,32 @@ def test_neither_noise_nor_gain_bias_or_delay_is_a_wrong_moment(flight: Flight):
     assert told(worn, late_s=0.04) == []
 
 
+@pytest.mark.parametrize("odd", [[0], [60], [60, 61], [20, 90]])
+def test_keyframes_at_another_height_are_named(flight: Flight, odd: list[int]):
+    """Pictures of another zoom put the vehicle a third higher, in which no instrument follows."""
+    stamps_s, poses = _way(flight)
+    poses[odd, 2, 3] *= 4 / 3
+    steps = KeyframeSteps.of(flight, stamps_s, poses, True)
+    lines = wrong_moments(steps, [f"picture_{k}" for k in range(len(stamps_s))])
+    assert len(lines) == (1 if odd != [20, 90] else 2)
+    assert all(f"from picture_{max(k - 1, 0)} to" in line for k, line in zip(odd, lines, strict=False))
+    assert all("than imu0 and sonar0: " in line and "of another camera or zoom" in line for line in lines)
+    assert contradictions(without_wrong_moments(steps)) == []
+
+
+def test_what_stands_on_the_floor_is_no_wrong_moment(flight: Flight):
+    """Ranges step where the vehicle does not."""
+    over = (flight.sonar.stamps_s % 5.0) < 1.0
+    boxes = replace(flight, sonar=replace(flight.sonar, range_m=flight.sonar.range_m - 0.3 * over))
+    assert told(boxes) == []
+
+
 def test_one_instrument_alone_is_not_believed(flight: Flight):
     gyro = flight.imu.gyro_rad_s.copy()
     at = np.searchsorted(flight.imu.stamps_s, [8.0, 9.0])
     gyro[at[0] : at[1]] += 1.0
     broken = replace(flight, imu=replace(flight.imu, gyro_rad_s=gyro))
-    steps = KeyframeSteps.of(broken, *_way(broken))
+    steps = KeyframeSteps.of(broken, *_way(broken), True)
     assert deviations(steps.motions[0]).max() > GATE_SIGMAS
     assert told(broken) == []
 
