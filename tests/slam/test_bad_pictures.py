@@ -63,8 +63,7 @@ def test_black_seconds_are_bridged_by_loops():
     assert_whole(estimate)
     assert estimate.status == "ok"
     assert evaluate(estimate, dark).ate_m.rmse < 4e-3
-    assert np.isnan(estimate.chain_w_T_b[-1]).all()
-    assert np.isfinite(estimate.chain_w_T_b[0]).all()
+    assert np.isfinite(estimate.chain_w_T_b).all(), "the instruments carry the chain over the gap"
 
 
 SLOW = pytest.mark.slow

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import SlantRange
@@ -179,8 +178,8 @@ def _heights_by_acceleration(imu: Imu, at_s: Array, poses: Array) -> Array:
         [np.minimum(ends_s[:1], stamps_s[0]), stamps_s, np.maximum(ends_s[1:], stamps_s[-1])]
     )
     upward = np.pad(upward, 1, mode="edge")
-    speed = cumulative_trapezoid(upward, stamps_s, initial=0)
-    return _at(stamps_s, cumulative_trapezoid(speed, stamps_s, initial=0)[:, None], at_s)[:, 0]
+    speed = _integral(stamps_s, upward[:, None])
+    return _at(stamps_s, _integral(stamps_s, speed), at_s)[:, 0]
 
 
 def _second_differences(at_s: Array, height_m: Array) -> Array:
@@ -211,6 +210,11 @@ def _mean(stamps_s: Array, values: Array, begin_s: Array, end_s: Array) -> Array
     stamps_s, values = stamps_s[known], values[known]
     if len(stamps_s) < 2:
         return np.full((len(begin_s), values.shape[1]), np.nan)
-    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(stamps_s)[:, None]
-    sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])
+    sums = _integral(stamps_s, values)
     return (_at(stamps_s, sums, end_s) - _at(stamps_s, sums, begin_s)) / (end_s - begin_s)[:, None]
+
+
+def _integral(stamps_s: Array, values: Array) -> Array:
+    """Return (n, c) the integral of readings (n, c) from the first on, by trapezoids."""
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(stamps_s)[:, None]
+    return np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])
