@@ -88,4 +88,5 @@ class FixComparison:
         w_R_b = w_T_b[nearest(self.stamps_s, at_s), :3, :3]
         moving = len(at_s) > 1 and bool((np.diff(at_s) > 0).all())
         velocity_m_s = np.gradient(here_m, at_s, axis=0) if moving else np.zeros_like(here_m)
-        return FixesOnMap(agreement.off_m[used, :2], here_m, w_R_b, velocity_m_s)
+        names = tuple(self.fixes.names[k] for k in np.flatnonzero(used).tolist())
+        return FixesOnMap(agreement.off_m[used, :2], here_m, w_R_b, velocity_m_s, names)

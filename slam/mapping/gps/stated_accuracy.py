@@ -7,6 +7,7 @@ velocity. The pattern is chosen by the Bayesian information criterion. Source: S
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,10 @@ _DOUBTED = {
     "doubted, not the GPS; calibrate the lens",
     "delay": "they follow the velocity ({value}), as late stamps do: the clocks are doubted, not the "
     "GPS; check the stamps of pictures and fixes",
+    "step": "they follow the velocity from {since} on ({value}), as a clock that was set then does: the "
+    "clocks are doubted, not the GPS; check the stamps of pictures and fixes",
+    "scale": "they grow with the distance ({value}), as another scale does: lengths of the map and the GPS "
+    "contradict each other; check the unit and the gain of the height sensor and the focal length",
     "mirror": "they are a mirror image of the map ({value}): the letters E and W, or N and S, of the "
     "positions are exchanged, or the pictures are mirrored; scale, heading and place of the map are wrong",
     "altitude": "altitudes that drift make such differences, and so does a map that is bent or tilted: "
@@ -32,6 +37,13 @@ _DOUBTED = {
     "": "they have no pattern that camera, lens or clock would make: the {said} accuracy is doubted; correct "
     "noise_std in gps0/sensor.yaml",
 }
+
+
+_MOST_LEFT = 0.25
+"""Share of the squares that a pattern leaves at most: half of the standard deviation."""
+_MOST_STEPS = 64
+"""Fixes at which a step of the clock is tried, but for the first and last eighth: a step there is hardly
+another thing than a delay, or nothing."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +58,8 @@ class FixesOnMap:
     """(n, 3, 3) attitude."""
     velocity_m_s: Array
     """(n, 2); zero where the times are unknown."""
+    names: tuple[str, ...]
+    """(n,) in order of time."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +67,13 @@ class Pattern:
     """Pattern in the differences between fixes and map."""
 
     kind: str
-    """``body``, ``place``, ``mirror``, ``delay``, ``altitude``, or empty for none."""
+    """``body``, ``place``, ``mirror``, ``scale``, ``delay``, ``step``, ``altitude``, or empty for none."""
     share: float
     """Share of the squared differences that it explains."""
     value: str
     """The pattern in figures."""
+    since: str = ""
+    """Name of the fix from which on a step shows."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +90,7 @@ class Contradiction:
         """The sentence, with what the pattern leaves in doubt."""
         value = f"{self.pattern.value}; {100 * self.pattern.share:.0f} % of the squares"
         said = "stated" if self.stated else "assumed"
-        why = _DOUBTED[self.pattern.kind].format(value=value, said=said)
+        why = _DOUBTED[self.pattern.kind].format(value=value, said=said, since=self.pattern.since)
         return f"{self.differs}, which is taken as their noise: {why}"
 
 
@@ -129,34 +145,56 @@ def pattern(fixes: FixesOnMap) -> Pattern:
     """Return the pattern that explains the horizontal differences best; none if chance explains them."""
     r = fixes.off_m.reshape(-1)
     best, least = Pattern("", 0.0, ""), len(r) * np.log(np.mean(r**2) + 1e-30)
-    for kind, J in _models(fixes).items():
-        if len(r) <= J.shape[1] + 2:
+    for model in _models(fixes):
+        J = model.J
+        if len(r) <= J.shape[1] + 2 or np.linalg.matrix_rank(J) < J.shape[1]:
             continue
         parameters: Array = np.linalg.lstsq(J, r, rcond=None)[0].astype(float)
-        if kind == "mirror" and not _mirrors(parameters):
+        if model.kind == "mirror" and not _mirrors(parameters):
             continue
         left = float(np.sum((r - J @ parameters) ** 2))
-        criterion = len(r) * np.log(left / len(r) + 1e-30) + J.shape[1] * np.log(len(r))
+        if left > _MOST_LEFT * float(np.sum(r**2)):
+            continue
+        # The fix where a step begins is a parameter, too.
+        count = J.shape[1] + (model.kind == "step")
+        criterion = len(r) * np.log(left / len(r) + 1e-30) + count * np.log(len(r))
         if criterion < least:
             share = 1.0 - left / float(np.sum(r**2))
-            best, least = Pattern(kind, share, _in_figures(kind, J, parameters)), criterion
+            since = fixes.names[model.first] if model.kind == "step" else ""
+            best, least = Pattern(model.kind, share, _in_figures(model, parameters, fixes), since), criterion
     return best
 
 
-def _models(fixes: FixesOnMap) -> dict[str, Array]:
-    """Return the design matrices (2n, k), of the differences east and north of each fix in turn."""
+@dataclass(frozen=True)
+class _Model:
+    kind: str
+    J: Array
+    """(2n, k) design matrix of the differences east and north of each fix in turn."""
+    first: int = 0
+    """First fix that a step shows in."""
+
+
+def _models(fixes: FixesOnMap) -> Iterator[_Model]:
+    """Yield the models. Each has constant and linear terms, as the similarity that places the map takes its
+    share of every pattern."""
     n = len(fixes.off_m)
     centred = fixes.w_p_m - fixes.w_p_m.mean(axis=0)
-    x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
-    # The similarity that places the map absorbs constant and linear terms, up to its robust weights.
+    x, y = (centred / max(_extent(fixes), 1e-9)).T
     terms = np.column_stack([np.ones(n), x, y, x**2, x * y, y**2])
-    models = {
-        "body": fixes.w_R_b[:, :2, :2].reshape(2 * n, 2),
-        "place": np.kron(terms, np.eye(2)),
-        "mirror": np.kron(np.column_stack([np.ones(n), centred]), np.eye(2)),
-        "delay": fixes.velocity_m_s.reshape(2 * n, 1),
-    }
-    return {kind: J for kind, J in models.items() if np.linalg.matrix_rank(J) == J.shape[1]}
+    turned = np.column_stack([-y, x])
+    similar = np.column_stack(
+        [np.kron(np.ones((n, 1)), np.eye(2)), np.column_stack([x, y]).reshape(-1), turned.reshape(-1)]
+    )
+    body = fixes.w_R_b[:, :2, :2].reshape(2 * n, 2)
+    delay = fixes.velocity_m_s.reshape(2 * n, 1)
+    yield _Model("scale", similar)
+    yield _Model("body", np.column_stack([body, similar]))
+    yield _Model("place", np.kron(terms, np.eye(2)))
+    yield _Model("mirror", np.kron(np.column_stack([np.ones(n), centred]), np.eye(2)))
+    yield _Model("delay", np.column_stack([delay, similar]))
+    for first in np.unique(np.linspace(n / 8, 7 * n / 8, _MOST_STEPS).astype(int)).tolist():
+        later = np.repeat(np.arange(n) >= first, 2)[:, None]
+        yield _Model("step", np.column_stack([delay * later, similar]), first)
 
 
 def _mirrors(parameters: Array) -> bool:
@@ -164,10 +202,16 @@ def _mirrors(parameters: Array) -> bool:
     return float(np.linalg.det(np.eye(2) + parameters[2:].reshape(2, 2).T)) < 0
 
 
-def _in_figures(kind: str, J: Array, parameters: Array) -> str:
-    if kind == "body":
+def _extent(fixes: FixesOnMap) -> float:
+    return float(np.abs(fixes.w_p_m - fixes.w_p_m.mean(axis=0)).max())
+
+
+def _in_figures(model: _Model, parameters: Array, fixes: FixesOnMap) -> str:
+    if model.kind == "body":
         return f"{parameters[0]:+.2g} m forward, {parameters[1]:+.2g} m left"
-    if kind == "delay":
+    if model.kind in ("delay", "step"):
         return f"{-parameters[0]:+.2g} s"
-    bend = (J @ parameters).reshape(-1, 2)
+    if model.kind == "scale":
+        return f"lengths by the GPS are {1 + parameters[2] / _extent(fixes):.3g} times those of the map"
+    bend = (model.J @ parameters).reshape(-1, 2)
     return f"up to {float(np.linalg.norm(bend, axis=1).max()):.2g} m"

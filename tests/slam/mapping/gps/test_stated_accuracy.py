@@ -1,5 +1,7 @@
 """A receiver that states far less than its fixes differ from the map: which of the two is doubted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -39,13 +41,15 @@ def fixes(kind, n=40, seed=0, std_m=0.01):
     off = {
         "body": w_R_b[:, :2, :2] @ [0.4, -0.2],
         "place": 0.5 * centred * np.sum(centred**2, axis=1, keepdims=True) + 0.4 * centred[:, :1] ** 2,
-        "delay": -0.15 * velocity,
+        "delay": -0.15 * velocity + [0.3, -0.1] + 0.2 * centred,
+        "step": -0.15 * velocity * (np.arange(n) >= 0.6 * n)[:, None] + [0.3, -0.1],
         # The map is shrunk, as the similarity that fits a mirror image best does it.
         "mirror": centred * [45.0, -45.0] - 20.0 * centred,
+        "scale": 45.0 * 0.2 * centred + [0.3, -0.1],
         "": rng.normal(0, 0.5, (n, 2)),
         "good": np.zeros((n, 2)),
     }[kind] + rng.normal(0, std_m, (n, 2))
-    return FixesOnMap(off, place, w_R_b, velocity)
+    return FixesOnMap(off, place, w_R_b, velocity, tuple(f"fix {k}" for k in range(n)))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -55,6 +59,8 @@ def fixes(kind, n=40, seed=0, std_m=0.01):
         ("body", "the camera model is doubted"),
         ("place", "the map's shape is doubted"),
         ("delay", "the clocks are doubted"),
+        ("step", "from fix 24 on"),
+        ("scale", "lengths by the GPS are 1.2 times those of the map"),
         ("mirror", "they are a mirror image of the map"),
         ("", "the stated accuracy is doubted"),
     ],
@@ -71,6 +77,7 @@ def test_the_pattern_of_the_differences_says_what_is_doubted(kind, doubted, seed
 def test_the_pattern_is_told_in_figures():
     assert "+0.4 m forward, -0.2 m left" in stated_accuracy_warning(fixes("body"), STATED)
     assert "+0.15 s" in stated_accuracy_warning(fixes("delay"), STATED)
+    assert "(+0.15 s;" in stated_accuracy_warning(fixes("step"), STATED)
 
 
 @pytest.mark.parametrize("n", [3, 4, 12, 40])
@@ -82,8 +89,19 @@ def test_a_receiver_that_keeps_its_word_is_not_contradicted(n):
 
 def test_fixes_without_attitude_or_motion_are_no_trouble():
     made = fixes("", n=6)
-    standing = FixesOnMap(made.off_m, np.zeros((6, 2)), np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 2)))
+    standing = FixesOnMap(
+        made.off_m, np.zeros((6, 2)), np.tile(np.eye(3), (6, 1, 1)), np.zeros((6, 2)), made.names
+    )
     assert "doubted" in stated_accuracy_warning(standing, STATED)
+
+
+def test_a_pattern_that_leaves_most_of_the_differences_is_none():
+    """Fixes that drift: a step of the clock somewhere would explain half of the squares."""
+    made = fixes("good")
+    drift = replace(made, off_m=np.column_stack([np.linspace(-0.5, 0.5, 40), np.zeros(40)]) + made.off_m)
+    assert pattern(drift).kind in ("", "place")
+    half = replace(made, off_m=made.off_m + 0.3 * np.random.default_rng(0).normal(size=(40, 2)) + 0.1)
+    assert pattern(half).kind == ""
 
 
 def test_an_assumed_accuracy_is_told_as_one():
