@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slam.core.flight import Flight
+from slam.core.units import spaced
 from slam.criticism import Criticism, criticise
 from slam.criticism.cause import Gain, Interval
 from slam.criticism.verdict.power import within_reach
@@ -21,9 +22,11 @@ from slam.report.criticism.pictures import (
     gain_picture,
     ranking_picture,
 )
+from slam.report.criticism.plain_names import figure
 from slam.report.criticism.segment import Segment, before_after_picture, evidence_segment
-from slam.report.criticism.write import cause_rows, covariate_caption, gain_rows, ranking_caption
+from slam.report.criticism.write import covariate_caption, gain_rows, ranking_caption
 from slam.simulation.model import save_model
+from slam.simulation.terms import CATALOGUE
 from tests.benchmarks.commit import commit
 from tests.benchmarks.measured import folder
 from tests.benchmarks.measured_studies import STUDIES, Study
@@ -81,8 +84,15 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _causes(found: Criticism) -> str:
     rows = [
-        (f"`{r.name}`" if r.name else "", r.equation, r.parameter, r.value, r.interval, r.probability)
-        for r in cause_rows(found)
+        (
+            *((f"`{c.name}`", CATALOGUE[c.name].equation) if k == 0 else ("", "")),
+            name,
+            f"{figure(p.value)}{spaced(p.unit)}",
+            f"{figure(p.low)} to {figure(p.high)}",
+            f"{c.probability:.3f}" if k == 0 else "",
+        )
+        for c in found.causes
+        for k, (name, p) in enumerate(c.parameters.items())
     ]
     return _table(("cause", "equation", "parameter", "value", "95 % interval", "probability"), rows)
 

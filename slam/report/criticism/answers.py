@@ -8,15 +8,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.wording import counted, either
-from slam.core.names import enumerated, listed
+from slam.core.names import enumerated
 from slam.core.units import sized
+from slam.report.criticism.certainty import fair_rival, look_alike
 from slam.report.criticism.evidence import how_sure, no_other, what_changes, where_it_shows
-from slam.report.criticism.plain_names import reading, sized_between, title_of, with_titles
+from slam.report.criticism.headline import promises
+from slam.report.criticism.instruments import instruments_doubted
+from slam.report.criticism.judged_data import judged_data
+from slam.report.criticism.left_over import unexplained_in_words
+from slam.report.criticism.next_flights import to_fly
+from slam.report.criticism.plain_names import reading, with_titles
+from slam.report.criticism.quantities import quantity
+from slam.report.criticism.unseen import unseen
+from slam.report.criticism.values import NO_DIFFERENCE, compared, sized_interval_of
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
+    from slam.core.flight import Flight
     from slam.criticism import Criticism
     from slam.criticism.cause import Cause
 
@@ -32,7 +41,7 @@ _RIGHT: Mapping[str, str] = {
 _MORE = " More is wrong than that explains."
 _UNEXPLAINED, _USE, _FLY = "Unexplained: ", "What to do next: ", "Next flight: "
 _SAME, _NOISE, _UNSHOWN = "Effects that the flights cannot distinguish", "Noise ", "These flights could not"
-_SMALLEST = "Smallest sizes"
+_SMALLEST, _LARGER = "Smallest sizes", "Noise from"
 _USABLE: Mapping[str, str] = {
     "nothing_wrong": "Yes, as it is",
     "named": "Yes, the extended one",
@@ -41,51 +50,56 @@ _USABLE: Mapping[str, str] = {
     "unknown": "Only apart from what is unexplained",
 }
 """Verdict -> whether the model, or the extended one, can be used."""
-_INSTRUMENTS = {"imu": "gyro or accelerometer", "sonar": "the height sensor", "camera": "the camera"}
-"""Family of an effect -> the instrument whose error it is; other families are no instrument's."""
-_AXES = ("x", "y", "z")
+_NO_MEANING = {"the", "a", "an", "is", "are", "in", "its", "reads", "there"}
+"""Words that say nothing beyond a title."""
 MOSTLY = 0.99
 """Share of the moments in which a cause moves a reading by less than the page tells."""
-_IN_WORDS: tuple[tuple[str, str], ...] = (
-    (r"^(.*) out of range$", r"\1: the best value lies outside of what healthy vehicles have"),
-    (r"^(.*) ~ (.*) \(z = ([-\d.]+)\)$", r"the error of \1 changes with \2 (by \3 standard deviations)"),
-    (r"^(.*) \(z = ([-\d.]+)\)$", r"\1 (by \2 standard deviations)"),
-    (r"^(.*) (early|late) by ([-\d.]+) ms$", r"the readings of \1 come \3 ms too \2 by their stamps"),
-    (r"^(.*) may be something else$", r"\1 may be an effect that the catalogue does not hold"),
-    (r"^(.*) may be (.*)$", r"\1 may be \2 instead: both have similar effects in these flights"),
-)
-"""Pattern of what is left over in verdict.json -> in words."""
 
 
-def criticism_answers(result: Criticism, drawn: Sequence[str] = ()) -> tuple[Item, ...]:
+def criticism_answers(
+    result: Criticism, drawn: Sequence[str] = (), flights: Sequence[Flight] = ()
+) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a verdict. ``drawn`` are sentences on the parts
     of flights that the page shows."""
     told = _lines_by_kind(result)
-    unexplained = [unexplained_in_words(line) for line in told[_UNEXPLAINED]]
+    unexplained = [unexplained_in_words(line, result) for line in told[_UNEXPLAINED]]
     rows = (
         _item(
             "Is the model right about these flights?",
             [f"{_RIGHT[result.verdict]}{_MORE * bool(unexplained and result.causes)}"],
         ),
-        _item("What is wrong?", [*_meanings(result), *told[""]]),
-        _item("How large is it?", _sizes(result)),
+        _item("What does this result promise, and what not?", promises(result)),
+        _item("Which flights were judged, and what was left out?", _judged(result, flights)),
+        _item("What is wrong, and how large is it?", [*_wrong(result), *told[""]]),
         _item("How sure is that, and why?", how_sure(result)),
         _item("What else could it be, and why not?", _else(result, told[_SAME])),
         _item("In which flight does it show, and when?", where_it_shows(result, drawn)),
         _item("What is not explained?", unexplained),
         _item("What changes in the prediction?", what_changes(result)),
         _item(
+            "Is an instrument damaged, or is the model incomplete?",
+            [*instruments_doubted(result), *(line for line in told[_NOISE] if line.startswith(_LARGER))],
+        ),
+        _item(
             "Can I use the model now, and how?",
             [f"{_USABLE.get(result.verdict, 'No')}: {line}" for line in told[_USE]],
         ),
-        _item("What do I fly next?", told[_FLY]),
-        _item("What can these flights not show?", _unseen(result, [*told[_UNSHOWN], *told[_SMALLEST]])),
+        _item("What do I fly next?", to_fly(result, told[_FLY])),
         _item(
-            "Which instrument or flight is doubted, or was left out?",
-            [_doubted(result), *told[_NOISE], *left_out_by_flight(result)],
+            "What can these flights not show?",
+            unseen(result, flights, [*told[_UNSHOWN], *told[_SMALLEST]]),
         ),
     )
     return tuple(row for row in rows if row is not None)
+
+
+def _judged(result: Criticism, flights: Sequence[Flight]) -> list[str]:
+    """Return the flights and their streams, and what was left out."""
+    lines = left_out_by_flight(result)
+    known = {flight.name for flight in flights} | {*result.flights}
+    if result.dropped and result.flights and not any(line.partition(": ")[0] in known for line in lines):
+        lines = ["No flight was left out.", *lines]
+    return [*judged_data(result, flights), *lines]
 
 
 def _lines_by_kind(result: Criticism) -> dict[str, list[str]]:
@@ -117,78 +131,70 @@ def _item(question: str, lines: Sequence[str]) -> Item | None:
     return Item(question, shown[0], tuple(shown[1:])) if shown else None
 
 
-def _meanings(result: Criticism) -> list[str]:
-    """Return what each cause does; what is possible is told as such."""
+def _wrong(result: Criticism) -> list[str]:
+    """Return what each cause does and its size, and what the leading one moves; what is possible is told as
+    such."""
     sure = {cause.name for cause in result.probable}
-    perhaps = {name: "" if name in sure else "perhaps " for name in (c.name for c in result.causes)}
-    return [f"{perhaps[c.name]}{c.name}: {CATALOGUE[c.name].meaning}." for c in result.causes]
-
-
-def _sizes(result: Criticism) -> list[str]:
-    """Return the size of each cause, and what the leading one moves."""
-    told = [_size(cause, f"{cause.name}: " * (len(result.causes) > 1)) for cause in result.causes]
-    if any(told):
-        told.append("In brackets: the interval that holds it in 95 of 100 cases.")
+    told = []
+    for cause in result.causes:
+        begin = f"{'' if cause.name in sure else 'perhaps '}{cause.name}{_meaning(cause)}"
+        told.append(f"{begin}{': ' if cause.parameters else ''}{_size(cause)}.")
+    if any(cause.parameters for cause in result.causes):
+        told.append("In brackets: the 95 % interval. “Values” lists each beside its usual range.")
     if result.covariate and (misses := result.covariate.against[0]).unit != "sigma":
         most = float(np.quantile(np.abs(misses.explained), MOSTLY))
-        name = f"{result.covariate.cause} " if len(result.causes) > 1 else "It "
         told.append(
-            f"{name}moves {reading(misses.channel)} by up to {sized(most, misses.unit)} within 2 s (by less "
-            f"in {100 * MOSTLY:.0f} of 100 moments)."
+            f"{result.covariate.cause} moves {reading(misses.channel)} by up to {sized(most, misses.unit)} "
+            f"within 2 s (by less in {100 * MOSTLY:.0f} of 100 moments)."
         )
     return told
 
 
-def _size(cause: Cause, name: str) -> str:
-    """Return the sizes of a cause in everyday units; those along axes have a size together."""
-    sizes = [
-        f"{parameter} = {sized(p.value, p.unit)} ({sized_between(p.low, p.high, p.unit)})"
-        for parameter, p in cause.parameters.items()
-    ]
-    if not sizes:
-        return ""
-    along = [p for axis, p in cause.parameters.items() if axis in _AXES]
-    whole = float(np.hypot.reduce([p.value for p in along])) if len(along) > 1 else 0.0
-    together = f"{sized(whole, along[0].unit)} in all: " if whole else ""
-    return f"{name}{together}{', '.join(sizes)}."
+def _meaning(cause: Cause) -> str:
+    """Return what a cause does, in brackets; empty where its title says the same."""
+    term = CATALOGUE[cause.name]
+    more = {*re.findall(r"\w+", term.meaning.lower())} - {*re.findall(r"\w+", term.title.lower())}
+    return f" ({term.meaning})" if more - _NO_MEANING else ""
 
 
-def _else(result: Criticism, alike: Sequence[str]) -> list[str]:
+def _size(cause: Cause) -> str:
+    """Return the sizes of a cause in everyday units; of those along axes the ones that differ from none."""
+    term, told, same = CATALOGUE[cause.name], [], []
+    for parameter, found in cause.parameters.items():
+        words = quantity(cause.name, parameter)
+        if compared(term.parameter(parameter), found) == NO_DIFFERENCE and len(cause.parameters) > 1:
+            same.append(words)
+        else:
+            told.append(f"{words} {sized_interval_of(term.parameter(parameter), found)}")
+    if same:
+        told.append(f"not different from none: {enumerated(same)}")
+    return "; ".join(told)
+
+
+def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
     """Return the causes that these flights cannot tell from those that were found, or why others are ruled
     out."""
-    told = list(alike)
+    from slam.criticism.cause import SURE
+
+    told = list(ties)
     for cause in result.causes:
         others = [name for name in cause.alternatives if name != cause.name]
-        if others and not alike:
+        if others and not ties:
             rivals = enumerated([f"{name} ({result.probability_of(name):.2f})" for name in others])
             told.append(f"Instead of {cause.name} (probability {cause.probability:.2f}) perhaps {rivals}.")
     if result.causes and not told:
-        told.append("Nothing else in the catalogue explains these flights as well.")
-        told += [no_other(cause) for cause in result.causes]
-        found = {cause.name for cause in result.causes}
-        near = {b if a in found else a for a, b, _ in result.confusable if (a in found) != (b in found)}
-        if near:
-            worse = either(len(near), "fits worse", "fit worse")
-            told.append(f"{enumerated(sorted(near))} would look much alike here, but {worse}.")
+        alike = {name: look_alike(cause, result) for cause in result.causes for name in [cause.name]}
+        doubles = [f"{a} may be {' or '.join(b)}, which looks the same here." for a, b in alike.items() if b]
+        told += doubles or ["Nothing else in the catalogue explains these flights as well."]
+        told += [no_other(cause) for cause in result.causes if fair_rival(cause)]
+        none = [cause.name for cause in result.causes if not fair_rival(cause)]
+        if none:
+            told.append(f"In place of {enumerated(none)} no other effect explains a fair part.")
+        if any(0 < c.probability < SURE and len(c.alternatives) < 2 for c in result.causes):
+            told.append(
+                "What is named at less than certainty may also be something outside of the catalogue."
+            )
     return told
-
-
-def _doubted(result: Criticism) -> str:
-    """Return the instruments whose errors are among the causes."""
-    found = {_INSTRUMENTS.get(CATALOGUE[c.name].family): c for c in result.causes if c.name in CATALOGUE}
-    named = [
-        f"{what} ({title_of(cause.name)}, probability {cause.probability:.2f})"
-        for what, cause in found.items()
-        if what
-    ]
-    if result.verdict == "unusable":
-        return ""
-    if named:
-        return f"{enumerated(named)}."
-    if result.verdict == "nothing_wrong":
-        return "No instrument: none shows an error."
-    check = " What is not explained may still be one." if result.unexplained else ""
-    return f"No instrument: no cause that was found is an error of a sensor.{check}"
 
 
 def left_out_by_flight(result: Criticism) -> list[str]:
@@ -200,35 +206,3 @@ def left_out_by_flight(result: Criticism) -> list[str]:
     if not reasons:
         return ["No flight was left out."] if result.flights else []
     return [f"{name}{': ' if name else ''}{'; '.join(of)}." for name, of in reasons.items()]
-
-
-def _unseen(result: Criticism, unshown: Sequence[str]) -> list[str]:
-    """Return what is not judged, and which errors are too small for these flights."""
-    from slam.criticism.verdict.power import within_reach
-
-    # What limits the verdict is told with its reason among what was dropped, where it is there.
-    begins = tuple(line.partition(":")[0] for line in result.dropped)
-    limits = "" if result.limits.partition(":")[0].lower() in begins else result.limits
-    told = [limits]
-    if result.detectable:
-        found = {cause.name for cause in result.causes}
-        reached = within_reach(result.detectable)
-        missed = [title_of(name) for name in CATALOGUE if name not in reached and name not in found]
-        told += [
-            f"{counted(len(missed), 'effect')} of {len(CATALOGUE)}, even at usual sizes. Not shown: "
-            f"{listed(missed, 6)}."
-            if missed
-            else "Every effect of the catalogue would have shown at its usual size.",
-            "“What these flights could not have shown” lists the smallest visible sizes, and what to fly to "
-            "see smaller ones.",
-        ]
-    return [*told, *unshown]
-
-
-def unexplained_in_words(part: str) -> str:
-    """Return what is left over as `slam.criticism.verdict.decision` describes it, in plain words."""
-    bare = part.removesuffix(".")
-    for pattern, words in _IN_WORDS:
-        if re.match(pattern, bare):
-            return f"{re.sub(pattern, words, bare)}."
-    return f"{bare}."

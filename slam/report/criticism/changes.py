@@ -9,6 +9,7 @@ import numpy as np
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, png
 from slam.core.units import everyday, spaced
 from slam.report.criticism.plain_names import TWO_SIDED, figure, title_of, with_titles
+from slam.report.criticism.quantities import quantity
 from slam.report.criticism.segment import Segment
 
 if TYPE_CHECKING:
@@ -44,16 +45,17 @@ def size_over_time(result: Criticism) -> Segment | None:
     axes.axhline(factor * whole, color=GREY, linestyle="--", linewidth=1, label="one size for all")
     name, _, parameter = shown.column.partition(".")
     axes.set_xlabel("time in the flight [s]")
-    axes.set_ylabel(parameter + (f" [{unit}]" if unit != "1" else ""))
+    words = quantity(name, parameter)
+    axes.set_ylabel(words + (f" [{unit}]" if unit != "1" else ""))
     legend_below(axes)
     least, most = (_part(shown, int(k)) for k in (np.argmin(shown.sizes), np.argmax(shown.sizes)))
     caption = (
-        f"{parameter} of {title_of(name)}, fitted to each {PART_S:g} s that show it, with all else as in the "
-        "extension. A vertical bar is its 95 % interval, a horizontal one the time. Where a bar does not "
-        "meet the dashed line, one size for all is wrong."
+        f"{title_of(name)[0].upper()}{title_of(name)[1:]} ({words}), fitted to each {PART_S:g} s that show "
+        "it, with all else as in the extension. A vertical bar is its 95 % interval, a horizontal one the "
+        "time. Where a bar does not meet the dashed line, one size for all is wrong."
     )
     (where,) = with_titles(
-        [f"{name} does not have one size: {parameter} is {least} and {most} (“{_TITLE}” shows each part)."]
+        [f"{name} does not have one size: {words} is {least} and {most} (“{_TITLE}” shows each part)."]
     )
     return Segment(_TITLE, png(drawn), caption, where)
 

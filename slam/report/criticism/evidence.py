@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.wording import counted, either
+from backend.wording import either
+from slam.core.names import enumerated
 from slam.core.units import everyday, sized
+from slam.report.criticism.certainty import fair_rival, is_established, reservations
+from slam.report.criticism.judged_data import parts_in_words
 from slam.report.criticism.plain_names import figure, reading
 from slam.simulation.terms import CATALOGUE
 
@@ -17,17 +20,15 @@ if TYPE_CHECKING:
     from slam.criticism import Criticism
     from slam.criticism.cause import Cause, ChannelError, Gain
 
-_ODDS = "5 nats are odds of 150 to 1"
 _TERMS_ALONE = ("nothing", "unknown")
 """Hypotheses that are no effects."""
 
 
 def how_sure(result: Criticism) -> list[str]:
-    """Return the probability of each cause, with what it rests on; without a cause, how far all effects are
-    from standing out."""
+    """Return how certain it is that something is there and that it is the named cause, with the reasons;
+    without a cause, how far all effects are from standing out."""
     if result.causes:
-        alone = len(result.causes) == 1
-        told = [_sure(cause, "" if alone else f"{cause.name}: ") for cause in result.causes]
+        told = [*_by_certainty(result), *(_reserved(cause, result) for cause in result.causes)]
         passed = f"At least {result.threshold:.1f} is asked for, {result.threshold_means}."
         return [*told, passed] if result.threshold_means else told
     effects = [rank for rank in result.ranking if rank.name not in _TERMS_ALONE]
@@ -43,25 +44,42 @@ def how_sure(result: Criticism) -> list[str]:
     return told
 
 
-def _sure(cause: Cause, name: str) -> str:
-    gain, parts = cause.gain, np.array(cause.gain.parts)
-    text = f"{name}probability {cause.probability:.2f}"
-    if gain.by is None:
-        return f"{text}. Single readings show it, by {gain.nats:.0f} nats of log likelihood ({_ODDS})."
-    better = f"{np.sum(parts > 0)} of {counted(len(parts), gain.by)}"
-    return (
-        f"{text}. Fitted on the others, it predicts {better} better, in all by {gain.nats:.0f} nats of log "
-        f"likelihood ({_ODDS}). It stands out by {cause.z:.1f} standard deviations."
-    )
+def _by_certainty(result: Criticism) -> list[str]:
+    """Return the causes that are certain, and those of which only something is, with their evidence."""
+    told = []
+    for words, kind in (
+        ("Certain that it is", [c for c in result.causes if is_established(c, result)]),
+        (
+            "Certain that something is there, less so that it is",
+            [c for c in result.causes if not is_established(c, result)],
+        ),
+    ):
+        if kind:
+            told.append(f"{words}: {enumerated([_evidence(cause) for cause in kind])}.")
+    return told
+
+
+def _evidence(cause: Cause) -> str:
+    of = "its readings" if cause.gain.by is None else "held-out data"
+    strength = f"{cause.gain.nats:.0f} nats of {of}"
+    if cause.gain.by is not None:
+        strength = f"{cause.z:.1f} standard deviations, {strength}"
+    return f"{cause.name} (probability {cause.probability:.2f}; {strength})"
+
+
+def _reserved(cause: Cause, result: Criticism) -> str:
+    """Return the reservations about a cause in a sentence; empty without any."""
+    told = reservations(cause, result)
+    return f"{cause.name}: {'; '.join(told)}." if told else ""
 
 
 def no_other(cause: Cause) -> str:
     """Return why the next best effect in the place of a cause is ruled out; empty where there is none."""
-    if not cause.rival or not 0.0 < cause.lead_nats < np.inf:
+    if not fair_rival(cause):
         return ""
     return (
         f"The next best in place of {cause.name} is {cause.rival}: with it the flights fit worse by "
-        f"{cause.lead_nats:.0f} nats ({_ODDS})."
+        f"{cause.lead_nats:.0f} nats."
     )
 
 
@@ -71,7 +89,8 @@ def where_it_shows(result: Criticism, drawn: Sequence[str]) -> list[str]:
         return [*drawn]
     gain, names = result.causes[0].gain, result.flights
     parts = np.array(gain.parts)
-    told = f"In {int(np.sum(parts > 0))} of {counted(len(parts), gain.by or 'flight')}"
+    better = f"{int(np.sum(parts > 0))} of {parts_in_words(gain.by, len(parts))}"
+    told = f"{'in' if len(result.causes) > 1 else 'In'} {better}"
     if len(parts) < 2:
         told = f"In {names[0]}" if len(names) == 1 else ""
     elif len(parts) == len(names) and gain.by != "segment":
@@ -79,7 +98,8 @@ def where_it_shows(result: Criticism, drawn: Sequence[str]) -> list[str]:
         told += f"; most in {most} ({parts.max():.0f} nats), least in {least} ({parts.min():.0f} nats)"
     elif len(names) == 1:
         told += f" of {names[0]}"
-    return [f"{told}." if told else "", *drawn]
+    who = f"{result.causes[0].name}: " if len(result.causes) > 1 and told else ""
+    return [f"{who}{told}." if told else "", *drawn]
 
 
 def what_changes(result: Criticism) -> list[str]:
@@ -90,26 +110,43 @@ def what_changes(result: Criticism) -> list[str]:
     if gain.by is None:
         return ["Single readings, not the prediction of the motion: see “What shows it”."]
     most = gain.foremost
-    first = f"{_change(most)}, on held-out {gain.by}s." if most else "No error of the prediction falls."
-    return [first, _worse(gain)]
+    included = f", with all {len(result.causes)} causes together" if len(result.causes) > 1 else ""
+    first = f"{change_of(most)}, on held-out data{included}." if most else "No error of the prediction falls."
+    return [first, *_others(gain), _worse(gain)]
+
+
+def _others(gain: Gain) -> list[str]:
+    """Return the changes of the other judged errors, from the greatest gain to the least."""
+    others = sorted(
+        (e for e in gain.judged if e is not gain.foremost and e.before), key=lambda e: e.after / e.before
+    )
+    told = [f"{reading(e.channel)} {percent_of(e.after / e.before)}" for e in others]
+    return [f"The others change by: {', '.join(told)}."] if told else []
+
+
+def percent_of(ratio: float) -> str:
+    """Return a change as percent with its sign; one that rounds to nothing has none."""
+    change = round(100 * (ratio - 1))
+    return f"{change:+d} %" if change else "0 %"
 
 
 def _worse(gain: Gain) -> str:
     from slam.criticism.search.thresholds import MISFIT
 
-    worse = [_change(error) for error in gain.judged if error.after > (1.0 + MISFIT) * error.before]
+    worse = [change_of(error) for error in gain.judged if error.after > (1.0 + MISFIT) * error.before]
     if not worse:
         return f"No judged reading is predicted worse by more than {100 * MISFIT:.0f} %."
     return f"{either(len(worse), 'One', 'Some')} became worse: {'; '.join(worse)}."
 
 
-def _change(error: ChannelError) -> str:
+def change_of(error: ChannelError) -> str:
+    """Return the error of a channel over a horizon, after and before, in one unit."""
     factor, unit = everyday(error.before, error.unit)
     ahead = f"{error.horizon_s:g} s ahead" if error.horizon_s else "from picture to picture"
-    change = 100 * (error.after / error.before - 1) if error.before else 0.0
+    change = percent_of(error.after / error.before) if error.before else "0 %"
     return (
         f"the error of {reading(error.channel)} {ahead} is {figure(factor * error.after)} {unit} instead of "
-        f"{figure(factor * error.before)} ({change:+.0f} %)"
+        f"{figure(factor * error.before)} ({change})"
     )
 
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 
 from slam.core.units import everyday, spaced
+from slam.report.criticism.quantities import quantity
 from slam.simulation.terms import CATALOGUE
 
 TWO_SIDED = 1.96
@@ -51,6 +52,8 @@ _CONSTANTS = {
     "sonar_noise": "noise of the height sensor",
 }
 """Constants of a vehicle that are fitted together with the causes -> in words."""
+_IN_CODE = [re.escape(name) for name in (*_READINGS, *_CONSTANTS) if re.search("[_.]", name)]
+_CODED = re.compile(rf"(?<![\w.])({'|'.join(_IN_CODE)})(?![\w])")
 
 
 def reading(name: str) -> str:
@@ -59,8 +62,13 @@ def reading(name: str) -> str:
 
 
 def constant(name: str) -> str:
-    """Return a constant of the vehicle in words, with its name in the model behind them."""
-    return f"{_CONSTANTS[name]} ({name})" if name in _CONSTANTS else name
+    """Return a constant of the vehicle in words."""
+    return _CONSTANTS.get(name, name)
+
+
+def in_plain_names(text: str) -> str:
+    """Return a text with the names of readings and constants that are no plain words in words."""
+    return _CODED.sub(lambda found: _READINGS.get(found[0]) or _CONSTANTS[found[0]], text)
 
 
 def title_of(name: str) -> str:
@@ -71,15 +79,11 @@ def title_of(name: str) -> str:
 
 
 def with_titles(lines: Sequence[str]) -> list[str]:
-    """Return lines with effects by their plain names; the code's name follows in brackets where one comes
-    first."""
-    seen: set[str] = set()
+    """Return lines with effects, and the parameters behind them, by their plain names."""
 
     def plain(found: re.Match[str]) -> str:
-        title, code = CATALOGUE[found[1]].title, found[0]
-        known = code in seen or code == title
-        seen.add(code)
-        return title if known else f"{title} ({code})"
+        title, parameter = CATALOGUE[found[1]].title, (found[2] or "").removeprefix(".")
+        return f"{title} ({quantity(found[1], parameter)})" if parameter else title
 
     return [_NAMES.sub(plain, line) for line in lines]
 

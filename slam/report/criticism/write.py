@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from backend.wording import either
-from slam.core.units import sized, spaced
+from backend.wording import counted, either
+from slam.core.units import everyday
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
+from slam.report.criticism.certainty import certainty_rows, is_established
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.evidence import longer_bar
+from slam.report.criticism.evidence import longer_bar, percent_of
+from slam.report.criticism.headline import lead, together
 from slam.report.criticism.pictures import (
     calibration_picture,
     covariate_picture,
@@ -22,10 +22,13 @@ from slam.report.criticism.pictures import (
     panels_of,
     ranking_picture,
 )
-from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, reading, title_of, with_titles
+from slam.report.criticism.plain_names import reading, title_of
 from slam.report.criticism.segment import evidence_segment
+from slam.report.criticism.unseen import detectable_rows
+from slam.report.criticism.values import sized_one, unshown_constants, value_rows
 from slam.report.page import Item, embedded, render_page
 from slam.report.tables.evaluation import map_gain_table
+from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -42,39 +45,33 @@ VERDICTS = {
     "unusable": "Cannot be judged",
 }
 SHOWN_HORIZONS = {0.0: "picture to picture", 0.5: "0.5 s", 2.0: "2 s", 10.0: "10 s"}
-NOT_SHOWN = "not shown by these flights"
+STATUS_MEANS = {
+    "nothing_wrong": "No effect that these flights can show stands out beyond chance.",
+    "named": "The causes that are named explain what is wrong, and nothing is left over.",
+    "ambiguous": "Several effects explain what is wrong equally well.",
+    "named_with_remainder": "The causes that are named explain a part of what is wrong, not all of it.",
+    "unknown": "Something is wrong beyond chance, and no effect of the catalogue is a probable cause.",
+    "unusable": "The data do not allow a verdict.",
+}
+"""Verdict -> what its title says."""
 HELD_OUT_DOTS = (
-    "Log likelihood gained on each part when it was held out, in nats (5 nats are odds of 150 to 1); above 0 "
-    "the extension predicts it better."
+    "Log likelihood gained on each part when it was held out{beside}, in nats; above 0 the extension "
+    "predicts it better."
 )
 IN_SAMPLE_DOTS = (
-    "Log likelihood that each flight's odd readings tell for the cause, in nats (5 nats are odds of 150 "
-    "to 1). Each of them tells by itself; no size is fitted that could be held out."
+    "Log likelihood that each flight's odd readings tell for {cause}, in nats. Each of them tells by itself; "
+    "no size is fitted that could be held out."
 )
 
 
 @dataclass(frozen=True)
-class CauseRow:
-    """Table row of one parameter of one cause."""
+class EquationRow:
+    """Table row of one cause as the extended model has it."""
 
     title: str
     name: str
     equation: str
-    parameter: str
-    value: str
-    interval: str
-    probability: str
-
-
-@dataclass(frozen=True)
-class DetectableRow:
-    """Table row of the smallest visible size of an effect."""
-
-    title: str
-    name: str
-    size: str
-    manoeuvre: str
-    """Manoeuvre that shows a smaller one."""
+    parameters: str
 
 
 @dataclass(frozen=True)
@@ -102,12 +99,13 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
     return render_page(
         "criticism/page.html.j2",
         title=VERDICTS[result.verdict],
+        status_means=STATUS_MEANS[result.verdict],
         version=VERSION,
         model=result.model.name if result.model else "none",
         result=result,
         reading=reading,
-        sentence=with_titles([result.sentence])[0],
-        answers=criticism_answers(result, [segment.where for segment in segments]),
+        sentence=lead(result),
+        answers=criticism_answers(result, [segment.where for segment in segments], flights),
         tiles=_tiles(result),
         segments=[(s.title, embedded(s.picture), s.caption) for s in segments],
         covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,
@@ -115,15 +113,17 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         ranking=embedded(ranking_picture(result)) if result.ranking else None,
         ranking_caption=ranking_caption(result),
         alike=[title_of(name) for name in result.equivalence_set],
-        causes=cause_rows(result),
+        certainty=certainty_rows(result),
+        values=value_rows(result),
+        unshown=unshown_constants(result),
+        equations=equation_rows(result),
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
         by=gain.by if gain else None,
         of_pictures=gain is not None and any(c.horizon_s == 0.0 for c in gain.channels),
-        gain_caption=HELD_OUT_DOTS if gain and gain.by else IN_SAMPLE_DOTS,
+        gain_caption=gain_caption(result),
         calibration=_calibration(result),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
-        nuisances=nuisance_rows(result),
         confusable=[
             Item(f"{title_of(a)} and {title_of(b)}", f"{c:+.2f}", (f"{a}, {b}",))
             for a, b, c in result.confusable
@@ -141,40 +141,39 @@ def _tiles(result: Criticism) -> list[Item]:
     tiles = [Item(f"{either(len(result.flights), 'flight', 'flights')} judged", str(len(result.flights)))]
     if result.causes:
         first = result.causes[0]
-        tiles.append(Item(f"probability of {title_of(first.name)}", f"{first.probability:.3f}"))
-        tiles.append(_gain_tile(first.gain))
+        sure = [cause for cause in result.causes if is_established(cause, result)]
+        tiles.append(Item(f"certain of {counted(len(result.causes), 'cause')} found", str(len(sure))))
+        tiles.append(_gain_tile(first.gain, together(result)))
+        tiles.append(
+            Item(
+                either(len(result.unexplained), "finding not explained", "findings not explained"),
+                str(len(result.unexplained)),
+            )
+        )
     elif result.ranking:
         strongest = max(result.ranking, key=lambda r: r.z)
         tiles.append(Item(f"strongest of all ({title_of(strongest.name)})", f"{strongest.z:.1f} sigma"))
     return tiles
 
 
-def _gain_tile(gain: Gain) -> Item:
+def _gain_tile(gain: Gain, with_all: str) -> Item:
     """Return the gain of the causes in the error that falls most, or else in the likelihood."""
     most = gain.foremost
     if gain.by and most:
         ahead = f"{most.horizon_s:g} s ahead" if most.horizon_s else "from picture to picture"
-        change = f"{100 * (most.after / most.before - 1):+.0f} %"
-        return Item(f"error of {reading(most.channel)} {ahead}, on held-out data", change)
+        what = f"error of {reading(most.channel)} {ahead}, the best of all, on held-out data {with_all}"
+        return Item(what, percent_of(most.after / most.before))
     what = "log likelihood of held-out data" if gain.by else "log likelihood of its readings"
     return Item(what, f"{gain.nats:+.1f} nats")
 
 
-def cause_rows(result: Criticism) -> list[CauseRow]:
-    """One row a parameter; name, equation and probability stand in the first row of each cause."""
-    from slam.simulation.terms import CATALOGUE
-
-    rows = []
-    for cause in result.causes:
-        term = CATALOGUE.get(cause.name)
-        for k, (name, p) in enumerate(cause.parameters.items()):
-            equation = term.equation if term else ""
-            first = (title_of(cause.name), cause.name, equation, f"{cause.probability:.3f}")
-            shown = first if k == 0 else ("", "", "", "")
-            value = f"{figure(p.value)}{spaced(p.unit)}"
-            interval = f"{figure(p.low)} to {figure(p.high)}"
-            rows.append(CauseRow(*shown[:3], name, value, interval, shown[3]))
-    return rows
+def equation_rows(result: Criticism) -> list[EquationRow]:
+    """Return each cause with its equation and parameters, as extended.toml has them."""
+    return [
+        EquationRow(title_of(c.name), c.name, CATALOGUE[c.name].equation, ", ".join(c.parameters))
+        for c in result.causes
+        if c.name in CATALOGUE
+    ]
 
 
 def gain_rows(result: Criticism) -> list[GainRow]:
@@ -184,50 +183,15 @@ def gain_rows(result: Criticism) -> list[GainRow]:
     rows = []
     for error in result.causes[0].gain.channels:
         if error.horizon_s in SHOWN_HORIZONS and error.before > 0:
-            change = 100 * (error.after / error.before - 1)
+            factor, unit = everyday(error.before, error.unit)
             rows.append(
                 GainRow(
-                    reading(error.channel), SHOWN_HORIZONS[error.horizon_s], sized(error.before, error.unit),
-                    sized(error.after, error.unit), f"{change:+.0f} %",
+                    reading(error.channel), SHOWN_HORIZONS[error.horizon_s],
+                    sized_one(error.before, factor, unit), sized_one(error.after, factor, unit),
+                    percent_of(error.after / error.before),
                 )
             )  # fmt: skip
     return rows
-
-
-def nuisance_rows(result: Criticism) -> list[Item]:
-    """Return the constants of this vehicle with their intervals; one that the flights do not show is marked.
-
-    It is one of which they tell less than the range of healthy vehicles does.
-    """
-    from slam.criticism.kalman.filter_parameters import filter_parameters_of
-    from slam.criticism.search.fitted_parameters import NUISANCES
-
-    assert result.model is not None or not result.nuisances
-    model = filter_parameters_of(result.model) if result.model else None
-    rows = []
-    for nuisance in NUISANCES:
-        found = result.nuisances.get(nuisance.name)
-        if found is None or model is None:
-            continue
-        ends = np.array([found.low, found.high])
-        reach = float(np.ptp(np.log(ends) if nuisance.form == "log" else ends)) / 2.0
-        unseen = (reach / TWO_SIDED) ** 2 * nuisance.prior_precision(model) > 0.5
-        value = f"{figure(found.value)}{spaced(found.unit)} ({figure(found.low)} to {figure(found.high)})"
-        rows.append(Item(constant(nuisance.name), value, (NOT_SHOWN,) if unseen else ()))
-    return rows + [
-        Item(f"{reading(name)}: noise of one sample with the next", figure(share))
-        for name, share in result.noise_correlation.items()
-    ]
-
-
-def detectable_rows(result: Criticism) -> list[DetectableRow]:
-    """Return the smallest visible size of each effect, with the manoeuvre that shows a smaller one."""
-    from slam.simulation.terms import CATALOGUE
-
-    return [
-        DetectableRow(title_of(name), name, sized(size, unit), CATALOGUE[name].excitation)
-        for name, (size, unit) in result.detectable.items()
-    ]
 
 
 def covariate_caption(result: Criticism) -> str:
@@ -249,6 +213,18 @@ def covariate_caption(result: Criticism) -> str:
     if len(panels_of(found)) < 2:
         return text
     return f"{text} The other panel is the same for {title_of(found.rival)}, the most probable alternative."
+
+
+def gain_caption(result: Criticism) -> str:
+    """Caption of the figure of the gain by part, which is that of the leading cause alone."""
+    if not result.causes:
+        return ""
+    first, more = result.causes[0], len(result.causes) > 1
+    title = title_of(first.name)
+    if first.gain.by is None:
+        return IN_SAMPLE_DOTS.format(cause=title)
+    beside = f", by {title} alone, beside the other causes (the table is with all of them)" if more else ""
+    return HELD_OUT_DOTS.format(beside=beside)
 
 
 def ranking_caption(result: Criticism) -> str:

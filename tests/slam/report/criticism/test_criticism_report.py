@@ -19,9 +19,12 @@ from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.evaluation.map_gain import MapErrors, MapGain
-from slam.report.criticism.answers import criticism_answers, left_out_by_flight, unexplained_in_words
+from slam.report.criticism.answers import criticism_answers, left_out_by_flight
+from slam.report.criticism.certainty import is_established, reservations
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.evidence import longer_bar
+from slam.report.criticism.judged_data import judged_data
+from slam.report.criticism.left_over import unexplained_in_words
 from slam.report.criticism.pictures import (
     covariate_picture,
     gain_picture,
@@ -29,11 +32,14 @@ from slam.report.criticism.pictures import (
     ranking_picture,
 )
 from slam.report.criticism.plain_names import constant, reading, with_titles
+from slam.report.criticism.quantities import quantity
 from slam.report.criticism.segment import before_after_picture, evidence_segment
-from slam.report.criticism.write import VERDICTS, covariate_caption, nuisance_rows, render_criticism
+from slam.report.criticism.values import unshown_constants, value_rows
+from slam.report.criticism.write import VERDICTS, covariate_caption, render_criticism
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
+from slam.simulation.terms import CATALOGUE
 
 RANKING = (
     Rank("quadratic_drag", 0.97, 9.1),
@@ -44,7 +50,8 @@ RANKING = (
 )
 
 REMAINDER = "named_with_remainder"
-LEFT_OUT = "Which instrument or flight is doubted, or was left out?"
+LEFT_OUT = "Which flights were judged, and what was left out?"
+INSTRUMENTS = "Is an instrument damaged, or is the model incomplete?"
 
 
 def made(verdict: str = "named") -> Criticism:
@@ -111,7 +118,7 @@ def test_the_page_shows_what_the_map_gains() -> None:
 def test_the_page_says_what_it_must(verdict: str) -> None:
     page = render_criticism(made(verdict), [])
     assert VERDICTS[verdict] in page
-    assert "The model lacks &lt;quadratic&gt; drag." in page
+    assert ("The model lacks &lt;quadratic&gt; drag." in page) == (not verdict.startswith("named"))
     assert "0.437" in page
     assert "sonar_lag" in page  # what could not have been seen
     assert ("Steps of three sizes" in page) == bool(made(verdict).details)  # the next flight
@@ -123,7 +130,9 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
         assert "-61 %" in page
         assert "+10 %" in page  # channels that became worse are listed
     assert ("cannot distinguish" in page) == (verdict == "ambiguous")
-    assert ("the error of gyro_x changes with speed" in page.lower()) == ("remainder" in verdict)
+    assert ("error of the gyro about the axis ahead in proportion to speed" in page.lower()) == (
+        "remainder" in verdict
+    )
 
 
 def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
@@ -145,7 +154,7 @@ def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: 
         for seed in (1, 2)
     ]
     gain = Gain(30.0, (10.0, 50.0), None, (10.0, 20.0), ())
-    result = replace(made(), causes=(replace(made().causes[0], name=term, gain=gain),))
+    result = replace(made(), causes=(replace(made().causes[0], name=term, parameters={}, gain=gain),))
     shown = evidence_segment(result, flights)
     assert shown is not None
     (axes,) = drawn[0].axes
@@ -207,23 +216,27 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
     assert found["Is the model right about these flights?"].endswith("More is wrong than that explains.")
     assert (
         found["What is not explained?"]
-        == "The error of gyro_x changes with speed (by 7.0 standard deviations)."
+        == "There is an error of the gyro about the axis ahead in proportion to speed, which no effect "
+        "explains (by 7.0 standard deviations)."
     )
     assert found["Can I use the model now, and how?"].endswith(
         "one, but not for what is unexplained: simulate."
     )
-    assert found["What do I fly next?"] == "Steps of three sizes."
-    assert "What is not explained may still be one" in found[LEFT_OUT]
-    assert "larger than stated: gyro 29 times." in found[LEFT_OUT]
+    assert found["What do I fly next?"].startswith("Steps of three sizes.")
+    assert "What is not explained may still be an instrument's" in found[INSTRUMENTS]
+    assert "larger than stated: gyro 29 times." in found[INSTRUMENTS]
     assert "flight_09: never moves." in found[LEFT_OUT]
 
 
-def test_an_effect_has_its_plain_name_first_and_its_code_in_brackets_once() -> None:
+def test_effects_and_their_parameters_have_their_plain_names() -> None:
     lines = with_titles(["gyro_bias.x varies; steady_wind or gusts", "steady_wind and other_1"])
     assert lines == [
-        "a constant error of the gyro (gyro_bias.x) varies; a steady wind (steady_wind) or gusts",
+        "a constant error of the gyro (axis ahead, x) varies; a steady wind or gusts",
         "a steady wind and other_1",
     ]
+    for term in CATALOGUE.values():
+        for parameter in term.parameters:
+            assert "_" not in quantity(term.name, parameter.name)
 
 
 def test_all_reasons_for_which_a_flight_was_left_out_stand_in_one_line() -> None:
@@ -245,14 +258,26 @@ def test_a_cause_with_a_shorter_bar_is_explained_only_where_there_is_a_longer_on
     assert "worse by 20 nats or more" in told
 
 
-def test_a_constant_that_the_flights_do_not_show_is_marked() -> None:
-    wide = Interval(1.0, "1", 0.94, 1.06)  # healthy vehicles have 0.95 to 1.05
-    seen, unseen = (
-        nuisance_rows(replace(made(), nuisances={"vehicle.gain": found}))[0].lines
-        for found in (made().nuisances["vehicle.gain"], wide)
-    )
-    assert seen == ()
-    assert unseen == ("not shown by these flights",)
+@pytest.mark.parametrize(
+    ("found", "verdict"),
+    [
+        (Interval(0.96, "1", 0.95, 0.97), "healthy"),
+        (Interval(1.0, "1", 0.94, 1.06), ""),  # healthy vehicles have 0.95 to 1.05
+        (Interval(1.28, "1", 1.18, 1.38), "outside of healthy"),
+    ],
+)
+def test_a_constant_is_told_with_its_healthy_range_or_as_not_shown(found: Interval, verdict: str) -> None:
+    result = replace(made(), nuisances={"vehicle.gain": found})
+    verdicts = {row.quantity: row.verdict for row in value_rows(result)}
+    assert verdicts.get(constant("vehicle.gain"), "") == verdict
+    assert (constant("vehicle.gain") in unshown_constants(result)) == (verdict == "")
+
+
+def test_a_quantity_that_a_cause_has_is_told_once() -> None:
+    lag = Cause("attitude_lag", 1.0, {"tau": Interval(0.37, "s", 0.3, 0.43)}, made().causes[0].gain, 9.0, 0.0)
+    own = {"vehicle.attitude_time_s": Interval(0.37, "s", 0.32, 0.42)}
+    rows = value_rows(replace(made(), causes=(lag,), nuisances=own))
+    assert [(row.original, row.value, row.verdict) for row in rows] == [("0.1 s", "0.37 s", "usual")]
 
 
 def test_a_rival_whose_errors_have_no_slope_leaves_the_width_to_the_cause() -> None:
@@ -276,7 +301,7 @@ def test_a_size_that_changes_is_drawn_over_time_and_told_with_its_flight() -> No
     )  # fmt: skip
     shown = size_over_time(replace(made(REMAINDER), changes=(series,)))
     assert shown is not None
-    assert "T is 0.12 s from 0 to 5 s of one and 0.4 s from 5 to 10 s of one" in shown.where
+    assert "delay is 0.12 s from 0 to 5 s of one and 0.4 s from 5 to 10 s of one" in shown.where
     assert size_over_time(made(REMAINDER)) is None
 
 
@@ -284,18 +309,23 @@ def test_sizes_are_told_in_everyday_units() -> None:
     sizes = {axis: Interval(0.03, "rad", 0.02, 0.04) for axis in "xy"}
     tilted = Cause("camera_tilt", 1.0, sizes, made().causes[0].gain, 9.0, 0.0)
     answers = {row.label: row for row in criticism_answers(replace(made(), causes=(tilted,)))}
-    told = answers["How large is it?"].value
-    assert told == "2.43 deg in all: x = 1.72 deg (1.15 to 2.29 deg), y = 1.72 deg (1.15 to 2.29 deg)."
+    told = answers["What is wrong, and how large is it?"].value
+    assert told.endswith(
+        "axis ahead, x 1.72 deg (1.15 to 2.29 deg); axis to the left, y 1.72 deg (1.15 to 2.29 deg)."
+    )
 
 
 @pytest.mark.parametrize(
     ("part", "words"),
     [
-        ("velocity_std_m_s out of range", "lies outside of what healthy vehicles have."),
+        ("velocity_std_m_s out of range", "speed of gusts: the best value lies outside"),
         ("attitude_lag may be control_latency", "may be control_latency instead"),
         ("timestamp_jitter may be something else", "an effect that the catalogue does not hold."),
         ("velocity early by 49.1 ms", "the readings of velocity come 49.1 ms too early by their stamps."),
-        ("gyro_bias.x is -0.1 to 0.2 rad/s", "gyro_bias.x is -0.1 to 0.2 rad/s."),
+        ("gyro_bias.x is -0.1 to 0.2 rad/s by segments of 10 s", "-5.73 to 11.5 deg/s in stretches of 10 s"),
+        ("gyro_bias.y changes by -0.0023 rad/s at about 490 s (z = 10.2)", "by -0.132 deg/s at about 490 s"),
+        ("velocity_x ~ ahead (z = 11.0)", "error of the speed ahead in proportion to the speed ahead"),
+        ("what looks like flow_scale changes during a flight (z = 11.0)", "it is something else"),
     ],
 )
 def test_what_is_left_over_is_told_in_plain_words(part: str, words: str) -> None:
@@ -307,6 +337,28 @@ def test_every_reading_and_every_fitted_constant_has_plain_words():
     for name in CHANNELS:
         assert not coded.search(reading(name))
     for nuisance in NUISANCES:
-        words, _, code = constant(nuisance.name).partition(" (")
-        assert not coded.search(words)
-        assert code == f"{nuisance.name})"
+        assert not coded.search(constant(nuisance.name))
+
+
+def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
+    (cause,) = made().causes
+    assert is_established(cause, made())
+    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
+    assert not is_established(scale, made())
+    assert "not established by itself" in " ".join(reservations(scale, made()))
+    alike = replace(made(), confusable=(("quadratic_drag", "flow_scale", 0.99),))
+    assert not is_established(cause, alike)
+    even = replace(cause, probability=0.5, z=5.0)
+    unknown = replace(made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(("roll ~ pitch", 11.0),))
+    (why,) = reservations(even, unknown)
+    assert "stands out more (11.0 standard deviations)" in why
+
+
+def test_the_judged_data_are_told_with_their_streams_and_what_is_missing() -> None:
+    flight = replace(
+        simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1), imu=None
+    )
+    told = " ".join(judged_data(replace(made(), flights=(flight.name,)), [flight]))
+    assert f"{flight.name}: " in told
+    assert "Hz)" in told
+    assert "The flight has no gyro and accelerometer and no pictures." in told

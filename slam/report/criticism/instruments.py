@@ -1,0 +1,110 @@
+"""Whether an instrument is damaged or the model incomplete: each cause beside what is usual."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam.core.names import enumerated
+from slam.core.units import sized
+from slam.report.criticism.certainty import differs, is_established
+from slam.report.criticism.plain_names import title_of
+from slam.report.criticism.values import MORE, NO_DIFFERENCE, compared, one_unit, usual
+from slam.simulation.terms import CATALOGUE
+
+if TYPE_CHECKING:
+    from slam.criticism import Criticism
+    from slam.criticism.cause import Cause
+
+_BY_NAME: Mapping[str, str] = {
+    "gyro_scale": "gyro",
+    "gyro_bias": "gyro",
+    "accel_scale": "accelerometer",
+    "accel_bias": "accelerometer",
+    "imu_misalignment": "mounting of the IMU",
+    "sonar_tilt": "mounting of the height sensor",
+    "camera_tilt": "mounting of the camera",
+    "camera_time_offset": "clock of the camera",
+    "clock_drift": "clock of the log",
+    "timestamp_jitter": "clock of the log",
+}
+_BY_STREAM: Mapping[str, str] = {"sonar": "height sensor", "velocity": "speed sensor", "imu": "IMU"}
+_CALIBRATE = "slam optimize --model extended.toml corrects it, and nothing needs a repair"
+_KEEP = "nothing needs a repair, and nothing can be corrected afterwards"
+_CHECK = "look at its mounting and wiring, and replace it if the same comes back after a calibration"
+_STAMPS = "look at how the log gets its stamps: a calibration does not remove it"
+
+
+def instrument_of(name: str) -> str:
+    """Return the instrument that has an error of the catalogue; empty for one of the vehicle or the place."""
+    term = CATALOGUE[name]
+    if not term.is_of_instrument or term.family == "place":
+        return ""
+    return (
+        _BY_NAME.get(name) or _BY_STREAM.get(term.stream) or ("sonar" if term.family == "sonar" else "camera")
+    )
+
+
+def instruments_doubted(result: Criticism) -> list[str]:
+    """Return whether instruments or the model are at fault, with each size beside the usual one."""
+    if result.verdict == "unusable":
+        return []
+    if not result.causes:
+        if result.verdict == "nothing_wrong":
+            return ["Neither: no instrument shows an error, and the model holds."]
+        return ["Not known: what is wrong has no name, and may be an instrument's or the model's."]
+    of_instruments = [c for c in result.causes if instrument_of(c.name)]
+    of_vehicle = [c for c in result.causes if c not in of_instruments]
+    told = [_in_short(of_instruments, of_vehicle, result)]
+    told += [_beside_usual(cause, result) for cause in of_instruments]
+    if of_vehicle:
+        names = enumerated([title_of(cause.name) for cause in of_vehicle])
+        told.append(f"Of the vehicle or the place, which a repair does not change: {names}.")
+    if result.unexplained:
+        told.append("What is not explained may still be an instrument's.")
+    return told
+
+
+def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism) -> str:
+    far = [c for c in instruments if _is_far(c)]
+    if far:
+        names = enumerated([f"the {instrument_of(c.name)} ({title_of(c.name)})" for c in far])
+        return f"More than usual is wrong with {names}."
+    if not instruments:
+        return "The model is incomplete: no cause that was found is an error of an instrument."
+    if vehicle:
+        return "The model is incomplete, and instruments have errors of usual size: none looks damaged."
+    return "Instruments have errors of usual size: none looks damaged."
+
+
+def _is_far(cause: Cause) -> bool:
+    parameters = CATALOGUE[cause.name].parameter
+    return any(compared(parameters(name), found) == MORE for name, found in cause.parameters.items())
+
+
+def _beside_usual(cause: Cause, result: Criticism) -> str:
+    """Return an instrument's error beside the usual size, with what to do about it."""
+    parameters = CATALOGUE[cause.name].parameters
+    known = [p for p in parameters if p.name in cause.parameters]
+    begin = f"The {instrument_of(cause.name)}: {title_of(cause.name)}"
+    if not known:
+        return f"{begin}."
+    found = cause.parameters[known[0].name]
+    factor, unit = one_unit(found)
+    each = [cause.parameters[p.name] for p in known]
+    apart = [x.value for p, x in zip(known, each, strict=True) if compared(p, x) != NO_DIFFERENCE]
+    size = float(np.hypot.reduce(apart)) if len(apart) > 1 else [*apart, found.value][0]
+    told = f"{begin}, {sized(size, found.unit)} (usual: {usual(known[0], factor, unit)})"
+    if not differs(cause):
+        return f"{told}: not established; without [terms.{cause.name}] extended.toml leaves it as it is."
+    sure = "" if is_established(cause, result) else "if it is that, "
+    return f"{told}: {sure}{_advice(cause)}."
+
+
+def _advice(cause: Cause) -> str:
+    term = CATALOGUE[cause.name]
+    if _is_far(cause):
+        return _STAMPS if term.acts_on == "clock" else _CHECK
+    return _KEEP if term.undo is None else _CALIBRATE

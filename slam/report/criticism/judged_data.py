@@ -1,0 +1,119 @@
+"""Flights that a criticism judged: their lengths, their streams with their rates, and what they lack."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from backend.wording import counted, either
+from slam.core.names import enumerated, listed
+from slam.report.criticism.plain_names import figure
+
+if TYPE_CHECKING:
+    from slam.core.flight import Flight
+    from slam.criticism import Criticism
+
+_STREAMS = {
+    "command": "sticks",
+    "imu": "gyro and accelerometer",
+    "attitude": "attitude",
+    "velocity": "speed",
+    "sonar": "height",
+    "frames": "pictures",
+}
+"""Fields of a flight that criticism compares -> in words."""
+_NO_SPEED_TO_THE_LEFT = "speed ahead alone"
+MOST_FLIGHTS = 4
+"""Greatest number of flights that are told one by one."""
+
+
+def judged_data(result: Criticism, flights: Sequence[Flight]) -> list[str]:
+    """Return the flights with their lengths and streams, what none of them has, and how parts were held
+    out."""
+    judged = [flight for flight in flights if flight.name in result.flights]
+    if not judged:
+        return [f"{enumerated(list(result.flights))}."] if result.flights else []
+    if len(judged) > MOST_FLIGHTS:
+        lengths = np.array([_duration_s(flight) for flight in judged])
+        names = listed([flight.name for flight in judged], MOST_FLIGHTS)
+        told = [
+            f"{counted(len(judged), 'flight')} ({names}), each {lengths.min():.0f} to {lengths.max():.0f} s "
+            f"long, together {lengths.sum():.0f} s.",
+            f"Readings of all together: {enumerated(_streams(judged))}.",
+        ]
+    else:
+        told = [f"{f.name}: {_duration_s(f):.0f} s with {enumerated(_streams([f]))}." for f in judged]
+    return [part for part in (*told, _lacking(judged), _held_out(result)) if part]
+
+
+def parts_in_words(by: str | None, count: int) -> str:
+    """Return a count of held-out parts: whole flights, or parts of flights."""
+    return counted(count, "part" if by == "segment" else "flight")
+
+
+def missing_streams(flights: Sequence[Flight]) -> list[str]:
+    """Return the compared streams that no flight has."""
+    return [name for name in _STREAMS if all(getattr(flight, name) is None for flight in flights)]
+
+
+def _held_out(result: Criticism) -> str:
+    from slam.criticism.search.information import SEGMENT_S
+
+    gain = next((cause.gain for cause in result.causes if cause.gain.by), None)
+    if gain is None:
+        return ""
+    if gain.by == "flight":
+        return "Each flight in turn was held out: the sizes were fitted on the others."
+    count = len(gain.parts)
+    return (
+        f"With so few flights, {count} parts were held out in turn, each of them every "
+        f"{count}th stretch of {SEGMENT_S:g} s: the sizes were fitted on the others."
+    )
+
+
+def _duration_s(flight: Flight) -> float:
+    ends = [
+        s.stamps_s[[0, -1]]
+        for name in _STREAMS
+        if (s := getattr(flight, name)) is not None and len(s.stamps_s)
+    ]
+    return float(max(e[1] for e in ends) - min(e[0] for e in ends)) if ends else 0.0
+
+
+def _streams(flights: Sequence[Flight]) -> list[str]:
+    """Return each stream with the count of its readings and its rate."""
+    told = []
+    for name, words in _STREAMS.items():
+        stamps = [s.stamps_s for f in flights if (s := getattr(f, name)) is not None and len(s.stamps_s) > 1]
+        if not stamps:
+            continue
+        count = sum(map(len, stamps))
+        if name == "command":
+            told.append(f"{words} ({count} entries)")
+            continue
+        spacing_s = float(np.median(np.concatenate([np.diff(t) for t in stamps])))
+        rate = f" at {figure(1.0 / spacing_s)} Hz" if spacing_s > 0.0 else ""
+        told.append(f"{_axes(name, words, flights)} ({count} readings{rate})")
+    return told
+
+
+def _axes(name: str, words: str, flights: Sequence[Flight]) -> str:
+    """Return the words of a stream; of a speed that is known along one axis alone, that axis."""
+    if name != "velocity":
+        return words
+    known = [np.isfinite(f.velocity.v_m_s).any(axis=0) for f in flights if f.velocity is not None]
+    ahead, left = np.any(known, axis=0).tolist()
+    if ahead and left:
+        return words
+    return _NO_SPEED_TO_THE_LEFT if ahead else "speed to the left alone"
+
+
+def _lacking(flights: Sequence[Flight]) -> str:
+    missing = [_STREAMS[name] for name in missing_streams(flights)]
+    where = either(len(flights), "The flight has", "No flight has")
+    if not missing:
+        return ""
+    no = "no " if len(flights) == 1 else ""
+    return f"{where} {enumerated([f'{no}{name}' for name in missing])}."

@@ -1,0 +1,166 @@
+"""What no cause explains, in plain words: the findings of the verdict with values and healthy ranges."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from slam.core.units import everyday, spaced
+from slam.report.criticism.plain_names import constant, figure, in_plain_names, reading, sized_between
+from slam.report.criticism.quantities import quantity
+from slam.simulation.terms import CATALOGUE
+
+if TYPE_CHECKING:
+    from slam.criticism import Criticism
+    from slam.criticism.cause import Interval
+
+_SIGNALS: Mapping[str, str] = {
+    "one": "a constant",
+    "time": "the time in the flight",
+    "height": "the height",
+    "ahead": "the speed ahead",
+    "left": "the speed to the left",
+    "up": "the climb rate",
+    "speed2": "the square of the speed",
+    "pitch": "the pitch",
+    "roll": "the roll",
+    "turning": "the rate of turn",
+    "pitching": "the rate of pitch",
+    "rolling": "the rate of roll",
+    "tilt2": "the square of the tilt",
+    "north": "the heading",
+    "east": "the heading",
+    "stick_ahead": "the stick ahead",
+    "stick_left": "the stick to the left",
+    "stick_up": "the stick up",
+    "stick_turn": "the stick that turns",
+    "ahead when fast": "the speed ahead, where it is high",
+    "left when fast": "the speed to the left, where it is high",
+    "place": "the place",
+}
+"""Signal of a residual pattern -> in words."""
+_NUMBER = r"(-?[\d.]+(?:e[-+]\d+)?)"
+_Z = r" \(z = ([-\d.]+)\)"
+
+
+def _pattern(found: re.Match[str]) -> str:
+    """Describe a residual pattern: the error of a reading, or a force, that is proportional to a signal."""
+    told = [part.partition(" ~ ")[::2] for part in found[1].split(", ")]
+    each = [(_target(name), _SIGNALS.get(signal, signal)) for name, signal in told]
+    what = " and ".join(f"{name} in proportion to {signal}" for name, signal in each)
+    return f"there is {what}, which no effect explains (by {found[2]} standard deviations)"
+
+
+def _target(name: str) -> str:
+    kind, _, way = name.partition("force ")
+    if way and not kind:
+        return f"an unknown push {in_plain_names(way)}"
+    return f"an error of the {reading(name)}"
+
+
+def _size_changes(found: re.Match[str]) -> str:
+    """Describe the sizes that one parameter has in the segments of the flights."""
+    effect, parameter, low, high, segments_s, more = found.groups()
+    sizes = sized_between(float(low), float(high), CATALOGUE[effect].parameter(parameter).unit)
+    return f"{_named(effect, parameter)} is {sizes} in stretches of {segments_s} s{more}, instead of one size"
+
+
+def _onset(found: re.Match[str]) -> str:
+    effect, parameter, change, time_s, z = found.groups()
+    factor, unit = everyday(float(change), CATALOGUE[effect].parameter(parameter).unit)
+    by = f"{figure(factor * float(change))}{spaced(unit)}"
+    return f"{_named(effect, parameter)} changes by {by} at about {time_s} s (by {z} standard deviations)"
+
+
+def _named(effect: str, parameter: str) -> str:
+    return f"{CATALOGUE[effect].title} ({quantity(effect, parameter)})"
+
+
+_EFFECT = rf"({'|'.join(CATALOGUE)})"
+_ONSET = rf"^{_EFFECT}\.(\w+) changes by {_NUMBER}.* at about ([\d.]+) s{_Z}$"
+_IN_WORDS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
+    (rf"^{_EFFECT}\.(\w+) is {_NUMBER} to {_NUMBER}[^b]*by segments of ([\d.]+) s(.*)$", _size_changes),
+    (_ONSET, _onset),
+    (
+        rf"^what looks like (.*) changes (.*){_Z}$",
+        r"a part looks like \1, but its size would change \2 (by \3 standard deviations): it is something "
+        "else",
+    ),
+    (rf"^(.* ~ .*){_Z}$", _pattern),
+    (rf"^(.*){_Z}$", r"\1 (by \2 standard deviations)"),
+    (r"^(.*) (early|late) by ([-\d.]+) ms$", r"the readings of \1 come \3 ms too \2 by their stamps"),
+    (r"^(.*) may be something else$", r"\1 may be an effect that the catalogue does not hold"),
+    (r"^(.*) may be (?!that)(.*)$", r"\1 may be \2 instead: both have similar effects in these flights"),
+)
+"""Pattern of what is left over in verdict.json -> in words."""
+
+
+def unexplained_in_words(part: str, result: Criticism | None = None) -> str:
+    """Return what is left over as `slam.criticism.verdict.decision` describes it, in plain words.
+
+    With a ``result``, a constant out of range is told with its value and its healthy range.
+    """
+    bare = part.removesuffix(".")
+    name = bare.removesuffix(" out of range")
+    if name != bare:
+        return f"{_out_of_range(name, result)}."
+    onset = re.match(_ONSET, bare)
+    if onset and result is not None and (told := _before_and_after(onset, result)):
+        return f"{told}."
+    for pattern, words in _IN_WORDS:
+        if re.match(pattern, bare):
+            bare = re.sub(pattern, words, bare)
+            break
+    return f"{in_plain_names(bare)}."
+
+
+def _before_and_after(found: re.Match[str], result: Criticism) -> str:
+    """Return a change with the mean sizes before and after it; empty where its course is not known."""
+    import numpy as np
+
+    effect, parameter, _, time_s, z = found.groups()
+    series = next((s for s in result.changes if s.column == f"{effect}.{parameter}"), None)
+    if series is None or len(set(series.flights)) > 1:
+        return ""
+    after = series.begin_s >= float(time_s) - 0.5
+    if after.all() or not after.any():
+        return ""
+    sizes = [float(np.average(series.sizes[s], weights=series.errors[s] ** -2.0)) for s in (~after, after)]
+    factor, unit = everyday(max(sizes, key=abs), series.unit)
+    before, later = (f"{figure(factor * size)}{spaced(unit)}" for size in sizes)
+    ends = f"{before} before about {time_s} s and {later} after"
+    return f"{_named(effect, parameter)} is {ends} (a change by {z} standard deviations)"
+
+
+def _out_of_range(name: str, result: Criticism | None) -> str:
+    words = constant(name)
+    found = result.nuisances.get(name) if result is not None else None
+    healthy = healthy_range(name, result) if result is not None else None
+    if found is None or healthy is None:
+        return f"{words}: the best value lies outside of what healthy vehicles have"
+    value = sized_interval(found)
+    return f"{words} is {value}; healthy vehicles have {sized_between(*healthy, found.unit)}"
+
+
+def sized_interval(found: Interval) -> str:
+    """Return a value with its interval in brackets, all in the value's everyday unit."""
+    factor, unit = everyday(found.value, found.unit) if found.unit != "1" else (1.0, "1")
+    ends = f"{figure(factor * found.low)} to {figure(factor * found.high)}"
+    return f"{figure(factor * found.value)}{spaced(unit)} ({ends})"
+
+
+def healthy_range(name: str, result: Criticism) -> tuple[float, float] | None:
+    """Return the range of a constant among healthy vehicles of the model, in its own unit; None for what is
+    no such constant."""
+    import numpy as np
+
+    from slam.criticism.kalman.filter_parameters import filter_parameters_of
+    from slam.criticism.search.fitted_parameters import NUISANCES
+
+    nuisance = next((n for n in NUISANCES if n.name == name), None)
+    if nuisance is None or result.model is None:
+        return None
+    ends = nuisance.healthy_range(filter_parameters_of(result.model))
+    low, high = np.exp(ends) if nuisance.form == "log" else ends
+    return float(low), float(high)

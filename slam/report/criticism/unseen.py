@@ -1,0 +1,113 @@
+"""Effects that the flights could not show, with the reason, and the smallest visible sizes of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from backend.wording import counted, either
+from slam.core.names import enumerated
+from slam.core.units import everyday
+from slam.report.criticism.judged_data import missing_streams
+from slam.report.criticism.plain_names import title_of
+from slam.report.criticism.values import sized_one, usual
+from slam.simulation.terms import CATALOGUE, Parameter
+
+if TYPE_CHECKING:
+    from slam.core.flight import Flight
+    from slam.criticism import Criticism
+
+_WITHOUT: Mapping[str, str] = {
+    "frames": "without pictures",
+    "imu": "without gyro and accelerometer",
+    "sonar": "without a height sensor",
+    "velocity": "without a measured speed",
+    "command": "without a log of the sticks",
+}
+"""Stream -> the reason why effects do not show."""
+_OTHERWISE = "by this motion or in so short a time"
+FOUND, EXCLUDED, TOO_LARGE = "found", "none of this size", "not even at usual sizes"
+
+
+@dataclass(frozen=True)
+class DetectableRow:
+    """Table row of the smallest visible size of an effect."""
+
+    title: str
+    name: str
+    size: str
+    usual: str
+    verdict: str
+    manoeuvre: str
+    """Manoeuvre that shows a smaller one."""
+
+
+def detectable_rows(result: Criticism) -> list[DetectableRow]:
+    """Return the smallest visible size of each effect beside the usual one, with the manoeuvre that shows a
+    smaller one."""
+    from slam.criticism.verdict.power import within_reach
+
+    found, reached = {cause.name for cause in result.causes}, within_reach(result.detectable)
+    rows = []
+    for name, (size, unit) in result.detectable.items():
+        parameter = next(p for p in CATALOGUE[name].parameters if p.unit == unit)
+        factor, everyday_unit = everyday(min(size, 0.5 * _most(parameter)), unit)
+        verdict = FOUND if name in found else EXCLUDED if name in reached else TOO_LARGE
+        rows.append(
+            DetectableRow(
+                title_of(name), name, sized_one(size, factor, everyday_unit),
+                _usual_size(parameter, factor, everyday_unit), verdict, CATALOGUE[name].excitation,
+            )
+        )  # fmt: skip
+    return rows
+
+
+def _usual_size(parameter: Parameter, factor: float, unit: str) -> str:
+    """Return the usual range of a size: the difference from no effect, or a limit itself."""
+    if parameter.neutral == 0.0 or parameter.is_limit:
+        return usual(parameter, factor, unit)
+    most = max(abs(end - parameter.neutral) for end in (parameter.low, parameter.high))
+    return f"up to {sized_one(most, factor, unit)}"
+
+
+def _most(parameter: Parameter) -> float:
+    return max(abs(parameter.low), abs(parameter.high))
+
+
+def unseen(result: Criticism, flights: Sequence[Flight], unshown: Sequence[str]) -> list[str]:
+    """Return how many effects the flights could show at usual sizes, and the others by the reason why not."""
+    if not result.detectable:
+        return list(unshown)
+    from slam.criticism.verdict.power import within_reach
+
+    reached, found = within_reach(result.detectable), {cause.name for cause in result.causes}
+    missed = [name for name in CATALOGUE if name not in reached and name not in found]
+    if not missed:
+        return ["Every effect of the catalogue would have shown at its usual size.", *unshown]
+    shown = len(CATALOGUE) - len(missed)
+    told = [
+        f"{counted(len(missed), 'effect')} of {len(CATALOGUE)}, even at usual sizes; {shown} "
+        f"{either(shown, 'was', 'were')} found or would have shown (“What these flights could have shown” "
+        "lists the smallest sizes).",
+    ]
+    by_reason: dict[str, list[str]] = {}
+    missing = missing_streams([f for f in flights if f.name in result.flights])
+    for name in missed:
+        by_reason.setdefault(_reason(name, missing, result), []).append(title_of(name))
+    for reason, names in sorted(by_reason.items(), key=lambda of: -len(of[1])):
+        told.append(f"Not {reason}: {enumerated(names)}.")
+    return [*told, *unshown]
+
+
+def _reason(name: str, missing: Sequence[str], result: Criticism) -> str:
+    """Return why an effect does not show: for want of a stream, or of motion."""
+    term = CATALOGUE[name]
+    needs = {
+        "frames": (term.family == "camera" and term.stream != "velocity") or name == "moving_objects",
+        "imu": term.family == "imu",
+        "sonar": term.family == "sonar" or name.startswith("floor_"),
+        "velocity": term.stream == "velocity",
+        "command": term.family == "motion" and not term.is_of_instrument,
+    }
+    return next((_WITHOUT[s] for s, needed in needs.items() if needed and s in missing), _OTHERWISE)
