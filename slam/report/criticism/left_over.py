@@ -1,4 +1,4 @@
-"""What no cause explains, in plain words: the findings of the verdict with values and healthy ranges."""
+"""Findings that no cause explains, in plain words, with values and healthy ranges."""
 
 from __future__ import annotations
 

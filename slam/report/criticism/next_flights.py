@@ -1,4 +1,4 @@
-"""What to fly next: the manoeuvre for each open question, and what it settles."""
+"""Next flights: the manoeuvre for each open question, and what it settles."""
 
 from __future__ import annotations
 
