@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from slam.core.names import enumerated
 from slam.core.units import everyday, sized
-from slam.criticism.cause import FAINT, LIKELY, NOT_AHEAD_S, Cause, Gain
+from slam.criticism.cause import FAINT, LIKELY, NOT_AHEAD_S, SURE, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S
 from slam.criticism.verdict.power import within_reach
@@ -22,9 +22,9 @@ FAIR_SHARE = 0.9
 MOST_SENTENCES = 3
 """Greatest number of sentences of a headline, and of effects for which a flight is advised."""
 
-
-_USE_IT = "simulate, replay and map with --model extended.toml."
-_REPAIR = " Repair or calibrate the instrument that has the error, and fly again to see it gone."
+_USE_IT = "give extended.toml to slam simulate, slam replay and slam optimize by --model."
+_CORRECT = "give extended.toml to slam optimize by --model: it corrects the instruments."
+_REPAIR = " Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
 _LOOK = (
     "check the sensor, mounting and clock that the unexplained error concerns first, and do not rely on the "
     "model's predictions there."
@@ -54,7 +54,8 @@ _NEXT_FLIGHT: Mapping[Verdict, str] = {
 def with_sentences(found: Criticism) -> Criticism:
     """Return the criticism with its headline and its details, the lines that it has already among them."""
     faulty = any(CATALOGUE[cause.name].is_of_instrument for cause in found.causes)
-    what = f"What to do next: {_WHAT_TO_DO[found.verdict]}{_REPAIR if faulty else ''}"
+    to_do = _WHAT_TO_DO[found.verdict].replace(_USE_IT, _CORRECT if found.limits else _USE_IT)
+    what = f"What to do next: {to_do}{_REPAIR if faulty else ''}"
     fly = f"Next flight: {_flight_after(found)}"
     return replace(found, sentence=headline(found), details=(*details(found), *found.details, what, fly))
 
@@ -74,8 +75,9 @@ def _flight_after(found: Criticism) -> str:
 def _flight_for(found: Criticism) -> str:
     """Return the manoeuvres that show effects alike, or, of a sound vehicle, effects that were missed."""
     sound, reached = found.verdict == "nothing_wrong", within_reach(found.detectable)
-    unsure = [n for n in found.detectable if n not in reached] if sound else found.equivalence_set
-    each = "; ".join(f"for {name} {CATALOGUE[name].manoeuvre}" for name in unsure[:MOST_SENTENCES])
+    open_ = [c.name for c in found.causes if c.probability < SURE] if len(found.equivalence_set) < 2 else []
+    unsure = [n for n in found.detectable if n not in reached] if sound else open_ or found.equivalence_set
+    each = "; ".join(f"for {name}: {CATALOGUE[name].manoeuvre}" for name in unsure[:MOST_SENTENCES])
     return each and f"{'none is needed. To see more, fly' if sound else 'fly'} {each}."
 
 
@@ -131,9 +133,7 @@ def _unknown(found: Criticism) -> str:
 
 
 def _partly_explained(found: Criticism) -> str:
-    if not found.possible:
-        return ""
-    return f"A part may be {_listed_causes(found.possible)}."
+    return f"A part may be {_listed_causes(found.possible)}." if found.possible else ""
 
 
 def _ambiguous(found: Criticism) -> str:

@@ -88,12 +88,12 @@ def changes(cause: Cause, result: Criticism) -> bool:
 
 
 def look_alike(cause: Cause, result: Criticism) -> list[str]:
-    """Return the effects whose course over these flights is that of a cause, so that only the whole fit tells
-    them apart."""
+    """Return the effects whose course over these flights is that of a cause, and that explain a fair part of
+    what it does in its place."""
     from slam.criticism.verdict.posterior import ONE_CLASS
 
     pairs = [(a, b) for a, b, likeness in result.confusable if likeness > ONE_CLASS]
-    return [b if a == cause.name else a for a, b in pairs if cause.name in (a, b)]
+    return [name for name in (fair_rival(cause),) if {(cause.name, name), (name, cause.name)} & {*pairs}]
 
 
 def reservations(cause: Cause, result: Criticism) -> list[str]:

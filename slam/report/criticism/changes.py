@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from slam.core.units import everyday, spaced
 from slam.report.criticism.plain_names import TWO_SIDED, figure, title_of, with_titles
 from slam.report.criticism.quantities import quantity
 from slam.report.criticism.segment import Segment
+from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
     from slam.criticism import Criticism
@@ -26,7 +28,7 @@ def size_over_time(result: Criticism) -> Segment | None:
     """Return the sizes over time of the parameter that changes most certainly; None where none changes."""
     from slam.criticism.verdict.over_time import PART_S
 
-    told = [series for series in result.changes if len(series.sizes) > 1]
+    told = [series for series in map(_possible, result.changes) if len(series.sizes) > 1]
     if not told:
         return None
     shown = max(told, key=_certainty)
@@ -58,6 +60,18 @@ def size_over_time(result: Criticism) -> Segment | None:
         [f"{name} does not have one size: {words} is {least} and {most} (“{_TITLE}” shows each part)."]
     )
     return Segment(_TITLE, png(drawn), caption, where)
+
+
+def _possible(series: SizeOverTime) -> SizeOverTime:
+    """Return the series without parts whose size no parameter can have: there the effect hardly acts, and the
+    linear size is no size."""
+    name, _, parameter = series.column.partition(".")
+    limits = CATALOGUE[name].parameter(parameter)
+    kept = (series.sizes >= limits.least) & (series.sizes <= limits.most)
+    return replace(
+        series, flights=tuple(np.array(series.flights)[kept].tolist()), begin_s=series.begin_s[kept],
+        sizes=series.sizes[kept], errors=series.errors[kept],
+    )  # fmt: skip
 
 
 def _certainty(series: SizeOverTime) -> float:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.wording import counted, either
+from backend.wording import counted
 from slam.core.names import enumerated, listed
 from slam.report.criticism.plain_names import figure
 
@@ -112,8 +112,10 @@ def _axes(name: str, words: str, flights: Sequence[Flight]) -> str:
 
 def _lacking(flights: Sequence[Flight]) -> str:
     missing = [_STREAMS[name] for name in missing_streams(flights)]
-    where = either(len(flights), "The flight has", "No flight has")
     if not missing:
         return ""
-    no = "no " if len(flights) == 1 else ""
-    return f"{where} {enumerated([f'{no}{name}' for name in missing])}."
+    if len(flights) > 1:
+        return (
+            f"No flight has {' or '.join(part for part in (', '.join(missing[:-1]), missing[-1]) if part)}."
+        )
+    return f"The flight has {enumerated([f'no {name}' for name in missing])}."

@@ -71,13 +71,17 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
     bins, full = _bins_of(x)
     middle = [float(np.mean(x[bins == k])) for k in full]
     shown = [low, high, *np.quantile(plain, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])]
-    ways = (("", "without either", VERMILLION), (found.cause, f"with {title_of(found.cause)}", BLUE),
-            (found.rival, f"with {title_of(found.rival)} instead", ORANGE))  # fmt: skip
-    for name, label, colour in ways:
+    # The line without either is wide, to be seen below another that is the same.
+    ways = (
+        ("", "without either", VERMILLION, 3.4),
+        (found.cause, f"with {title_of(found.cause)}", BLUE, 1.4),
+        (found.rival, f"with {title_of(found.rival)} instead", ORANGE, 1.4),
+    )
+    for name, label, colour, width in ways:
         if name in misses.residuals and (name or colour == VERMILLION):
             means = [factor * float(np.mean(misses.residuals[name][bins == k])) for k in full]
             shown += means
-            axes.plot(middle, means, "o-", color=colour, markersize=4, linewidth=1.4, label=label)
+            axes.plot(middle, means, "o-", color=colour, markersize=2 + width, linewidth=width, label=label)
     axes.plot([low, high], [low, high], "--", color=GREY, linewidth=1, label="all of it explained")
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set_ylim(min(shown), max(shown))
@@ -130,16 +134,24 @@ def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:
     """Draw for each channel how many innovations lie in each tenth of the predicted distribution."""
     from matplotlib.figure import Figure
 
-    rows = -(-len(checks) // CHECKS_A_ROW)
-    figure = Figure(figsize=(7.2, 0.3 + 1.3 * rows), dpi=160, layout="constrained")
-    all_axes = np.ravel(figure.subplots(rows, CHECKS_A_ROW, sharex=True, sharey=True, squeeze=False))
+    columns = min(len(checks), CHECKS_A_ROW)
+    rows = -(-len(checks) // columns)
+    figure = Figure(
+        figsize=(max(1.2 * columns, 3.4), 0.4 + (1.3 if rows > 1 or columns > 2 else 2.0) * rows),
+        dpi=160,
+        layout="constrained",
+    )
+    all_axes = np.ravel(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False))
     for axes, check in zip(all_axes, checks, strict=False):
         tenths = np.array(check.tenths)
         axes.bar(np.arange(len(tenths)) + 0.5, len(tenths) * tenths, width=0.9, color=BLUE)
         axes.axhline(1.0, color=GREY, linewidth=0.8)
         axes.set_title(reading(check.channel), fontsize=9)
+    figure.supxlabel("tenth of the predicted distribution", fontsize=8)
+    figure.supylabel("share over expected", fontsize=8)
+    most = max(len(check.tenths) * max(check.tenths) for check in checks)
     for axes in all_axes:
-        axes.set_ylim(0.0, 2.0)
+        axes.set_ylim(0.0, max(2.0, 1.05 * most))
         axes.tick_params(labelsize=8)
         axes.set_xticks([])
         axes.spines[["top", "right"]].set_visible(False)
@@ -155,6 +167,6 @@ def gain_picture(gain: Gain) -> bytes:
     axes.axhline(0.0, color=GREY, linewidth=1)
     axes.scatter(number, gain.parts, c=colour, s=28, zorder=3)
     axes.set_xticks(number)
-    axes.set_xlabel(f"held-out {gain.by}" if gain.by else "flight")
+    axes.set_xlabel(f"held-out {'part' if gain.by == 'segment' else gain.by}" if gain.by else "flight")
     axes.set_ylabel("gain [nats]")
     return png(figure)

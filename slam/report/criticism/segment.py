@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.plot_style import BLUE, GREY, VERMILLION, legend_below, new_figure, png
+from slam.core.plot_style import BLUE, GREY, VERMILLION, grid, legend_below, new_figure, png
 from slam.core.units import everyday
 from slam.report.criticism.plain_names import reading
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from slam.core.flight import Flight
     from slam.criticism.verdict.criticism import Criticism
     from slam.simulation.model import Model
@@ -28,6 +30,13 @@ RESTART_S = 2.0
 FEWEST_SAMPLES = 20
 CLIPPED_SHARE = 0.02
 """Share of the largest errors that is clipped: a single second echo is no misfit of the model."""
+STICK_SAMPLES = 2000
+"""Samples of the drawn stick: more than the picture has columns."""
+_STICKS = {
+    "attitude.roll": (1, "to the left"), "attitude.pitch": (0, "ahead"), "attitude.yaw": (3, "that turns"),
+    "velocity.v_x": (0, "ahead"), "velocity.v_y": (1, "to the left"), "sonar.range": (2, "up"),
+}  # fmt: skip
+"""Channel of a replay -> the stick that moves it."""
 MOST_FLIGHTS = 20
 """Number of flights that are searched for the worst segment."""
 
@@ -128,36 +137,62 @@ def before_after_picture(
             found = _worst(flight.name, old, new, pair[0].restarts_s)
             if found is not None and (best is None or found.size > best.size):
                 best = found
-    if best is None:
-        return None
-    figure, axes = new_figure(7.2, 3.2)
+    return None if best is None else _drawn_misfit(best, model.name, flights, best.flight in (unseen or {}))
+
+
+def _drawn_misfit(best: _Misfit, model: str, flights: Sequence[Flight], is_unseen: bool) -> Segment:
+    """Draw a segment as measured and as both models predict it, above the stick that moves it."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 3.6), dpi=160, layout="constrained")
+    axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     time = best.stamps_s - best.stamps_s[0]
     factor, unit = everyday(1.0, best.unit)
     axes.plot(time, factor * best.measured, ".", color=GREY, markersize=5, label="measured")
-    for side, name, colour in (
-        (best.before, f"model {model.name}", VERMILLION),
-        (best.after, "extended model", BLUE),
+    for side, name, colour, width in (
+        (best.before, f"model {model}", VERMILLION, 2.6),
+        (best.after, "extended model", BLUE, 1.3),
     ):
-        axes.plot(*best.line_of(factor * side), ".-", color=colour, markersize=3, linewidth=1.4, label=name)
-    axes.set_xlabel(f"time from {best.stamps_s[0]:.1f} s of {best.flight} [s]")
-    axes.set_ylabel(f"{reading(best.channel)} [{unit}]")
+        axes.plot(*best.line_of(factor * side), "-", color=colour, linewidth=width, label=name)
+    axes.set_ylabel(f"{reading(best.channel)} [{unit}]", fontsize=9)
+    _draw_stick(below, best, next(flight for flight in flights if flight.name == best.flight))
+    below.set_xlabel(f"time from {best.stamps_s[0]:.1f} s of {best.flight} [s]", fontsize=9)
+    for panel in (axes, below):
+        panel.spines[["top", "right"]].set_visible(False)
+        panel.tick_params(labelsize=8)
+        grid(panel)
     legend_below(axes)
     rms = [
         factor * float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)
     ]
-    fitted = "; the extension was fitted on the other flights" if best.flight in (unseen or {}) else ""
-    shown = reading(best.channel)
+    fitted = "on the other flights" if is_unseen else "to all data, this stretch among it"
+    shown, length_s = reading(best.channel), float(np.ptp(best.stamps_s))
     caption = (
-        f"{shown[0].upper()}{shown[1:]} over the {SEGMENT_S:g} s with the model's largest error{fitted}. "
-        f"Both models get the same commands and restart from the measured state every {RESTART_S:g} s, "
-        f"where the lines break; nothing else is fed back. Root mean square error {rms[0]:.3g} {unit} "
-        f"before, {rms[1]:.3g} {unit} after."
+        f"{shown[0].upper()}{shown[1:]} over the {length_s:.1f} s with the model's largest error, above the "
+        f"stick. The extended model has all causes; it was fitted {fitted}. Both models get the same "
+        f"commands and restart from the measured state every {RESTART_S:g} s, where the lines break; nothing "
+        "else is fed back. Where one line is seen, both predict the same. Root mean square error over the "
+        f"stretch: {rms[0]:.3g} {unit} before, {rms[1]:.3g} {unit} after."
     )
     between = f"{best.stamps_s[0]:.1f} to {best.stamps_s[-1]:.1f} s of {best.flight}"
     return Segment(
         "Before and after", png(figure), caption,
         f"“Before and after” shows {between}, where the model's error is largest.",
     )  # fmt: skip
+
+
+def _draw_stick(axes: Axes, best: _Misfit, flight: Flight) -> None:
+    """Draw the stick that moves a channel, as a share of full deflection."""
+    k, way = _STICKS[best.channel]
+    command = flight.command
+    assert command is not None
+    time = np.linspace(best.stamps_s[0], best.stamps_s[-1], STICK_SAMPLES)
+    place = np.searchsorted(command.stamps_s, time, side="right")
+    axes.plot(
+        time - best.stamps_s[0], np.append(0.0, command.stick[:, k])[place], color="black", linewidth=1.0
+    )
+    axes.axhline(0.0, color=GREY, linewidth=0.6)
+    axes.set_ylabel(f"stick {way}", fontsize=9)
 
 
 def _worst(flight: str, old: Comparison, new: Comparison, restarts_s: Array) -> _Misfit | None:
@@ -175,7 +210,9 @@ def _worst(flight: str, old: Comparison, new: Comparison, restarts_s: Array) -> 
     total = np.concatenate([[0.0], np.cumsum(off)])
     error = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
     k = int(np.argmax(error))
-    part = slice(k, int(end[k]))
+    # Behind the last whole roll-out there is no prediction to compare.
+    shown = np.flatnonzero(known[k : end[k]])
+    part = slice(k, k + int(shown[-1]) + 1)
     return _Misfit(
         size=float(error[k]), flight=flight, channel=old.name, unit=old.unit, stamps_s=stamps_s[part],
         measured=measured[part], before=before[part], after=after[part], restarts_s=restarts_s,

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from backend.wording import counted, either
+from slam.core.names import enumerated
 from slam.core.units import everyday
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
@@ -15,6 +18,7 @@ from slam.report.criticism.certainty import certainty_rows, is_established
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.evidence import longer_bar, percent_of
 from slam.report.criticism.headline import lead, together
+from slam.report.criticism.inertial_segment import compared_segment
 from slam.report.criticism.pictures import (
     calibration_picture,
     covariate_picture,
@@ -22,10 +26,10 @@ from slam.report.criticism.pictures import (
     panels_of,
     ranking_picture,
 )
-from slam.report.criticism.plain_names import reading, title_of
+from slam.report.criticism.plain_names import figure, reading, title_of
 from slam.report.criticism.segment import evidence_segment
 from slam.report.criticism.unseen import detectable_rows
-from slam.report.criticism.values import sized_one, unshown_constants, value_rows
+from slam.report.criticism.values import unshown_constants, value_rows
 from slam.report.page import Item, embedded, render_page
 from slam.report.tables.evaluation import map_gain_table
 from slam.simulation.terms import CATALOGUE
@@ -54,6 +58,14 @@ STATUS_MEANS = {
     "unusable": "The data do not allow a verdict.",
 }
 """Verdict -> what its title says."""
+UNKNOWN_COMMANDED = (
+    "that of something unknown is that more is wrong than they explain, by its size alone (what its pattern "
+    "shows stands under “In short”)"
+)
+UNKNOWN_COMPARED = (
+    "something unknown is weighed only as a delay, since nothing predicts the motion without commands: what "
+    "is left over stands under “In short”"
+)
 HELD_OUT_DOTS = (
     "Log likelihood gained on each part when it was held out{beside}, in nats; above 0 the extension "
     "predicts it better."
@@ -72,6 +84,18 @@ class EquationRow:
     name: str
     equation: str
     parameters: str
+
+
+@dataclass(frozen=True)
+class NoiseRow:
+    """Table row of the scatter of one channel."""
+
+    channel: str
+    samples: str
+    variance: str
+    correlation: str
+    ratio: str
+    """Size of the errors over the predicted size."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +119,12 @@ def write_criticism_report(
 def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()) -> str:
     """Return the page as HTML with everything embedded."""
     gain = result.causes[0].gain if result.causes else None
-    segments = [s for s in (evidence_segment(result, flights), size_over_time(result)) if s is not None]
+    drawn = (
+        evidence_segment(result, flights),
+        compared_segment(result, flights),
+        size_over_time(result),
+    )
+    segments = [segment for segment in drawn if segment is not None]
     return render_page(
         "criticism/page.html.j2",
         title=VERDICTS[result.verdict],
@@ -123,6 +152,10 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         of_pictures=gain is not None and any(c.horizon_s == 0.0 for c in gain.channels),
         gain_caption=gain_caption(result),
         calibration=_calibration(result),
+        noise=noise_rows(result),
+        noise_caption=noise_caption(result),
+        unknown_caption=UNKNOWN_COMPARED if result.limits else UNKNOWN_COMMANDED,
+        of_rotation=not any(f.attitude or f.imu for f in flights if f.name in result.flights),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
         confusable=[
             Item(f"{title_of(a)} and {title_of(b)}", f"{c:+.2f}", (f"{a}, {b}",))
@@ -161,7 +194,7 @@ def _gain_tile(gain: Gain, with_all: str) -> Item:
     most = gain.foremost
     if gain.by and most:
         ahead = f"{most.horizon_s:g} s ahead" if most.horizon_s else "from picture to picture"
-        what = f"error of {reading(most.channel)} {ahead}, the best of all, on held-out data {with_all}"
+        what = f"largest gain: error of {reading(most.channel)} {ahead}, held out, {with_all}"
         return Item(what, percent_of(most.after / most.before))
     what = "log likelihood of held-out data" if gain.by else "log likelihood of its readings"
     return Item(what, f"{gain.nats:+.1f} nats")
@@ -186,8 +219,8 @@ def gain_rows(result: Criticism) -> list[GainRow]:
             factor, unit = everyday(error.before, error.unit)
             rows.append(
                 GainRow(
-                    reading(error.channel), SHOWN_HORIZONS[error.horizon_s],
-                    sized_one(error.before, factor, unit), sized_one(error.after, factor, unit),
+                    f"{reading(error.channel)} [{unit}]", SHOWN_HORIZONS[error.horizon_s],
+                    figure(factor * error.before), figure(factor * error.after),
                     percent_of(error.after / error.before),
                 )
             )  # fmt: skip
@@ -225,6 +258,30 @@ def gain_caption(result: Criticism) -> str:
         return IN_SAMPLE_DOTS.format(cause=title)
     beside = f", by {title} alone, beside the other causes (the table is with all of them)" if more else ""
     return HELD_OUT_DOTS.format(beside=beside)
+
+
+def noise_rows(result: Criticism) -> list[NoiseRow]:
+    """Return how the scatter of each reading agrees with what the extended model predicts."""
+    rows = []
+    for check in result.checks:
+        rows.append(
+            NoiseRow(
+                reading(check.channel), f"{check.count}", f"{check.variance:.3f}",
+                f"{check.autocorrelation:+.3f}", f"{float(np.sqrt(check.variance)):.2f}",
+            )
+        )  # fmt: skip
+    return rows
+
+
+def noise_caption(result: Criticism) -> str:
+    """Caption of the noise that is correlated, which the whitened innovations no longer hold."""
+    told = [f"{reading(name)} by {figure(share)}" for name, share in result.noise_correlation.items()]
+    if not told:
+        return ""
+    return (
+        f"The model has noise that is like that of the sample before ({enumerated(told)}, which is healthy); "
+        "the correlation here is what is left once that is taken out."
+    )
 
 
 def ranking_caption(result: Criticism) -> str:

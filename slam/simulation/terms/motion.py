@@ -23,7 +23,8 @@ MOTION = (
         equation="the vehicle follows the stick s(t - T)",
         confounders=("attitude_lag",),
         excitation=(
-            "pulses of 0.3 s or less, logged at 50 Hz or more; a clock offset of the log has the same effect"
+            "pulses of 0.3 s or less at half stick, logged at 50 Hz or more; a clock offset of the log has "
+            "the same effect"
         ),
     ),
     Term(
@@ -46,7 +47,7 @@ MOTION = (
         ),
         equation="theta' = (target - theta) / tau; tau is the whole time constant",
         confounders=("control_latency",),
-        excitation="pulses of 0.3 s or less",
+        excitation="pulses of 0.3 s or less at half stick, ahead and to the side",
     ),
     Term(
         name="active_braking",
@@ -59,11 +60,14 @@ MOTION = (
             size("lean", "1/s", 0.2, 2.0, 20.0, step=0.01, alone=True),
         ),
         equation=(
-            "while forward and left are both 0: v' -= k_b v; or the vehicle tilts against its velocity: the"
-            " commanded tilt minus lean v / g"
+            "while forward and left are both 0: with k_b, v' -= k_b v; with lean, the vehicle leans against "
+            "its velocity: the commanded tilt minus lean v / g"
         ),
         confounders=("asymmetric_drag",),
-        excitation="steps from 0.25 to 0.10 and from 0.25 to -0.15: deceleration with the stick deflected",
+        excitation=(
+            "stick ahead from 0.25 of full to 0.10, and from 0.25 to -0.15, 1.5 s each: deceleration with "
+            "the stick deflected"
+        ),
     ),
     Term(
         name="asymmetric_drag",
@@ -74,7 +78,7 @@ MOTION = (
         parameters=(size("alpha", "1", 0.1, 1.0, 10.0, step=0.01),),
         equation="k (1 + alpha) while the vehicle slows down: v . v' < 0",
         confounders=("active_braking",),
-        excitation="steps from 0.25 to 0.10 and from 0.25 to -0.15",
+        excitation="stick ahead from 0.25 of full to 0.10, and from 0.25 to -0.15, 1.5 s each",
     ),
     Term(
         name="quadratic_drag",

@@ -162,7 +162,7 @@ def test_only_an_instrument_is_repaired():
         for name in ("active_braking", "camera_tilt")
     )
     assert "instrument" not in vehicle
-    assert "calibrate the instrument" in camera
+    assert "Calibrate, or repair, the instrument" in camera
 
 
 def test_what_shows_a_cause_that_changes_is_flown_throughout_one_flight():
@@ -179,7 +179,7 @@ def test_what_shows_a_cause_that_changes_is_flown_throughout_one_flight():
 def test_what_shows_effects_that_were_missed_is_told_with_a_healthy_verdict():
     seen = {"trim_offset": (0.02, "rad"), "sonar_lag": (2.5, "s")}
     flown = with_sentences(Criticism("nothing_wrong", detectable=seen)).details[-1]
-    assert f"To see more, fly for sonar_lag {CATALOGUE['sonar_lag'].excitation}." in flown
+    assert f"To see more, fly for sonar_lag: {CATALOGUE['sonar_lag'].excitation}." in flown
 
 
 def test_pictures_gain_from_one_to_another():

@@ -23,6 +23,7 @@ from slam.report.criticism.answers import criticism_answers, left_out_by_flight
 from slam.report.criticism.certainty import is_established, reservations
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.evidence import longer_bar
+from slam.report.criticism.inertial_segment import compared_segment
 from slam.report.criticism.judged_data import judged_data
 from slam.report.criticism.left_over import unexplained_in_words
 from slam.report.criticism.pictures import (
@@ -346,8 +347,9 @@ def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
     scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
     assert not is_established(scale, made())
     assert "not established by itself" in " ".join(reservations(scale, made()))
-    alike = replace(made(), confusable=(("quadratic_drag", "flow_scale", 0.99),))
-    assert not is_established(cause, alike)
+    alike = replace(made(), confusable=(("flow_scale", "quadratic_drag", 0.99),))
+    assert is_established(cause, alike)  # nothing says that it explains a part
+    assert not is_established(replace(cause, rival="flow_scale"), alike)
     even = replace(cause, probability=0.5, z=5.0)
     unknown = replace(made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(("roll ~ pitch", 11.0),))
     (why,) = reservations(even, unknown)
@@ -362,3 +364,33 @@ def test_the_judged_data_are_told_with_their_streams_and_what_is_missing() -> No
     assert f"{flight.name}: " in told
     assert "Hz)" in told
     assert "The flight has no gyro and accelerometer and no pictures." in told
+
+
+@pytest.mark.slow
+def test_flights_without_commands_have_a_before_and_after_too() -> None:
+    wrong = load_model("nominal").with_term("gyro_bias", y=0.02)
+    flight = replace(simulate_flight(wrong, stick_for(["hover for 8 s"] * 4), 1), command=None)
+    channel = ChannelError("pitch from the gyro", "rad", 2.0, 0.04, 0.002)
+    cause = replace(
+        made().causes[0], name="gyro_bias", parameters={"y": Interval(0.02, "rad/s", 0.019, 0.021)},
+        gain=Gain(50.0, (40.0, 60.0), "segment", (25.0, 25.0), (channel,)),
+    )  # fmt: skip
+    result = replace(made(), causes=(cause,), extended=wrong, flights=(flight.name,))
+    shown = compared_segment(result, [flight])
+    assert shown is not None
+    before, after = map(
+        float, re.findall(r"pitch from the gyro ([\d.]+) deg before, ([\d.]+) deg", shown.caption)[0]
+    )
+    assert after < 0.3 * before
+    assert compared_segment(made(), [flight]) is None
+
+
+def test_the_stick_is_drawn_below_what_it_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr("slam.report.criticism.segment.png", lambda figure: drawn.append(figure) or b"")
+    slow = load_model("nominal").with_term("climb_asymmetry", eps=-0.3)
+    flight = simulate_flight(slow, stick_for(["climb and descend by 0.6 m"]), 1)
+    assert before_after_picture(load_model("nominal"), slow, [flight], "sonar.range") is not None
+    _, below = drawn[0].axes
+    assert below.get_ylabel() == "stick up"
+    assert set(below.lines[0].get_ydata()) <= {0.0, *flight.command.stick[:, 2]}
