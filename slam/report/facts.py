@@ -202,6 +202,23 @@ def heights_over_floor(estimate: Estimate) -> tuple[Array, Array]:
     return pose[:, 2, 3] - estimate.floor_z_m, _up_stds(pose, covariances)
 
 
+def median_height_m(estimate: Estimate) -> float:
+    """Return the median height of a keyframe over the floor; NaN where none is known."""
+    height_m = heights_over_floor(estimate)[0]
+    return float(np.nanmedian(height_m)) if np.isfinite(height_m).any() else float("nan")
+
+
+def typical_axis_stds(estimate: Estimate) -> tuple[float, float]:
+    """Return the median standard deviation of a keyframe's x and y, each, and of its z; NaN if unknown."""
+    rotation, covariances = estimate.w_T_b[:, :3, :3], estimate.covariances[:, 3:, 3:]
+    variance = np.einsum("nab,nbc,nac->na", rotation, covariances, rotation)
+    variance = variance[np.isfinite(variance).all(axis=1)]
+    if len(variance) == 0:
+        return float("nan"), float("nan")
+    level, up = variance[:, :2].mean(axis=1), variance[:, 2]
+    return float(np.sqrt(np.median(level))), float(np.sqrt(np.median(up)))
+
+
 def largest_height_std(estimate: Estimate) -> float:
     """Return the standard deviation of the least certain height of a keyframe in the world; NaN if none is
     known.

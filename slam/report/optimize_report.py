@@ -19,10 +19,10 @@ from slam.report.answers.advice import limit_sentence
 from slam.report.answers.checked_lengths import basis, settled
 from slam.report.answers.headline import sentence
 from slam.report.answers.left_out import reason_in_words
-from slam.report.answers.left_out_here import left_out_here
+from slam.report.answers.left_out_here import ground_is_missing, left_out_here
 from slam.report.answers.questions import PLACE, pilots_answers
-from slam.report.answers.streams import STREAM_WORDS
-from slam.report.facts import Facts, gather
+from slam.report.answers.streams import STREAM_WORDS, doubts
+from slam.report.facts import Facts, gather, median_height_m
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.output_files import output_files
 from slam.report.page import Item, embedded, render_page
@@ -128,6 +128,8 @@ def render(
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
         notes=tuple(map(sentences, kinds.notes)),
+        doubted=bool(doubts(summary.warnings)),
+        ground_missing=ground_is_missing(facts, summary),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
         answers=pilots_answers(estimate, summary, facts, ground),
         place=PLACE,
@@ -241,12 +243,13 @@ def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
     rejected = [(loop, loop.rejection) for loop in estimate.loops if loop.rejection]
     rejected.sort(key=lambda each: each[0].finding != CONTRADICTED)  # the others are less worth a look
     names = estimate.frame_names
+    height_m = median_height_m(estimate) if estimate.metric else float("nan")
     return tuple(
         RejectedLoop(
             f"{loop.i} – {loop.j}",
             f"{names[loop.i]} – {names[loop.j]}",
             loop.finding,
-            reason_in_words(rejection),
+            reason_in_words(rejection, height_m),
         )
         for loop, rejection in rejected[:_MOST_REJECTED]
     )

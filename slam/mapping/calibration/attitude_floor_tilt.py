@@ -108,7 +108,9 @@ def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:
         cause = "its zero or the camera's mounting (T_BS) is off"
     return (
         f"attitude0 is tilted by {np.degrees(size):.1f}° against the floor seen in the pictures{where}: "
-        f"{cause}; the accuracy of roll and pitch counts that; the map assumes level ground: lengths along "
-        "it hold, but if it slopes, heights across it may be wrong; check the mounting with the vehicle "
-        "level, and measure heights on the ground yourself"
+        f"{cause}; roll and pitch are trusted only as far as they agree with the map; the map assumes level "
+        "ground: lengths along it hold, but if it slopes, heights across it may be wrong; check what "
+        "attitude0 reads with the vehicle level: if roll and pitch are not 0 there, calibrate its level, "
+        "else compare T_BS in cam0/sensor.yaml with how the camera is mounted, and until then measure "
+        "heights on the ground yourself"
     )

@@ -15,8 +15,9 @@ from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.answers.advice import main_cause
 from slam.report.answers.checked_lengths import CHECKED, RESULT, basis, unless_checked
+from slam.report.answers.contradicted import contradicted
 from slam.report.coordinates import at
-from slam.report.facts import Facts
+from slam.report.facts import Facts, typical_axis_stds
 from slam.report.mosaic_facts import MosaicFacts
 
 if TYPE_CHECKING:
@@ -26,6 +27,8 @@ _STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
 """Instrument that tells the scale -> name of its stream in warnings."""
 _MOST = 0.75
 """Share of the squared changes above which they are called most of them: half of each change is left."""
+_MAINLY = 0.5
+"""Share of a deviation above which it is mainly another one: three quarters of the variance are its."""
 _IF_WRONG = "Lengths told 1 % too long make the map 1 % too large."
 
 
@@ -60,7 +63,23 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
             f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.length(facts.gps_std_m)}, and larger where a "
             "base station is wrong: a point of known coordinates on the ground checks the place."
         )
-    return text + uncounted(summary)
+    return text + _axes_apart(estimate, facts) + uncounted(summary)
+
+
+def _axes_apart(estimate: Estimate, facts: Facts) -> str:
+    """Return why fixes of a GPS tell the height of a camera much better than its x and y, with a space in
+    front; empty where they do not."""
+    level_m, up_m = typical_axis_stds(estimate)
+    by_fix = facts.gps_std_m if not facts.relative_to and not facts.controlled else float("nan")
+    if not (level_m > _MAINLY * by_fix and up_m < _MAINLY * level_m):
+        return ""
+    return (
+        f" The camera's z is known better (±{SPACE}{facts.length(up_m)}) than its x and y (±{SPACE}"
+        f"{facts.length(level_m)} each), because to its pictures a shift looks like a tilt: x and y of a "
+        "camera rest mainly on its own fix. A wrong height changes the size of all that a picture shows, so "
+        "the pictures hold the heights of all cameras together, and the scatter of all fixes averages out "
+        "in them."
+    )
 
 
 def uncounted(summary: Summary) -> str:
@@ -187,7 +206,6 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     """Return how often places were recognised, and what speaks for and against the matches."""
     rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
     against = [loop for loop in rejected if loop.finding == CONTRADICTED]
-    contradicted = len(against)
     if facts.loops_kept:
         text = (
             f"Yes, {either(facts.loops_kept, 'once', f'{facts.loops_kept} times')}, so errors do not add "
@@ -200,12 +218,9 @@ def loops(estimate: Estimate, facts: Facts) -> str:
         text = "No: positions alone hold the path."
     if not rejected:
         return f"{text} No match was rejected."
-    unproven = len(rejected) - contradicted
+    unproven = len(rejected) - len(against)
     parts = [
-        f"the rest of the map contradicts {contradicted} (another place that looks alike, or inaccurate"
-        f"{_most_often(estimate, against)})"
-        if contradicted
-        else "",
+        f"{contradicted(estimate, against)}{_most_often(estimate, against)}" if against else "",
         f"{counted(unproven, 'shows', 'show')} too little to tell whether "
         f"{either(unproven, 'it is', 'they are')} right"
         if unproven
@@ -213,7 +228,7 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     ]
     return (
         f"{text} {counted(len(rejected), 'other was', 'others were')} rejected: "
-        f"{', and '.join(part for part in parts if part)}. "
+        f"{'; '.join(part for part in parts if part)}. "
         "The map rests on none of them."
     )
 
@@ -223,7 +238,9 @@ def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
     (k, count), (_, next_count) = Counter(end for loop in loops for end in (loop.i, loop.j)).most_common(2)
     if count == next_count:
         return ""
-    return f"; keyframe {k}, {estimate.frame_names[k]}, takes part in {count} of them, more than any other"
+    return (
+        f"; keyframe {k}, {estimate.frame_names[k]}, is in {count} of the {len(loops)}, more than any other"
+    )
 
 
 def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:

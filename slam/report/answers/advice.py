@@ -40,9 +40,9 @@ _GROUND, _CAMERA, _LENGTHS, _HEIGHT = ("ground",), ("x", "y"), ("scale",), ("hei
 _STEPS: Mapping[str, str] = {
     "attitude": "calibrate its level, or fly the same rows in both directions",
     "control": "mark more control points, spread to the corners of the ground",
-    "imu": unless_checked("measure one distance on the ground and compare it with map.html, or ")
-    + "calibrate the gain of the accelerometer: record it at rest on each of its six sides, and give the "
-    "gain with slam optimize --model, as accel_scale (docs/recipes.md of the project)",
+    "imu": "measure control points on the ground, which tell the lengths better, or calibrate the gain of "
+    "the accelerometer: record it at rest on each of its six sides; docs/recipes.md of the project says "
+    "under accel_scale how the map then takes the gain",
     "velocity": "avoid stretches of floor without texture, or record the IMU",
     "barometer": "climb and descend more, or add a height sensor or GPS",
     "assumed": "record the instrument that measures them, or state them with their accuracy in sensor.yaml",

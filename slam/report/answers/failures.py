@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind
 from slam.core.units import area, axis_names, percent, unit
 from slam.report.answers.streams import STREAM_WORDS, doubts
+from slam.report.answers.tilt import is_tilt_doubted, tilt_rad
 from slam.report.coordinates import at
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
@@ -124,11 +127,12 @@ def _without_height(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     )
 
 
-def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
+def failed(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None = None) -> str:
     """Return what went wrong: parts of the map, and instruments that a warning doubts."""
     told = []
     if summary.status != "ok":
         told.append("what “Check this first” above names")
+    told += _bare(facts, summary, mosaic)
     if unplaced := facts.keyframes - facts.placed:
         told.append(f"{counted(unplaced, 'pose' if facts.is_graph else 'keyframe')} could not be placed")
     if lost := summary.rejected.get(TRACKING_LOST, 0):
@@ -147,7 +151,7 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         if facts.heading_doubt
         else ""
     )
-    doubted = "".join(f" {text}" for text in told_doubts) + heading
+    doubted = "".join(f" {text}" for text in told_doubts) + _trusted(estimate, summary) + heading
     if not told_doubts and not heading and not facts.is_graph and summary.status == "ok":
         doubted = " No instrument is doubted."
     on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
@@ -160,6 +164,29 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return f"No part of the map, but {which}.{doubted}{on_purpose}"
     warned = by_kind(summary.warnings).warnings
     return f"Nothing{'; the warnings name what to check' if warned else ''}.{doubted}{on_purpose}"
+
+
+def _bare(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> list[str]:
+    """Return that pictures showed nothing usable, and how much ground is missing; empty for a few of many."""
+    if not (bare := too_bare(facts, summary)):
+        return []
+    white_m2 = 0.0 if mosaic is None else mosaic.gap_area_m2 + mosaic.hole_area_m2
+    lost = f", and {area(white_m2, facts.metric)} of ground are missing" if white_m2 else ""
+    return [f"{bare} of {facts.frames} pictures showed too little to be used{lost}"]
+
+
+def _trusted(estimate: Estimate, summary: Summary) -> str:
+    """Return how the map uses an attitude sensor that is tilted, in sentences with a space in front.
+
+    `backend.bundle.noise` weighs roll and pitch by their differences from the map.
+    """
+    if not is_tilt_doubted(summary) or estimate.instruments.attitude is None:
+        return ""
+    return (
+        f" Its roll and pitch differ from the map by {np.degrees(tilt_rad(estimate)):.1f}° on average, and "
+        "were trusted no better than that: lengths along the ground do not depend on them, but heights may "
+        "lean."
+    )
 
 
 def _not_drawn(estimate: Estimate, number: int) -> str:

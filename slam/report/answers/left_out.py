@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
 from backend.wording import counted
+from slam.core.units import length
 
 _OF_HEIGHT = " of the camera's height"
 """Words for a length before metres are known, in mean heights of the camera over the floor."""
+_HEIGHTS = re.compile(r"([\d.]+(?:e[+-]\d+)?) heights")
 _LOOP = "loop: "
 _NO = "No: "
 """Beginning of an advice to do nothing."""
@@ -132,11 +135,16 @@ class LeftOut:
         return next((kind for begin, kind in kinds.items() if self.reason.startswith(begin)), "link")
 
 
-def reason_in_words(rejection: Rejection) -> str:
-    """Return why a match was rejected, in plain words, with the figures of the reason."""
+def reason_in_words(rejection: Rejection, height_m: float = float("nan")) -> str:
+    """Return why a match was rejected, in plain words, with the figures of the reason.
+
+    Lengths in heights of the camera are told in metres where ``height_m`` is known, the median of the map.
+    """
     if rejection.check not in _LINKS:
         return str(rejection)
     words, figures = f"they {_LINKS[rejection.check][0]}", rejection.figures
+    if height_m > 0:
+        figures = _HEIGHTS.sub(lambda told: length(float(told[1]) * height_m), figures)
     for short, words_ in (
         ("sigma (", "standard deviations, "),
         ("sigma", "standard deviations"),

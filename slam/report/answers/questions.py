@@ -22,9 +22,10 @@ from slam.report.answers.advice import WORDS, further_limits, limit, limit_sente
 from slam.report.answers.checked_lengths import RESULT, basis, unless_checked
 from slam.report.answers.distances import distance
 from slam.report.answers.failures import failed, missing
-from slam.report.answers.heights import heights, is_tilt_doubted, only_near, without_heights
+from slam.report.answers.heights import heights, only_near, without_heights
 from slam.report.answers.left_out import counted_by_kind
 from slam.report.answers.left_out_here import ground_is_missing, left_out_here
+from slam.report.answers.tilt import is_tilt_doubted
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
@@ -55,7 +56,7 @@ def pilots_answers(
         Item("Is the scale right, and by which instrument?", scale(estimate, facts, summary)),
         Item("What limits the accuracy?", _limit(estimate, facts, mosaic)),
         Item("How do I make the next map better?", _next(estimate, facts, summary, mosaic)),
-        Item("What failed?", failed(estimate, facts, summary)),
+        Item("What failed?", failed(estimate, facts, summary, mosaic)),
         Item("Is any of the ground missing?", missing(estimate, facts, summary, mosaic)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
         Item("What did loop closures change?", gain_of_loops(facts)),

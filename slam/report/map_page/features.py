@@ -19,6 +19,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames, Image
 from slam.core.units import length
 from slam.report.answers.left_out import reason_in_words
+from slam.report.facts import median_height_m
 from slam.report.gaps import Gap
 from slam.report.map_page.rasters import webp
 
@@ -69,6 +70,7 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
     """Return the links by kind, of which a rejection's is its verdict: pairs of keyframe numbers, why they
     were rejected, and how many there are."""
     placed = estimate.placed
+    height_m = median_height_m(estimate) if estimate.metric else float("nan")
     edges = {"odometry": list[Any](), "loop": list[Any]()}
     for edge in estimate.relative_poses:
         if edge.kind in edges:  # no pictures link the ends of a bridge by instruments
@@ -76,7 +78,7 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
     rejected = {CONTRADICTED: list[Any](), UNPROVEN: list[Any]()}
     for loop in estimate.loops:
         if loop.rejection:
-            why = reason_in_words(loop.rejection)
+            why = reason_in_words(loop.rejection, height_m)
             rejected[loop.finding].append((loop.i, loop.j, why))
     found = {}
     for kind, pairs in {**edges, **rejected}.items():

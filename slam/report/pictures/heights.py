@@ -8,6 +8,7 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 from slam.core.units import SPACE, percent
 from slam.report.facts import Facts, whence
+from slam.report.floor_scatter import floor_scatter
 from slam.report.page import embedded
 
 
@@ -23,7 +24,7 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         return (
             "Height of what stands on the ground, over the floor, which the map takes as flat. The height "
             "sensor alone measured it, and shows no detail smaller than the spot of its beam on the floor. "
-            f"{_of_echo(facts, flight)}A flat floor has one colour as far as it scatters "
+            f"{_of_echo(estimate, facts, flight)}A flat floor has one colour as far as it scatters "
             "by chance (above the picture), so that what stands on it can be told. Grey: no echo came from "
             "there. "
         )
@@ -43,14 +44,20 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
     )
 
 
-def _of_echo(facts: Facts, flight: Flight | None) -> str:
+def _of_echo(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
     """Return how accurate one echo is, in one sentence with a space behind; empty without a height sensor."""
     if flight is None or flight.sonar is None:
         return ""
     known = facts.length(flight.sonar.noise_std_m)
-    return (
-        f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}: smaller differences are noise. "
+    elevation = estimate.elevation
+    scatter = None if elevation is None else floor_scatter(elevation.height_m)
+    scattered = (
+        f", but those of the floor scatter by {facts.length((scatter[1] - scatter[0]) / 2)} to either side "
+        "(three standard deviations): what differs less cannot be told from the floor"
+        if scatter is not None
+        else ": smaller differences are noise"
     )
+    return f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}{scattered}. "
 
 
 def _signed(height_m: float, facts: Facts) -> str:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from frontend.elevation import Elevation
 from frontend.mosaic.surface import HeightSource, Surface
-from frontend.robust import robust_std
 from slam.core.estimate import Estimate
 from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
+from slam.report.floor_scatter import LEAST_SPAN_M, floor_scatter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,11 +36,6 @@ _BEYOND: Mapping[tuple[bool, bool], Literal["neither", "min", "max", "both"]] = 
 _SHOWN = (0.5, 99.5)
 """Percentiles of heights at the ends of the colours: a few of many are wrong. Over a flat floor, on which a
 thing may be a few cells of echoes, the colours span all of them."""
-_SURE = 3.0
-"""Standard deviations that noise exceeds in one cell of 400."""
-LEAST_SPAN_M = 0.1
-"""Range of the colours on a flat floor, half of it below the floor, so that noise does not look like
-hills."""
 
 
 def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None = None) -> Path | None:
@@ -114,7 +109,7 @@ def elevation_picture(
     )
     axes = figure.subplots()
     axes.set_facecolor(UNMEASURED)
-    floor = None if measured is not None else _scatter(height)
+    floor = None if measured is not None else floor_scatter(height)
     low, high = (float(q) for q in np.nanpercentile(height, _SHOWN if floor is None else (0, 100)))
     low, high = min(low, -LEAST_SPAN_M / 2), max(high, LEAST_SPAN_M / 2)
     shown = height
@@ -146,13 +141,3 @@ def _veil(axes: Axes, where: NDArray[np.bool_], grid: Grid) -> None:
     veil = np.zeros((*where.shape, 4), np.float32)
     veil[where] = 1.0, 1.0, 1.0, _VEIL
     axes.imshow(veil, extent=grid.extent_m, interpolation="nearest")
-
-
-def _scatter(height: NDArray[np.float32]) -> tuple[float, float] | None:
-    """Return between which heights a flat floor scatters by chance, by the median of its deviations.
-
-    None where these are too large for noise, as on hills.
-    """
-    middle = float(np.nanmedian(height))
-    reach = _SURE * robust_std(height[np.isfinite(height)] - middle)
-    return (middle - reach, middle + reach) if reach < LEAST_SPAN_M / 2 else None

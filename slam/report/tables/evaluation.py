@@ -107,14 +107,14 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         pose = evaluation.nees.pose
         if pose.mean > pose.upper95:
             text += (
-                " The errors are larger than the stated uncertainty allows: trust it less. They are "
-                f"{as_stated(pose)}."
+                " The errors are larger than the stated uncertainty allows: trust it less. Those of "
+                f"places are {as_stated(evaluation.nees.position)}."
             )
         else:
             text += (
                 " The errors are no larger than the stated uncertainty allows; on one flight they may be far "
-                "smaller, because an error that all lengths share is drawn once. They are "
-                f"{as_stated(pose)}: plan with the stated uncertainty as it is."
+                "smaller, because an error that all lengths share is drawn once. Those of places are "
+                f"{as_stated(evaluation.nees.position)}: plan with the stated uncertainty as it is."
             )
     return text
 
@@ -123,8 +123,8 @@ def as_stated(pose: Consistency) -> str:
     """Return how large errors are beside the stated ones, and which sizes chance alone allows."""
     size, low, high = (np.sqrt(nees / pose.dof) for nees in (pose.mean, pose.lower95, pose.upper95))
     return (
-        f"{size:.2f} times as large as stated, places and angles of all poses weighed together, and chance "
-        f"alone gives {low:.2f} to {high:.2f} times"
+        f"{size:.2f} times as large as stated, each weighed by what is stated of it in each direction, and "
+        f"chance alone gives {low:.2f} to {high:.2f} times"
     )
 
 

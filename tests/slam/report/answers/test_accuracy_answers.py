@@ -79,7 +79,7 @@ def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
     on_earth = replace(estimate, covariances=estimate.covariances + 400.0 * np.eye(6))
     question = "Are the heights true?"
     found = answers(on_earth, flight)[question]
-    over_floor, on_the_whole = found.split(" Its z, on Earth, ")
+    over_floor, on_the_whole = found.split(" The camera's own altitude, on Earth, ")
     assert answers(estimate, flight)[question].startswith(over_floor)
     assert f"±\N{NO-BREAK SPACE}{length(20.0)} where it is least certain" in on_the_whole
     up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))
@@ -153,7 +153,7 @@ def test_the_keyframe_of_most_contradictions_is_named():
     loops = tuple(LoopVerdict(3, j, rejection) for j in (30, 40, 50))
     question = "Was a place recognised again, and is that right?"
     found = answers(replace(estimate, loops=loops), flight)[question]
-    assert f"keyframe 3, {estimate.frame_names[3]}, takes part in 3 of them, more than any other" in found
+    assert f"keyframe 3, {estimate.frame_names[3]}, is in 3 of the 3, more than any other" in found
     assert "takes part" not in answers(replace(estimate, loops=loops[:1]), flight)[question]
 
 

@@ -14,6 +14,7 @@ from frontend.camera import Camera
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
 from slam.core.flight import AttitudeSeries, GeoOrigin
+from slam.core.instrument_errors import AttitudeErrors
 from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
@@ -239,6 +240,14 @@ def test_what_failed_is_told():
     found = answers(noted, flight)["What failed?"]
     assert found.startswith("No part of the map, but a warning below doubts an instrument.")
     assert "The attitude sensor (roll, pitch and heading) is tilted by 4.8 degrees." in found
+    off = AttitudeErrors((0.08, 0.06), (0.01, 0.01), 0.1, 0.1, None)
+    known = replace(noted, instruments=replace(estimate.instruments, attitude=off))
+    told = answers(known, flight)["What failed?"]
+    assert "Its roll and pitch differ from the map by 5.7° on average, and were trusted no better" in told
+    bare = replace(estimate, frames=100, rejected={SHOW_NOTHING[1]: 60})
+    assert answers(bare, flight)["What failed?"].startswith(
+        "60 of 100 pictures showed too little to be used."
+    )
     other = replace(estimate, warnings=("one picture is damaged",))
     told = answers(other, flight)["What failed?"]
     assert told == f"Nothing; the warnings name what to check. {none} {purpose}"

@@ -12,9 +12,10 @@ from slam.core.estimate import GroundFacts
 from slam.core.summary import summarise
 from slam.io.geotiff import Grid
 from slam.report.facts import gather
+from slam.report.floor_scatter import floor_scatter
 from slam.report.optimize_report import Mosaics, render
 from slam.report.pictures.heights import heights_figure_words
-from slam.report.rasters.elevation import _scatter, elevation_picture
+from slam.report.rasters.elevation import elevation_picture
 from tests.slam.made_estimate import made_estimate, made_flight
 
 MEASURED = GroundFacts(
@@ -53,7 +54,7 @@ def test_the_colours_reach_the_highest_echo_and_the_floor_has_one():
     """One cell of 900 is a thing on the floor; a percentile would have cut its colour."""
     rng = np.random.default_rng(0)
     height = (0.005 * rng.standard_normal((30, 30))).astype(np.float32)
-    low, high = _scatter(height)
+    low, high = floor_scatter(height)
     assert -0.02 < low < 0 < high < 0.02
     height[10, 10], height[20, 20] = 0.06, 0.09
     drawn = elevation_picture(height, Grid(0, 3, 0.1, 30, 30))
