@@ -84,7 +84,7 @@ def criticism_answers(
             "Can I use the model now, and how?",
             [f"{_USABLE.get(result.verdict, 'No')}: {line}" for line in told[_USE]],
         ),
-        _item("What do I fly next?", to_fly(result, told[_FLY])),
+        _item("What do I fly next?", to_fly(result, told[_FLY], flights)),
         _item(
             "What can these flights not show?",
             unseen(result, flights, [*told[_UNSHOWN], *told[_SMALLEST]]),
@@ -165,7 +165,7 @@ def _size(cause: Cause) -> str:
         if compared(term.parameter(parameter), found) == NO_DIFFERENCE and len(cause.parameters) > 1:
             same.append(words)
         else:
-            told.append(f"{words} {sized_interval_of(term.parameter(parameter), found)}")
+            told.append(f"{words} {sized_interval_of(found)}")
     if same:
         told.append(f"not different from none: {enumerated(same)}")
     return "; ".join(told)

@@ -47,13 +47,9 @@ def how_sure(result: Criticism) -> list[str]:
 def _by_certainty(result: Criticism) -> list[str]:
     """Return the causes that are certain, and those of which only something is, with their evidence."""
     told = []
-    for words, kind in (
-        ("Certain that it is", [c for c in result.causes if is_established(c, result)]),
-        (
-            "Certain that something is there, less so that it is",
-            [c for c in result.causes if not is_established(c, result)],
-        ),
-    ):
+    sure = [c for c in result.causes if is_established(c, result)]
+    rest = [c for c in result.causes if c not in sure]
+    for words, kind in (("Certain", sure), ("Something is there for certain, but less so that it is", rest)):
         if kind:
             told.append(f"{words}: {enumerated([_evidence(cause) for cause in kind])}.")
     return told

@@ -74,7 +74,7 @@ def _left(result: Criticism) -> str:
         return ""
     (first,) = with_titles([unexplained_in_words(parts[0], result)])
     told = f"{counted(len(parts), 'finding')} {either(len(parts), 'is', 'are')} not explained"
-    return f"{told}{'; the first' if len(parts) > 1 else ''}: {first}"
+    return f"{told}{'; one of them' if len(parts) > 1 else ''}: {first}"
 
 
 def promises(result: Criticism) -> list[str]:
@@ -118,7 +118,8 @@ def promises(result: Criticism) -> list[str]:
 
 def _chance(result: Criticism) -> str:
     more = "; what single readings show has no such measure" if _in_readings(result) else ""
-    return f"The bar was {result.threshold:.1f} standard deviations, {result.threshold_means}{more}"
+    bar = f"a cause had to stand out by {result.threshold:.1f} standard deviations"
+    return f"To be found, {bar}: {result.threshold_means}{more}"
 
 
 def _in_readings(result: Criticism) -> bool:

@@ -58,7 +58,10 @@ def instruments_doubted(result: Criticism) -> list[str]:
     of_instruments = [c for c in result.causes if instrument_of(c.name)]
     of_vehicle = [c for c in result.causes if c not in of_instruments]
     told = [_in_short(of_instruments, of_vehicle, result)]
-    told += [_beside_usual(cause, result) for cause in of_instruments]
+    by_advice: dict[str, list[str]] = {}
+    for cause in of_instruments:
+        by_advice.setdefault(_advice(cause, result), []).append(_beside_usual(cause))
+    told += [f"{advice[0].upper()}{advice[1:]}: {'; '.join(of)}." for advice, of in by_advice.items()]
     if of_vehicle:
         names = enumerated([title_of(cause.name) for cause in of_vehicle])
         told.append(f"Of the vehicle or the place, which a repair does not change: {names}.")
@@ -71,7 +74,9 @@ def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism)
     far = [c for c in instruments if _is_far(c)]
     if far:
         names = enumerated([f"the {instrument_of(c.name)} ({title_of(c.name)})" for c in far])
-        return f"More than usual is wrong with {names}."
+        incomplete = "The model is incomplete. " if vehicle else ""
+        sure = any(is_established(c, result) for c in far)
+        return f"{incomplete}{'More' if sure else 'Perhaps more'} than usual is wrong with {names}."
     if not instruments:
         return "The model is incomplete: no cause that was found is an error of an instrument."
     if vehicle:
@@ -84,27 +89,24 @@ def _is_far(cause: Cause) -> bool:
     return any(compared(parameters(name), found) == MORE for name, found in cause.parameters.items())
 
 
-def _beside_usual(cause: Cause, result: Criticism) -> str:
-    """Return an instrument's error beside the usual size, with what to do about it."""
-    parameters = CATALOGUE[cause.name].parameters
-    known = [p for p in parameters if p.name in cause.parameters]
-    begin = f"The {instrument_of(cause.name)}: {title_of(cause.name)}"
+def _beside_usual(cause: Cause) -> str:
+    """Return an instrument's error beside the usual size."""
+    known = [p for p in CATALOGUE[cause.name].parameters if p.name in cause.parameters]
     if not known:
-        return f"{begin}."
-    found = cause.parameters[known[0].name]
-    factor, unit = one_unit(found)
+        return title_of(cause.name)
     each = [cause.parameters[p.name] for p in known]
     apart = [x.value for p, x in zip(known, each, strict=True) if compared(p, x) != NO_DIFFERENCE]
-    size = float(np.hypot.reduce(apart)) if len(apart) > 1 else [*apart, found.value][0]
-    told = f"{begin}, {sized(size, found.unit)} (usual: {usual(known[0], factor, unit)})"
-    if not differs(cause):
-        return f"{told}: not established; without [terms.{cause.name}] extended.toml leaves it as it is."
-    sure = "" if is_established(cause, result) else "if it is that, "
-    return f"{told}: {sure}{_advice(cause)}."
+    size = float(np.hypot.reduce(apart)) if len(apart) > 1 else [*apart, each[0].value][0]
+    usual_range = usual(known[0], *one_unit(each[0]))
+    return f"{title_of(cause.name)} {sized(size, each[0].unit)} (usual: {usual_range})"
 
 
-def _advice(cause: Cause) -> str:
+def _advice(cause: Cause, result: Criticism) -> str:
+    """Return how an instrument's error compares with the usual one, and what to do about it."""
     term = CATALOGUE[cause.name]
+    if not differs(cause):
+        return "not established, so not to be repaired or corrected: take it out of extended.toml"
+    named = "" if is_established(cause, result) else ", if it is that"
     if _is_far(cause):
-        return _STAMPS if term.acts_on == "clock" else _CHECK
-    return _KEEP if term.undo is None else _CALIBRATE
+        return f"more than usual{named}; {_STAMPS if term.acts_on == 'clock' else _CHECK}"
+    return f"of usual size{named}; {_KEEP if term.undo is None else _CALIBRATE}"

@@ -10,7 +10,7 @@ import numpy as np
 from slam.core.names import enumerated
 from slam.core.units import everyday, spaced
 from slam.report.criticism.left_over import healthy_range
-from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, reading, sized_between, title_of
+from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, reading, title_of
 from slam.report.criticism.quantities import quantity
 from slam.simulation.terms import CATALOGUE, Parameter
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from slam.criticism import Criticism
     from slam.criticism.cause import Cause, Interval
 
-USUAL, MORE, LESS, NO_DIFFERENCE = "usual", "more than usual", "less than usual", "no: none is possible"
+USUAL, MORE, LESS, NO_DIFFERENCE = "usual", "more than usual", "less than usual", "no: may be none"
 HEALTHY, UNHEALTHY = "healthy", "outside of healthy"
 
 
@@ -32,7 +32,7 @@ class ValueRow:
     original: str
     """Value in the original model."""
     value: str
-    interval: str
+    """Value with its 95 % interval."""
     usual: str
     """Range among vehicles and instruments that are in order."""
     verdict: str
@@ -47,14 +47,13 @@ def value_rows(result: Criticism) -> list[ValueRow]:
         factor, unit = everyday(found.value, found.unit) if found.unit != "1" else (1.0, "1")
         low, high = healthy_range(name, result) or (-np.inf, np.inf)
         outside = _is_outside(found, low, high)
-        value, own = f"{figure(factor * found.value)}{spaced(unit)}", 0.5 * (low + high)
+        own = 0.5 * (low + high)
         rows.append(
             ValueRow(
                 "" if k else "this vehicle itself",
                 constant(name),
-                f"{figure(factor * own)}{spaced(unit)}" if _is_plain(name) else "–",
-                value,
-                f"{figure(factor * found.low)} to {figure(factor * found.high)}",
+                sized_one(own, factor, unit) if _is_plain(name) else "–",
+                with_interval(found, factor, unit),
                 f"{figure(factor * low)} to {figure(factor * high)}",
                 UNHEALTHY if outside else HEALTHY,
             )
@@ -124,8 +123,7 @@ def _rows_of(cause: Cause) -> list[ValueRow]:
                 "none"
                 if parameter.neutral == 0.0 or parameter.is_limit
                 else sized_one(parameter.neutral, factor, unit),
-                sized_one(found.value, factor, unit),
-                f"{figure(factor * found.low)} to {figure(factor * found.high)}",
+                with_interval(found, factor, unit),
                 usual(parameter, factor, unit),
                 compared(parameter, found),
             )
@@ -141,6 +139,12 @@ def one_unit(found: Interval) -> tuple[float, str]:
 def sized_one(value: float, factor: float, unit: str) -> str:
     """Return a value in a unit that others share."""
     return f"{figure(factor * value)}{spaced(unit)}"
+
+
+def with_interval(found: Interval, factor: float, unit: str) -> str:
+    """Return a value with its interval in brackets, and the unit of both."""
+    ends = f"{figure(factor * found.low)} to {figure(factor * found.high)}"
+    return f"{figure(factor * found.value)} ({ends}){spaced(unit)}"
 
 
 def usual(parameter: Parameter, factor: float, unit: str) -> str:
@@ -162,7 +166,6 @@ def compared(parameter: Parameter, found: Interval) -> str:
     return USUAL
 
 
-def sized_interval_of(parameter: Parameter, found: Interval) -> str:
+def sized_interval_of(found: Interval) -> str:
     """Return a value with its interval in brackets, in everyday units."""
-    factor, unit = one_unit(found)
-    return f"{sized_one(found.value, factor, unit)} ({sized_between(found.low, found.high, found.unit)})"
+    return with_interval(found, *one_unit(found))

@@ -38,7 +38,7 @@ TIMING = (
         parameters=(size("sigma", "s", 0.001, 0.01, 0.1),),
         equation="each stamp of the vehicle's readings has a normally distributed error",
         confounders=("dropped_frames",),
-        excitation="fast tilts: pulses of 0.3 s or less at half stick",
+        excitation="pulses of 0.3 s or less at half stick, which tilt fast",
         in_single_readings=True,
     ),
 )

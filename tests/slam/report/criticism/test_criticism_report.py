@@ -278,7 +278,9 @@ def test_a_quantity_that_a_cause_has_is_told_once() -> None:
     lag = Cause("attitude_lag", 1.0, {"tau": Interval(0.37, "s", 0.3, 0.43)}, made().causes[0].gain, 9.0, 0.0)
     own = {"vehicle.attitude_time_s": Interval(0.37, "s", 0.32, 0.42)}
     rows = value_rows(replace(made(), causes=(lag,), nuisances=own))
-    assert [(row.original, row.value, row.verdict) for row in rows] == [("0.1 s", "0.37 s", "usual")]
+    assert [(row.original, row.value, row.verdict) for row in rows] == [
+        ("0.1 s", "0.37 (0.3 to 0.43) s", "usual")
+    ]
 
 
 def test_a_rival_whose_errors_have_no_slope_leaves_the_width_to_the_cause() -> None:
@@ -312,7 +314,7 @@ def test_sizes_are_told_in_everyday_units() -> None:
     answers = {row.label: row for row in criticism_answers(replace(made(), causes=(tilted,)))}
     told = answers["What is wrong, and how large is it?"].value
     assert told.endswith(
-        "axis ahead, x 1.72 deg (1.15 to 2.29 deg); axis to the left, y 1.72 deg (1.15 to 2.29 deg)."
+        "axis ahead, x 1.72 (1.15 to 2.29) deg; axis to the left, y 1.72 (1.15 to 2.29) deg."
     )
 
 
