@@ -80,7 +80,7 @@ class LinearisedEdges:
         if factor is None:
             return None
         with np.errstate(over="ignore", invalid="ignore"):  # absurd residuals have no finite square
-            projected = (J.T @ values).toarray()
+            projected = (J.T @ values).toarray(order="F")  # SuperLU solves columns
             # What is left of each product once the poses have followed.
             left = (values.T @ values).toarray() - projected.T @ factor.solve(projected)
             variance = self.noise_scale**2
