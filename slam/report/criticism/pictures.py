@@ -40,7 +40,7 @@ def covariate_picture(found: Covariate) -> bytes:
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7.4, 3.4), dpi=160, layout="constrained")
+    figure = Figure(figsize=(7.4, 2.9), dpi=160, layout="constrained")
     drawn = panels_of(found)
     for axes, misses in zip(np.ravel(figure.subplots(1, len(drawn))), drawn, strict=True):
         _draw_misses(axes, misses, found)

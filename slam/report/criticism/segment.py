@@ -172,7 +172,7 @@ def _drawn_misfit(best: _Misfit, model: str, flights: Sequence[Flight], is_unsee
         f"stick. The extended model has all causes; it was fitted {fitted}. Both models get the same "
         f"commands and restart from the measured state every {RESTART_S:g} s, where the lines break; nothing "
         "else is fed back. Where one line is seen, both predict the same. Root mean square error over the "
-        f"stretch: {rms[0]:.3g} {unit} before, {rms[1]:.3g} {unit} after."
+        f"stretch, at all times since a restart: {rms[0]:.3g} {unit} before, {rms[1]:.3g} {unit} after."
     )
     between = f"{best.stamps_s[0]:.1f} to {best.stamps_s[-1]:.1f} s of {best.flight}"
     return Segment(

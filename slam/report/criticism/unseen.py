@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.core.units import everyday
+from slam.report.criticism.certainty import look_alike
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import title_of
 from slam.report.criticism.values import sized_one, usual
@@ -27,7 +28,8 @@ _WITHOUT: Mapping[str, str] = {
 }
 """Stream -> the reason why effects do not show."""
 _OTHERWISE = "by this motion or in so short a time"
-FOUND, EXCLUDED, TOO_LARGE = "found", "none of this size", "not even at usual sizes"
+FOUND, PERHAPS, NOT_FOUND = "found", "perhaps, instead of what was found", "not found"
+TOO_LARGE = "not even at usual sizes"
 
 
 @dataclass(frozen=True)
@@ -49,11 +51,13 @@ def detectable_rows(result: Criticism) -> list[DetectableRow]:
     from slam.criticism.verdict.power import within_reach
 
     found, reached = {cause.name for cause in result.causes}, within_reach(result.detectable)
+    doubles = {other for c in result.causes for other in (*c.alternatives, *look_alike(c, result))}
     rows = []
     for name, (size, unit) in result.detectable.items():
         parameter = next(p for p in CATALOGUE[name].parameters if p.unit == unit)
         factor, everyday_unit = everyday(min(size, 0.5 * _most(parameter)), unit)
-        verdict = FOUND if name in found else EXCLUDED if name in reached else TOO_LARGE
+        verdict = FOUND if name in found else PERHAPS if name in doubles else NOT_FOUND
+        verdict = verdict if name in found | reached.keys() else TOO_LARGE
         rows.append(
             DetectableRow(
                 title_of(name), name, sized_one(size, factor, everyday_unit),

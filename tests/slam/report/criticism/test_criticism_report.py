@@ -16,15 +16,12 @@ from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
-from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
+from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight
-from slam.report.criticism.certainty import is_established, reservations
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.evidence import longer_bar
-from slam.report.criticism.inertial_segment import compared_segment
-from slam.report.criticism.judged_data import judged_data
 from slam.report.criticism.left_over import unexplained_in_words
 from slam.report.criticism.pictures import (
     covariate_picture,
@@ -41,57 +38,10 @@ from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
 from slam.simulation.terms import CATALOGUE
+from tests.slam.report.criticism.made_criticism import RANKING, REMAINDER, made
 
-RANKING = (
-    Rank("quadratic_drag", 0.97, 9.1),
-    Rank("flow_scale", 0.02, 4.0),
-    *(Rank(f"other_{k}", 0.0, 1.0) for k in range(20)),
-    Rank("nothing", 0.0, 0.0),
-    Rank("unknown", 0.01, 0.0),
-)
-
-REMAINDER = "named_with_remainder"
 LEFT_OUT = "Which flights were judged, and what was left out?"
 INSTRUMENTS = "Is an instrument damaged, or is the model incomplete?"
-
-
-def made(verdict: str = "named") -> Criticism:
-    gain = Gain(
-        12.5,
-        (4.0, 21.0),
-        "flight",
-        (8.0, -1.5, 6.0),
-        (ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12), ChannelError("yaw", "rad", 2.0, 0.01, 0.011)),
-    )
-    cause = Cause("quadratic_drag", 0.97, {"c": Interval(0.08, "1/m", 0.07, 0.09)}, gain, 9.1, 20.0)
-    return Criticism(
-        verdict,  # type: ignore[arg-type]
-        "The model lacks <quadratic> drag.",
-        (cause,) if verdict.startswith("named") else (),
-        ("quadratic_drag", "flow_scale") if verdict == "ambiguous" else (),
-        "gyro_x against speed" if "remainder" in verdict else "",
-        next_flight="steps of three sizes",
-        details=(
-            "Unexplained: gyro_x ~ speed (z = 7.0).",
-            "What to do next: simulate.",
-            "Next flight: steps of three sizes.",
-            "Noise from reading to reading is larger than stated: gyro 29 times.",
-        )
-        if "remainder" in verdict
-        else (),
-        detectable={"sonar_lag": (0.012, "s")},
-        ranking=RANKING,
-        confusable=(("quadratic_drag", "flow_scale", 0.93),),
-        nuisances={"vehicle.gain": Interval(0.96, "1", 0.95, 0.97)},
-        noise_correlation={"accel": 0.437},
-        checks=(ChannelCheck("gyro_x", 1000, 1.02, 0.01, (0.1,) * 10),),
-        threshold=3.7,
-        threshold_means="what chance <seldom> reaches",
-        model=load_model("nominal"),
-        extended=load_model("nominal").with_term("quadratic_drag", c=0.08),
-        flights=("flight_00", "flight_01"),
-        dropped=("flight_09: never moves",),
-    )
 
 
 def test_the_page_shows_what_the_map_gains() -> None:
@@ -341,58 +291,3 @@ def test_every_reading_and_every_fitted_constant_has_plain_words():
         assert not coded.search(reading(name))
     for nuisance in NUISANCES:
         assert not coded.search(constant(nuisance.name))
-
-
-def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
-    (cause,) = made().causes
-    assert is_established(cause, made())
-    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
-    assert not is_established(scale, made())
-    assert "not established by itself" in " ".join(reservations(scale, made()))
-    alike = replace(made(), confusable=(("flow_scale", "quadratic_drag", 0.99),))
-    assert is_established(cause, alike)  # nothing says that it explains a part
-    assert not is_established(replace(cause, rival="flow_scale"), alike)
-    even = replace(cause, probability=0.5, z=5.0)
-    unknown = replace(made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(("roll ~ pitch", 11.0),))
-    (why,) = reservations(even, unknown)
-    assert "stands out more (11.0 standard deviations)" in why
-
-
-def test_the_judged_data_are_told_with_their_streams_and_what_is_missing() -> None:
-    flight = replace(
-        simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1), imu=None
-    )
-    told = " ".join(judged_data(replace(made(), flights=(flight.name,)), [flight]))
-    assert f"{flight.name}: " in told
-    assert "Hz)" in told
-    assert "The flight has no gyro and accelerometer and no pictures." in told
-
-
-@pytest.mark.slow
-def test_flights_without_commands_have_a_before_and_after_too() -> None:
-    wrong = load_model("nominal").with_term("gyro_bias", y=0.02)
-    flight = replace(simulate_flight(wrong, stick_for(["hover for 8 s"] * 4), 1), command=None)
-    channel = ChannelError("pitch from the gyro", "rad", 2.0, 0.04, 0.002)
-    cause = replace(
-        made().causes[0], name="gyro_bias", parameters={"y": Interval(0.02, "rad/s", 0.019, 0.021)},
-        gain=Gain(50.0, (40.0, 60.0), "segment", (25.0, 25.0), (channel,)),
-    )  # fmt: skip
-    result = replace(made(), causes=(cause,), extended=wrong, flights=(flight.name,))
-    shown = compared_segment(result, [flight])
-    assert shown is not None
-    before, after = map(
-        float, re.findall(r"pitch from the gyro ([\d.]+) deg before, ([\d.]+) deg", shown.caption)[0]
-    )
-    assert after < 0.3 * before
-    assert compared_segment(made(), [flight]) is None
-
-
-def test_the_stick_is_drawn_below_what_it_moves(monkeypatch: pytest.MonkeyPatch) -> None:
-    drawn: list[Figure] = []
-    monkeypatch.setattr("slam.report.criticism.segment.png", lambda figure: drawn.append(figure) or b"")
-    slow = load_model("nominal").with_term("climb_asymmetry", eps=-0.3)
-    flight = simulate_flight(slow, stick_for(["climb and descend by 0.6 m"]), 1)
-    assert before_after_picture(load_model("nominal"), slow, [flight], "sonar.range") is not None
-    _, below = drawn[0].axes
-    assert below.get_ylabel() == "stick up"
-    assert set(below.lines[0].get_ydata()) <= {0.0, *flight.command.stick[:, 2]}

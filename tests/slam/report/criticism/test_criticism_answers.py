@@ -1,0 +1,105 @@
+"""Certainty, values, instruments and data on the page of a criticism, and its pictures before and after."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from matplotlib.figure import Figure
+
+from slam.criticism.cause import ChannelError, Gain, Interval
+from slam.criticism.verdict.criticism import Rank
+from slam.report.criticism.certainty import is_established, reservations
+from slam.report.criticism.inertial_segment import compared_segment
+from slam.report.criticism.instruments import instruments_doubted
+from slam.report.criticism.judged_data import judged_data
+from slam.report.criticism.segment import before_after_picture
+from slam.report.criticism.unseen import detectable_rows
+from slam.simulation.healthy.flights import simulate_flight
+from slam.simulation.healthy.manoeuvres import stick_for
+from slam.simulation.model import load_model
+from tests.slam.report.criticism.made_criticism import made
+
+
+def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
+    (cause,) = made().causes
+    assert is_established(cause, made())
+    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
+    assert not is_established(scale, made())
+    assert "not established by itself" in " ".join(reservations(scale, made()))
+    alike = replace(made(), confusable=(("flow_scale", "quadratic_drag", 0.99),))
+    assert is_established(cause, alike)  # nothing says that it explains a part
+    assert not is_established(replace(cause, rival="flow_scale"), alike)
+    even = replace(cause, probability=0.5, z=5.0)
+    unknown = replace(made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(("roll ~ pitch", 11.0),))
+    (why,) = reservations(even, unknown)
+    assert "stands out more (11.0 standard deviations)" in why
+
+
+def test_the_judged_data_are_told_with_their_streams_and_what_is_missing() -> None:
+    flight = replace(
+        simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1), imu=None
+    )
+    told = " ".join(judged_data(replace(made(), flights=(flight.name,)), [flight]))
+    assert f"{flight.name}: " in told
+    assert "Hz)" in told
+    assert "The flight has no gyro and accelerometer and no pictures." in told
+
+
+@pytest.mark.slow
+def test_flights_without_commands_have_a_before_and_after_too() -> None:
+    wrong = load_model("nominal").with_term("gyro_bias", y=0.02)
+    flight = replace(simulate_flight(wrong, stick_for(["hover for 8 s"] * 4), 1), command=None)
+    channel = ChannelError("pitch from the gyro", "rad", 2.0, 0.04, 0.002)
+    cause = replace(
+        made().causes[0], name="gyro_bias", parameters={"y": Interval(0.02, "rad/s", 0.019, 0.021)},
+        gain=Gain(50.0, (40.0, 60.0), "segment", (25.0, 25.0), (channel,)),
+    )  # fmt: skip
+    result = replace(made(), causes=(cause,), extended=wrong, flights=(flight.name,))
+    shown = compared_segment(result, [flight])
+    assert shown is not None
+    before, after = map(
+        float, re.findall(r"pitch from the gyro ([\d.]+) deg before, ([\d.]+) deg", shown.caption)[0]
+    )
+    assert after < 0.3 * before
+    assert compared_segment(made(), [flight]) is None
+
+
+def test_the_stick_is_drawn_below_what_it_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr("slam.report.criticism.segment.png", lambda figure: drawn.append(figure) or b"")
+    slow = load_model("nominal").with_term("climb_asymmetry", eps=-0.3)
+    flight = simulate_flight(slow, stick_for(["climb and descend by 0.6 m"]), 1)
+    assert before_after_picture(load_model("nominal"), slow, [flight], "sonar.range") is not None
+    _, below = drawn[0].axes
+    assert below.get_ylabel() == "stick up"
+    assert set(below.lines[0].get_ydata()) <= {0.0, *flight.command.stick[:, 2]}
+
+
+def test_an_instruments_error_is_told_beside_the_usual_one_with_what_to_do() -> None:
+    bias, late = (
+        replace(made().causes[0], name=name, parameters={p: Interval(size, unit, 0.9 * size, 1.1 * size)})
+        for name, p, size, unit in (
+            ("gyro_bias", "y", 0.003, "rad/s"),
+            ("timestamp_jitter", "sigma", 0.03, "s"),
+        )
+    )
+    usual = " ".join(instruments_doubted(replace(made(), causes=(bias,))))
+    assert "none looks damaged" in usual
+    assert "0.172 deg/s (usual: up to ±2 deg/s)" in usual
+    far = " ".join(instruments_doubted(replace(made(), causes=(bias, late))))
+    assert far.startswith("More than usual is wrong with the clock of the log")
+    assert "look at how the log gets its stamps" in far
+
+
+def test_an_effect_that_looks_like_a_cause_is_not_told_as_absent() -> None:
+    (cause,) = made().causes
+    seen = {"quadratic_drag": (0.02, "1/m"), "asymmetric_drag": (0.2, "1"), "flow_scale": (2.0, "1")}
+    result = replace(
+        made(), detectable=seen, causes=(replace(cause, rival="asymmetric_drag"),),
+        confusable=(("asymmetric_drag", "quadratic_drag", 0.99),),
+    )  # fmt: skip
+    verdicts = [row.verdict for row in detectable_rows(result)]
+    assert verdicts == ["found", "perhaps, instead of what was found", "not even at usual sizes"]
+    assert [row.verdict for row in detectable_rows(replace(result, confusable=()))][1] == "not found"
