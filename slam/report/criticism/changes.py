@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from slam.criticism.verdict.over_time import SizeOverTime
 
 _TITLE = "When its size changes"
+LINE_LETTERS, MARKER_LETTERS = 95, 6
+"""Letters of the legend that the figure is wide, and those in whose width the marker and the gap stand."""
 _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE)
 _MARKERS = "osD^v"
 """With four colours they tell twenty flights apart; more of them share these."""
@@ -49,7 +51,8 @@ def size_over_time(result: Criticism) -> Segment | None:
     axes.set_xlabel("time in the flight [s]")
     words = quantity(name, parameter)
     axes.set_ylabel(words + (f" [{unit}]" if unit != "1" else ""))
-    legend_below(axes)
+    longest = max(map(len, shown.flights)) + MARKER_LETTERS
+    legend_below(axes, max(1, min(4, LINE_LETTERS // longest)))
     least, most = (_part(shown, int(k)) for k in (np.argmin(shown.sizes), np.argmax(shown.sizes)))
     caption = (
         f"{title_of(name)[0].upper()}{title_of(name)[1:]} ({words}), fitted to each {PART_S:g} s that show "

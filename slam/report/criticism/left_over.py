@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from math import exp
 from typing import TYPE_CHECKING
 
 from slam.core.units import everyday, spaced
@@ -14,6 +15,8 @@ from slam.simulation.terms import CATALOGUE
 if TYPE_CHECKING:
     from slam.criticism import Criticism
     from slam.criticism.cause import Interval
+    from slam.criticism.kalman.filter_parameters import FilterParameters
+    from slam.criticism.search.fitted_parameters import FittedParameter
 
 _SIGNALS: Mapping[str, str] = {
     "one": "a constant",
@@ -153,14 +156,31 @@ def sized_interval(found: Interval) -> str:
 def healthy_range(name: str, result: Criticism) -> tuple[float, float] | None:
     """Return the range of a constant among healthy vehicles of the model, in its own unit; None for what is
     no such constant."""
-    import numpy as np
-
-    from slam.criticism.kalman.filter_parameters import filter_parameters_of
-    from slam.criticism.search.fitted_parameters import NUISANCES
-
-    nuisance = next((n for n in NUISANCES if n.name == name), None)
+    nuisance = _nuisance(name)
     if nuisance is None or result.model is None:
         return None
-    ends = nuisance.healthy_range(filter_parameters_of(result.model))
-    low, high = np.exp(ends) if nuisance.form == "log" else ends
-    return float(low), float(high)
+    low, high = nuisance.healthy_range(filter_parameters(result))
+    return (exp(low), exp(high)) if nuisance.form == "log" else (low, high)
+
+
+def own_value(name: str, result: Criticism) -> float | None:
+    """Return the value of a constant in the original model; None for what is no such constant."""
+    nuisance = _nuisance(name)
+    if nuisance is None or result.model is None:
+        return None
+    value = nuisance.value_in(filter_parameters(result))
+    return exp(value) if nuisance.form == "log" else value
+
+
+def filter_parameters(result: Criticism) -> FilterParameters:
+    """Return the constants of the original model."""
+    from slam.criticism.kalman.filter_parameters import filter_parameters_of
+
+    assert result.model is not None
+    return filter_parameters_of(result.model)
+
+
+def _nuisance(name: str) -> FittedParameter | None:
+    from slam.criticism.search.fitted_parameters import NUISANCES
+
+    return next((n for n in NUISANCES if n.name == name), None)

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.core.names import enumerated
 from slam.core.units import everyday, spaced
-from slam.report.criticism.left_over import healthy_range
+from slam.report.criticism.left_over import healthy_range, own_value
 from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, reading, title_of
 from slam.report.criticism.quantities import quantity
 from slam.simulation.terms import CATALOGUE, Parameter
@@ -47,12 +47,12 @@ def value_rows(result: Criticism) -> list[ValueRow]:
         factor, unit = everyday(found.value, found.unit) if found.unit != "1" else (1.0, "1")
         low, high = healthy_range(name, result) or (-np.inf, np.inf)
         outside = _is_outside(found, low, high)
-        own = 0.5 * (low + high)
+        own = own_value(name, result) if _is_plain(name) else None
         rows.append(
             ValueRow(
                 "" if k else "this vehicle itself",
                 constant(name),
-                sized_one(own, factor, unit) if _is_plain(name) else "–",
+                "–" if own is None else sized_one(own, factor, unit),
                 with_interval(found, factor, unit),
                 f"{figure(factor * low)} to {figure(factor * high)}",
                 UNHEALTHY if outside else HEALTHY,

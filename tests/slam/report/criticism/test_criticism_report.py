@@ -224,6 +224,15 @@ def test_a_constant_is_told_with_its_healthy_range_or_as_not_shown(found: Interv
     assert (constant("vehicle.gain") in unshown_constants(result)) == (verdict == "")
 
 
+def test_the_original_value_of_a_constant_is_that_of_the_model() -> None:
+    found = {
+        "velocity_std_m_s": Interval(0.055, "m/s", 0.048, 0.062),
+        "vehicle.gain": Interval(1.3, "1", 1.2, 1.4),
+    }
+    rows = {row.quantity: row.original for row in value_rows(replace(made(), causes=(), nuisances=found))}
+    assert rows == {constant("velocity_std_m_s"): "0.034 m/s", constant("vehicle.gain"): "1"}
+
+
 def test_a_quantity_that_a_cause_has_is_told_once() -> None:
     lag = Cause("attitude_lag", 1.0, {"tau": Interval(0.37, "s", 0.3, 0.43)}, made().causes[0].gain, 9.0, 0.0)
     own = {"vehicle.attitude_time_s": Interval(0.37, "s", 0.32, 0.42)}
