@@ -76,6 +76,10 @@ class GroundFacts:
     lowest_m: float = 0.0
     highest_m: float = 0.0
     """Lowest and highest ground over the floor."""
+    doubted_share: float = 0.0
+    """Share of the measured heights that are doubted: they lie in pits deeper than wide."""
+    doubted_at_m: tuple[float, float, float] | None = None
+    """Place of the lowest of them, x, y and height over the floor; None without any."""
     height_std_m: float | None = None
     """Median standard deviation of the measured heights; None on a flat floor, or where no two pairs of
     pictures show one height."""

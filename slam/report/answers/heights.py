@@ -12,6 +12,7 @@ from slam.report.answers.advice import HEIGHTS, focal_std_ratio, hangs_on_lens, 
 from slam.report.answers.tilt import is_tilt_doubted, tilt_rad
 from slam.report.facts import Facts, heights_over_floor, largest_height_std
 from slam.report.floor_scatter import floor_scatter
+from slam.report.pictures.heights import doubted_heights
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -37,7 +38,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
     if np.isfinite(worst_m):
         camera += _of_camera(facts, over_m, worst_m, tilt_rad(estimate) if tilted else 0.0)
     lines = (
-        ("Heights of the ground:", _of_ground(estimate)),
+        ("Heights of the ground:", _of_ground(estimate, facts)),
         ("Differences in height near each other:", _near_each_other(estimate, facts, tilted)),
         (f"Height of a camera over the {_level(estimate)}:", camera),
     )
@@ -62,7 +63,7 @@ def typical_height_std(estimate: Estimate) -> float:
     return float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else float("nan")
 
 
-def _of_ground(estimate: Estimate) -> str:
+def _of_ground(estimate: Estimate, facts: Facts) -> str:
     ground = estimate.ground
     if ground is None:
         return ""
@@ -72,6 +73,7 @@ def _of_ground(estimate: Estimate) -> str:
             "stands on it such as trees, was measured from the pictures, over the floor, the level plane "
             f"that fits best; {percent(ground.filled_share)} of it was filled in from around. Trust no "
             "height where elevation.tif has no standard deviation, pale in the picture of heights."
+            f"{doubted_heights(ground, facts, estimate)}"
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slam.core.estimate import Estimate
+from slam.core.estimate import Estimate, GroundFacts
 from slam.core.flight import Flight
 from slam.core.units import SPACE, percent
+from slam.report.coordinates import at
 from slam.report.facts import Facts, whence
 from slam.report.floor_scatter import floor_scatter
 from slam.report.page import embedded
@@ -35,12 +36,25 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         if ground.filled_share
         else ""
     )
+    doubted = doubted_heights(ground, facts, estimate)
     return (
         "Height of the ground, with what stands on it such as trees, over the floor, which is the level "
         "plane that fits the ground best: from "
         f"{_signed(ground.lowest_m, facts)} to {_signed(ground.highest_m, facts)}, measured by what the "
-        f"pictures show from different sides{known}.{filled} Grey: no picture shows it. "
-        "The colours span 99 % of the heights; where the bar ends in a point, a few lie beyond. "
+        f"pictures show from different sides{known}.{filled}{doubted}"
+        " Grey: no picture shows it. The colours span 99 % of the heights; where the bar ends in a point, a few lie beyond. "
+    )
+
+
+def doubted_heights(ground: GroundFacts, facts: Facts, estimate: Estimate) -> str:
+    """Return which measured heights are doubted, in sentences with a space in front; empty without any."""
+    if ground.doubted_at_m is None:
+        return ""
+    x, y, height_m = ground.doubted_at_m
+    return (
+        f" Doubted, and pale too: {percent(ground.doubted_share)} of the measured heights, in pits, or strips "
+        "at the edge of the map, that are deeper than wide. Wrong matches make these more often than ground "
+        f"does. The lowest is {facts.length(-height_m)} below the floor, around {at(estimate, x, y)}."
     )
 
 

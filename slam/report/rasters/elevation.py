@@ -17,6 +17,7 @@ from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 from slam.report.floor_scatter import LEAST_SPAN_M, floor_scatter
+from slam.report.rasters.pits import doubted_pits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +62,7 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
     grid = Grid(*corner, cell_m, shape[1], shape[0], estimate.origin, estimate.metric)
     write_bands(out_dir / "elevation.tif", grid, bands, height_tags(estimate))
     path = out_dir / "elevation.png"
-    measured = None if surface is None else surface.source != HeightSource.FILLED
+    measured = None if surface is None else (surface.source != HeightSource.FILLED) & ~doubted_pits(surface)
     write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, _measured_by(surface), measured))
     return path
 
@@ -78,7 +79,7 @@ def _surface_bands(surface: Surface, elevation: Elevation | None) -> dict[str, N
     sources = ", ".join(f"{source.value} {source.name.lower()}" for source in HeightSource)
     bands = {
         HEIGHT_BAND: np.where(surface.source == HeightSource.UNSEEN, np.float32(np.nan), surface.height_m),
-        "height, standard deviation [m]": surface.std_m,
+        "height, standard deviation [m]": np.where(doubted_pits(surface), np.float32(np.nan), surface.std_m),
         f"source of the height: {sources}": surface.source.astype(np.float32),
     }
     if elevation is not None:
@@ -123,7 +124,7 @@ def elevation_picture(
         grey = "no picture"
         if (filled := ~measured & np.isfinite(height)).any():
             _veil(axes, filled, grid)
-            grey = "no picture; pale: filled in"
+            grey = "no picture; pale: filled in or doubted"
     if floor is not None:
         grey = f"{grey}; floor in one colour: {1e3 * floor[0]:+.0f} to {1e3 * floor[1]:+.0f} mm"
     x, y = ground_labels(grid.origin is not None, grid.metric)

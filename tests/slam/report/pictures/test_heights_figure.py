@@ -43,6 +43,17 @@ def test_heights_by_the_pictures_have_range_and_accuracy_and_what_was_filled_in(
     assert "12 % of the uneven ground" in words
 
 
+def test_doubted_heights_are_told_with_the_place_of_the_lowest():
+    ground = replace(MEASURED, doubted_share=0.02, doubted_at_m=(-3.0, 7.0, -1.5))
+    estimate, flight = replace(made_estimate(), ground=ground), made_flight()
+    words = heights_figure_words(estimate, gather(estimate, flight), flight).replace("\xa0", " ")
+    assert "Doubted, and pale too: 2 % of the measured heights" in words
+    assert "1.50 m below the floor, around x = -3.00 m, y = 7.00 m" in words
+    assert "Doubted" not in heights_figure_words(
+        replace(estimate, ground=MEASURED), gather(estimate, flight), flight
+    )
+
+
 def test_heights_by_the_height_sensor_have_its_accuracy():
     estimate, flight = made_estimate(), made_flight()
     words = heights_figure_words(estimate, gather(estimate, flight), flight)

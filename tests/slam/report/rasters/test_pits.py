@@ -1,0 +1,47 @@
+"""Pits deeper than wide are doubted, and wide hollows, gaps between trees and noise are not."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from frontend.mosaic.surface import HeightSource, Surface
+from slam.report.rasters.pits import doubted_pits
+from slam.report.rasters.surface import _doubted
+
+
+def surface(height: np.ndarray, std_m: float = 0.1) -> Surface:
+    rng = np.random.default_rng(0)
+    # A surface is smoothed by a median, which takes most of the noise of single cells.
+    noisy = (height + std_m / 2 * rng.standard_normal(height.shape)).astype(np.float32)
+    source = np.full(height.shape, HeightSource.PICTURES, np.uint8)
+    return Surface(10.0, 20.0, 0.1, noisy, np.full(height.shape, std_m, np.float32), source)
+
+
+def test_a_pit_deeper_than_wide_is_doubted():
+    height = np.zeros((200, 300))
+    height[50:70, 100:130] = -6.0  # 2 m x 3 m
+    found = doubted_pits(surface(height))
+    assert np.array_equal(found, height < -1)
+    facts = _doubted(surface(height))
+    assert facts["doubted_share"] == found.mean()
+    x, y, lowest_m = facts["doubted_at_m"]
+    assert 20.0 < x < 23.0
+    assert 13.0 < y < 15.0
+    assert lowest_m < -6.0
+
+
+def test_wide_hollows_gaps_between_trees_and_noise_are_true():
+    height = np.zeros((200, 300))
+    height[40:160, 60:220] = -3.0  # 12 m x 16 m
+    height[:20, :100] = 8.0
+    height[:20, 40:50] = 0.0  # 1 m between crowns
+    assert not doubted_pits(surface(height)).any()
+    assert _doubted(surface(height)) == {}
+
+
+def test_what_was_filled_in_is_no_measurement_to_doubt():
+    height = np.zeros((60, 60))
+    height[20:30, 20:30] = -4.0
+    given = surface(height)
+    given.source[height < -1] = HeightSource.FILLED
+    assert not doubted_pits(given).any()
