@@ -26,7 +26,7 @@ from slam.core.units import percent
 from slam.mapping.context import Context
 from slam.mapping.map import Map
 
-_NO_MORE = "most of it is an offset, which the map estimates"
+_NO_MORE = "most of it is likely an offset, which the map estimates"
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,9 @@ def judged(reading: GravityReading, expected: float, stated: float | None) -> Gr
     ``stated`` their standard deviation."""
     if stated is not None and expected <= stated:
         text = (
-            f"{reading.reads}; {_NO_MORE}. Lengths of the map may be {percent(expected)} wrong for this "
-            f"reason, and are stated to {percent(stated)}, so that this accuracy holds"
+            f"{reading.reads}; {_NO_MORE}. At rest a wrong gain looks like an offset: by the usual size of "
+            f"both, lengths of the map may be {percent(expected)} wrong for it, and are stated to "
+            f"{percent(stated)}, so that this accuracy holds"
         )
         return GravityLine(reading.warning, Note(text))
     text = (

@@ -189,8 +189,8 @@ def _common_and_bent(facts: Facts) -> str:
         return ""
     off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
     common = (
-        f"all lengths {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the whole map turned by "
-        f"{abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}"
+        f"without them all lengths are {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the "
+        f"whole map is turned by {abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}"
     )
     which = (
         "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
@@ -217,7 +217,7 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     else:
         text = "No: positions alone hold the path."
     if not rejected:
-        return f"{text} No match was rejected."
+        return f"{text} No match was rejected: each shows enough to tell, and agrees."
     unproven = len(rejected) - len(against)
     parts = [
         f"{contradicted(estimate, against)}{_most_often(estimate, against)}" if against else "",

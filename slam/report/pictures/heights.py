@@ -42,7 +42,8 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         "plane that fits the ground best: from "
         f"{_signed(ground.lowest_m, facts)} to {_signed(ground.highest_m, facts)}, measured by what the "
         f"pictures show from different sides{known}.{filled}{doubted}"
-        " Grey: no picture shows it. The colours span 99 % of the heights; where the bar ends in a point, a few lie beyond. "
+        " Grey: no picture shows it. The colours span 99 % of the heights; where the bar ends in a point, a "
+        "few lie beyond. "
     )
 
 
@@ -52,9 +53,10 @@ def doubted_heights(ground: GroundFacts, facts: Facts, estimate: Estimate) -> st
         return ""
     x, y, height_m = ground.doubted_at_m
     return (
-        f" Doubted, and pale too: {percent(ground.doubted_share)} of the measured heights, in pits, or strips "
-        "at the edge of the map, that are deeper than wide. Wrong matches make these more often than ground "
-        f"does. The lowest is {facts.length(-height_m)} below the floor, around {at(estimate, x, y)}."
+        f" Doubted, and pale too: {percent(ground.doubted_share)} of the measured heights, in pits, or "
+        "strips at the edge of the map, that are deeper than wide. Wrong matches make these more "
+        f"often than ground does. The lowest is {facts.length(-height_m)} below the floor, around "
+        f"{at(estimate, x, y)}."
     )
 
 

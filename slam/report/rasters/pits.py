@@ -28,7 +28,8 @@ _CELLS = 11
 def doubted_pits(surface: Surface) -> Mask:
     """Return which measured cells lie below the floor in a pit that is deeper than wide."""
     measured = (surface.source == HeightSource.PICTURES) | (surface.source == HeightSource.SONAR)
-    found, std = np.zeros_like(measured), surface.std_m[measured]
+    found: Mask = np.zeros(measured.shape, bool)
+    std = surface.std_m[measured]
     std = std[np.isfinite(std)]
     if len(std) == 0:
         return found
@@ -40,7 +41,7 @@ def doubted_pits(surface: Surface) -> Mask:
     while depth_m <= -below[measured].min():
         found |= measured & (_closed(below, known, depth_m / surface.cell_m) - below > depth_m)
         depth_m *= _STEP
-    return found
+    return np.asarray(found, bool)
 
 
 def _closed(height_m: Float32, known: Mask, width_cells: float) -> Float32:

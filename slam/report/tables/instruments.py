@@ -139,8 +139,8 @@ def _weighed(estimate: Estimate, name: str) -> str:
         return ""
     off_rad = float(np.linalg.norm(found.offset_rad))
     return (
-        "; the map weighs roll and pitch by their differences from it instead, "
-        f"{degrees(off_rad):.2g}° on average"
+        f"; its roll and pitch differ from the map by {degrees(off_rad):.2g}° on average, and are trusted no "
+        "better than that"
     )
 
 
