@@ -35,7 +35,7 @@ def contradicted(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
     middle = length(float(np.median(near)) * unit_m, estimate.metric)
     typical = f", typically by {middle}" if len(near) > 1 else ""
     uneven = estimate.ground is not None and estimate.ground.relief_share > 0
-    cause = ", as a match takes the ground of two pictures for flat, and this is not" if uneven else ""
+    cause = ", likely because a match takes the ground for flat, and here it is not" if uneven else ""
     told = (
         f"{either(len(near), 'one', str(len(near)))} of them {either(len(near), 'shows', 'show')} the right "
         f"place but inexactly, off by {within} at most{typical}{cause}"
