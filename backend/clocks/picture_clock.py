@@ -56,6 +56,8 @@ class ClockPiece:
     the sampling of the gyro leaves open."""
     far_std_s: float = 0.0
     """Its share from delays that are farther away than the reach of the finer search."""
+    after_s: float = float("-inf")
+    """Stamp of the last picture that is surely of the piece before."""
 
     @property
     def known(self) -> bool:
@@ -109,11 +111,33 @@ def picture_clock(
     clock = None if residuals is None else clock_of(residuals)
     if clock is None:
         return None
+    clock = _begun_at_pictures(clock, stamps_s)
     number = clock.numbers_at(stamps_s)
     pieces = [
         finer(piece, stamps_s[number == k], w_R_b[number == k], chain[number == k], readings)
         for k, piece in enumerate(clock.pieces)
     ]
+    return replace(clock, pieces=tuple(pieces))
+
+
+def _begun_at_pictures(clock: PictureClock, stamps_s: Array) -> PictureClock:
+    """Return the clock whose pieces begin where a step makes the time between two pictures unusual.
+
+    A turn spans several pictures, and the step may be between any two of those in which it lies, or near it
+    where few turns are left. A clock that is set forward lengthens the time between two pictures by as much:
+    elsewhere pictures would get earlier stamps than those in front of them.
+    """
+    lasts_s, pieces = np.diff(stamps_s), list(clock.pieces)
+    for k, (before, after) in enumerate(zip(clock.pieces, clock.pieces[1:], strict=False), start=1):
+        step_s, usual_s = after.delay_s - before.delay_s, float(np.median(lasts_s))
+        within = (stamps_s[:-1] >= after.after_s) & (stamps_s[1:] <= after.begin_s)
+        longer = lasts_s > step_s
+        if (within & longer).any():
+            unusual_s = np.where(within & longer, np.abs(lasts_s - step_s - usual_s), np.inf)
+            pieces[k] = replace(after, begin_s=float(stamps_s[np.argmin(unusual_s) + 1]))
+        elif longer.any():
+            away_s = np.where(longer, np.abs(stamps_s[1:] - after.begin_s), np.inf)
+            pieces[k] = replace(after, begin_s=float(stamps_s[np.argmin(away_s) + 1]))
     return replace(clock, pieces=tuple(pieces))
 
 
@@ -159,7 +183,8 @@ def finer(
     if residuals is None or len(residuals.begin_s) < LEAST_TURNS:
         return piece
     found = piece_of(residuals, piece.begin_s)
-    return replace(found, std_s=float(np.hypot(found.std_s, piece.far_std_s)), far_std_s=piece.far_std_s)
+    std_s = float(np.hypot(found.std_s, piece.far_std_s))
+    return replace(found, std_s=std_s, far_std_s=piece.far_std_s, after_s=piece.after_s)
 
 
 def robust_cost(turn_cost: Array) -> Array:
@@ -192,6 +217,7 @@ def _pieces(residuals: DelayResiduals, begin_s: float, whole: ClockPiece) -> lis
     first, second = piece_of(before, begin_s), piece_of(after, float(after.begin_s[0]))
     if not first.differs(second.delay_s, second.std_s):
         return [whole]
+    second = replace(second, after_s=float(before.end_s[-1]))
     return [*_pieces(before, begin_s, first), *_pieces(after, second.begin_s, second)]
 
 
@@ -207,17 +233,19 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
     stops, starts = np.concatenate([start - 1, parted]), np.concatenate([start, parted])
     # A turn that is left out would have cost as much as its three components have variances.
     left_out, cost, step_s = np.where(stops < starts, 3.0, 0.0), np.zeros(len(stops)), 0.0
+    lasts_s = residuals.begin_s[starts] - residuals.end_s[stops - 1]
     for _ in range(_ROUNDS):
         sums = np.cumsum(np.tensordot(1 / np.maximum(variance, 1e-24), squares, axes=1), axis=0)
         before, after = sums[stops - 1], sums[-1] - sums[starts - 1]
         cost = before.min(axis=1) + after.min(axis=1) + left_out
+        if (lasts_s > step_s).any():  # elsewhere pictures would be taken before those in front of them
+            cost[lasts_s <= step_s] = np.inf
         best = int(np.argmin(cost))
         first, second = int(before[best].argmin()), int(after[best].argmin())
         sides = squares[:, : stops[best], first], squares[:, starts[best] :, second]
         variance = np.concatenate(sides, axis=1).mean(axis=1)
         step_s = float(residuals.delays_s[second] - residuals.delays_s[first])
     # Of the turns that are as likely, the step lies in that whose duration it makes unusual.
-    lasts_s = residuals.begin_s[starts] - residuals.end_s[stops - 1]
     usual_s = float(np.median(residuals.end_s - residuals.begin_s))
     unusual = np.abs(lasts_s - step_s - np.where(stops < starts, usual_s, 0.0))
     best = int(np.argmin(np.where(cost < cost.min() + _AS_LIKELY, unusual, np.inf)))

@@ -70,7 +70,7 @@ def track(
         flight = on_one_clock(recorded, found)
         if flight.imu is not recorded.imu:
             found = _tracked_clock(flight, job, observations)
-        clock = clock_correction(found)
+        clock = clock_correction(found, observations.stamps_s)
         observations = observations.stamped_by(clock.delays_at)
         if job.camera.readout_s > 0:
             observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)
@@ -181,7 +181,7 @@ def solve_again(context: Context, matched: Map) -> Map:
 
 def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Context, Map]:
     """Correct clock offset and camera mount where the flight determines them, and refine once more."""
-    clock = finer_correction(refined.clock, context.clock)
+    clock = finer_correction(refined.clock, context.clock, matched.observations.stamps_s)
     camera = _estimated_mount(context, refined)
     if clock is context.clock and camera is None:
         return context, refined

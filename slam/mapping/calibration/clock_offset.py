@@ -25,25 +25,28 @@ _EDGE_S = 0.02
 NO_CORRECTION = PictureClock((ClockPiece(float("-inf"), 0.0, 0.0),), float("inf"))
 
 
-def clock_correction(clock: PictureClock | None) -> PictureClock:
-    """Return the delays to be taken out of the pictures' stamps; none where they are too small or too vague.
+def clock_correction(clock: PictureClock | None, stamps_s: Array) -> PictureClock:
+    """Return the delays to be taken out of the pictures' stamps (n,); none where they are too small or vague.
 
     A clock that steps is corrected as a whole or not at all, because one side alone would tear the order of
-    the pictures.
+    the pictures. Delays that would do so are none that the pictures have.
     """
     if clock is None or not all(_correctable(piece, clock) for piece in clock.pieces):
+        return NO_CORRECTION
+    if (np.diff(stamps_s - clock.delays_at(stamps_s)) <= 0).any() and (np.diff(stamps_s) > 0).all():
         return NO_CORRECTION
     kept = [piece if piece.differs(0.0) else replace(piece, delay_s=0.0) for piece in clock.pieces]
     return replace(clock, pieces=tuple(kept)) if any(piece.delay_s for piece in kept) else NO_CORRECTION
 
 
-def finer_correction(clock: PictureClock | None, taken_out: PictureClock) -> PictureClock:
-    """Return the whole correction after ``clock`` was found in a map that lacks the delays ``taken_out``.
+def finer_correction(clock: PictureClock | None, taken_out: PictureClock, stamps_s: Array) -> PictureClock:
+    """Return the whole correction of the pictures' stamps (n,) after ``clock`` was found in a map that lacks
+    the delays ``taken_out``.
 
     It is ``taken_out`` itself where nothing is left that exceeds the estimate's own error.
     """
     if taken_out is NO_CORRECTION:
-        return clock_correction(clock)
+        return clock_correction(clock, stamps_s)
     if clock is None or len(clock.pieces) > 1 or not clock.pieces[0].known:
         return taken_out
     (left,) = clock.pieces

@@ -50,7 +50,10 @@ def contradicted(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
 def _miss(rejection: Rejection, height_m: float, metric: bool) -> float | None:
     """Return by how much a match displaces the ground in its pictures, in heights of the camera; None where
     another check rejected it or the height is not known."""
-    if rejection.check is not LinkCheck.GRAPH or (found := _MISS.search(rejection.figures)) is None:
+    found = _MISS.search(rejection.figures)
+    if rejection.check is not LinkCheck.GRAPH or found is None:
+        return None
+    if metric and not height_m > 0:  # a graph without pictures has no floor
         return None
     off, angle_rad = float(found[1]), np.radians(float(found[3]))
     if found[2] == "m" and metric:

@@ -8,7 +8,14 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from backend.clocks.delay_residuals import DelayResiduals
-from backend.clocks.picture_clock import LEAST_TURNS, PictureClock, clock_of, picture_clock
+from backend.clocks.picture_clock import (
+    LEAST_TURNS,
+    ClockPiece,
+    PictureClock,
+    _begun_at_pictures,
+    clock_of,
+    picture_clock,
+)
 from backend.measurements import InertialReadings
 
 IMU_S, PICTURE_S = 0.005, 0.2
@@ -69,6 +76,19 @@ def test_a_step_of_the_clock_is_found_with_its_time(step_s: float):
     assert before.delay_s == pytest.approx(0.03, abs=4 * before.std_s)
     assert after.delay_s == pytest.approx(0.03 + step_s, abs=4 * after.std_s)
     assert after.begin_s == pytest.approx(20.03 + step_s, abs=0.25)
+
+
+@pytest.mark.parametrize("found_s", [6.5, 7.0, 8.5])
+def test_a_step_forward_begins_where_no_picture_was_taken_as_long(found_s: float):
+    """With few turns behind it, a step is found some pictures away from where it is."""
+    stamps_s = np.concatenate([np.arange(0.0, 7.0, 0.125), np.arange(8.0, 12.0, 0.125)])
+    pieces = (
+        ClockPiece(float("-inf"), 0.0, 0.001),
+        ClockPiece(found_s, 1.0, 0.001, after_s=found_s - 0.25),
+    )
+    clock = _begun_at_pictures(PictureClock(pieces, 2.0), stamps_s)
+    assert clock.pieces[1].begin_s == 8.0
+    assert (np.diff(stamps_s - clock.delays_at(stamps_s)) > 0).all()
 
 
 @pytest.mark.parametrize("turns", range(2 * LEAST_TURNS, 2 * LEAST_TURNS + 4))

@@ -23,6 +23,8 @@ from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
 from tests.slam.small_flight import flown
 
+STAMPS_S = np.array([0.0, 4.5, 8.5, 10.0, 10.5, 20.0])
+
 
 def shown(*delays: tuple[float, float]) -> PictureClock:
     """Return a clock with one piece each ten seconds: delay and standard deviation."""
@@ -45,32 +47,37 @@ def shown(*delays: tuple[float, float]) -> PictureClock:
     ],
 )
 def test_a_delay_is_taken_out_where_it_is_sure(delay_s, std_s, taken_out_s):
-    assert clock_correction(shown((delay_s, std_s))).delays_at(np.array([5.0])) == [taken_out_s]
-    assert clock_correction(None) is NO_CORRECTION
+    assert clock_correction(shown((delay_s, std_s)), STAMPS_S).delays_at(np.array([5.0])) == [taken_out_s]
+    assert clock_correction(None, STAMPS_S) is NO_CORRECTION
 
 
 def test_a_step_is_taken_out_on_both_sides_or_not_at_all():
-    taken_out = clock_correction(shown((0.003, 0.002), (1.0, 0.003)))
+    taken_out = clock_correction(shown((0.003, 0.002), (1.0, 0.003)), STAMPS_S)
     np.testing.assert_allclose(taken_out.delays_at(np.array([0.0, 9.0, 10.0, 20.0])), [0, 0, 1, 1])
     torn = shown((0.003, 0.02), (1.0, 0.003))
-    assert clock_correction(torn) is NO_CORRECTION
+    assert clock_correction(torn, STAMPS_S) is NO_CORRECTION
     assert "one side of it is too vague" in clock_contradiction(torn, NO_CORRECTION)
+
+
+def test_a_step_that_would_tear_the_order_of_the_pictures_is_not_taken_out():
+    """A clock that is set forward by a second leaves a second without pictures."""
+    assert clock_correction(shown((0.0, 0.002), (1.0, 0.002)), np.arange(0.0, 20.0, 0.5)) is NO_CORRECTION
 
 
 def test_the_map_corrects_what_tracking_left():
     first = shown((0.09, 0.002))
-    assert finer_correction(shown((0.001, 0.002)), first) is first
-    (piece,) = finer_correction(shown((0.01, 0.002)), first).pieces
+    assert finer_correction(shown((0.001, 0.002)), first, STAMPS_S) is first
+    (piece,) = finer_correction(shown((0.01, 0.002)), first, STAMPS_S).pieces
     assert piece.delay_s == pytest.approx(0.1)
-    (piece,) = finer_correction(shown((0.1, 0.002)), NO_CORRECTION).pieces
+    (piece,) = finer_correction(shown((0.1, 0.002)), NO_CORRECTION, STAMPS_S).pieces
     assert piece.delay_s == pytest.approx(0.1)
 
 
 def test_what_is_reported_names_what_was_done():
-    known = clock_correction(shown((0.04, 0.002)))
+    known = clock_correction(shown((0.04, 0.002)), STAMPS_S)
     assert "40 ± 2 ms after" in clock_warning(None, known)
     assert "corrected in the map" in clock_warning(None, known)
-    stepped = clock_warning(None, clock_correction(shown((0.0, 0.002), (1.0, 0.002))))
+    stepped = clock_warning(None, clock_correction(shown((0.0, 0.002), (1.0, 0.002)), STAMPS_S))
     assert stepped.startswith(
         "the clock of cam0 steps against imu0 by +1.000 ± 0.003 s at 10.00 s: corrected"
     )
@@ -84,7 +91,7 @@ def test_what_is_reported_names_what_was_done():
 
 def test_figures_tell_each_span_of_the_clock():
     assert clock_errors(None, NO_CORRECTION) is None
-    before, after = clock_errors(None, clock_correction(shown((0.003, 0.002), (1.0, 0.003)))).spans
+    before, after = clock_errors(None, clock_correction(shown((0.003, 0.002), (1.0, 0.003)), STAMPS_S)).spans
     assert (before.begin_s, before.delay_s, after.begin_s, after.delay_s) == (None, 0.0, 10.0, 1.0)
     assert after.taken_out
 

@@ -48,6 +48,9 @@ def test_an_inexact_match_of_the_right_place_is_told_from_one_of_another_place()
     assert "right place" not in contradicted(estimate, loops(away, turned))
     other_check = [LoopVerdict(0, 1, Rejection(LinkCheck.PLACE, "0.1 m from where the poses put it"))]
     assert "right place" not in contradicted(estimate, other_check)
+    # Poses of a planar graph file lie in its plane: no height measures a miss.
+    flat = replace(estimate, w_T_b=estimate.w_T_b * np.array([[1.0], [1.0], [0.0], [1.0]]), floor_z_m=0.0)
+    assert "right place" not in contradicted(flat, loops(near, before_metres))
 
 
 def test_the_words_of_a_match_keep_all_figures_of_its_reason():
