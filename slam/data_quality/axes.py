@@ -64,7 +64,7 @@ def wrong_axes(flight: Flight) -> tuple[list[str], list[str]]:
         for k, way in enumerate(ways):
             turned = Assignment(right.axis, tuple(-1.0 if j == k else 1.0 for j in range(len(ways))))
             if scores[right] - scores[turned] < CERTAIN_Z:
-                unknown.append(f"whether {way} reads its own axis")
+                unknown.append(f"whether {way} measures along its own axis")
     return wrong, unknown
 
 

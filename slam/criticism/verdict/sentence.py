@@ -24,8 +24,8 @@ MOST_SENTENCES = 3
 
 _USE_IT = "give extended.toml to slam simulate, slam replay and slam optimize by --model."
 _CORRECT = "give extended.toml to slam optimize by --model: it corrects the instruments."
-_REPAIR = " Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
-_LOOK = (
+REPAIR = " Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
+LOOK = (
     "check the sensor, mounting and clock that the unexplained error concerns first, and do not rely on the "
     "model's predictions there."
 )
@@ -33,8 +33,8 @@ _WHAT_TO_DO: Mapping[Verdict, str] = {
     "nothing_wrong": "simulate with the model as it is.",
     "named": _USE_IT,
     "ambiguous": f"{_USE_IT} It predicts flights like these, but perhaps no others.",
-    "named_with_remainder": f"{_USE_IT} For the rest, {_LOOK}",
-    "unknown": _LOOK,
+    "named_with_remainder": f"{_USE_IT} For the rest, {LOOK}",
+    "unknown": LOOK,
 }
 """Verdict on flights that can be judged -> what their pilot should do."""
 _AGAIN = (
@@ -55,7 +55,7 @@ def with_sentences(found: Criticism) -> Criticism:
     """Return the criticism with its headline and its details, the lines that it has already among them."""
     faulty = any(CATALOGUE[cause.name].is_of_instrument for cause in found.causes)
     to_do = _WHAT_TO_DO[found.verdict].replace(_USE_IT, _CORRECT if found.limits else _USE_IT)
-    what = f"What to do next: {to_do}{_REPAIR if faulty else ''}"
+    what = f"What to do next: {to_do}{REPAIR if faulty else ''}"
     fly = f"Next flight: {_flight_after(found)}"
     return replace(found, sentence=headline(found), details=(*details(found), *found.details, what, fly))
 

@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam.core.names import enumerated
 from slam.core.units import sized
-from slam.report.criticism.certainty import fair_rival, look_alike
+from slam.report.criticism.certainty import fair_rival, look_alike, outside_of_catalogue
 from slam.report.criticism.evidence import how_sure, no_other, what_changes, where_it_shows
+from slam.report.criticism.findings import findings_in_words
 from slam.report.criticism.headline import promises
 from slam.report.criticism.instruments import instruments_doubted
 from slam.report.criticism.judged_data import judged_data
-from slam.report.criticism.left_over import unexplained_in_words
-from slam.report.criticism.next_flights import to_fly
+from slam.report.criticism.next_flights import to_fly, to_use
 from slam.report.criticism.plain_names import reading, with_titles
 from slam.report.criticism.quantities import quantity
 from slam.report.criticism.unseen import unseen
-from slam.report.criticism.values import NO_DIFFERENCE, compared, sized_interval_of
+from slam.report.criticism.values import NO_DIFFERENCE, compared, range_over_time, sized_interval_of
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
 
@@ -62,7 +63,8 @@ def criticism_answers(
     """Return questions and answers; only those that apply to a verdict. ``drawn`` are sentences on the parts
     of flights that the page shows."""
     told = _lines_by_kind(result)
-    unexplained = [unexplained_in_words(line, result) for line in told[_UNEXPLAINED]]
+    left = "; ".join(line.removesuffix(".") for line in told[_UNEXPLAINED])
+    unexplained = findings_in_words(replace(result, remainder=left))
     rows = (
         _item(
             "Is the model right about these flights?",
@@ -78,11 +80,14 @@ def criticism_answers(
         _item("What changes in the prediction?", what_changes(result)),
         _item(
             "Is an instrument damaged, or is the model incomplete?",
-            [*instruments_doubted(result), *(line for line in told[_NOISE] if line.startswith(_LARGER))],
+            [
+                *instruments_doubted(result, flights),
+                *(line for line in told[_NOISE] if line.startswith(_LARGER)),
+            ],
         ),
         _item(
             "Can I use the model now, and how?",
-            [f"{_USABLE.get(result.verdict, 'No')}: {line}" for line in told[_USE]],
+            to_use(result, [f"{_USABLE.get(result.verdict, 'No')}: {line}" for line in told[_USE]]),
         ),
         _item("What do I fly next?", to_fly(result, told[_FLY], flights)),
         _item(
@@ -138,14 +143,14 @@ def _wrong(result: Criticism) -> list[str]:
     told = []
     for cause in result.causes:
         begin = f"{'' if cause.name in sure else 'perhaps '}{cause.name}{_meaning(cause)}"
-        told.append(f"{begin}{': ' if cause.parameters else ''}{_size(cause)}.")
+        told.append(f"{begin}{': ' if cause.parameters else ''}{_size(cause, result)}.")
     if any(cause.parameters for cause in result.causes):
         told.append("In brackets: the 95 % interval. “Values” lists each beside its usual range.")
     if result.covariate and (misses := result.covariate.against[0]).unit != "sigma":
         most = float(np.quantile(np.abs(misses.explained), MOSTLY))
         told.append(
-            f"{result.covariate.cause} moves {reading(misses.channel)} by up to {sized(most, misses.unit)} "
-            f"within 2 s (by less in {100 * MOSTLY:.0f} of 100 moments)."
+            f"{result.covariate.cause} moves {reading(misses.channel)} by less than "
+            f"{sized(most, misses.unit)} within 2 s in {100 * MOSTLY:.0f} of 100 moments."
         )
     return told
 
@@ -157,15 +162,16 @@ def _meaning(cause: Cause) -> str:
     return f" ({term.meaning})" if more - _NO_MEANING else ""
 
 
-def _size(cause: Cause) -> str:
+def _size(cause: Cause, result: Criticism) -> str:
     """Return the sizes of a cause in everyday units; of those along axes the ones that differ from none."""
     term, told, same = CATALOGUE[cause.name], [], []
     for parameter, found in cause.parameters.items():
         words = quantity(cause.name, parameter)
+        mean = " (mean of a size that changes)" if range_over_time(cause, parameter, result) else ""
         if compared(term.parameter(parameter), found) == NO_DIFFERENCE and len(cause.parameters) > 1:
-            same.append(words)
+            same.append(f"{words}{mean}")
         else:
-            told.append(f"{words} {sized_interval_of(found)}")
+            told.append(f"{words} {sized_interval_of(found)}{mean}")
     if same:
         told.append(f"not different from none: {enumerated(same)}")
     return "; ".join(told)
@@ -174,8 +180,6 @@ def _size(cause: Cause) -> str:
 def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
     """Return the causes that these flights cannot tell from those that were found, or why others are ruled
     out."""
-    from slam.criticism.cause import SURE
-
     told = list(ties)
     for cause in result.causes:
         others = [name for name in cause.alternatives if name != cause.name]
@@ -189,12 +193,19 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
         told += [no_other(cause) for cause in result.causes if fair_rival(cause)]
         none = [cause.name for cause in result.causes if not fair_rival(cause)]
         if none:
-            told.append(f"In place of {enumerated(none)} no other effect explains a fair part.")
-        if any(0 < c.probability < SURE and len(c.alternatives) < 2 for c in result.causes):
             told.append(
-                "What is named at less than certainty may also be something outside of the catalogue."
+                f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part."
             )
+        if rest := outside_of_catalogue(result):
+            told.append(f"{enumerated(_open(result))}: {rest[0].lower()}{rest[1:]}")
     return told
+
+
+def _open(result: Criticism) -> list[str]:
+    """Return the causes with one name that is not certain."""
+    from slam.criticism.cause import SURE
+
+    return [c.name for c in result.causes if 0 < c.probability < SURE and len(c.alternatives) < 2]
 
 
 def left_out_by_flight(result: Criticism) -> list[str]:

@@ -41,12 +41,12 @@ def certainty_rows(result: Criticism) -> list[CertaintyRow]:
         rows.append(
             CertaintyRow(
                 title=title_of(cause.name),
-                alone=f"{alone[cause.name]:.1f}" if cause.name in alone and not single else "–",
+                alone=f"{alone[cause.name]:.1f}" if cause.name in alone else "–",
                 beside="–" if single else f"{cause.z:.1f}",
                 nats=f"{cause.gain.nats:.0f}",
                 parts="single readings" if single else f"{int(np.sum(parts > 0))} of {len(parts)}",
                 rival=_next_best(cause),
-                probability=f"{cause.probability:.2f}",
+                probability=probability_in_words(cause, result),
             )
         )
     return rows
@@ -94,6 +94,35 @@ def look_alike(cause: Cause, result: Criticism) -> list[str]:
 
     pairs = [(a, b) for a, b, likeness in result.confusable if likeness > ONE_CLASS]
     return [name for name in (fair_rival(cause),) if {(cause.name, name), (name, cause.name)} & {*pairs}]
+
+
+def probability_in_words(cause: Cause, result: Criticism) -> str:
+    """Return the probability of a cause's name, or why there is none: a probability that says only that one
+    of several effects is there is none of the name."""
+    if not differs(cause):
+        return "not established"
+    if alike := look_alike(cause, result):
+        return f"not separable from {enumerated([title_of(name) for name in alike])}"
+    return f"{cause.probability:.2f}"
+
+
+def outside_of_catalogue(result: Criticism) -> str:
+    """Return where the rest of the probability of uncertain causes belongs; empty where none is uncertain, or
+    where nothing outside of the catalogue is probable."""
+    from slam.criticism.cause import SURE
+    from slam.criticism.verdict.posterior import SOMETHING_ELSE
+
+    open_ = [c for c in result.causes if 0 < c.probability < SURE and len(c.alternatives) < 2]
+    if not open_ or result.probability_of(SOMETHING_ELSE) <= SURE:
+        return ""
+    rest = {f"{1.0 - c.probability:.2f}" for c in open_}
+    share = f"other {rest.pop()} of the" if len(rest) == 1 else "rest of the"
+    if len(open_) == 1:
+        return f"The {share} probability is that of a cause outside of the catalogue."
+    return (
+        f"For each, the {share} probability is that of a cause outside of the catalogue; they do not exclude "
+        "each other."
+    )
 
 
 def reservations(cause: Cause, result: Criticism) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from backend.wording import either
 from slam.core.names import enumerated
 from slam.core.units import everyday, sized
-from slam.report.criticism.certainty import fair_rival, is_established, reservations
+from slam.report.criticism.certainty import fair_rival, is_established, probability_in_words, reservations
 from slam.report.criticism.judged_data import parts_in_words
 from slam.report.criticism.plain_names import figure, reading
 from slam.simulation.terms import CATALOGUE
@@ -49,18 +49,22 @@ def _by_certainty(result: Criticism) -> list[str]:
     told = []
     sure = [c for c in result.causes if is_established(c, result)]
     rest = [c for c in result.causes if c not in sure]
-    for words, kind in (("Certain", sure), ("Something is there for certain, but less so that it is", rest)):
+    for words, kind in (
+        ("Certain", sure),
+        ("Certainly there is something, but its name is less certain", rest),
+    ):
         if kind:
-            told.append(f"{words}: {enumerated([_evidence(cause) for cause in kind])}.")
+            told.append(f"{words}: {enumerated([_evidence(cause, result) for cause in kind])}.")
     return told
 
 
-def _evidence(cause: Cause) -> str:
+def _evidence(cause: Cause, result: Criticism) -> str:
     of = "its readings" if cause.gain.by is None else "held-out data"
     strength = f"{cause.gain.nats:.0f} nats of {of}"
     if cause.gain.by is not None:
         strength = f"{cause.z:.1f} standard deviations, {strength}"
-    return f"{cause.name} (probability {cause.probability:.2f}; {strength})"
+    told = probability_in_words(cause, result)
+    return f"{cause.name} ({'probability ' * told[0].isdigit()}{told}; {strength})"
 
 
 def _reserved(cause: Cause, result: Criticism) -> str:

@@ -6,9 +6,15 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
 from slam.core.names import enumerated
-from slam.report.criticism.certainty import changes, differs, is_established, look_alike
+from slam.report.criticism.certainty import (
+    changes,
+    differs,
+    is_established,
+    look_alike,
+    outside_of_catalogue,
+)
 from slam.report.criticism.evidence import change_of
-from slam.report.criticism.left_over import unexplained_in_words
+from slam.report.criticism.findings import distinct_findings, findings_in_words
 from slam.report.criticism.plain_names import in_plain_names, title_of, with_titles
 from slam.simulation.terms import CATALOGUE
 
@@ -32,18 +38,26 @@ def _found(result: Criticism) -> str:
     if len(sure) == 1:
         told.append(f"Certain: {CATALOGUE[sure[0].name].title} ({CATALOGUE[sure[0].name].meaning}).")
     elif sure:
-        each = [f"{CATALOGUE[c.name].title}{_of_changing_size(c, result)}" for c in sure]
+        each = [_titled(c, result) for c in sure]
         told.append(f"Certain: {enumerated(each)}.")
     if others:
         each = [f"{CATALOGUE[c.name].title} ({_doubt(c, result)})" for c in others]
         told.append(
             f"{'Also there' if sure else 'Found'}, but named with less certainty: {enumerated(each)}."
         )
+    if rest := outside_of_catalogue(result):
+        told.append(rest)
     return " ".join(told)
 
 
-def _of_changing_size(cause: Cause, result: Criticism) -> str:
-    return " (of a size that changes)" if changes(cause, result) else ""
+def _titled(cause: Cause, result: Criticism) -> str:
+    """Return the name of a cause; an error that drifts is not called constant."""
+    title = CATALOGUE[cause.name].title
+    if not changes(cause, result):
+        return title
+    if "constant error" in title:
+        return f"{title.replace('constant error', 'drifting error')} (bias)"
+    return f"{title} (whose size changes)"
 
 
 def _doubt(cause: Cause, result: Criticism) -> str:
@@ -69,10 +83,10 @@ def _gain(result: Criticism) -> str:
 
 
 def _left(result: Criticism) -> str:
-    parts = result.unexplained
+    parts = distinct_findings(result)
     if not parts:
         return ""
-    (first,) = with_titles([unexplained_in_words(parts[0], result)])
+    (first,) = with_titles(findings_in_words(result)[:1])
     told = f"{counted(len(parts), 'finding')} {either(len(parts), 'is', 'are')} not explained"
     return f"{told}{'; one of them' if len(parts) > 1 else ''}: {first}"
 
@@ -107,12 +121,12 @@ def promises(result: Criticism) -> list[str]:
     no = []
     if open_:
         no.append(f"that {enumerated(open_)} {either(len(open_), 'is', 'are')} named rightly")
-    if result.unexplained:
-        no.append(f"that the model is complete ({counted(len(result.unexplained), 'finding')} left over)")
-    if result.limits:
-        no.append("anything about the vehicle's motion, which was not judged")
-    no.append(f"the same for {beyond}")
+    if left := distinct_findings(result):
+        no.append(f"that the model is complete ({counted(len(left), 'finding')} left over)")
+    no.append(f"that the gain is the same for {beyond}")
     told.append(f"It does not promise {enumerated(no)}.")
+    if result.limits:
+        told.append("Nothing is promised of the vehicle's motion, which was not judged.")
     return told
 
 

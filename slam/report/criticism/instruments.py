@@ -2,52 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam.core.names import enumerated
 from slam.core.units import sized
-from slam.report.criticism.certainty import differs, is_established
+from slam.report.criticism.certainty import changes, differs, is_established
+from slam.report.criticism.findings import whose_is_it
+from slam.report.criticism.instrument_names import instrument_of
 from slam.report.criticism.plain_names import title_of
-from slam.report.criticism.values import MORE, NO_DIFFERENCE, compared, one_unit, usual
+from slam.report.criticism.values import ABOUT, MORE, NO_DIFFERENCE, compared, one_unit, usual
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
+    from slam.core.flight import Flight
     from slam.criticism import Criticism
     from slam.criticism.cause import Cause
 
-_BY_NAME: Mapping[str, str] = {
-    "gyro_scale": "gyro",
-    "gyro_bias": "gyro",
-    "accel_scale": "accelerometer",
-    "accel_bias": "accelerometer",
-    "imu_misalignment": "mounting of the IMU",
-    "sonar_tilt": "mounting of the height sensor",
-    "camera_tilt": "mounting of the camera",
-    "camera_time_offset": "clock of the camera",
-    "clock_drift": "clock of the log",
-    "timestamp_jitter": "clock of the log",
-}
-_BY_STREAM: Mapping[str, str] = {"sonar": "height sensor", "velocity": "speed sensor", "imu": "IMU"}
 _CALIBRATE = "slam optimize --model extended.toml corrects it, and nothing needs a repair"
 _KEEP = "nothing needs a repair, and nothing can be corrected afterwards"
 _CHECK = "look at its mounting and wiring, and replace it if the same comes back after a calibration"
 _STAMPS = "look at how the log gets its stamps: a calibration does not remove it"
 
 
-def instrument_of(name: str) -> str:
-    """Return the instrument that has an error of the catalogue; empty for one of the vehicle or the place."""
-    term = CATALOGUE[name]
-    if not term.is_of_instrument or term.family == "place":
-        return ""
-    return (
-        _BY_NAME.get(name) or _BY_STREAM.get(term.stream) or ("sonar" if term.family == "sonar" else "camera")
-    )
-
-
-def instruments_doubted(result: Criticism) -> list[str]:
+def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     """Return whether instruments or the model are at fault, with each size beside the usual one."""
     if result.verdict == "unusable":
         return []
@@ -65,13 +45,14 @@ def instruments_doubted(result: Criticism) -> list[str]:
     if of_vehicle:
         names = enumerated([title_of(cause.name) for cause in of_vehicle])
         told.append(f"Of the vehicle or the place, which a repair does not change: {names}.")
-    if result.unexplained:
-        told.append("What is not explained may still be an instrument's.")
-    return told
+    drifting = [f"the {title_of(c.name)}" for c in of_instruments if changes(c, result) and differs(c)]
+    if drifting:
+        told.append(f"Not of one size throughout, so watch it from flight to flight: {enumerated(drifting)}.")
+    return [*told, *whose_is_it(result, flights)]
 
 
 def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism) -> str:
-    far = [c for c in instruments if _is_far(c)]
+    far = [c for c in instruments if is_far(c)]
     if far:
         names = enumerated([f"the {instrument_of(c.name)} ({title_of(c.name)})" for c in far])
         incomplete = "The model is incomplete. " if vehicle else ""
@@ -79,14 +60,26 @@ def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism)
         return f"{incomplete}{'More' if sure else 'Perhaps more'} than usual is wrong with {names}."
     if not instruments:
         return "The model is incomplete: no cause that was found is an error of an instrument."
+    above = [title_of(c.name) for c in instruments if _verdicts(c) & {ABOUT}]
+    size = f"usual size, or a little more ({enumerated(above)})" if above else "usual size"
+    drifting = [title_of(c.name) for c in instruments if changes(c, result) and differs(c)]
+    sound = (
+        f"none looks damaged, but {enumerated(drifting)} is not steady" if drifting else "none looks damaged"
+    )
     if vehicle:
-        return "The model is incomplete, and instruments have errors of usual size: none looks damaged."
-    return "Instruments have errors of usual size: none looks damaged."
+        return f"The model is incomplete, and instruments have errors of {size}: {sound}."
+    return f"Instruments have errors of {size}: {sound}."
 
 
-def _is_far(cause: Cause) -> bool:
+def is_far(cause: Cause) -> bool:
+    """Return whether a size of a cause is beyond the usual range by its whole interval."""
+    return MORE in _verdicts(cause)
+
+
+def _verdicts(cause: Cause) -> set[str]:
+    """Return how the sizes of a cause compare with the usual ones."""
     parameters = CATALOGUE[cause.name].parameter
-    return any(compared(parameters(name), found) == MORE for name, found in cause.parameters.items())
+    return {compared(parameters(name), found) for name, found in cause.parameters.items()}
 
 
 def _beside_usual(cause: Cause) -> str:
@@ -105,8 +98,11 @@ def _advice(cause: Cause, result: Criticism) -> str:
     """Return how an instrument's error compares with the usual one, and what to do about it."""
     term = CATALOGUE[cause.name]
     if not differs(cause):
-        return "not established, so not to be repaired or corrected: take it out of extended.toml"
+        return "not established, so not to be repaired or corrected (“Can I use the model now” says how)"
     named = "" if is_established(cause, result) else ", if it is that"
-    if _is_far(cause):
+    if is_far(cause):
         return f"more than usual{named}; {_STAMPS if term.acts_on == 'clock' else _CHECK}"
-    return f"of usual size{named}; {_KEEP if term.undo is None else _CALIBRATE}"
+    size = (
+        "a little more than usual, with an interval that reaches into it" if ABOUT in _verdicts(cause) else ""
+    )
+    return f"{size or 'of usual size'}{named}; {_KEEP if term.undo is None else _CALIBRATE}"

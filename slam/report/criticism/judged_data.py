@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.wording import counted
 from slam.core.names import enumerated, listed
@@ -25,6 +26,8 @@ _STREAMS = {
 }
 """Fields of a flight that criticism compares -> in words."""
 _NO_SPEED_TO_THE_LEFT = "speed ahead alone"
+SAME_RATE = 0.005
+"""Difference of two rates that three significant figures show at most."""
 MOST_FLIGHTS = 4
 """Greatest number of flights that are told one by one."""
 
@@ -93,10 +96,25 @@ def _streams(flights: Sequence[Flight]) -> list[str]:
         if name == "command":
             told.append(f"{words} ({count} entries)")
             continue
-        spacing_s = float(np.median(np.concatenate([np.diff(t) for t in stamps])))
-        rate = f" at {figure(1.0 / spacing_s)} Hz" if spacing_s > 0.0 else ""
-        told.append(f"{_axes(name, words, flights)} ({count} readings{rate})")
+        told.append(f"{_axes(name, words, flights)} ({count} readings{_rate(stamps)})")
     return told
+
+
+def _rate(stamps: Sequence[NDArray[np.float64]]) -> str:
+    """Return the mean rate, and the usual spacing where it is another, with what makes the difference."""
+    gaps_s = np.concatenate([np.diff(t) for t in stamps])
+    usual_s, mean_s = float(np.median(gaps_s)), float(np.mean(gaps_s))
+    if not (usual_s > 0.0 and mean_s > 0.0):
+        return ""
+    mean, usual = figure(1.0 / mean_s), figure(1.0 / usual_s)
+    if abs(mean_s / usual_s - 1.0) < SAME_RATE:
+        return f" at {usual} Hz"
+    if mean_s > usual_s:
+        why = f"longest gap {figure(float(gaps_s.max()))} s"
+    else:
+        close = 100.0 * float(np.mean(gaps_s < 0.5 * usual_s))
+        why = f"{figure(close)} % follow in less than half of the usual spacing"
+    return f" at {mean} Hz on average, mostly {usual} Hz; {why}"
 
 
 def _axes(name: str, words: str, flights: Sequence[Flight]) -> str:

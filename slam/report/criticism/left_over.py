@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from slam.criticism.cause import Interval
     from slam.criticism.kalman.filter_parameters import FilterParameters
     from slam.criticism.search.fitted_parameters import FittedParameter
+    from slam.simulation.model import Model
 
 _SIGNALS: Mapping[str, str] = {
     "one": "a constant",
@@ -163,12 +164,14 @@ def healthy_range(name: str, result: Criticism) -> tuple[float, float] | None:
     return (exp(low), exp(high)) if nuisance.form == "log" else (low, high)
 
 
-def own_value(name: str, result: Criticism) -> float | None:
-    """Return the value of a constant in the original model; None for what is no such constant."""
-    nuisance = _nuisance(name)
-    if nuisance is None or result.model is None:
+def own_value(name: str, result: Criticism, model: Model | None = None) -> float | None:
+    """Return the value of a constant in the original or another model; None for what is no such constant."""
+    from slam.criticism.kalman.filter_parameters import filter_parameters_of
+
+    nuisance, model = _nuisance(name), model or result.model
+    if nuisance is None or model is None:
         return None
-    value = nuisance.value_in(filter_parameters(result))
+    value = nuisance.value_in(filter_parameters_of(model))
     return exp(value) if nuisance.form == "log" else value
 
 

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING
 
 from backend.wording import either
 from slam.core.names import enumerated
-from slam.report.criticism.certainty import changes, is_established
+from slam.report.criticism.certainty import changes, differs, is_established
+from slam.report.criticism.findings import concerned, is_of_speed
+from slam.report.criticism.instrument_names import instrument_of
+from slam.report.criticism.instruments import is_far
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import constant, title_of
 from slam.simulation.terms import CATALOGUE
@@ -16,8 +19,33 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.criticism import Criticism
 
+WHICH = "check the sensor, mounting and clock that the unexplained error concerns first"
+"""Part of the verdict's advice that stands for the names of instruments."""
 _OF_TILT = ("attitude_lag", "control_latency", "tilt_limit", "command_nonlinearity", "trim_offset")
 """Effects that act on the commanded tilt."""
+
+
+def to_use(result: Criticism, advice: Sequence[str]) -> list[str]:
+    """Return the verdict's advice with the instruments by their names, in numbered steps where a part of
+    extended.toml is not established."""
+    from slam.criticism.verdict.sentence import LOOK, REPAIR
+
+    sensors = concerned(result)
+    first = f"check {enumerated(sensors)} first" if sensors else ""
+    look = LOOK.replace(WHICH, first) if first else LOOK
+    far = [instrument_of(c.name) for c in result.causes if is_established(c, result) and is_far(c)]
+    faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
+    repair = f" Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
+    told = [line.replace(LOOK, look).replace(REPAIR, repair) for line in advice]
+    none = [cause.name for cause in result.causes if not differs(cause)]
+    if not none or not told:
+        return told
+    parts = enumerated([f"[{kind}.{name}]" for name in none for kind in ("terms", "std")])
+    return [
+        f"{told[0].partition(':')[0]}, after one change.",
+        f"1. Delete the parts {parts} of extended.toml: the size of {enumerated(none)} may be none.",
+        *(f"2. {step[0].upper()}{step[1:]}" for step in (line.partition(": ")[2] for line in told)),
+    ]
 
 
 def to_fly(result: Criticism, advice: Sequence[str], flights: Sequence[Flight] = ()) -> list[str]:
@@ -32,12 +60,20 @@ def to_fly(result: Criticism, advice: Sequence[str], flights: Sequence[Flight] =
         told.append(
             f"What it settles: whether {enumerated(open_)} {either(len(open_), 'is', 'are')} named rightly."
         )
+    if is_of_speed(result):
+        told.append(f"For the error of the speed: {CATALOGUE['flow_scale'].excitation}.")
     varying = [c.name for c in result.causes if changes(c, result)]
     if varying:
         told.append(
-            f"The same at the start and at the end of a flight shows how {enumerated(varying)} changes."
+            f"The same at the start and at the end of a flight shows how {enumerated(varying)} "
+            f"{either(len(varying), 'changes', 'change')}."
         )
     told += _to_log(result, flights)
+    judged = [flight for flight in flights if flight.name in result.flights]
+    if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
+        told.append(
+            "Record pictures as well, which these flights have not: the manoeuvre asks for the camera."
+        )
     told.append(_how(result))
     return told
 

@@ -78,6 +78,8 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
         (found.rival, f"with {title_of(found.rival)} instead", ORANGE, 1.4),
     )
     for name, label, colour, width in ways:
+        if name == found.rival and len(panels_of(found)) < 2:
+            continue
         if name in misses.residuals and (name or colour == VERMILLION):
             means = [factor * float(np.mean(misses.residuals[name][bins == k])) for k in full]
             shown += means
@@ -123,6 +125,7 @@ def ranking_picture(result: Criticism) -> bytes:
     right.legend(loc="lower right", frameon=False, fontsize=7)
     if max((r.z for r in shown), default=0.0) > 50:
         right.set_xscale("symlog", linthresh=5)
+        right.set_xlabel("stands out by [sigma], logarithmic above 5")
         right.xaxis.set_major_formatter("{x:g}")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)

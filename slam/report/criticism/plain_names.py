@@ -34,7 +34,7 @@ _READINGS = {
 }
 """Names of readings that are no plain words."""
 _CONSTANTS = {
-    "vehicle.gain": "tilt for a stick, over the commanded one",
+    "vehicle.gain": "tilt per stick over the model's",
     "vehicle.drag_1_s": "drag over the speed",
     "vehicle.attitude_time_s": "time in which the tilt follows",
     "sonar.datum_m": "zero of the height sensor",
@@ -42,14 +42,14 @@ _CONSTANTS = {
     "tilt_time_s": "how long such a tilt lasts",
     "yaw_rate_std_rad_s": "turning that nobody commands",
     "yaw_rate_time_s": "how long such turning lasts",
-    "velocity_std_m_s": "speed of gusts",
-    "velocity_time_s": "how long such a gust lasts",
-    "velocity_up_std_m_s": "speed of gusts up and down",
-    "gyro_noise": "noise of the gyro",
-    "accel_noise": "noise of the accelerometer",
-    "attitude_noise": "noise of the attitude",
-    "velocity_noise": "noise of the speed",
-    "sonar_noise": "noise of the height sensor",
+    "velocity_std_m_s": "speed that nobody commands",
+    "velocity_time_s": "how long such a speed lasts",
+    "velocity_up_std_m_s": "climb rate that nobody commands",
+    "gyro_noise": "noise of the gyro over the stated one",
+    "accel_noise": "noise of the accelerometer over the stated one",
+    "attitude_noise": "noise of the attitude over the stated one",
+    "velocity_noise": "noise of the speed over the stated one",
+    "sonar_noise": "noise of the height sensor over the stated one",
 }
 """Constants of a vehicle that are fitted together with the causes -> in words."""
 _IN_CODE = [re.escape(name) for name in (*_READINGS, *_CONSTANTS) if re.search("[_.]", name)]

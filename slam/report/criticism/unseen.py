@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.core.units import everyday
-from slam.report.criticism.certainty import look_alike
+from slam.report.criticism.certainty import differs, look_alike
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import title_of
 from slam.report.criticism.values import sized_one, usual
@@ -27,7 +27,10 @@ _WITHOUT: Mapping[str, str] = {
     "command": "without a log of the sticks",
 }
 """Stream -> the reason why effects do not show."""
-_OTHERWISE = "by this motion or in so short a time"
+_OTHERWISE = "by this motion at any size, or only in single readings"
+_COMPARED = "where instruments are only compared with each other, or only in single readings"
+_LARGER = "at usual sizes, only at the larger ones of the table"
+UNSURE, ALONE = "not established", "alone only: not in the best set"
 FOUND, PERHAPS, NOT_FOUND = "found", "perhaps, instead of what was found", "not found"
 TOO_LARGE = "not even at usual sizes"
 
@@ -52,15 +55,17 @@ def detectable_rows(result: Criticism) -> list[DetectableRow]:
 
     found, reached = {cause.name for cause in result.causes}, within_reach(result.detectable)
     doubles = {other for c in result.causes for other in (*c.alternatives, *look_alike(c, result))}
+    alone, none = {r.name: r.z for r in result.ranking}, [c.name for c in result.causes if not differs(c)]
     rows = []
     for name, (size, unit) in result.detectable.items():
         parameter = next(p for p in CATALOGUE[name].parameters if p.unit == unit)
         factor, everyday_unit = everyday(min(size, 0.5 * _most(parameter)), unit)
         verdict = FOUND if name in found else PERHAPS if name in doubles else NOT_FOUND
-        verdict = verdict if name in found | reached.keys() else TOO_LARGE
+        verdict = ALONE if verdict == NOT_FOUND and alone.get(name, 0.0) > result.threshold > 0.0 else verdict
+        verdict = UNSURE if name in none else verdict if name in found | reached.keys() else TOO_LARGE
         rows.append(
             DetectableRow(
-                title_of(name), name, sized_one(size, factor, everyday_unit),
+                title_of(name), name, _smallest(parameter, size, factor, everyday_unit),
                 _usual_size(parameter, factor, everyday_unit), verdict, CATALOGUE[name].excitation,
             )
         )  # fmt: skip
@@ -72,7 +77,18 @@ def _usual_size(parameter: Parameter, factor: float, unit: str) -> str:
     if parameter.neutral == 0.0 or parameter.is_limit:
         return usual(parameter, factor, unit)
     most = max(abs(end - parameter.neutral) for end in (parameter.low, parameter.high))
-    return f"up to {sized_one(most, factor, unit)}"
+    return f"change of up to {sized_one(most, factor, unit)} ({usual(parameter, factor, unit)} in all)"
+
+
+def _smallest(parameter: Parameter, size: float, factor: float, unit: str) -> str:
+    """Return the smallest visible size; a limit shows only below it, and a change of what is there already
+    is told with that."""
+    told = sized_one(size, factor, unit)
+    if parameter.is_limit:
+        return f"a limit below {told}"
+    if parameter.neutral == 0.0:
+        return told
+    return f"change of {told} from {sized_one(parameter.neutral, factor, unit)}"
 
 
 def _most(parameter: Parameter) -> float:
@@ -114,4 +130,5 @@ def _reason(name: str, missing: Sequence[str], result: Criticism) -> str:
         "velocity": term.stream == "velocity",
         "command": term.family == "motion" and not term.is_of_instrument,
     }
-    return next((_WITHOUT[s] for s, needed in needs.items() if needed and s in missing), _OTHERWISE)
+    otherwise = _LARGER if name in result.detectable else _COMPARED if result.limits else _OTHERWISE
+    return next((_WITHOUT[s] for s, needed in needs.items() if needed and s in missing), otherwise)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from slam.criticism.cause import Cause, Interval
 
 USUAL, MORE, LESS, NO_DIFFERENCE = "usual", "more than usual", "less than usual", "no: may be none"
+ABOUT = "more than usual, or usual"
+"""Beyond the usual range, with an interval that reaches into it."""
 HEALTHY, UNHEALTHY = "healthy", "outside of healthy"
 
 
@@ -41,7 +43,7 @@ class ValueRow:
 
 def value_rows(result: Criticism) -> list[ValueRow]:
     """Return the sizes of all causes, and the constants of the vehicle that these flights show."""
-    rows = [row for cause in result.causes for row in _rows_of(cause)]
+    rows = [row for cause in result.causes for row in _rows_of(cause, result)]
     shown = [(name, found) for name, found in _own_constants(result) if is_shown(name, result)]
     for k, (name, found) in enumerate(shown):
         factor, unit = everyday(found.value, found.unit) if found.unit != "1" else (1.0, "1")
@@ -111,11 +113,27 @@ def _is_outside(found: Interval, low: float, high: float) -> bool:
     return found.low > high or found.high < low
 
 
-def _rows_of(cause: Cause) -> list[ValueRow]:
+def range_over_time(cause: Cause, name: str, result: Criticism) -> tuple[float, float] | None:
+    """Return the least and the greatest size in the parts of the flights; None where it does not change."""
+    series = next((s for s in result.changes if s.column == f"{cause.name}.{name}"), None)
+    if series is None:
+        return None
+    limits = CATALOGUE[cause.name].parameter(name)
+    # Outside of these the effect hardly acts, and its linear size is no size.
+    kept = series.sizes[(series.sizes >= limits.least) & (series.sizes <= limits.most)]
+    return (float(kept.min()), float(kept.max())) if len(kept) > 1 else None
+
+
+def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
     rows = []
     for k, (name, found) in enumerate(cause.parameters.items()):
         parameter = CATALOGUE[cause.name].parameter(name)
         factor, unit = one_unit(found)
+        ends = range_over_time(cause, name, result)
+        changing = ""
+        if ends is not None:
+            low, high = (figure(factor * end) for end in ends)
+            changing = f"; a mean: it changes from {low} to {high}"
         rows.append(
             ValueRow(
                 "" if k else title_of(cause.name),
@@ -125,7 +143,7 @@ def _rows_of(cause: Cause) -> list[ValueRow]:
                 else sized_one(parameter.neutral, factor, unit),
                 with_interval(found, factor, unit),
                 usual(parameter, factor, unit),
-                compared(parameter, found),
+                f"{compared(parameter, found)}{changing}",
             )
         )
     return rows
@@ -163,7 +181,8 @@ def compared(parameter: Parameter, found: Interval) -> str:
     if found.low > high or found.high < low:
         near = min(abs(low - parameter.neutral), abs(high - parameter.neutral))
         return LESS if low * high > 0.0 and away < near else MORE
-    return USUAL
+    far = max(abs(low - parameter.neutral), abs(high - parameter.neutral))
+    return ABOUT if away > far else USUAL
 
 
 def sized_interval_of(found: Interval) -> str:

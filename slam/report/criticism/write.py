@@ -14,9 +14,10 @@ from slam.core.names import enumerated
 from slam.core.units import everyday
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
-from slam.report.criticism.certainty import certainty_rows, is_established
+from slam.report.criticism.certainty import certainty_rows, is_established, probability_in_words
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.evidence import longer_bar, percent_of
+from slam.report.criticism.findings import distinct_findings
 from slam.report.criticism.headline import lead, together
 from slam.report.criticism.inertial_segment import compared_segment
 from slam.report.criticism.pictures import (
@@ -59,8 +60,8 @@ STATUS_MEANS = {
 }
 """Verdict -> what its title says."""
 UNKNOWN_COMMANDED = (
-    "that of something unknown is that more is wrong than they explain, by its size alone (what its pattern "
-    "shows stands under “In short”)"
+    "that of something unknown is that more is wrong than they explain, beside them or in place of uncertain "
+    "ones, by its size alone (what its pattern shows stands under “In short”)"
 )
 UNKNOWN_COMPARED = (
     "something unknown is weighed only as a delay, since nothing predicts the motion without commands: what "
@@ -154,6 +155,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         calibration=_calibration(result),
         noise=noise_rows(result),
         noise_caption=noise_caption(result),
+        noise_answer=noise_answer(result),
         unknown_caption=UNKNOWN_COMPARED if result.limits else UNKNOWN_COMMANDED,
         of_rotation=not any(f.attitude or f.imu for f in flights if f.name in result.flights),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
@@ -173,14 +175,14 @@ def _calibration(result: Criticism) -> str | None:
 def _tiles(result: Criticism) -> list[Item]:
     tiles = [Item(f"{either(len(result.flights), 'flight', 'flights')} judged", str(len(result.flights)))]
     if result.causes:
-        first = result.causes[0]
+        first, left = result.causes[0], distinct_findings(result)
         sure = [cause for cause in result.causes if is_established(cause, result)]
         tiles.append(Item(f"certain of {counted(len(result.causes), 'cause')} found", str(len(sure))))
         tiles.append(_gain_tile(first.gain, together(result)))
         tiles.append(
             Item(
-                either(len(result.unexplained), "finding not explained", "findings not explained"),
-                str(len(result.unexplained)),
+                either(len(left), "finding not explained", "findings not explained"),
+                str(len(left)),
             )
         )
     elif result.ranking:
@@ -194,7 +196,7 @@ def _gain_tile(gain: Gain, with_all: str) -> Item:
     most = gain.foremost
     if gain.by and most:
         ahead = f"{most.horizon_s:g} s ahead" if most.horizon_s else "from picture to picture"
-        what = f"largest gain: error of {reading(most.channel)} {ahead}, held out, {with_all}"
+        what = f"change of the error of {reading(most.channel)} {ahead}, held out, {with_all}"
         return Item(what, percent_of(most.after / most.before))
     what = "log likelihood of held-out data" if gain.by else "log likelihood of its readings"
     return Item(what, f"{gain.nats:+.1f} nats")
@@ -284,7 +286,28 @@ def noise_caption(result: Criticism) -> str:
     )
 
 
+def noise_answer(result: Criticism) -> str:
+    """Return whether the readings scatter as the extended model predicts, in a sentence for each way."""
+    from slam.criticism.search.thresholds import MISFIT
+
+    ratios = {reading(check.channel): float(np.sqrt(check.variance)) for check in result.checks}
+    less = [f"{name} ({ratio:.2f})" for name, ratio in ratios.items() if ratio < 1.0 - MISFIT]
+    more = [f"{name} ({ratio:.2f})" for name, ratio in ratios.items() if ratio > 1.0 + MISFIT]
+    if not less and not more:
+        return f"Yes: errors have the predicted size within {100 * MISFIT:.0f} %."
+    told = [
+        f"scatter {way} than predicted: {enumerated(of)}"
+        for way, of in (("less", less), ("more", more))
+        if of
+    ]
+    return f"Not quite, by more than {100 * MISFIT:.0f} %. Readings that {'; '.join(told)}."
+
+
 def ranking_caption(result: Criticism) -> str:
-    """Caption of the line in the figure of the ranking."""
+    """Caption of the line in the figure of the ranking, and of bars that are none of a name alone."""
     why = longer_bar(result)
+    bare = [title_of(c.name) for c in result.causes if not probability_in_words(c, result)[0].isdigit()]
+    if bare:
+        beside = f"The bar of {enumerated(bare)} says that something like it is there, not its name."
+        why = f"{why} {beside}".strip()
     return f"the line ({result.threshold:.1f}) is {result.threshold_means}.{' ' if why else ''}{why}"

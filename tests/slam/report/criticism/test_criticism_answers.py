@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from slam.criticism.cause import ChannelError, Gain, Interval
 from slam.criticism.verdict.criticism import Rank
-from slam.report.criticism.certainty import is_established, reservations
+from slam.report.criticism.certainty import is_established, probability_in_words, reservations
+from slam.report.criticism.findings import concerned, distinct_findings, findings_in_words, whose_is_it
 from slam.report.criticism.inertial_segment import compared_segment
 from slam.report.criticism.instruments import instruments_doubted
 from slam.report.criticism.judged_data import judged_data
+from slam.report.criticism.next_flights import to_use
 from slam.report.criticism.segment import before_after_picture
 from slam.report.criticism.unseen import detectable_rows
 from slam.simulation.healthy.flights import simulate_flight
@@ -103,3 +106,54 @@ def test_an_effect_that_looks_like_a_cause_is_not_told_as_absent() -> None:
     verdicts = [row.verdict for row in detectable_rows(result)]
     assert verdicts == ["found", "perhaps, instead of what was found", "not even at usual sizes"]
     assert [row.verdict for row in detectable_rows(replace(result, confusable=()))][1] == "not found"
+
+
+def test_one_finding_that_is_told_twice_and_reservations_are_not_counted() -> None:
+    twice = (
+        "vehicle.gain out of range; what looks like flow_scale changes during a flight (z = 11.0); "
+        "velocity_x ~ ahead (z = 11.0); timestamp_jitter may be something else"
+    )
+    result = replace(made(), remainder=twice, nuisances={"vehicle.gain": Interval(1.28, "1", 1.18, 1.38)})
+    assert len(distinct_findings(result)) == 2
+    assert "The same finding as a pattern: " in findings_in_words(result)[1]
+    other = replace(result, remainder=twice.replace("ahead (z = 11.0)", "ahead (z = 9.0)"))
+    assert len(distinct_findings(other)) == 3
+    assert concerned(result) == [
+        "the scaling of the sticks in the autopilot", "the speed sensor", "the clock of the log",
+    ]  # fmt: skip
+    assert "(extended.toml keeps 1): " in whose_is_it(result, [])[0]
+
+
+def test_a_name_that_is_not_established_has_no_probability_and_is_deleted_first() -> None:
+    (cause,) = made().causes
+    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
+    result = replace(made(), causes=(cause, scale), detectable={"gyro_scale": (0.009, "1")})
+    assert probability_in_words(cause, result) == "0.97"
+    assert probability_in_words(scale, result) == "not established"
+    assert [row.verdict for row in detectable_rows(result)] == ["not established"]
+    steps = to_use(result, ["Yes: give extended.toml to slam optimize."])
+    assert "[terms.gyro_scale] and [std.gyro_scale]" in steps[1]
+    assert steps[2] == "2. Give extended.toml to slam optimize."
+    assert to_use(made(), ["Yes: simulate."]) == ["Yes: simulate."]
+
+
+def test_a_visible_limit_lies_below_its_size_and_a_change_is_told_with_what_it_changes() -> None:
+    seen = {"tilt_limit": (0.06, "rad"), "attitude_lag": (0.11, "s")}
+    limit, lag = detectable_rows(replace(made(), detectable=seen))
+    assert limit.size == "a limit below 3.44 deg"
+    assert (lag.size, lag.usual) == (
+        "change of 0.11 s from 0.1 s",
+        "change of up to 0.2 s (0.05 to 0.3 s in all)",
+    )
+
+
+def test_a_mean_rate_that_is_not_the_usual_one_is_told_with_its_reason() -> None:
+    flight = simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
+    sonar = flight.sonar
+    assert sonar is not None
+    kept = np.abs(np.arange(len(sonar.stamps_s)) - 40) > 20
+    holed = replace(sonar, stamps_s=sonar.stamps_s[kept], range_m=sonar.range_m[kept])
+    told = " ".join(judged_data(replace(made(), flights=(flight.name,)), [replace(flight, sonar=holed)]))
+    assert re.search(
+        r"height \(\d+ readings at [\d.]+ Hz on average, mostly 25 Hz; longest gap 1\.6\d* s\)", told
+    )

@@ -238,7 +238,7 @@ def test_a_quantity_that_a_cause_has_is_told_once() -> None:
     own = {"vehicle.attitude_time_s": Interval(0.37, "s", 0.32, 0.42)}
     rows = value_rows(replace(made(), causes=(lag,), nuisances=own))
     assert [(row.original, row.value, row.verdict) for row in rows] == [
-        ("0.1 s", "0.37 (0.3 to 0.43) s", "usual")
+        ("0.1 s", "0.37 (0.3 to 0.43) s", "more than usual, or usual")
     ]
 
 
@@ -280,7 +280,7 @@ def test_sizes_are_told_in_everyday_units() -> None:
 @pytest.mark.parametrize(
     ("part", "words"),
     [
-        ("velocity_std_m_s out of range", "speed of gusts: the best value lies outside"),
+        ("velocity_std_m_s out of range", "speed that nobody commands: the best value lies outside"),
         ("attitude_lag may be control_latency", "may be control_latency instead"),
         ("timestamp_jitter may be something else", "an effect that the catalogue does not hold."),
         ("velocity early by 49.1 ms", "the readings of velocity come 49.1 ms too early by their stamps."),
