@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 USUAL, MORE, LESS, NO_DIFFERENCE = "usual", "more than usual", "less than usual", "no: may be none"
 ABOUT = "more than usual, or usual"
-"""Beyond the usual range, with an interval that reaches into it."""
+"""A value beyond the usual range, with an interval that reaches into it."""
 HEALTHY, UNHEALTHY = "healthy", "outside of healthy"
 
 
