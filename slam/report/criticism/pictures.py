@@ -72,13 +72,14 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
     middle = [float(np.mean(x[bins == k])) for k in full]
     shown = [low, high, *np.quantile(plain, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])]
     # The line without either is wide, to be seen below another that is the same.
+    two = len(panels_of(found)) > 1
     ways = (
-        ("", "without either", VERMILLION, 3.4),
+        ("", "without either" if two else "without it", VERMILLION, 3.4),
         (found.cause, f"with {title_of(found.cause)}", BLUE, 1.4),
         (found.rival, f"with {title_of(found.rival)} instead", ORANGE, 1.4),
     )
     for name, label, colour, width in ways:
-        if name == found.rival and len(panels_of(found)) < 2:
+        if name == found.rival and not two:
             continue
         if name in misses.residuals and (name or colour == VERMILLION):
             means = [factor * float(np.mean(misses.residuals[name][bins == k])) for k in full]
@@ -125,7 +126,7 @@ def ranking_picture(result: Criticism) -> bytes:
     right.legend(loc="lower right", frameon=False, fontsize=7)
     if max((r.z for r in shown), default=0.0) > 50:
         right.set_xscale("symlog", linthresh=5)
-        right.set_xlabel("stands out by [sigma], logarithmic above 5")
+        right.set_xlabel("stands out by [sigma, log scale]")
         right.xaxis.set_major_formatter("{x:g}")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
