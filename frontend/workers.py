@@ -41,7 +41,7 @@ class Workers:
 
     def executor(self, count: int) -> AbstractContextManager[Executor]:
         """Return the executor of one stage, which runs ``count`` jobs at a time."""
-        return ThreadPoolExecutor(count)
+        return _threads(count)
 
     def share(self, value: Shared) -> Shared:
         """Return what stands for ``value`` as an argument of a job."""
@@ -95,6 +95,23 @@ class Workers:
     ) -> Result:
         """Wait for the result of a job."""
         return done.result()
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[Executor]:
+    """Hold threads for jobs, and wait for them at the end of the stage, but not after a signal.
+
+    A signal in the middle of handing out a job may leave a lock of the pool taken that a thread waits for.
+    """
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield pool
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException:
+        pool.shutdown()
+        raise
+    pool.shutdown()
 
 
 _workers: ContextVar[Workers | None] = ContextVar("workers", default=None)

@@ -25,7 +25,7 @@ from slam.cli.loops import loops
 from slam.cli.optimize import optimize
 from slam.cli.replay import replay
 from slam.cli.reproduce import reproduce
-from slam.cli.signals import end_by_signals
+from slam.cli.signals import end_by_signals, exit_code
 from slam.cli.simulate import simulate
 from slam.cli.standard_streams import separate_streams, show_libraries
 from slam.cli.supervisor import continue_in_child
@@ -119,6 +119,12 @@ def main() -> None:
             app()
         finally:
             sys.stdout.flush()
+    except SystemExit as ended:
+        code = exit_code()
+        if code is not None and ended.code == code:
+            sys.stderr.flush()
+            os._exit(code)  # without waiting for threads, which the signal may have stopped for good
+        raise
     except OSError as error:  # --version and --help print outside of a command
         if not isinstance(error, BrokenPipeError):  # a reader that has seen enough, such as `head`
             print_error(error)

@@ -135,3 +135,21 @@ def test_jobs_that_are_sent_elsewhere_give_the_same_bits(stage) -> None:
     assert len(here) == len(there) > 2
     for one, other in zip(here, there, strict=True):
         np.testing.assert_equal(asdict(one), asdict(other))
+
+
+def test_after_a_signal_nobody_waits_for_a_thread():
+    """The signal may have left a lock taken that the thread waits for."""
+    freed, done = threading.Event(), []
+
+    def job(_: None, item: int) -> None:
+        freed.wait(5.0)
+        done.append(item)
+
+    def items() -> Iterator[int]:
+        yield 0
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        list(Workers(1).map(job, None, items()))
+    assert done == []
+    freed.set()
