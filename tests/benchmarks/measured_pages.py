@@ -17,14 +17,16 @@ from slam.criticism.cause import Gain, Interval
 from slam.criticism.verdict.power import within_reach
 from slam.data_quality.commands import has_commands
 from slam.io.flight_folder import read_flight
+from slam.report.criticism.gains import gain_rows
 from slam.report.criticism.pictures import (
+    covariate_caption,
     covariate_picture,
     gain_picture,
+    ranking_caption,
     ranking_picture,
 )
 from slam.report.criticism.plain_names import figure
 from slam.report.criticism.segment import Segment, before_after_picture, evidence_segment
-from slam.report.criticism.write import covariate_caption, gain_rows, ranking_caption
 from slam.simulation.model import save_model
 from slam.simulation.terms import CATALOGUE
 from tests.benchmarks.commit import commit

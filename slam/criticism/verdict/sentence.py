@@ -25,16 +25,14 @@ MOST_SENTENCES = 3
 _USE_IT = "give extended.toml to slam simulate, slam replay and slam optimize by --model."
 _CORRECT = "give extended.toml to slam optimize by --model: it corrects the instruments."
 REPAIR = " Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
-LOOK = (
-    "check the sensor, mounting and clock that the unexplained error concerns first, and do not rely on the "
-    "model's predictions there."
-)
+WHICH = "check the sensor, mounting and clock that the unexplained error concerns first"
+_LOOK = f"{WHICH}, and do not rely on the model's predictions there."
 _WHAT_TO_DO: Mapping[Verdict, str] = {
     "nothing_wrong": "simulate with the model as it is.",
     "named": _USE_IT,
     "ambiguous": f"{_USE_IT} It predicts flights like these, but perhaps no others.",
-    "named_with_remainder": f"{_USE_IT} For the rest, {LOOK}",
-    "unknown": LOOK,
+    "named_with_remainder": f"{_USE_IT} For the rest, {_LOOK}",
+    "unknown": _LOOK,
 }
 """Verdict on flights that can be judged -> what their pilot should do."""
 _AGAIN = (
@@ -190,10 +188,9 @@ def _gain_of_channel(gain: Gain) -> str:
     most = gain.foremost
     if gain.by is None or most is None:
         return ""
+    what = f"the error of {most.channel} {most.horizon_s:g} s ahead"
     if most.horizon_s == NOT_AHEAD_S:
         what = "the reprojection error from picture to picture"
-    else:
-        what = f"the error of {most.channel} {most.horizon_s:g} s ahead"
     factor, unit = everyday(most.before, most.unit)
     after, before = (f"{factor * error:.2g}" for error in (most.after, most.before))
     return f"on held-out {gain.by}s {what} is {after} {unit} instead of {before}"
@@ -212,12 +209,15 @@ def _describe(cause: Cause) -> str:
     return f"{cause.name}: {words}; {_gain_in_nats(cause.gain)}{_excluded(cause)}."
 
 
+def fair_rival(cause: Cause) -> str:
+    """Return the next best effect in the place of a cause; empty where it explains no fair part of it."""
+    return cause.rival if 0.0 < cause.lead_nats < FAIR_SHARE * 0.5 * cause.z**2 else ""
+
+
 def _excluded(cause: Cause) -> str:
     """Describe the lead over the next best explanation; empty where none explains a fair part."""
-    explained = FAIR_SHARE * 0.5 * cause.z**2
-    if len(cause.alternatives) > 1 or not cause.rival or not 0.0 < cause.lead_nats < explained:
-        return ""
-    return f"; {cause.rival}, the next best, fits the flights worse by {cause.lead_nats:.0f} nats"
+    rival = fair_rival(cause) if len(cause.alternatives) < 2 else ""
+    return f"; {rival}, the next best, fits the flights worse by {cause.lead_nats:.0f} nats" if rival else ""
 
 
 def _listed_causes(causes: Sequence[Cause]) -> str:

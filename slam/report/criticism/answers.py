@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam.core.names import enumerated
 from slam.core.units import sized
-from slam.report.criticism.certainty import fair_rival, look_alike, outside_of_catalogue
-from slam.report.criticism.evidence import how_sure, no_other, what_changes, where_it_shows
+from slam.criticism.cause import JUDGED_HORIZON_S
+from slam.criticism.verdict.sentence import fair_rival
+from slam.report.criticism.certainty import (
+    differs,
+    how_sure,
+    look_alike,
+    no_other,
+    outside_of_catalogue,
+    uncertain,
+)
+from slam.report.criticism.detectable import unseen
 from slam.report.criticism.findings import findings_in_words
+from slam.report.criticism.gains import what_changes, where_it_shows
 from slam.report.criticism.headline import promises
 from slam.report.criticism.instruments import instruments_doubted
 from slam.report.criticism.judged_data import judged_data
 from slam.report.criticism.next_flights import to_fly, to_use
-from slam.report.criticism.plain_names import reading, with_titles
-from slam.report.criticism.quantities import quantity
-from slam.report.criticism.unseen import unseen
-from slam.report.criticism.values import NO_DIFFERENCE, compared, range_over_time, sized_interval_of
+from slam.report.criticism.plain_names import quantity, reading, with_titles
+from slam.report.criticism.values import NO_DIFFERENCE, compared, range_over_time, sized_interval
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
 
@@ -63,8 +70,7 @@ def criticism_answers(
     """Return questions and answers; only those that apply to a verdict. ``drawn`` are sentences on the parts
     of flights that the page shows."""
     told = _lines_by_kind(result)
-    left = "; ".join(line.removesuffix(".") for line in told[_UNEXPLAINED])
-    unexplained = findings_in_words(replace(result, remainder=left))
+    unexplained = findings_in_words(result)
     rows = (
         _item(
             "Is the model right about these flights?",
@@ -139,10 +145,10 @@ def _item(question: str, lines: Sequence[str]) -> Item | None:
 def _wrong(result: Criticism) -> list[str]:
     """Return what each cause does and its size, and what the leading one moves; what is possible is told as
     such."""
-    sure = {cause.name for cause in result.probable}
+    probable = {cause.name for cause in result.probable if differs(cause)}
     told = []
     for cause in result.causes:
-        begin = f"{'' if cause.name in sure else 'perhaps '}{cause.name}{_meaning(cause)}"
+        begin = f"{'' if cause.name in probable else 'perhaps '}{cause.name}{_meaning(cause)}"
         told.append(f"{begin}{': ' if cause.parameters else ''}{_size(cause, result)}.")
     if any(cause.parameters for cause in result.causes):
         told.append("In brackets: the 95 % interval. “Values” lists each beside its usual range.")
@@ -150,7 +156,7 @@ def _wrong(result: Criticism) -> list[str]:
         most = float(np.quantile(np.abs(misses.explained), MOSTLY))
         told.append(
             f"{result.covariate.cause} moves {reading(misses.channel)} by less than "
-            f"{sized(most, misses.unit)} within 2 s in {100 * MOSTLY:.0f} of 100 moments."
+            f"{sized(most, misses.unit)} within {JUDGED_HORIZON_S:g} s in {100 * MOSTLY:.0f} of 100 moments."
         )
     return told
 
@@ -168,10 +174,11 @@ def _size(cause: Cause, result: Criticism) -> str:
     for parameter, found in cause.parameters.items():
         words = quantity(cause.name, parameter)
         mean = " (mean of a size that changes)" if range_over_time(cause, parameter, result) else ""
-        if compared(term.parameter(parameter), found) == NO_DIFFERENCE and len(cause.parameters) > 1:
+        is_same = compared(term.parameter(parameter), found) == NO_DIFFERENCE
+        if is_same and len(cause.parameters) > 1:
             same.append(f"{words}{mean}")
         else:
-            told.append(f"{words} {sized_interval_of(found)}{mean}")
+            told.append(f"{words} {sized_interval(found)}{mean}{', which may be none' * is_same}")
     if same:
         told.append(f"not different from none: {enumerated(same)}")
     return "; ".join(told)
@@ -197,15 +204,9 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
                 f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part."
             )
         if rest := outside_of_catalogue(result):
-            told.append(f"{enumerated(_open(result))}: {rest[0].lower()}{rest[1:]}")
+            open_ = enumerated([cause.name for cause in uncertain(result)])
+            told.append(f"{open_}: {rest[0].lower()}{rest[1:]}")
     return told
-
-
-def _open(result: Criticism) -> list[str]:
-    """Return the causes with one name that is not certain."""
-    from slam.criticism.cause import SURE
-
-    return [c.name for c in result.causes if 0 < c.probability < SURE and len(c.alternatives) < 2]
 
 
 def left_out_by_flight(result: Criticism) -> list[str]:

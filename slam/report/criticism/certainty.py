@@ -1,4 +1,4 @@
-"""How sure a cause is: that something is there, and that it is this cause, are two questions."""
+"""How sure a cause is: that something is there, and that it has this name, are two questions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.names import enumerated
+from slam.core.units import sized
+from slam.criticism.verdict.sentence import fair_rival
 from slam.report.criticism.plain_names import title_of
 from slam.simulation.terms import CATALOGUE
 
@@ -46,7 +48,7 @@ def certainty_rows(result: Criticism) -> list[CertaintyRow]:
                 nats=f"{cause.gain.nats:.0f}",
                 parts="single readings" if single else f"{int(np.sum(parts > 0))} of {len(parts)}",
                 rival=_next_best(cause),
-                probability=probability_in_words(cause, result),
+                probability=doubt_of_name(cause, result) or f"{cause.probability:.2f}",
             )
         )
     return rows
@@ -55,15 +57,6 @@ def certainty_rows(result: Criticism) -> list[CertaintyRow]:
 def _next_best(cause: Cause) -> str:
     rival = fair_rival(cause)
     return f"{title_of(rival)}, {cause.lead_nats:.0f} nats worse" if rival else "none explains a fair part"
-
-
-def fair_rival(cause: Cause) -> str:
-    """Return the next best effect in the place of a cause, if it explains a fair part of what the cause
-    does; else an empty name."""
-    from slam.criticism.verdict.sentence import FAIR_SHARE
-
-    explained = FAIR_SHARE * 0.5 * cause.z**2
-    return cause.rival if cause.rival and 0.0 < cause.lead_nats < explained else ""
 
 
 def differs(cause: Cause) -> bool:
@@ -82,6 +75,21 @@ def is_established(cause: Cause, result: Criticism) -> bool:
     return cause.probability >= SURE and alone and differs(cause)
 
 
+def by_certainty(result: Criticism) -> tuple[list[Cause], list[Cause], list[Cause]]:
+    """Return the causes that are established, those of which something is there whose name is less certain,
+    and those whose size may be none."""
+    sure = [c for c in result.causes if is_established(c, result)]
+    rest = [c for c in result.causes if c not in sure]
+    return sure, [c for c in rest if differs(c)], [c for c in rest if not differs(c)]
+
+
+def uncertain(result: Criticism) -> list[Cause]:
+    """Return the causes with one name that is not certain."""
+    from slam.criticism.cause import SURE
+
+    return [c for c in result.causes if 0 < c.probability < SURE and len(c.alternatives) < 2]
+
+
 def changes(cause: Cause, result: Criticism) -> bool:
     """Return whether a size of a cause changes during the flights."""
     return any(series.column.partition(".")[0] == cause.name for series in result.changes)
@@ -96,14 +104,16 @@ def look_alike(cause: Cause, result: Criticism) -> list[str]:
     return [name for name in (fair_rival(cause),) if {(cause.name, name), (name, cause.name)} & {*pairs}]
 
 
-def probability_in_words(cause: Cause, result: Criticism) -> str:
-    """Return the probability of a cause's name, or why there is none: a probability that says only that one
-    of several effects is there is none of the name."""
+def doubt_of_name(cause: Cause, result: Criticism) -> str:
+    """Return why the probability of a cause is none of its name; empty where it is.
+
+    A probability that says only that one of several effects is there is none of the name.
+    """
     if not differs(cause):
-        return "not established"
+        return "not established: its size may be none"
     if alike := look_alike(cause, result):
         return f"not separable from {enumerated([title_of(name) for name in alike])}"
-    return f"{cause.probability:.2f}"
+    return ""
 
 
 def outside_of_catalogue(result: Criticism) -> str:
@@ -112,7 +122,7 @@ def outside_of_catalogue(result: Criticism) -> str:
     from slam.criticism.cause import SURE
     from slam.criticism.verdict.posterior import SOMETHING_ELSE
 
-    open_ = [c for c in result.causes if 0 < c.probability < SURE and len(c.alternatives) < 2]
+    open_ = uncertain(result)
     if not open_ or result.probability_of(SOMETHING_ELSE) <= SURE:
         return ""
     rest = {f"{1.0 - c.probability:.2f}" for c in open_}
@@ -165,3 +175,83 @@ def _why_not_certain(cause: Cause, result: Criticism) -> str:
     if cause.z < left_z:
         return f"{unknown} that stands out more ({left_z:.1f} standard deviations): this may be a part of it"
     return f"{unknown} any motion that is not modelled looks like more scatter"
+
+
+def how_sure(result: Criticism) -> list[str]:
+    """Return how certain it is that something is there and that it is the named cause, with the reasons;
+    without a cause, how far all effects are from standing out."""
+    if result.causes:
+        told = [*_by_certainty(result), *(_reserved(cause, result) for cause in result.causes)]
+        passed = f"At least {result.threshold:.1f} is asked for, {result.threshold_means}."
+        return [*told, passed] if result.threshold_means else told
+    effects = [rank for rank in result.ranking if rank.name in CATALOGUE]
+    if not effects:
+        return []
+    most = max(effects, key=lambda rank: rank.z)
+    told = [
+        f"Of all effects {most.name} stands out most, by {most.z:.1f} standard deviations; "
+        f"{result.threshold:.1f} is {result.threshold_means}."
+    ]
+    if result.verdict != "nothing_wrong" and result.patterns:
+        told.append(f"What is not explained stands out by {result.patterns[0][1]:.1f}.")
+    return told
+
+
+def _by_certainty(result: Criticism) -> list[str]:
+    """Return the causes that are certain, and those that are less so, with their evidence."""
+    words = (
+        "Certain",
+        "Certainly there is something, but its name is less certain",
+        "Perhaps not there",
+    )
+    return [
+        f"{begin}: {enumerated([_evidence(cause, result) for cause in kind])}."
+        for begin, kind in zip(words, by_certainty(result), strict=True)
+        if kind
+    ]
+
+
+def _evidence(cause: Cause, result: Criticism) -> str:
+    strength = f"{cause.gain.nats:.0f} nats of {'its readings' if cause.gain.by is None else 'held-out data'}"
+    if cause.gain.by is not None:
+        strength = f"{cause.z:.1f} standard deviations, {strength}"
+    name = doubt_of_name(cause, result) or f"probability {cause.probability:.2f}"
+    return f"{cause.name} ({name}; {strength})"
+
+
+def _reserved(cause: Cause, result: Criticism) -> str:
+    """Return the reservations about a cause in a sentence; empty without any."""
+    told = reservations(cause, result)
+    return f"{cause.name}: {'; '.join(told)}." if told else ""
+
+
+def no_other(cause: Cause) -> str:
+    """Return why the next best effect in the place of a cause is ruled out; empty where there is none."""
+    if not fair_rival(cause):
+        return ""
+    return (
+        f"The next best in place of {cause.name} is {cause.rival}: with it the flights fit worse by "
+        f"{cause.lead_nats:.0f} nats."
+    )
+
+
+def longer_bar(result: Criticism) -> str:
+    """Return why the most probable cause leads an effect that stands out by more alone; empty where none
+    does."""
+    if not result.causes:
+        return ""
+    lead, z = result.causes[0], {rank.name: rank.z for rank in result.ranking}
+    found = {cause.name for cause in result.causes}
+    others = [r for r in result.ranking if r.name in CATALOGUE and r.name not in found]
+    longer = [r for r in others if r.z > z.get(lead.name, np.inf) and r.probability < lead.probability]
+    if not longer:
+        return ""
+    other = max(longer, key=lambda rank: rank.z)
+    together = " and together with the other causes" if len(result.causes) > 1 else ""
+    worse = f": with it in this place the flights fit worse by {lead.lead_nats:.0f} nats or more"
+    return (
+        f"Alone, {CATALOGUE[other.name].title} stands out more ({sized(other.z, 'sigma')}) than "
+        f"{CATALOGUE[lead.name].title} ({sized(z[lead.name], 'sigma')}), and is less probable all the same. "
+        "The right side tests each by itself, as a small change; the probability counts how well it explains "
+        f"the flights at its full size{together}{worse * (0.0 < lead.lead_nats < np.inf)}."
+    )

@@ -9,8 +9,7 @@ import numpy as np
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, png
 from slam.core.units import everyday, spaced
-from slam.report.criticism.plain_names import TWO_SIDED, figure, title_of, with_titles
-from slam.report.criticism.quantities import quantity
+from slam.report.criticism.plain_names import TWO_SIDED, figure, quantity, title_of, with_titles
 from slam.report.criticism.segment import Segment
 from slam.simulation.terms import CATALOGUE
 

@@ -1,26 +1,69 @@
-"""Distinct findings that no cause explains, and the instruments that they concern."""
+"""Findings that no cause explains: the distinct ones, their words, and the instruments that they concern."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from slam.core.names import enumerated
-from slam.report.criticism.instrument_names import SENSOR_OF_READING, instrument_of
-from slam.report.criticism.judged_data import missing_streams
-from slam.report.criticism.left_over import own_value, unexplained_in_words
-from slam.report.criticism.plain_names import constant, figure
+import numpy as np
+
+from slam.core.units import everyday, spaced
+from slam.report.criticism.plain_names import (
+    constant,
+    figure,
+    in_plain_names,
+    quantity,
+    reading,
+    sized_between,
+)
+from slam.report.criticism.values import healthy_range, sized_interval
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
-    from slam.core.flight import Flight
     from slam.criticism import Criticism
 
 _CAVEAT = " may be something else"
 _LOOKS_LIKE = re.compile(r"^what looks like (\w+) .*\(z = ([\d.]+)\)$")
 _PATTERN = re.compile(r"^(\w+?)_?\w? ~ .*\(z = ([\d.]+)\)$")
-_GAIN = "vehicle.gain"
+GAIN = "vehicle.gain"
+_SENSORS: Mapping[str, str] = {
+    "velocity": "speed sensor",
+    "range": "height sensor",
+    "gyro": "gyro",
+    "accel": "accelerometer",
+    "roll": "attitude",
+    "pitch": "attitude",
+    "yaw": "heading",
+}
+"""Reading of a residual pattern, without its axis -> the sensor."""
+_SIGNALS: Mapping[str, str] = {
+    "one": "a constant",
+    "time": "the time in the flight",
+    "height": "the height",
+    "ahead": "the speed ahead",
+    "left": "the speed to the left",
+    "up": "the climb rate",
+    "speed2": "the square of the speed",
+    "pitch": "the pitch",
+    "roll": "the roll",
+    "turning": "the rate of turn",
+    "pitching": "the rate of pitch",
+    "rolling": "the rate of roll",
+    "tilt2": "the square of the tilt",
+    "north": "the heading",
+    "east": "the heading",
+    "stick_ahead": "the stick ahead",
+    "stick_left": "the stick to the left",
+    "stick_up": "the stick up",
+    "stick_turn": "the stick that turns",
+    "ahead when fast": "the speed ahead, where it is high",
+    "left when fast": "the speed to the left, where it is high",
+    "place": "the place",
+}
+"""Signal of a residual pattern -> in words."""
+_NUMBER = r"(-?[\d.]+(?:e[-+]\d+)?)"
+_Z = r" \(z = ([-\d.]+)\)"
 
 
 def distinct_findings(result: Criticism) -> list[str]:
@@ -52,43 +95,13 @@ def concerned(result: Criticism) -> list[str]:
     told: dict[str, None] = {}
     for part in result.unexplained:
         effect = next((name for name in re.findall(r"\w+", part) if name in CATALOGUE), "")
-        reading = part.partition(" ~ ")[0] if " ~ " in part else ""
-        sensor = (
-            instrument_of(effect) if effect else SENSOR_OF_READING.get(re.sub("_[xyz]$", "", reading), "")
-        )
-        if part.startswith(_GAIN):
+        axis_free = re.sub("_[xyz]$", "", part.partition(" ~ ")[0])
+        sensor = CATALOGUE[effect].instrument if effect else _SENSORS.get(axis_free, "")
+        if part.startswith(GAIN):
             sensor = "scaling of the sticks in the autopilot"
         if sensor:
             told[f"the {sensor}"] = None
     return list(told)
-
-
-def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
-    """Return whether what is left over is an instrument's or the vehicle's, or which log decides."""
-    found = distinct_findings(result)
-    told = []
-    if any(part.startswith(_GAIN) for part in found) and (size := result.nuisances.get(_GAIN)):
-        begin = f"{constant(_GAIN)} is {figure(size.value)}{_in_the_file(_GAIN, result)}"
-        judged = [flight for flight in flights if flight.name in result.flights]
-        if {"attitude", "imu"} <= {*missing_streams(judged)}:
-            told.append(
-                f"{begin}: the vehicle tilts otherwise than the model, or the speed sensor is wrong "
-                "by a factor. Without an attitude these flights cannot tell. A log with the attitude "
-                "decides: then scale the sticks otherwise, or calibrate the sensor."
-            )
-        else:
-            told.append(f"{begin}: of the vehicle, whose sticks are scaled otherwise than the model's.")
-    if sensors := concerned(result):
-        whose = "" if result.limits else ", or a motion of the vehicle that is not modelled"
-        told.append(f"What is not explained concerns {enumerated(sensors)}{whose}.")
-    elif found:
-        told.append("What is not explained may still be an instrument's.")
-    if is_of_speed(result):
-        told.append(
-            "Whether the error of the speed is the speed sensor's or a motion that is not modelled is "
-            f"decided by {CATALOGUE['flow_scale'].excitation}."
-        )
-    return told
 
 
 def is_of_speed(result: Criticism) -> bool:
@@ -99,12 +112,98 @@ def is_of_speed(result: Criticism) -> bool:
     )
 
 
-def _in_the_file(name: str, result: Criticism) -> str:
-    """Return whether extended.toml has the value that was found for a constant."""
-    if result.extended is None or (size := result.nuisances.get(name)) is None:
+def _pattern(found: re.Match[str]) -> str:
+    """Describe a residual pattern: the error of a reading, or a force, that is proportional to a signal."""
+    told = [part.partition(" ~ ")[::2] for part in found[1].split(", ")]
+    each = [(_target(name), _SIGNALS.get(signal, signal)) for name, signal in told]
+    what = " and ".join(f"{name} in proportion to {signal}" for name, signal in each)
+    return f"there is {what}, which no effect explains (by {found[2]} standard deviations)"
+
+
+def _target(name: str) -> str:
+    kind, _, way = name.partition("force ")
+    if way and not kind:
+        return f"an unknown push {in_plain_names(way)}"
+    return f"an error of the {reading(name)}"
+
+
+def _size_changes(found: re.Match[str]) -> str:
+    """Describe the sizes that one parameter has in the segments of the flights."""
+    effect, parameter, low, high, segments_s, more = found.groups()
+    sizes = sized_between(float(low), float(high), CATALOGUE[effect].parameter(parameter).unit)
+    return f"{_named(effect, parameter)} is {sizes} in stretches of {segments_s} s{more}, instead of one size"
+
+
+def _onset(found: re.Match[str]) -> str:
+    effect, parameter, change, time_s, z = found.groups()
+    factor, unit = everyday(float(change), CATALOGUE[effect].parameter(parameter).unit)
+    by = f"{figure(factor * float(change))}{spaced(unit)}"
+    return f"{_named(effect, parameter)} changes by {by} at about {time_s} s (by {z} standard deviations)"
+
+
+def _named(effect: str, parameter: str) -> str:
+    return f"{CATALOGUE[effect].title} ({quantity(effect, parameter)})"
+
+
+_EFFECT = rf"({'|'.join(CATALOGUE)})"
+_ONSET = rf"^{_EFFECT}\.(\w+) changes by {_NUMBER}.* at about ([\d.]+) s{_Z}$"
+_IN_WORDS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
+    (rf"^{_EFFECT}\.(\w+) is {_NUMBER} to {_NUMBER}[^b]*by segments of ([\d.]+) s(.*)$", _size_changes),
+    (_ONSET, _onset),
+    (
+        rf"^what looks like (.*) changes (.*){_Z}$",
+        r"a part looks like \1, but its size would change \2 (by \3 standard deviations): it is something "
+        "else",
+    ),
+    (rf"^(.* ~ .*){_Z}$", _pattern),
+    (rf"^(.*){_Z}$", r"\1 (by \2 standard deviations)"),
+    (r"^(.*) (early|late) by ([-\d.]+) ms$", r"the readings of \1 come \3 ms too \2 by their stamps"),
+    (r"^(.*) may be something else$", r"\1 may be an effect that the catalogue does not hold"),
+    (r"^(.*) may be (?!that)(.*)$", r"\1 may be \2 instead: both have similar effects in these flights"),
+)
+"""Pattern of what is left over in verdict.json -> in words."""
+
+
+def unexplained_in_words(part: str, result: Criticism | None = None) -> str:
+    """Return what is left over as `slam.criticism.verdict.decision` describes it, in plain words.
+
+    With a ``result``, a constant out of range is told with its value and its healthy range.
+    """
+    bare = part.removesuffix(".")
+    name = bare.removesuffix(" out of range")
+    if name != bare:
+        return f"{_out_of_range(name, result)}."
+    onset = re.match(_ONSET, bare)
+    if onset and result is not None and (told := _before_and_after(onset, result)):
+        return f"{told}."
+    for pattern, words in _IN_WORDS:
+        if re.match(pattern, bare):
+            bare = re.sub(pattern, words, bare)
+            break
+    return f"{in_plain_names(bare)}."
+
+
+def _before_and_after(found: re.Match[str], result: Criticism) -> str:
+    """Return a change with the mean sizes before and after it; empty where its course is not known."""
+    effect, parameter, _, time_s, z = found.groups()
+    series = next((s for s in result.changes if s.column == f"{effect}.{parameter}"), None)
+    if series is None or len(set(series.flights)) > 1:
         return ""
-    value = own_value(name, result, result.extended)
-    if value is None:
+    after = series.begin_s >= float(time_s) - 0.5  # the time is told in whole seconds
+    if after.all() or not after.any():
         return ""
-    has = "has that value" if size.low <= value <= size.high else f"keeps {figure(value)}"
-    return f" (extended.toml {has})"
+    sizes = [float(np.average(series.sizes[s], weights=series.errors[s] ** -2.0)) for s in (~after, after)]
+    factor, unit = everyday(max(sizes, key=abs), series.unit)
+    before, later = (f"{figure(factor * size)}{spaced(unit)}" for size in sizes)
+    ends = f"{before} on average before about {time_s} s and {later} after"
+    return f"{_named(effect, parameter)} is {ends} (a change by {z} standard deviations)"
+
+
+def _out_of_range(name: str, result: Criticism | None) -> str:
+    words = constant(name)
+    found = result.nuisances.get(name) if result is not None else None
+    healthy = healthy_range(name, result) if result is not None else None
+    if found is None or healthy is None:
+        return f"{words}: the best value lies outside of what healthy vehicles have"
+    value = sized_interval(found, is_ratio=found.unit == "1")
+    return f"{words} is {value}; healthy vehicles have {sized_between(*healthy, found.unit)}"

@@ -7,20 +7,18 @@ from typing import TYPE_CHECKING
 from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.report.criticism.certainty import (
+    by_certainty,
     changes,
-    differs,
-    is_established,
-    look_alike,
+    doubt_of_name,
     outside_of_catalogue,
 )
-from slam.report.criticism.evidence import change_of
 from slam.report.criticism.findings import distinct_findings, findings_in_words
+from slam.report.criticism.gains import change_of, together
 from slam.report.criticism.plain_names import in_plain_names, title_of, with_titles
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
     from slam.criticism import Criticism
-    from slam.criticism.cause import Cause
 
 
 def lead(result: Criticism) -> str:
@@ -32,46 +30,28 @@ def lead(result: Criticism) -> str:
 
 
 def _found(result: Criticism) -> str:
-    sure = [cause for cause in result.causes if is_established(cause, result)]
-    others = [cause for cause in result.causes if cause not in sure]
+    sure, others, none = by_certainty(result)
     told = []
     if len(sure) == 1:
         told.append(f"Certain: {CATALOGUE[sure[0].name].title} ({CATALOGUE[sure[0].name].meaning}).")
     elif sure:
-        each = [_titled(c, result) for c in sure]
+        varying = " (whose size changes)"
+        each = [f"{CATALOGUE[c.name].title}{varying * changes(c, result)}" for c in sure]
         told.append(f"Certain: {enumerated(each)}.")
     if others:
-        each = [f"{CATALOGUE[c.name].title} ({_doubt(c, result)})" for c in others]
+        each = [
+            f"{CATALOGUE[c.name].title} ({doubt_of_name(c, result) or f'probability {c.probability:.2f}'})"
+            for c in others
+        ]
         told.append(
             f"{'Also there' if sure else 'Found'}, but named with less certainty: {enumerated(each)}."
         )
+    if none:
+        each = [CATALOGUE[c.name].title for c in none]
+        told.append(f"Not established, because the size may be none: {enumerated(each)}.")
     if rest := outside_of_catalogue(result):
         told.append(rest)
     return " ".join(told)
-
-
-def _titled(cause: Cause, result: Criticism) -> str:
-    """Return the name of a cause; an error that drifts is not called constant."""
-    title = CATALOGUE[cause.name].title
-    if not changes(cause, result):
-        return title
-    if "constant error" in title:
-        return f"{title.replace('constant error', 'drifting error')} (bias)"
-    return f"{title} (whose size changes)"
-
-
-def _doubt(cause: Cause, result: Criticism) -> str:
-    if not differs(cause):
-        return "its size may be none"
-    if alike := look_alike(cause, result):
-        return f"or {' or '.join(title_of(name) for name in alike)}, which looks the same here"
-    return f"probability {cause.probability:.2f}"
-
-
-def together(result: Criticism) -> str:
-    """Return the words for the causes that a gain includes."""
-    count = len(result.causes)
-    return f"with all {count} causes together" if count > 1 else "with this cause"
 
 
 def _gain(result: Criticism) -> str:
@@ -106,8 +86,7 @@ def promises(result: Criticism) -> list[str]:
         return [
             "It promises that something is wrong beyond chance. It does not promise what it is.",
         ]
-    sure = [title_of(c.name) for c in result.causes if is_established(c, result)]
-    open_ = [title_of(c.name) for c in result.causes if not is_established(c, result)]
+    sure, open_, none = ([title_of(c.name) for c in kind] for kind in by_certainty(result))
     told = []
     if sure:
         is_there = either(len(sure), "is", "are")
@@ -121,6 +100,8 @@ def promises(result: Criticism) -> list[str]:
     no = []
     if open_:
         no.append(f"that {enumerated(open_)} {either(len(open_), 'is', 'are')} named rightly")
+    if none:
+        no.append(f"that {enumerated(none)} {either(len(none), 'is', 'are')} there at all")
     if left := distinct_findings(result):
         no.append(f"that the model is complete ({counted(len(left), 'finding')} left over)")
     no.append(f"that the gain is the same for {beyond}")

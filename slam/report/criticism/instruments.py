@@ -10,10 +10,10 @@ import numpy as np
 from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.report.criticism.certainty import changes, differs, is_established
-from slam.report.criticism.findings import whose_is_it
-from slam.report.criticism.instrument_names import instrument_of
-from slam.report.criticism.plain_names import title_of
-from slam.report.criticism.values import ABOUT, MORE, NO_DIFFERENCE, compared, one_unit, usual
+from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
+from slam.report.criticism.judged_data import missing_streams
+from slam.report.criticism.plain_names import constant, figure, title_of
+from slam.report.criticism.values import ABOUT, MORE, NO_DIFFERENCE, compared, one_unit, own_value, usual
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> li
         if result.verdict == "nothing_wrong":
             return ["Neither: no instrument shows an error, and the model holds."]
         return ["Not known: what is wrong has no name, and may be an instrument's or the model's."]
-    of_instruments = [c for c in result.causes if instrument_of(c.name)]
+    of_instruments = [c for c in result.causes if CATALOGUE[c.name].instrument]
     of_vehicle = [c for c in result.causes if c not in of_instruments]
     told = [_in_short(of_instruments, of_vehicle, result)]
     by_advice: dict[str, list[str]] = {}
@@ -54,7 +54,7 @@ def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> li
 def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism) -> str:
     far = [c for c in instruments if is_far(c)]
     if far:
-        names = enumerated([f"the {instrument_of(c.name)} ({title_of(c.name)})" for c in far])
+        names = enumerated([f"the {CATALOGUE[c.name].instrument} ({title_of(c.name)})" for c in far])
         incomplete = "The model is incomplete. " if vehicle else ""
         sure = any(is_established(c, result) for c in far)
         return f"{incomplete}{'More' if sure else 'Perhaps more'} than usual is wrong with {names}."
@@ -106,3 +106,42 @@ def _advice(cause: Cause, result: Criticism) -> str:
         "a little more than usual, with an interval that reaches into it" if ABOUT in _verdicts(cause) else ""
     )
     return f"{size or 'of usual size'}{named}; {_KEEP if term.undo is None else _CALIBRATE}"
+
+
+def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
+    """Return whether what is left over is an instrument's or the vehicle's, or which log decides."""
+    found = distinct_findings(result)
+    told = []
+    if any(part.startswith(GAIN) for part in found) and (size := result.nuisances.get(GAIN)):
+        begin = f"{constant(GAIN)} is {figure(size.value)}{_in_the_file(GAIN, result)}"
+        judged = [flight for flight in flights if flight.name in result.flights]
+        if {"attitude", "imu"} <= {*missing_streams(judged)}:
+            told.append(
+                f"{begin}: the vehicle tilts otherwise than the model, or the speed sensor is wrong "
+                "by a factor. Without an attitude these flights cannot tell. A log with the attitude "
+                "decides: then scale the sticks otherwise, or calibrate the sensor."
+            )
+        else:
+            told.append(f"{begin}: of the vehicle, whose sticks are scaled otherwise than the model's.")
+    if sensors := concerned(result):
+        whose = "" if result.limits else ", or a motion of the vehicle that is not modelled"
+        told.append(f"What is not explained concerns {enumerated(sensors)}{whose}.")
+    elif found:
+        told.append("What is not explained may still be an instrument's.")
+    if is_of_speed(result):
+        told.append(
+            "Whether the error of the speed is the speed sensor's or a motion that is not modelled is "
+            f"decided by {CATALOGUE['flow_scale'].excitation}."
+        )
+    return told
+
+
+def _in_the_file(name: str, result: Criticism) -> str:
+    """Return whether extended.toml has the value that was found for a constant."""
+    if result.extended is None or (size := result.nuisances.get(name)) is None:
+        return ""
+    value = own_value(name, result, result.extended)
+    if value is None:
+        return ""
+    has = "has that value" if size.low <= value <= size.high else f"keeps {figure(value)}"
+    return f" (extended.toml {has})"

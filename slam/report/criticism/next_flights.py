@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 from backend.wording import either
 from slam.core.names import enumerated
-from slam.report.criticism.certainty import changes, differs, is_established
-from slam.report.criticism.findings import concerned, is_of_speed
-from slam.report.criticism.instrument_names import instrument_of
+from slam.report.criticism.certainty import by_certainty, changes, differs, is_established
+from slam.report.criticism.findings import GAIN, concerned, is_of_speed
 from slam.report.criticism.instruments import is_far
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import constant, title_of
@@ -19,24 +18,18 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.criticism import Criticism
 
-WHICH = "check the sensor, mounting and clock that the unexplained error concerns first"
-"""Part of the verdict's advice that stands for the names of instruments."""
-_OF_TILT = ("attitude_lag", "control_latency", "tilt_limit", "command_nonlinearity", "trim_offset")
-"""Effects that act on the commanded tilt."""
-
 
 def to_use(result: Criticism, advice: Sequence[str]) -> list[str]:
     """Return the verdict's advice with the instruments by their names, in numbered steps where a part of
     extended.toml is not established."""
-    from slam.criticism.verdict.sentence import LOOK, REPAIR
+    from slam.criticism.verdict.sentence import REPAIR, WHICH
 
     sensors = concerned(result)
-    first = f"check {enumerated(sensors)} first" if sensors else ""
-    look = LOOK.replace(WHICH, first) if first else LOOK
-    far = [instrument_of(c.name) for c in result.causes if is_established(c, result) and is_far(c)]
+    first = f"check {enumerated(sensors)} first" if sensors else WHICH
+    far = [CATALOGUE[c.name].instrument for c in result.causes if is_established(c, result) and is_far(c)]
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f" Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
-    told = [line.replace(LOOK, look).replace(REPAIR, repair) for line in advice]
+    told = [line.replace(WHICH, first).replace(REPAIR, repair) for line in advice]
     none = [cause.name for cause in result.causes if not differs(cause)]
     if not none or not told:
         return told
@@ -52,17 +45,20 @@ def to_fly(result: Criticism, advice: Sequence[str], flights: Sequence[Flight] =
     """Return the verdict's advice, and for each cause that is not certain the manoeuvre that settles it."""
     if not advice:
         return []
-    open_ = [c.name for c in result.causes if not is_established(c, result)]
+    _, open_, none = ([c.name for c in kind] for kind in by_certainty(result))
     told = list(advice)
-    more = [name for name in open_ if CATALOGUE[name].manoeuvre not in " ".join(advice)]
+    more = [name for name in (*open_, *none) if CATALOGUE[name].manoeuvre not in " ".join(advice)]
     told += [f"For {name}: {CATALOGUE[name].manoeuvre}." for name in more]
-    if open_:
-        told.append(
-            f"What it settles: whether {enumerated(open_)} {either(len(open_), 'is', 'are')} named rightly."
-        )
+    settled = [
+        f"whether {enumerated(names)} {either(len(names), 'is', 'are')} {what}"
+        for names, what in ((open_, "named rightly"), (none, "there at all"))
+        if names
+    ]
+    if settled:
+        told.append(f"What it settles: {enumerated(settled)}.")
     if is_of_speed(result):
         told.append(f"For the error of the speed: {CATALOGUE['flow_scale'].excitation}.")
-    varying = [c.name for c in result.causes if changes(c, result)]
+    varying = [c.name for c in result.causes if changes(c, result) and differs(c)]
     if varying:
         told.append(
             f"The same at the start and at the end of a flight shows how {enumerated(varying)} "
@@ -84,8 +80,9 @@ def _to_log(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     missing = missing_streams(judged) if judged else []
     if result.limits or not {"attitude", "imu"} <= {*missing}:
         return []
-    open_ = [constant(name) for name in ("vehicle.gain",) if _is_open(name, result)]
-    open_ += [title_of(c.name) for c in result.causes if c.name in _OF_TILT and not is_established(c, result)]
+    open_ = [constant(GAIN)] if any(GAIN in part for part in result.unexplained) else []
+    of_tilt = [c for c in result.causes if CATALOGUE[c.name].acts_on == "command"]
+    open_ += [title_of(c.name) for c in of_tilt if not is_established(c, result)]
     if not open_:
         return []
     shows = either(len(open_), "shows", "show")
@@ -93,10 +90,6 @@ def _to_log(result: Criticism, flights: Sequence[Flight]) -> list[str]:
         f"Log the attitude as well: without it {enumerated(open_)} {shows} only by the speed, which drag and "
         "braking change too."
     ]
-
-
-def _is_open(name: str, result: Criticism) -> bool:
-    return any(name in part for part in result.unexplained)
 
 
 def _how(result: Criticism) -> str:

@@ -1,4 +1,5 @@
-"""Figures of a criticism except its segment: covariate, ranking, calibration, and gain by part."""
+"""Figures of a criticism except its segments, with their captions: covariate, ranking, calibration, and gain
+by part."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
 from slam.core.units import everyday
+from slam.report.criticism.certainty import doubt_of_name, longer_bar
 from slam.report.criticism.plain_names import reading, title_of
 
 if TYPE_CHECKING:
@@ -96,6 +98,27 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
     axes.tick_params(labelsize=8)
 
 
+def covariate_caption(result: Criticism) -> str:
+    """Caption of the covariate's figure; empty where there is none."""
+    found = result.covariate
+    if found is None:
+        return ""
+    first = found.against[0]
+    what = (
+        "disagreement of the instruments, in its standard deviations"
+        if first.unit == "sigma"
+        else "error of the model's prediction over two seconds"
+    )
+    text = (
+        f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. The means without "
+        "it follow the dashed line as far as it explains the error; those with it should be flat, and a "
+        "slope of these is left unexplained."
+    )
+    if len(panels_of(found)) < 2:
+        return text
+    return f"{text} The other panel is the same for {title_of(found.rival)}, the most probable alternative."
+
+
 _IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
 """Hypotheses that are not terms of the model."""
 
@@ -117,7 +140,9 @@ def ranking_picture(result: Criticism) -> bytes:
     left, right = figure.subplots(1, 2, sharey=True)
     names = [_IN_WORDS.get(r.name, title_of(r.name)) for r in shown]
     colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
-    left.barh(names, [r.probability for r in shown], color=colours)
+    open_ = {cause.name for cause in result.causes if doubt_of_name(cause, result)}
+    faces = ["none" if r.name in open_ else colour for r, colour in zip(shown, colours, strict=True)]
+    left.barh(names, [r.probability for r in shown], color=faces, edgecolor=colours)
     left.set_xlim(0, 1)
     left.set_xlabel("probability")
     right.barh(names, [r.z for r in shown], color=colours)
@@ -132,6 +157,15 @@ def ranking_picture(result: Criticism) -> bytes:
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)
     return png(figure)
+
+
+def ranking_caption(result: Criticism) -> str:
+    """Caption of the line in the figure of the ranking, and of bars that are none of a name alone."""
+    why = longer_bar(result)
+    doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
+    if doubts:
+        why = f"{why} An open bar is no probability of the name alone ({'; '.join(doubts)}).".strip()
+    return f"the line ({result.threshold:.1f}) is {result.threshold_means}.{' ' if why else ''}{why}"
 
 
 def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:

@@ -1,4 +1,4 @@
-"""Plain names of effects, readings and constants, and sizes in everyday units, in the text of a page."""
+"""Plain names of effects, quantities, readings and constants, and sizes in everyday units."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 
 from slam.core.units import everyday, spaced
-from slam.report.criticism.quantities import quantity
 from slam.simulation.terms import CATALOGUE
 
 TWO_SIDED = 1.96
@@ -76,6 +75,11 @@ def title_of(name: str) -> str:
     if name not in CATALOGUE:
         return name.replace("_", " ")
     return re.sub("^(a|an) ", "", CATALOGUE[name].title)
+
+
+def quantity(effect: str, parameter: str) -> str:
+    """Return the plain name of a parameter of an effect, beside the effect's own name."""
+    return next((p.quantity for p in CATALOGUE[effect].parameters if p.name == parameter), parameter)
 
 
 def with_titles(lines: Sequence[str]) -> list[str]:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import exp
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam.core.names import enumerated
 from slam.core.units import everyday, spaced
-from slam.report.criticism.left_over import healthy_range, own_value
-from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, reading, title_of
-from slam.report.criticism.quantities import quantity
+from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, quantity, title_of
 from slam.simulation.terms import CATALOGUE, Parameter
 
 if TYPE_CHECKING:
     from slam.criticism import Criticism
     from slam.criticism.cause import Cause, Interval
+    from slam.criticism.search.fitted_parameters import FittedParameter
+    from slam.simulation.model import Model
 
 USUAL, MORE, LESS, NO_DIFFERENCE = "usual", "more than usual", "less than usual", "no: may be none"
 ABOUT = "more than usual, or usual"
@@ -46,7 +47,7 @@ def value_rows(result: Criticism) -> list[ValueRow]:
     rows = [row for cause in result.causes for row in _rows_of(cause, result)]
     shown = [(name, found) for name, found in _own_constants(result) if is_shown(name, result)]
     for k, (name, found) in enumerate(shown):
-        factor, unit = everyday(found.value, found.unit) if found.unit != "1" else (1.0, "1")
+        factor, unit = one_unit(found, is_ratio=found.unit == "1")
         low, high = healthy_range(name, result) or (-np.inf, np.inf)
         outside = _is_outside(found, low, high)
         own = own_value(name, result) if _is_plain(name) else None
@@ -66,28 +67,18 @@ def value_rows(result: Criticism) -> list[ValueRow]:
 def unshown_constants(result: Criticism) -> str:
     """Return a sentence on the constants of this vehicle that the flights do not show."""
     hidden = [constant(name) for name, _ in _own_constants(result) if not is_shown(name, result)]
-    noise = [f"of the {reading(name)} by {figure(share)}" for name, share in result.noise_correlation.items()]
-    told = []
-    if hidden:
-        told.append(
-            f"Not shown by these flights, and kept as healthy vehicles have them: {enumerated(hidden)}."
-        )
-    if noise:
-        told.append(
-            f"Noise of a reading is like that of the one before, which is healthy: {enumerated(noise)}."
-        )
-    return " ".join(told)
+    told = f"Not shown by these flights, and kept as healthy vehicles have them: {enumerated(hidden)}."
+    return told if hidden else ""
 
 
 def is_shown(name: str, result: Criticism) -> bool:
     """Return whether the flights tell more of a constant than the range of healthy vehicles does, or that it
     lies outside of that range."""
     from slam.criticism.kalman.filter_parameters import filter_parameters_of
-    from slam.criticism.search.fitted_parameters import NUISANCES
 
-    found, healthy = result.nuisances[name], healthy_range(name, result)
-    nuisance = next(n for n in NUISANCES if n.name == name)
+    found, healthy, nuisance = result.nuisances[name], healthy_range(name, result), _nuisance(name)
     assert result.model is not None
+    assert nuisance is not None
     if healthy is not None and _is_outside(found, *healthy):
         return True
     ends = np.array([found.low, found.high])
@@ -125,6 +116,8 @@ def range_over_time(cause: Cause, name: str, result: Criticism) -> tuple[float, 
 
 
 def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
+    from slam.criticism.verdict.over_time import PART_S
+
     rows = []
     for k, (name, found) in enumerate(cause.parameters.items()):
         parameter = CATALOGUE[cause.name].parameter(name)
@@ -133,7 +126,7 @@ def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
         changing = ""
         if ends is not None:
             low, high = (figure(factor * end) for end in ends)
-            changing = f"; a mean: it changes from {low} to {high}"
+            changing = f"; a mean: in stretches of {PART_S:g} s it changes from {low} to {high}"
         rows.append(
             ValueRow(
                 "" if k else title_of(cause.name),
@@ -149,9 +142,12 @@ def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
     return rows
 
 
-def one_unit(found: Interval) -> tuple[float, str]:
-    """Return the factor and the everyday unit of a value and its interval: that of the farther end."""
-    return everyday(max(found.value, found.low, found.high, key=abs), found.unit)
+def one_unit(found: Interval, is_ratio: bool = False) -> tuple[float, str]:
+    """Return the factor and the everyday unit of a value and its interval: that of the farther end.
+
+    A ratio near 1 is told as it is, however small an error of it would be.
+    """
+    return (1.0, "1") if is_ratio else everyday(max(found.value, found.low, found.high, key=abs), found.unit)
 
 
 def sized_one(value: float, factor: float, unit: str) -> str:
@@ -185,6 +181,35 @@ def compared(parameter: Parameter, found: Interval) -> str:
     return ABOUT if away > far else USUAL
 
 
-def sized_interval_of(found: Interval) -> str:
+def sized_interval(found: Interval, is_ratio: bool = False) -> str:
     """Return a value with its interval in brackets, in everyday units."""
-    return with_interval(found, *one_unit(found))
+    return with_interval(found, *one_unit(found, is_ratio))
+
+
+def healthy_range(name: str, result: Criticism) -> tuple[float, float] | None:
+    """Return the range of a constant among healthy vehicles of the model, in its own unit; None for what is
+    no such constant."""
+    from slam.criticism.kalman.filter_parameters import filter_parameters_of
+
+    nuisance = _nuisance(name)
+    if nuisance is None or result.model is None:
+        return None
+    low, high = nuisance.healthy_range(filter_parameters_of(result.model))
+    return (exp(low), exp(high)) if nuisance.form == "log" else (low, high)
+
+
+def own_value(name: str, result: Criticism, model: Model | None = None) -> float | None:
+    """Return the value of a constant in the original or another model; None for what is no such constant."""
+    from slam.criticism.kalman.filter_parameters import filter_parameters_of
+
+    nuisance, model = _nuisance(name), model or result.model
+    if nuisance is None or model is None:
+        return None
+    value = nuisance.value_in(filter_parameters_of(model))
+    return exp(value) if nuisance.form == "log" else value
+
+
+def _nuisance(name: str) -> FittedParameter | None:
+    from slam.criticism.search.fitted_parameters import NUISANCES
+
+    return next((n for n in NUISANCES if n.name == name), None)

@@ -11,25 +11,25 @@ import numpy as np
 
 from backend.wording import counted, either
 from slam.core.names import enumerated
-from slam.core.units import everyday
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
-from slam.report.criticism.certainty import certainty_rows, is_established, probability_in_words
+from slam.report.criticism.certainty import by_certainty, certainty_rows
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.evidence import longer_bar, percent_of
+from slam.report.criticism.detectable import detectable_rows
 from slam.report.criticism.findings import distinct_findings
-from slam.report.criticism.headline import lead, together
+from slam.report.criticism.gains import gain_caption, gain_rows, gain_tile
+from slam.report.criticism.headline import lead
 from slam.report.criticism.inertial_segment import compared_segment
 from slam.report.criticism.pictures import (
     calibration_picture,
+    covariate_caption,
     covariate_picture,
     gain_picture,
-    panels_of,
+    ranking_caption,
     ranking_picture,
 )
 from slam.report.criticism.plain_names import figure, reading, title_of
 from slam.report.criticism.segment import evidence_segment
-from slam.report.criticism.unseen import detectable_rows
 from slam.report.criticism.values import unshown_constants, value_rows
 from slam.report.page import Item, embedded, render_page
 from slam.report.tables.evaluation import map_gain_table
@@ -38,7 +38,6 @@ from slam.simulation.terms import CATALOGUE
 if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.criticism import Criticism
-    from slam.criticism.cause import Gain
     from slam.evaluation.map_gain import MapGain
 
 VERDICTS = {
@@ -49,7 +48,6 @@ VERDICTS = {
     "unknown": "Something that the catalogue does not hold",
     "unusable": "Cannot be judged",
 }
-SHOWN_HORIZONS = {0.0: "picture to picture", 0.5: "0.5 s", 2.0: "2 s", 10.0: "10 s"}
 STATUS_MEANS = {
     "nothing_wrong": "No effect that these flights can show stands out beyond chance.",
     "named": "The causes that are named explain what is wrong, and nothing is left over.",
@@ -66,14 +64,6 @@ UNKNOWN_COMMANDED = (
 UNKNOWN_COMPARED = (
     "something unknown is weighed only as a delay, since nothing predicts the motion without commands: what "
     "is left over stands under “In short”"
-)
-HELD_OUT_DOTS = (
-    "Log likelihood gained on each part when it was held out{beside}, in nats; above 0 the extension "
-    "predicts it better."
-)
-IN_SAMPLE_DOTS = (
-    "Log likelihood that each flight's odd readings tell for {cause}, in nats. Each of them tells by itself; "
-    "no size is fitted that could be held out."
 )
 
 
@@ -97,17 +87,6 @@ class NoiseRow:
     correlation: str
     ratio: str
     """Size of the errors over the predicted size."""
-
-
-@dataclass(frozen=True)
-class GainRow:
-    """Table row of one channel over one horizon."""
-
-    channel: str
-    horizon: str
-    before: str
-    after: str
-    change: str
 
 
 def write_criticism_report(
@@ -175,10 +154,9 @@ def _calibration(result: Criticism) -> str | None:
 def _tiles(result: Criticism) -> list[Item]:
     tiles = [Item(f"{either(len(result.flights), 'flight', 'flights')} judged", str(len(result.flights)))]
     if result.causes:
-        first, left = result.causes[0], distinct_findings(result)
-        sure = [cause for cause in result.causes if is_established(cause, result)]
+        left, (sure, *_) = distinct_findings(result), by_certainty(result)
         tiles.append(Item(f"certain of {counted(len(result.causes), 'cause')} found", str(len(sure))))
-        tiles.append(_gain_tile(first.gain, together(result)))
+        tiles.append(gain_tile(result))
         tiles.append(
             Item(
                 either(len(left), "finding not explained", "findings not explained"),
@@ -191,17 +169,6 @@ def _tiles(result: Criticism) -> list[Item]:
     return tiles
 
 
-def _gain_tile(gain: Gain, with_all: str) -> Item:
-    """Return the gain of the causes in the error that falls most, or else in the likelihood."""
-    most = gain.foremost
-    if gain.by and most:
-        ahead = f"{most.horizon_s:g} s ahead" if most.horizon_s else "from picture to picture"
-        what = f"change of the error of {reading(most.channel)} {ahead}, held out, {with_all}"
-        return Item(what, percent_of(most.after / most.before))
-    what = "log likelihood of held-out data" if gain.by else "log likelihood of its readings"
-    return Item(what, f"{gain.nats:+.1f} nats")
-
-
 def equation_rows(result: Criticism) -> list[EquationRow]:
     """Return each cause with its equation and parameters, as extended.toml has them."""
     return [
@@ -209,57 +176,6 @@ def equation_rows(result: Criticism) -> list[EquationRow]:
         for c in result.causes
         if c.name in CATALOGUE
     ]
-
-
-def gain_rows(result: Criticism) -> list[GainRow]:
-    """Errors of roll-outs by channel and horizon, on held-out data."""
-    if not result.causes:
-        return []
-    rows = []
-    for error in result.causes[0].gain.channels:
-        if error.horizon_s in SHOWN_HORIZONS and error.before > 0:
-            factor, unit = everyday(error.before, error.unit)
-            rows.append(
-                GainRow(
-                    f"{reading(error.channel)} [{unit}]", SHOWN_HORIZONS[error.horizon_s],
-                    figure(factor * error.before), figure(factor * error.after),
-                    percent_of(error.after / error.before),
-                )
-            )  # fmt: skip
-    return rows
-
-
-def covariate_caption(result: Criticism) -> str:
-    """Caption of the covariate's figure; empty where there is none."""
-    found = result.covariate
-    if found is None:
-        return ""
-    first = found.against[0]
-    what = (
-        "disagreement of the instruments, in its standard deviations"
-        if first.unit == "sigma"
-        else "error of the model's prediction over two seconds"
-    )
-    text = (
-        f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. The means without "
-        "it follow the dashed line as far as it explains the error; those with it should be flat, and a "
-        "slope of these is left unexplained."
-    )
-    if len(panels_of(found)) < 2:
-        return text
-    return f"{text} The other panel is the same for {title_of(found.rival)}, the most probable alternative."
-
-
-def gain_caption(result: Criticism) -> str:
-    """Caption of the figure of the gain by part, which is that of the leading cause alone."""
-    if not result.causes:
-        return ""
-    first, more = result.causes[0], len(result.causes) > 1
-    title = title_of(first.name)
-    if first.gain.by is None:
-        return IN_SAMPLE_DOTS.format(cause=title)
-    beside = f", by {title} alone, beside the other causes (the table is with all of them)" if more else ""
-    return HELD_OUT_DOTS.format(beside=beside)
 
 
 def noise_rows(result: Criticism) -> list[NoiseRow]:
@@ -301,13 +217,3 @@ def noise_answer(result: Criticism) -> str:
         if of
     ]
     return f"Not quite, by more than {100 * MISFIT:.0f} %. Readings that {'; '.join(told)}."
-
-
-def ranking_caption(result: Criticism) -> str:
-    """Caption of the line in the figure of the ranking, and of bars that are none of a name alone."""
-    why = longer_bar(result)
-    bare = [title_of(c.name) for c in result.causes if not probability_in_words(c, result)[0].isdigit()]
-    if bare:
-        beside = f"The bar of {enumerated(bare)} says that something like it is there, not its name."
-        why = f"{why} {beside}".strip()
-    return f"the line ({result.threshold:.1f}) is {result.threshold_means}.{' ' if why else ''}{why}"

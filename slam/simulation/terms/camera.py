@@ -16,7 +16,7 @@ from frontend.camera import Camera
 from slam.core.flight import Flight, Image
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.camera.photometry import Light, falloff
-from slam.simulation.terms.term import Array, Parameter, Term, signed, size
+from slam.simulation.terms.term import BODY_AXES, Array, Parameter, Term, signed, size
 
 LEAST_LIGHT = 0.1
 """Least vignetting that is corrected, relative to the centre; darker pixels hold no information."""
@@ -92,7 +92,8 @@ CAMERA = (
         meaning="the focal length differs from the calibration",
         family="camera",
         acts_on="image",
-        parameters=(signed("eps", "1", 0.03, 0.5, step=0.0001),),
+        instrument="camera",
+        parameters=(signed("eps", "1", 0.03, 0.5, step=0.0001, quantity="error of the focal length"),),
         equation="the focal length is (1 + eps) times that of sensor.yaml",
         confounders=("flow_scale", "sonar_scale"),
         excitation=(
@@ -109,7 +110,8 @@ CAMERA = (
         meaning="the lens bends straight lines",
         family="camera",
         acts_on="image",
-        parameters=(signed("k1", "1", 0.3, 0.6, step=0.0001),),
+        instrument="camera",
+        parameters=(signed("k1", "1", 0.3, 0.6, step=0.0001, quantity="first coefficient of the bend"),),
         equation="x -> x (1 + k1 |x|^2), x in units of the focal length",
         confounders=("focal_length",),
         excitation="features at the centre and at the edge",
@@ -123,9 +125,10 @@ CAMERA = (
         meaning="the camera is mounted at an angle",
         family="camera",
         acts_on="image",
+        instrument="mounting of the camera",
         parameters=(
-            signed("x", "rad", radians(5), 0.5, step=1e-05),
-            signed("y", "rad", radians(5), 0.5, step=1e-05),
+            signed("x", "rad", radians(5), 0.5, step=1e-05, quantity=BODY_AXES["x"]),
+            signed("y", "rad", radians(5), 0.5, step=1e-05, quantity=BODY_AXES["y"]),
         ),
         equation="the camera is rotated about the body's x and y by these angles against its T_BS",
         confounders=("trim_offset",),
@@ -140,7 +143,10 @@ CAMERA = (
         meaning="the pictures have wrong times",
         family="camera",
         acts_on="clock",
-        parameters=(signed("offset", "s", 0.08, 2.0, step=0.0001),),
+        instrument="clock of the camera",
+        parameters=(
+            signed("offset", "s", 0.08, 2.0, step=0.0001, quantity="time by which pictures are stamped late"),
+        ),
         equation="a picture stamped t was taken at t - offset",
         confounders=("clock_drift", "rolling_shutter"),
         excitation="fast tilts, over some minutes",
@@ -154,7 +160,12 @@ CAMERA = (
         meaning="the picture's rows are exposed one after the other",
         family="camera",
         acts_on="image",
-        parameters=(size("readout", "s", 0.01, 0.05, 0.2, step=0.0001),),
+        instrument="camera",
+        parameters=(
+            size(
+                "readout", "s", 0.01, 0.05, 0.2, step=0.0001, quantity="time from the first row to the last"
+            ),
+        ),
         equation="row i of n is exposed readout i / (n - 1) after the stamp",
         confounders=("camera_time_offset",),
         excitation="fast tilts and yaw: the offset grows with the row",
@@ -168,7 +179,10 @@ CAMERA = (
         meaning="pictures are blurred when it moves",
         family="camera",
         acts_on="image",
-        parameters=(size("exposure", "s", 0.002, 0.03, 0.2, step=1e-06, squared=True),),
+        instrument="camera",
+        parameters=(
+            size("exposure", "s", 0.002, 0.03, 0.2, step=1e-06, squared=True, quantity="exposure time"),
+        ),
         equation="the picture is the mean over the exposure time: a blur of f v exposure / h px",
         confounders=("exposure_variation",),
         excitation="the same speed at two light levels",
@@ -181,10 +195,22 @@ CAMERA = (
         meaning="brightness and contrast vary from picture to picture",
         family="camera",
         acts_on="image",
+        instrument="camera",
         parameters=(
-            size("gain", "1", 0.02, 0.2, 1.0, step=1e-05, squared=True),
-            size("gamma", "1", 0.05, 0.4, 1.0, step=1e-05, squared=True),
-            Parameter(name="tau", unit="s", neutral=0.5, low=0.2, high=2.0, least=0.0, most=60.0),
+            size("gain", "1", 0.02, 0.2, 1.0, step=1e-05, squared=True, quantity="variation of the contrast"),
+            size(
+                "gamma", "1", 0.05, 0.4, 1.0, step=1e-05, squared=True, quantity="variation of the brightness"
+            ),
+            Parameter(
+                name="tau",
+                unit="s",
+                neutral=0.5,
+                low=0.2,
+                high=2.0,
+                least=0.0,
+                most=60.0,
+                quantity="duration of a variation",
+            ),
         ),
         equation=(
             "I' = g_c I^gamma: log g of each colour and log gamma are Ornstein-Uhlenbeck processes of these"
@@ -201,7 +227,8 @@ CAMERA = (
         meaning="pictures are darker towards their corners",
         family="camera",
         acts_on="image",
-        parameters=(size("a", "1", 0.05, 0.5, 1.0, step=0.001),),
+        instrument="camera",
+        parameters=(size("a", "1", 0.05, 0.5, 1.0, step=0.001, quantity="darkening in the corners"),),
         equation="I' = I (1 - a r^2)",
         confounders=(),
         excitation="yaw and translation: shading of the floor moves with the floor",
@@ -215,7 +242,8 @@ CAMERA = (
         meaning="lamps are mirrored in the floor",
         family="camera",
         acts_on="image",
-        parameters=(size("strength", "1", 0.1, 1.0, 5.0),),
+        instrument="camera",
+        parameters=(size("strength", "1", 0.1, 1.0, 5.0, quantity="strength of the mirror images"),),
         equation=(
             "a bright spot in the mirror direction of a lamp overhead, strength times white at its centre"
         ),
@@ -229,7 +257,8 @@ CAMERA = (
         meaning="pictures are lost",
         family="camera",
         acts_on="image",
-        parameters=(size("share", "1", 0.005, 0.1, 0.9),),
+        instrument="camera",
+        parameters=(size("share", "1", 0.005, 0.1, 0.9, quantity="share of lost pictures"),),
         equation="each picture is lost with this probability",
         confounders=("timestamp_jitter",),
         excitation="any flight: displacements are integer multiples",

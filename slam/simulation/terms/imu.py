@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from slam.core.flight import Flight
-from slam.simulation.terms.term import Array, Term, signed
+from slam.simulation.terms.term import BODY_AXES, Array, Term, signed
 
 _AXES = ("x", "y", "z")
 
@@ -99,7 +99,10 @@ IMU = (
         meaning="the IMU is mounted at an angle",
         family="imu",
         acts_on="sensor",
-        parameters=tuple(signed(axis, "rad", radians(3), 0.5, step=0.001) for axis in _AXES),
+        instrument="mounting of the IMU",
+        parameters=tuple(
+            signed(axis, "rad", radians(3), 0.5, step=0.001, quantity=BODY_AXES[axis]) for axis in _AXES
+        ),
         equation="the unit is rotated against the body by this rotation vector",
         confounders=("accel_bias", "trim_offset"),
         excitation="fast tilts and yaw: one axis shows in another",
@@ -115,7 +118,8 @@ IMU = (
         meaning="the gyro's rates are wrong by a factor",
         family="imu",
         acts_on="sensor",
-        parameters=(signed("eps", "1", 0.03, 0.5, step=0.001),),
+        instrument="gyro",
+        parameters=(signed("eps", "1", 0.03, 0.5, step=0.001, quantity="error of the rates"),),
         equation="the body rate times 1 + eps, all axes",
         confounders=("yaw_drag",),
         excitation="yaw steps of 90 deg and back, with the heading from the camera",
@@ -128,11 +132,14 @@ IMU = (
     ),
     Term(
         name="gyro_bias",
-        title="a constant error of the gyro",
+        title="a gyro bias",
         meaning="the gyro reads a rate while the vehicle stands still",
         family="imu",
         acts_on="sensor",
-        parameters=tuple(signed(axis, "rad/s", radians(2), 1.0, step=0.0001) for axis in _AXES),
+        instrument="gyro",
+        parameters=tuple(
+            signed(axis, "rad/s", radians(2), 1.0, step=0.0001, quantity=BODY_AXES[axis]) for axis in _AXES
+        ),
         equation="added to the body rate",
         confounders=("gyro_scale",),
         excitation="30 s at rest on the floor with motors off, before and after the flight",
@@ -148,7 +155,8 @@ IMU = (
         meaning="the accelerometer is wrong by a factor",
         family="imu",
         acts_on="sensor",
-        parameters=(signed("eps", "1", 0.03, 0.5, step=0.001),),
+        instrument="accelerometer",
+        parameters=(signed("eps", "1", 0.03, 0.5, step=0.001, quantity="error of the accelerations"),),
         equation="the specific force times 1 + eps, all axes",
         confounders=("accel_bias",),
         excitation="fast climbs and tilts",
@@ -161,11 +169,14 @@ IMU = (
     ),
     Term(
         name="accel_bias",
-        title="a constant error of the accelerometer",
-        meaning="the accelerometer has a constant error",
+        title="an accelerometer bias",
+        meaning="the accelerometer reads an acceleration that the vehicle does not have",
         family="imu",
         acts_on="sensor",
-        parameters=tuple(signed(axis, "m/s^2", 0.3, 5.0, step=0.001) for axis in _AXES),
+        instrument="accelerometer",
+        parameters=tuple(
+            signed(axis, "m/s^2", 0.3, 5.0, step=0.001, quantity=BODY_AXES[axis]) for axis in _AXES
+        ),
         equation="added to the specific force",
         confounders=("trim_offset", "accel_scale"),
         excitation="rest on the floor with motors off, and the same turned by 180 deg",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import pi, radians
 
-from slam.simulation.terms.term import Parameter, Term, signed, size
+from slam.simulation.terms.term import WORLD_AXES, Parameter, Term, signed, size
 
 MOTION = (
     Term(
@@ -19,7 +19,7 @@ MOTION = (
         meaning="the vehicle obeys the sticks late",
         family="motion",
         acts_on="command",
-        parameters=(size("T", "s", 0.03, 0.25, 2.0, step=0.002),),
+        parameters=(size("T", "s", 0.03, 0.25, 2.0, step=0.002, quantity="delay"),),
         equation="the vehicle follows the stick s(t - T)",
         confounders=("attitude_lag",),
         excitation=(
@@ -36,6 +36,7 @@ MOTION = (
         parameters=(
             Parameter(
                 name="tau",
+                quantity="time in which the tilt follows",
                 unit="s",
                 neutral=0.10,
                 low=0.05,
@@ -56,8 +57,17 @@ MOTION = (
         family="motion",
         acts_on="force",
         parameters=(
-            size("k_b", "1/s", 0.2, 2.0, 20.0, step=0.01, alone=True),
-            size("lean", "1/s", 0.2, 2.0, 20.0, step=0.01, alone=True),
+            size("k_b", "1/s", 0.2, 2.0, 20.0, step=0.01, alone=True, quantity="rate of braking"),
+            size(
+                "lean",
+                "1/s",
+                0.2,
+                2.0,
+                20.0,
+                step=0.01,
+                alone=True,
+                quantity="rate of braking by leaning back",
+            ),
         ),
         equation=(
             "while forward and left are both 0: with k_b, v' -= k_b v; with lean, the vehicle leans against "
@@ -75,7 +85,7 @@ MOTION = (
         meaning="it slows down harder than it speeds up",
         family="motion",
         acts_on="force",
-        parameters=(size("alpha", "1", 0.1, 1.0, 10.0, step=0.01),),
+        parameters=(size("alpha", "1", 0.1, 1.0, 10.0, step=0.01, quantity="additional drag"),),
         equation="k (1 + alpha) while the vehicle slows down: v . v' < 0",
         confounders=("active_braking",),
         excitation="stick ahead from 0.25 of full to 0.10, and from 0.25 to -0.15, 1.5 s each",
@@ -86,7 +96,9 @@ MOTION = (
         meaning="the air's drag grows with the square of the speed",
         family="motion",
         acts_on="force",
-        parameters=(size("c", "1/m", 0.02, 0.3, 5.0, step=0.005),),
+        parameters=(
+            size("c", "1/m", 0.02, 0.3, 5.0, step=0.005, quantity="drag over the square of the speed"),
+        ),
         equation="v' -= c |v| v",
         confounders=("active_braking", "command_nonlinearity"),
         excitation="steady flight at three or more speeds, in both directions",
@@ -98,8 +110,8 @@ MOTION = (
         family="motion",
         acts_on="command",
         parameters=(
-            signed("eps", "1", 1.0, 10.0, step=0.02),
-            size("dead_band", "1", 0.005, 0.03, 0.5, step=0.001),
+            signed("eps", "1", 1.0, 10.0, step=0.02, quantity="cubic part"),
+            size("dead_band", "1", 0.005, 0.03, 0.5, step=0.001, quantity="dead band of the stick"),
         ),
         equation="forward and left become s + eps s^3 beyond a dead band",
         confounders=("quadratic_drag", "tilt_limit"),
@@ -114,6 +126,7 @@ MOTION = (
         parameters=(
             Parameter(
                 name="limit",
+                quantity="greatest tilt",
                 unit="rad",
                 neutral=pi / 2,
                 low=radians(5),
@@ -132,7 +145,9 @@ MOTION = (
         meaning="it answers the sticks less and less as the battery runs down",
         family="motion",
         acts_on="command",
-        parameters=(size("loss", "1", 0.02, 0.2, 0.9, step=0.01),),
+        parameters=(
+            size("loss", "1", 0.02, 0.2, 0.9, step=0.01, quantity="loss of the sticks' effect at the end"),
+        ),
         equation="G (1 - loss d), d from 0 to 1 with the charge drawn over the flight",
         confounders=("clock_drift", "sonar_temperature"),
         excitation="the same pulses early and late, with the voltage logged",
@@ -144,8 +159,8 @@ MOTION = (
         family="motion",
         acts_on="command",
         parameters=(
-            signed("roll", "rad", radians(3), 0.5, step=0.001),
-            signed("pitch", "rad", radians(3), 0.5, step=0.001),
+            signed("roll", "rad", radians(3), 0.5, step=0.001, quantity="roll"),
+            signed("pitch", "rad", radians(3), 0.5, step=0.001, quantity="pitch"),
         ),
         equation="added to the commanded tilt, in body axes",
         confounders=("steady_wind", "canted_thrust", "accel_bias"),
@@ -158,8 +173,8 @@ MOTION = (
         family="motion",
         acts_on="force",
         parameters=(
-            signed("ahead", "rad", radians(3), 0.5, step=0.001),
-            signed("left", "rad", radians(3), 0.5, step=0.001),
+            signed("ahead", "rad", radians(3), 0.5, step=0.001, quantity="cant ahead"),
+            signed("left", "rad", radians(3), 0.5, step=0.001, quantity="cant to the left"),
         ),
         equation="v' += g (ahead, left) in the heading frame: the thrust is not along the body's z",
         confounders=("steady_wind", "trim_offset", "accel_bias"),
@@ -174,7 +189,10 @@ MOTION = (
         meaning="a steady wind carries it",
         family="motion",
         acts_on="wind",
-        parameters=(signed("x", "m/s", 1.0, 20.0, step=0.02), signed("y", "m/s", 1.0, 20.0, step=0.02)),
+        parameters=(
+            signed("x", "m/s", 1.0, 20.0, step=0.02, quantity=WORLD_AXES["x"]),
+            signed("y", "m/s", 1.0, 20.0, step=0.02, quantity=WORLD_AXES["y"]),
+        ),
         equation="drag acts on v - wind, world axes",
         confounders=("trim_offset", "canted_thrust"),
         excitation="rotation by 180 deg",
@@ -186,8 +204,17 @@ MOTION = (
         family="motion",
         acts_on="wind",
         parameters=(
-            size("sigma", "m/s", 0.05, 0.5, 10.0),
-            Parameter(name="tau", unit="s", neutral=1.0, low=0.5, high=5.0, least=0.05, most=60.0),
+            size("sigma", "m/s", 0.05, 0.5, 10.0, quantity="speed of the gusts"),
+            Parameter(
+                name="tau",
+                unit="s",
+                neutral=1.0,
+                low=0.5,
+                high=5.0,
+                least=0.05,
+                most=60.0,
+                quantity="duration of a gust",
+            ),
         ),
         equation="wind as an Ornstein-Uhlenbeck process in x and y: a change of covariance, not of the mean",
         confounders=(),
@@ -199,7 +226,9 @@ MOTION = (
         meaning="near the floor its own downwash lifts it",
         family="motion",
         acts_on="force",
-        parameters=(size("radius", "m", 0.05, 0.4, 1.0, step=0.01, squared=True),),
+        parameters=(
+            size("radius", "m", 0.05, 0.4, 1.0, step=0.01, squared=True, quantity="radius of the rotors"),
+        ),
         equation="vz' += g (T/T0 - 1), T/T0 = 1 / (1 - (radius / 4 z)^2)",
         confounders=("sonar_dead_zone", "sonar_bias"),
         excitation="a slow descent, with the accelerometer",
@@ -210,7 +239,7 @@ MOTION = (
         meaning="it descends and climbs at different rates for the same stick",
         family="motion",
         acts_on="force",
-        parameters=(signed("eps", "1", 0.5, 0.95, step=0.01),),
+        parameters=(signed("eps", "1", 0.5, 0.95, step=0.01, quantity="difference of the descent"),),
         equation="down stick commands (1 + eps) of the climb rate",
         confounders=("sonar_lag",),
         excitation="steps up and down",
@@ -221,7 +250,7 @@ MOTION = (
         meaning="it turns faster or slower than the stick commands",
         family="motion",
         acts_on="force",
-        parameters=(signed("eps", "1", 0.3, 0.95, step=0.01),),
+        parameters=(signed("eps", "1", 0.3, 0.95, step=0.01, quantity="error of the rate of turn"),),
         equation="r' = (r_max y - (1 + eps) r) / tau_r",
         confounders=("gyro_scale",),
         excitation="yaw steps, with the heading from the camera",
@@ -233,9 +262,18 @@ MOTION = (
         family="motion",
         acts_on="force",
         parameters=(
-            size("stiffness", "1/s^2", 0.5, 40.0, 400.0),
-            size("damping", "1/s", 0.5, 20.0, 40.0),
-            Parameter(name="capture_speed", unit="m/s", neutral=0.3, low=0.1, high=0.5, least=0.01, most=5.0),
+            size("stiffness", "1/s^2", 0.5, 40.0, 400.0, quantity="stiffness"),
+            size("damping", "1/s", 0.5, 20.0, 40.0, quantity="damping"),
+            Parameter(
+                name="capture_speed",
+                unit="m/s",
+                neutral=0.3,
+                low=0.1,
+                high=0.5,
+                least=0.01,
+                most=5.0,
+                quantity="speed below which it holds",
+            ),
         ),
         equation=(
             "v' -= h (stiffness (p - p_hold) + damping (v + w)), h = 1 / (1 + (|v| / "

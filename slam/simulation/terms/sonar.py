@@ -13,7 +13,7 @@ import numpy as np
 
 from slam.core.flight import Flight, Sonar
 from slam.core.rotations import up_at
-from slam.simulation.terms.term import Array, Parameter, Term, signed, size
+from slam.simulation.terms.term import BODY_AXES, Array, Parameter, Term, signed, size
 
 ASSUMED_DEG_C = 20.0
 """Air temperature that the sonar assumes."""
@@ -119,8 +119,19 @@ SONAR = (
         meaning="the sonar's range depends on the tilt in another way",
         family="sonar",
         acts_on="sensor",
+        instrument="height sensor",
         parameters=(
-            Parameter(name="c", unit="1", neutral=1.0, low=0.0, high=1.0, least=-1.0, most=2.0, step=0.01),
+            Parameter(
+                name="c",
+                unit="1",
+                neutral=1.0,
+                low=0.0,
+                high=1.0,
+                least=-1.0,
+                most=2.0,
+                step=0.01,
+                quantity="share of the tilt's effect",
+            ),
         ),
         equation=(
             "r = z (1 + c (1 / (cos theta cos phi) - 1)): 1 is a pencil beam, 0 the first echo of a wide one"
@@ -138,9 +149,10 @@ SONAR = (
         meaning="the sonar is mounted at an angle",
         family="sonar",
         acts_on="sensor",
+        instrument="mounting of the height sensor",
         parameters=(
-            signed("x", "rad", radians(5), 0.5, step=0.001),
-            signed("y", "rad", radians(5), 0.5, step=0.001),
+            signed("x", "rad", radians(5), 0.5, step=0.001, quantity=BODY_AXES["x"]),
+            signed("y", "rad", radians(5), 0.5, step=0.001, quantity=BODY_AXES["y"]),
         ),
         equation=(
             "the beam is rotated about the body's x and y by these angles: to first order r += z (x tan phi"
@@ -159,7 +171,8 @@ SONAR = (
         meaning="the sonar's scale drifts as the air warms",
         family="sonar",
         acts_on="sensor",
-        parameters=(signed("rise", "K", 15.0, 60.0, step=0.1),),
+        instrument="height sensor",
+        parameters=(signed("rise", "K", 15.0, 60.0, step=0.1, quantity="warming"),),
         equation=(
             "r c(20) / c(T), c = 331.3 + 0.606 T, T rises from 20 degrees Celsius by this much over the "
             "flight"
@@ -176,7 +189,8 @@ SONAR = (
         meaning="the sonar reads too far or too near by a factor",
         family="sonar",
         acts_on="sensor",
-        parameters=(signed("eps", "1", 0.05, 0.5, step=0.001),),
+        instrument="height sensor",
+        parameters=(signed("eps", "1", 0.05, 0.5, step=0.001, quantity="error of the range"),),
         equation="r (1 + eps)",
         confounders=("sonar_bias", "sonar_temperature"),
         excitation="two heights",
@@ -189,11 +203,12 @@ SONAR = (
     ),
     Term(
         name="sonar_bias",
-        title="a constant error of the sonar",
+        title="a sonar bias",
         meaning="the sonar reads too far or too near by a fixed length",
         family="sonar",
         acts_on="sensor",
-        parameters=(signed("b", "m", 0.05, 1.0, step=0.001),),
+        instrument="height sensor",
+        parameters=(signed("b", "m", 0.05, 1.0, step=0.001, quantity="error of the range"),),
         equation="r + b",
         confounders=("sonar_scale",),
         excitation="a touchdown; the floor's datum has the same effect",
@@ -208,7 +223,8 @@ SONAR = (
         meaning="the sonar sometimes reads the second echo",
         family="sonar",
         acts_on="sensor",
-        parameters=(size("share", "1", 0.001, 0.05, 0.5),),
+        instrument="height sensor",
+        parameters=(size("share", "1", 0.001, 0.05, 0.5, quantity="share of the readings"),),
         equation="this share of the readings is the second echo, near 2 r",
         confounders=("floor_steps",),
         excitation="a second flight over the track: spikes do not repeat",
@@ -220,7 +236,8 @@ SONAR = (
         meaning="the sonar reads in steps",
         family="sonar",
         acts_on="sensor",
-        parameters=(size("step", "m", 0.01, 0.05, 1.0),),
+        instrument="height sensor",
+        parameters=(size("step", "m", 0.01, 0.05, 1.0, quantity="step"),),
         equation="r is rounded to multiples of the step",
         confounders=(),
         excitation="a slow climb",
@@ -234,7 +251,8 @@ SONAR = (
         meaning="the sonar is stuck near the floor",
         family="sonar",
         acts_on="sensor",
-        parameters=(size("limit", "m", 0.25, 0.4, 2.0),),
+        instrument="height sensor",
+        parameters=(size("limit", "m", 0.25, 0.4, 2.0, quantity="height at which it sticks"),),
         equation="below the limit r stays at the limit",
         confounders=("ground_effect",),
         excitation="a slow descent",
@@ -248,7 +266,8 @@ SONAR = (
         meaning="the sonar reads with a delay",
         family="sonar",
         acts_on="sensor",
-        parameters=(size("T", "s", 0.04, 0.15, 2.0, step=0.001),),
+        instrument="height sensor",
+        parameters=(size("T", "s", 0.04, 0.15, 2.0, step=0.001, quantity="delay"),),
         equation="r(t - T)",
         confounders=("climb_asymmetry",),
         excitation="steps up and down",

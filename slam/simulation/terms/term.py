@@ -17,6 +17,10 @@ Family = Literal["motion", "camera", "sonar", "imu", "timing", "place"]
 ActsOn = Literal["command", "force", "wind", "sensor", "image", "clock", "place"]
 Stream = Literal["", "imu", "velocity", "sonar", "camera", "frames"]
 
+BODY_AXES = {"x": "axis ahead, x", "y": "axis to the left, y", "z": "axis up, z"}
+WORLD_AXES = {"x": "along x of the world", "y": "along y of the world"}
+"""Names of the quantities along an axis."""
+
 Reading = Callable[[Any, Any, Any, Any, Any, int], None]
 """Equation of a term that changes the readings of an instrument, given what it reads without the term.
 
@@ -55,6 +59,8 @@ class Parameter:
     """Whether criticism fits its square: its sign cannot be observed, or the effect grows with the square."""
     alone: bool = False
     """Whether criticism tries it without the term's other parameters."""
+    quantity: str = ""
+    """Plain name of the quantity, beside the title of the term."""
 
     @property
     def is_limit(self) -> bool:
@@ -77,6 +83,8 @@ class Term:
     parameters: tuple[Parameter, ...]
     equation: str
     """Equation of the term, in the symbols of the documentation."""
+    instrument: str = ""
+    """Plain name of the instrument that has the error; empty for an effect of the vehicle or the place."""
     confounders: tuple[str, ...] = ()
     """Names of terms with a similar effect on a flight."""
     excitation: str = ""

@@ -31,7 +31,7 @@ def made(verdict: str = "named") -> Criticism:
         "The model lacks <quadratic> drag.",
         (cause,) if verdict.startswith("named") else (),
         ("quadratic_drag", "flow_scale") if verdict == "ambiguous" else (),
-        "gyro_x against speed" if "remainder" in verdict else "",
+        "gyro_x ~ speed (z = 7.0)" if "remainder" in verdict else "",
         next_flight="steps of three sizes",
         details=(
             "Unexplained: gyro_x ~ speed (z = 7.0).",

@@ -11,14 +11,15 @@ from matplotlib.figure import Figure
 
 from slam.criticism.cause import ChannelError, Gain, Interval
 from slam.criticism.verdict.criticism import Rank
-from slam.report.criticism.certainty import is_established, probability_in_words, reservations
-from slam.report.criticism.findings import concerned, distinct_findings, findings_in_words, whose_is_it
+from slam.report.criticism.certainty import certainty_rows, how_sure, is_established, reservations
+from slam.report.criticism.detectable import detectable_rows
+from slam.report.criticism.findings import concerned, distinct_findings, findings_in_words
+from slam.report.criticism.headline import lead, promises
 from slam.report.criticism.inertial_segment import compared_segment
-from slam.report.criticism.instruments import instruments_doubted
+from slam.report.criticism.instruments import instruments_doubted, whose_is_it
 from slam.report.criticism.judged_data import judged_data
-from slam.report.criticism.next_flights import to_use
+from slam.report.criticism.next_flights import to_fly, to_use
 from slam.report.criticism.segment import before_after_picture
-from slam.report.criticism.unseen import detectable_rows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -128,8 +129,8 @@ def test_a_name_that_is_not_established_has_no_probability_and_is_deleted_first(
     (cause,) = made().causes
     scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
     result = replace(made(), causes=(cause, scale), detectable={"gyro_scale": (0.009, "1")})
-    assert probability_in_words(cause, result) == "0.97"
-    assert probability_in_words(scale, result) == "not established"
+    told = [row.probability for row in certainty_rows(result)]
+    assert told == ["0.97", "not established: its size may be none"]
     assert [row.verdict for row in detectable_rows(result)] == ["not established"]
     steps = to_use(result, ["Yes: give extended.toml to slam optimize."])
     assert "[terms.gyro_scale] and [std.gyro_scale]" in steps[1]
@@ -157,3 +158,14 @@ def test_a_mean_rate_that_is_not_the_usual_one_is_told_with_its_reason() -> None
     assert re.search(
         r"height \(\d+ readings at [\d.]+ Hz on average, mostly 25 Hz; longest gap 1\.6\d* s\)", told
     )
+
+
+def test_an_effect_whose_size_may_be_none_is_not_promised_to_be_there() -> None:
+    (cause,) = made().causes
+    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
+    result = replace(made(), causes=(cause, scale))
+    assert "Not established, because the size may be none: a gyro wrong by a factor." in lead(result)
+    assert "Also there" not in lead(result)
+    assert "that gyro wrong by a factor is there at all" in " ".join(promises(result))
+    assert any(line.startswith("Perhaps not there: gyro_scale") for line in how_sure(result))
+    assert "whether gyro_scale is there at all" in " ".join(to_fly(result, ["fly."]))

@@ -20,20 +20,20 @@ from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight
+from slam.report.criticism.certainty import longer_bar
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.evidence import longer_bar
-from slam.report.criticism.left_over import unexplained_in_words
+from slam.report.criticism.findings import unexplained_in_words
 from slam.report.criticism.pictures import (
+    covariate_caption,
     covariate_picture,
     gain_picture,
     panels_of,
     ranking_picture,
 )
-from slam.report.criticism.plain_names import constant, reading, with_titles
-from slam.report.criticism.quantities import quantity
+from slam.report.criticism.plain_names import constant, quantity, reading, with_titles
 from slam.report.criticism.segment import before_after_picture, evidence_segment
 from slam.report.criticism.values import unshown_constants, value_rows
-from slam.report.criticism.write import VERDICTS, covariate_caption, render_criticism
+from slam.report.criticism.write import VERDICTS, render_criticism
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -174,7 +174,7 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
         "one, but not for what is unexplained: simulate."
     )
     assert found["What do I fly next?"].startswith("Steps of three sizes.")
-    assert "What is not explained may still be an instrument's" in found[INSTRUMENTS]
+    assert "What is not explained concerns the gyro, or a motion of the vehicle" in found[INSTRUMENTS]
     assert "larger than stated: gyro 29 times." in found[INSTRUMENTS]
     assert "flight_09: never moves." in found[LEFT_OUT]
 
@@ -182,12 +182,14 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
 def test_effects_and_their_parameters_have_their_plain_names() -> None:
     lines = with_titles(["gyro_bias.x varies; steady_wind or gusts", "steady_wind and other_1"])
     assert lines == [
-        "a constant error of the gyro (axis ahead, x) varies; a steady wind or gusts",
+        "a gyro bias (axis ahead, x) varies; a steady wind or gusts",
         "a steady wind and other_1",
     ]
     for term in CATALOGUE.values():
         for parameter in term.parameters:
-            assert "_" not in quantity(term.name, parameter.name)
+            told = quantity(term.name, parameter.name)
+            assert told
+            assert "_" not in told
 
 
 def test_all_reasons_for_which_a_flight_was_left_out_stand_in_one_line() -> None:

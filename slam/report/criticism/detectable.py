@@ -1,4 +1,4 @@
-"""Effects that the flights could not show, with the reason, and the smallest visible sizes of the others."""
+"""Smallest sizes of effects that the flights could have shown, and the effects that they could not."""
 
 from __future__ import annotations
 
@@ -124,11 +124,11 @@ def _reason(name: str, missing: Sequence[str], result: Criticism) -> str:
     """Return why an effect does not show: for want of a stream, or of motion."""
     term = CATALOGUE[name]
     needs = {
-        "frames": (term.family == "camera" and term.stream != "velocity") or name == "moving_objects",
-        "imu": term.family == "imu",
-        "sonar": term.family == "sonar" or name.startswith("floor_"),
+        "frames": term.acts_on == "image" or term.stream == "frames",
+        "imu": term.stream == "imu",
+        "sonar": term.family == "sonar" or term.acts_on == "place",
         "velocity": term.stream == "velocity",
-        "command": term.family == "motion" and not term.is_of_instrument,
+        "command": term.acts_on in ("command", "force", "wind"),
     }
     otherwise = _LARGER if name in result.detectable else _COMPARED if result.limits else _OTHERWISE
     return next((_WITHOUT[s] for s, needed in needs.items() if needed and s in missing), otherwise)
