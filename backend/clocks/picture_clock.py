@@ -86,6 +86,26 @@ class PictureClock:
         """Return the number of the piece (n,) of pictures stamped ``stamps_s`` (n,)."""
         return np.searchsorted([piece.begin_s for piece in self.pieces[1:]], stamps_s, side="right")
 
+    def begun_at_pictures(self, stamps_s: Array) -> PictureClock:
+        """Return the clock whose pieces begin at pictures, of all pictures' stamps (n,) in order of time.
+
+        A step lies between any two pictures of the turn in which it was found, or near it where few turns are
+        left. A clock that is set forward makes the time between two pictures longer by the step. Elsewhere
+        pictures would get earlier stamps than those before them.
+        """
+        lasts_s, pieces = np.diff(stamps_s), list(self.pieces)
+        for k, (before, after) in enumerate(zip(self.pieces, self.pieces[1:], strict=False), start=1):
+            step_s = after.delay_s - before.delay_s
+            possible = np.flatnonzero(lasts_s > step_s)
+            if len(possible):
+                outside_s = np.maximum(
+                    after.after_s - stamps_s[possible], stamps_s[possible + 1] - after.begin_s
+                )
+                unusual_s = np.abs(lasts_s[possible] - step_s - np.median(lasts_s))
+                best = possible[np.lexsort((unusual_s, np.maximum(outside_s, 0.0)))[0]]
+                pieces[k] = replace(after, begin_s=float(stamps_s[best + 1]))
+        return replace(self, pieces=tuple(pieces))
+
     def delayed(self, delay_s: float, std_s: float) -> PictureClock:
         """Return the clock with another ``delay_s`` in every piece, whose standard deviation is then
         ``std_s``."""
@@ -111,33 +131,12 @@ def picture_clock(
     clock = None if residuals is None else clock_of(residuals)
     if clock is None:
         return None
-    clock = _begun_at_pictures(clock, stamps_s)
+    clock = clock.begun_at_pictures(stamps_s)
     number = clock.numbers_at(stamps_s)
     pieces = [
         finer(piece, stamps_s[number == k], w_R_b[number == k], chain[number == k], readings)
         for k, piece in enumerate(clock.pieces)
     ]
-    return replace(clock, pieces=tuple(pieces))
-
-
-def _begun_at_pictures(clock: PictureClock, stamps_s: Array) -> PictureClock:
-    """Return the clock whose pieces begin where a step makes the time between two pictures unusual.
-
-    A turn spans several pictures, and the step may be between any two of those in which it lies, or near it
-    where few turns are left. A clock that is set forward lengthens the time between two pictures by as much:
-    elsewhere pictures would get earlier stamps than those in front of them.
-    """
-    lasts_s, pieces = np.diff(stamps_s), list(clock.pieces)
-    for k, (before, after) in enumerate(zip(clock.pieces, clock.pieces[1:], strict=False), start=1):
-        step_s, usual_s = after.delay_s - before.delay_s, float(np.median(lasts_s))
-        within = (stamps_s[:-1] >= after.after_s) & (stamps_s[1:] <= after.begin_s)
-        longer = lasts_s > step_s
-        if (within & longer).any():
-            unusual_s = np.where(within & longer, np.abs(lasts_s - step_s - usual_s), np.inf)
-            pieces[k] = replace(after, begin_s=float(stamps_s[np.argmin(unusual_s) + 1]))
-        elif longer.any():
-            away_s = np.where(longer, np.abs(stamps_s[1:] - after.begin_s), np.inf)
-            pieces[k] = replace(after, begin_s=float(stamps_s[np.argmin(away_s) + 1]))
     return replace(clock, pieces=tuple(pieces))
 
 
@@ -183,8 +182,7 @@ def finer(
     if residuals is None or len(residuals.begin_s) < LEAST_TURNS:
         return piece
     found = piece_of(residuals, piece.begin_s)
-    std_s = float(np.hypot(found.std_s, piece.far_std_s))
-    return replace(found, std_s=std_s, far_std_s=piece.far_std_s, after_s=piece.after_s)
+    return replace(found, std_s=float(np.hypot(found.std_s, piece.far_std_s)), far_std_s=piece.far_std_s)
 
 
 def robust_cost(turn_cost: Array) -> Array:
@@ -233,19 +231,17 @@ def _likeliest_step(residuals: DelayResiduals) -> tuple[int, int]:
     stops, starts = np.concatenate([start - 1, parted]), np.concatenate([start, parted])
     # A turn that is left out would have cost as much as its three components have variances.
     left_out, cost, step_s = np.where(stops < starts, 3.0, 0.0), np.zeros(len(stops)), 0.0
-    lasts_s = residuals.begin_s[starts] - residuals.end_s[stops - 1]
     for _ in range(_ROUNDS):
         sums = np.cumsum(np.tensordot(1 / np.maximum(variance, 1e-24), squares, axes=1), axis=0)
         before, after = sums[stops - 1], sums[-1] - sums[starts - 1]
         cost = before.min(axis=1) + after.min(axis=1) + left_out
-        if (lasts_s > step_s).any():  # elsewhere pictures would be taken before those in front of them
-            cost[lasts_s <= step_s] = np.inf
         best = int(np.argmin(cost))
         first, second = int(before[best].argmin()), int(after[best].argmin())
         sides = squares[:, : stops[best], first], squares[:, starts[best] :, second]
         variance = np.concatenate(sides, axis=1).mean(axis=1)
         step_s = float(residuals.delays_s[second] - residuals.delays_s[first])
     # Of the turns that are as likely, the step lies in that whose duration it makes unusual.
+    lasts_s = residuals.begin_s[starts] - residuals.end_s[stops - 1]
     usual_s = float(np.median(residuals.end_s - residuals.begin_s))
     unusual = np.abs(lasts_s - step_s - np.where(stops < starts, usual_s, 0.0))
     best = int(np.argmin(np.where(cost < cost.min() + _AS_LIKELY, unusual, np.inf)))

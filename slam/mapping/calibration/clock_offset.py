@@ -29,11 +29,12 @@ def clock_correction(clock: PictureClock | None, stamps_s: Array) -> PictureCloc
     """Return the delays to be taken out of the pictures' stamps (n,); none where they are too small or vague.
 
     A clock that steps is corrected as a whole or not at all, because one side alone would tear the order of
-    the pictures. Delays that would do so are none that the pictures have.
+    the pictures. Delays that would tear it cannot be true.
     """
     if clock is None or not all(_correctable(piece, clock) for piece in clock.pieces):
         return NO_CORRECTION
-    if (np.diff(stamps_s - clock.delays_at(stamps_s)) <= 0).any() and (np.diff(stamps_s) > 0).all():
+    in_order, corrected_s = np.diff(stamps_s) > 0, stamps_s - clock.delays_at(stamps_s)
+    if (in_order & (np.diff(corrected_s) <= 0)).any():
         return NO_CORRECTION
     kept = [piece if piece.differs(0.0) else replace(piece, delay_s=0.0) for piece in clock.pieces]
     return replace(clock, pieces=tuple(kept)) if any(piece.delay_s for piece in kept) else NO_CORRECTION

@@ -42,8 +42,8 @@ _DOUBTED = {
 _MOST_LEFT = 0.25
 """Share of the squares that a pattern leaves at most: half of the standard deviation."""
 _MOST_STEPS = 64
-"""Fixes at which a step of the clock is tried, but for the first and last eighth: a step there is hardly
-another thing than a delay, or nothing."""
+"""Fixes at which a step of the clock is tried. A step in the first or last eighth of the fixes can hardly be
+told from a delay, or from none."""
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ from slam.mapping.warnings.systematic_warning import (
     systematic_warning,
     told_lens_warning,
 )
-from slam.mapping.warnings.wrong_moments import without_wrong_moments, wrong_moments
+from slam.mapping.warnings.wrong_moments import WrongMoments
 
 MOST_STUCK = 0.5
 """Share of equal ranges from which on even a robust estimate of the height follows them."""
@@ -191,7 +191,8 @@ def _motion_warnings(flight: Flight, map_: Map, metric: bool) -> list[str]:
         return []
     steps = KeyframeSteps.of(flight, map_.observations.stamps_s, map_.of_main(map_.w_T_b), metric)
     names = flight.picture_names(flight.frames.stamps_s[map_.observations.frame_index])
-    return contradictions(without_wrong_moments(steps)) or wrong_moments(steps, names)
+    moments = WrongMoments.of(steps)
+    return contradictions(moments.others) or moments.lines(names)
 
 
 def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LONGEST_STEP_S = 2.0
-GYRO = "imu0 (gyro)"
+GYRO, ACCELEROMETER = "imu0 (gyro)", "imu0 (vertical acceleration)"
 
 
 @dataclass(frozen=True)
@@ -120,35 +120,31 @@ def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Ste
 
 def _climbs(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[StepMotion]:
     """Return the changes of height by each instrument that measures heights or vertical accelerations."""
-    height_m = poses[:, 2, 3]
-    climbed, lasts_s = np.diff(height_m)[near, None], np.diff(at_s)[near]
+    height_m, lasts_s = poses[:, 2, 3], np.diff(at_s)[near]
+    falls = [(one.k, _fall(one, poses), one.std_m) for one in ranges_at(flight.sonar, at_s, 0.0)]
+    heights = [(one.k, one.height_m, one.std_m) for one in heights_at(flight.barometer, at_s, 0.0)]
     motions: list[StepMotion] = []
-    ranges = ranges_at(flight.sonar, at_s, 0.0)
-    if ranges:
-        fall = np.full(len(at_s), np.nan)
-        fall[[one.k for one in ranges]] = [_fall(one, poses) for one in ranges]
-        read = np.diff(fall)[near, None]
-        noise = np.sqrt(2.0) * float(np.median([one.std_m for one in ranges]))
-        motions.append(
-            StepMotion("sonar0 (height)", read, climbed, lasts_s, True, noise, 1.0, is_judged_as_whole=False)
-        )
-    heights = heights_at(flight.barometer, at_s, 0.0)
-    if heights:
-        level = np.full(len(at_s), np.nan)
-        level[[one.k for one in heights]] = [one.height_m for one in heights]
-        read = np.diff(level)[near, None]
-        noise = np.sqrt(2.0) * float(np.median([one.std_m for one in heights]))
-        motions.append(
-            StepMotion("barometer0", read, climbed, lasts_s, True, noise, 1.0, is_judged_as_whole=False)
-        )
+    for who, readings in (("sonar0 (height)", falls), ("barometer0 (height)", heights)):
+        if readings:
+            number, value, std_m = zip(*readings, strict=True)
+            read = np.full(len(at_s), np.nan)
+            read[list(number)] = value
+            motions.append(
+                StepMotion(
+                    who,
+                    np.diff(read)[near, None],
+                    np.diff(height_m)[near, None],
+                    lasts_s,
+                    is_way=True,
+                    noise=np.sqrt(2.0) * float(np.median(std_m)),
+                    gain=1.0,
+                    is_judged_as_whole=False,
+                )
+            )
     if flight.imu is not None:
         read = _second_differences(at_s, _heights_by_acceleration(flight.imu, at_s, poses))[near, None]
         made = _second_differences(at_s, height_m)[near, None]
-        motions.append(
-            StepMotion(
-                "imu0 (vertical acceleration)", read, made, lasts_s, True, gain=1.0, by_acceleration=True
-            )
-        )
+        motions.append(StepMotion(ACCELEROMETER, read, made, lasts_s, True, gain=1.0, by_acceleration=True))
     return motions
 
 

@@ -7,7 +7,8 @@ their stamps the vehicle was elsewhere. Those of another camera or zoom show it 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,52 +29,57 @@ LEAST_STEPS = 10
 """Fewer steps do not tell the noise of an instrument."""
 
 
-def wrong_moments(steps: KeyframeSteps, names: Sequence[str]) -> list[str]:
-    """Return a line for each run of steps that two instruments contradict.
+@dataclass(frozen=True)
+class WrongMoments:
+    """Steps that two instruments contradict."""
 
-    ``names`` (n,) are those of the keyframes.
-    """
-    off = _off(steps)
-    wrong = np.flatnonzero(_contradicted_twice(off))
-    # Between two pictures of wrong times, a step may look right by chance.
-    runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 2) + 1) if len(wrong) else []
-    return [_line(steps, names, off, run) for run in runs]
+    steps: KeyframeSteps
+    off: Mapping[str, Mask]
+    """(n,) the steps that each instrument contradicts."""
 
+    @staticmethod
+    def of(steps: KeyframeSteps) -> WrongMoments:
+        """Compare each step with the instruments."""
+        off: dict[str, Mask] = {}
+        for motion in steps.motions:
+            beyond = deviations(motion) > GATE_SIGMAS
+            if motion.by_acceleration:  # the step before has a part in it
+                beyond[:-1] |= beyond[1:]
+            off[motion.stream] = off.get(motion.stream, np.zeros_like(beyond)) | beyond
+        return WrongMoments(steps, off)
 
-def without_wrong_moments(steps: KeyframeSteps) -> KeyframeSteps:
-    """Return the steps but those that two instruments contradict, and those right after them."""
-    off = _off(steps)
-    if not off:
-        return steps
-    wrong = _contradicted_twice(off)
-    wrong[1:] |= wrong[:-1].copy()
-    return steps.only(~wrong)
+    @property
+    def wrong(self) -> Mask:
+        """(n,) the steps that at least two instruments contradict."""
+        count = np.zeros(len(self.steps.keyframe), dtype=np.int64)
+        for mask in self.off.values():
+            count += mask
+        return np.asarray(count >= 2)
 
+    @property
+    def others(self) -> KeyframeSteps:
+        """The steps but the wrong ones, and but those right after them, in whose accelerations they have a
+        part."""
+        wrong = self.wrong
+        wrong[1:] |= wrong[:-1].copy()
+        return self.steps.only(~wrong)
 
-def _off(steps: KeyframeSteps) -> dict[str, Mask]:
-    """Return (n,) which steps each instrument contradicts."""
-    off: dict[str, Mask] = {}
-    for motion in steps.motions:
-        beyond = deviations(motion) > GATE_SIGMAS
-        if motion.by_acceleration:
-            beyond[:-1] |= beyond[1:]
-        off[motion.stream] = off.get(motion.stream, np.zeros_like(beyond)) | beyond
-    return off
+    def lines(self, names: Sequence[str]) -> list[str]:
+        """Return a line for each run of wrong steps; ``names`` (k,) are those of the keyframes."""
+        wrong = np.flatnonzero(self.wrong)
+        # Between two pictures of wrong times, a step may look right by chance.
+        runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 2) + 1) if len(wrong) else []
+        return [self._line(names, run) for run in runs]
 
-
-def _contradicted_twice(off: dict[str, Mask]) -> Mask:
-    return np.asarray(sum(mask.astype(int) for mask in off.values()) >= 2) if off else np.zeros(0, dtype=bool)
-
-
-def _line(steps: KeyframeSteps, names: Sequence[str], off: dict[str, Mask], run: NDArray[np.int64]) -> str:
-    first, last = steps.keyframe[run[0], 0], steps.keyframe[run[-1], 1]
-    streams = enumerated([stream for stream, mask in off.items() if mask[run].any()])
-    return (
-        f"cam0: from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures there "
-        "are in another order, were not taken when their stamps say, or are of another camera or zoom, "
-        "unless the instruments lost readings together; trust no pose there, and correct the stamps or leave "
-        "the pictures out"
-    )
+    def _line(self, names: Sequence[str], run: NDArray[np.int64]) -> str:
+        first, last = self.steps.keyframe[run[0], 0], self.steps.keyframe[run[-1], 1]
+        streams = enumerated([stream for stream, mask in self.off.items() if mask[run].any()])
+        return (
+            f"cam0: from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures "
+            "there are in another order, were not taken when their stamps say, or are of another camera or "
+            "zoom, unless the instruments lost readings together; they may bend the whole map: correct their "
+            "stamps or leave them out, and run again"
+        )
 
 
 def deviations(motion: StepMotion) -> Array:

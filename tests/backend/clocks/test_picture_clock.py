@@ -12,7 +12,6 @@ from backend.clocks.picture_clock import (
     LEAST_TURNS,
     ClockPiece,
     PictureClock,
-    _begun_at_pictures,
     clock_of,
     picture_clock,
 )
@@ -86,7 +85,7 @@ def test_a_step_forward_begins_where_no_picture_was_taken_as_long(found_s: float
         ClockPiece(float("-inf"), 0.0, 0.001),
         ClockPiece(found_s, 1.0, 0.001, after_s=found_s - 0.25),
     )
-    clock = _begun_at_pictures(PictureClock(pieces, 2.0), stamps_s)
+    clock = PictureClock(pieces, 2.0).begun_at_pictures(stamps_s)
     assert clock.pieces[1].begin_s == 8.0
     assert (np.diff(stamps_s - clock.delays_at(stamps_s)) > 0).all()
 

@@ -10,7 +10,7 @@ import pytest
 from slam.core.flight import Flight
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.motions import KeyframeSteps, StepMotion
-from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, deviations, without_wrong_moments, wrong_moments
+from slam.mapping.warnings.wrong_moments import GATE_SIGMAS, WrongMoments, deviations
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 
@@ -29,9 +29,7 @@ def told(flight: Flight, order: np.ndarray | None = None, late_s: float = 0.0) -
     poses = flight.truth.w_T_b[np.searchsorted(flight.truth.stamps_s, stamps_s + late_s)]
     if order is not None:
         poses[: len(order)] = poses[order]
-    return wrong_moments(
-        KeyframeSteps.of(flight, stamps_s, poses, True), [f"picture_{k}" for k in range(len(stamps_s))]
-    )
+    return WrongMoments.of(KeyframeSteps.of(flight, stamps_s, poses, True)).lines(_names(stamps_s))
 
 
 def test_a_healthy_flight_has_no_wrong_moment(flight: Flight):
@@ -65,12 +63,12 @@ def test_keyframes_at_another_height_are_named(flight: Flight, odd: list[int]):
     """Pictures of another zoom put the vehicle a third higher, in which no instrument follows."""
     stamps_s, poses = _way(flight)
     poses[odd, 2, 3] *= 4 / 3
-    steps = KeyframeSteps.of(flight, stamps_s, poses, True)
-    lines = wrong_moments(steps, [f"picture_{k}" for k in range(len(stamps_s))])
+    found = WrongMoments.of(KeyframeSteps.of(flight, stamps_s, poses, True))
+    lines = found.lines(_names(stamps_s))
     assert len(lines) == (1 if odd != [20, 90] else 2)
     assert all(f"from picture_{max(k - 1, 0)} to" in line for k, line in zip(odd, lines, strict=False))
     assert all("than imu0 and sonar0: " in line and "of another camera or zoom" in line for line in lines)
-    assert contradictions(without_wrong_moments(steps)) == []
+    assert contradictions(found.others) == []
 
 
 def test_what_stands_on_the_floor_is_no_wrong_moment(flight: Flight):
@@ -101,6 +99,10 @@ def test_a_step_that_lasts_longer_may_be_off_by_more() -> None:
     # The error of a step of usual length is judged as before.
     wrong = replace(motion, read=slow + np.eye(22, 2) * 0.1)
     assert deviations(wrong)[0] > GATE_SIGMAS
+
+
+def _names(stamps_s: np.ndarray) -> list[str]:
+    return [f"picture_{k}" for k in range(len(stamps_s))]
 
 
 def _way(flight: Flight) -> tuple[np.ndarray, np.ndarray]:
