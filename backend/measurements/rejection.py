@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import Enum
 
 CONTRADICTED, UNPROVEN = "contradicted", "unproven"
 """Findings about a rejected link: other links contradict it, or it shows too little to tell."""
+SAME_PLACE_HEIGHTS = 0.2
+"""Heights of the camera by which a link may miss and still show the right place: a picture shows about one
+height of ground to each side. The search for loops refuses none within it, unless its settings say so."""
+_MISFIT = re.compile(r"(\d[\d.]*(?:e[+-]\d+)?) (\w+), (\d[\d.]*(?:e[+-]\d+)?) deg$")
 
 
 class LinkCheck(Enum):
@@ -51,6 +56,19 @@ _CONTRADICTIONS = (
 
 
 @dataclass(frozen=True)
+class Misfit:
+    """The difference between a link and the poses that the other links give its ends."""
+
+    length: float
+    unit: str
+    """``m``, or ``heights`` of the camera before metres are known."""
+    angle_deg: float
+
+    def __str__(self) -> str:
+        return f"{self.length:.2g} {self.unit}, {self.angle_deg:.2g} deg"
+
+
+@dataclass(frozen=True)
 class Rejection:
     """The check that a link failed."""
 
@@ -71,6 +89,12 @@ class Rejection:
     def kind(self) -> str:
         """Words without figures, for counting."""
         return self.check.value or self.figures
+
+    @property
+    def misfit(self) -> Misfit | None:
+        """The misfit that ends the figures of a link that disagrees; None for other checks."""
+        found = _MISFIT.search(self.figures) if self.check is LinkCheck.GRAPH else None
+        return Misfit(float(found[1]), found[2], float(found[3])) if found else None
 
     def __str__(self) -> str:
         return f"{self.check.value}{self.check.joint if self.figures else ''}{self.figures}"

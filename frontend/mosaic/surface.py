@@ -53,6 +53,11 @@ class Surface:
     source: NDArray[np.uint8]
     """(rows, cols) ``HeightSource`` of each height."""
 
+    @property
+    def measured(self) -> Mask:
+        """(rows, cols) whether pictures or the sonar measured the height."""
+        return np.isin(self.source, (HeightSource.PICTURES, HeightSource.SONAR))
+
     @cached_property
     def digest(self) -> bytes:
         """Digest of the heights and their place."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -23,6 +24,11 @@ class AttitudeErrors:
     """Largest error of roll or pitch at any keyframe."""
     heading_wander_rad: float | None
     """Range of the heading's error, largest minus smallest; None where no heading was measured."""
+
+    @property
+    def tilt_rad(self) -> float:
+        """Mean tilt of the attitude against the map."""
+        return math.hypot(*self.offset_rad)
 
 
 @dataclass(frozen=True, kw_only=True)

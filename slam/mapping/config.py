@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 
 from backend.bundle.graph import BundleConfig
+from backend.measurements.rejection import SAME_PLACE_HEIGHTS
 from frontend.features import FeatureConfig
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
@@ -44,7 +45,7 @@ class LoopConfig:
     """Pairs that the poses say overlap by this share of a footprint are compared."""
     plausible_sigmas: float = 6.0
     """A loop farther than this from where the poses known so far have it is refused."""
-    plausible_heights: float = 0.2
+    plausible_heights: float = SAME_PLACE_HEIGHTS
     """But nothing within this many flying heights is."""
     max_pairs: int = 6000
     """Pairs compared over the whole flight, of those that look alike, and again of those the poses suggest;

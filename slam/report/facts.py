@@ -203,9 +203,10 @@ def heights_over_floor(estimate: Estimate) -> tuple[Array, Array]:
 
 
 def median_height_m(estimate: Estimate) -> float:
-    """Return the median height of a keyframe over the floor; NaN where none is known."""
+    """Return the median height of a keyframe over the floor; NaN where none is known in metres."""
     height_m = heights_over_floor(estimate)[0]
-    return float(np.nanmedian(height_m)) if np.isfinite(height_m).any() else float("nan")
+    known = estimate.metric and np.isfinite(height_m).any()
+    return float(np.nanmedian(height_m)) if known else float("nan")
 
 
 def typical_axis_stds(estimate: Estimate) -> tuple[float, float]:

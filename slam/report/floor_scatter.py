@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.robust import robust_std
 
-_SURE = 3.0
+SURE = 3.0
 """Standard deviations that noise exceeds in one cell of 400."""
 LEAST_SPAN_M = 0.1
 """Range of the colours on a flat floor, half of it below the floor, so that noise does not look like
 hills."""
 
 
-def floor_scatter(height: NDArray[np.float32]) -> tuple[float, float] | None:
-    """Return between which heights a flat floor scatters by chance, by the median of its deviations.
+class FloorScatter(NamedTuple):
+    """Heights between which a flat floor scatters by chance."""
 
-    None where these are too large for noise, as on hills.
-    """
+    middle_m: float
+    reach_m: float
+    """To either side of the middle: ``SURE`` standard deviations."""
+
+
+def floor_scatter(height: NDArray[np.float32]) -> FloorScatter | None:
+    """Return the scatter of a flat floor by the median of its deviations; None where these are too large for
+    noise, as on hills."""
     known = height[np.isfinite(height)]
     if len(known) == 0:
         return None
     middle = float(np.median(known))
-    reach = _SURE * robust_std(known - middle)
-    return (middle - reach, middle + reach) if reach < LEAST_SPAN_M / 2 else None
+    reach = SURE * robust_std(known - middle)
+    return FloorScatter(middle, reach) if reach < LEAST_SPAN_M / 2 else None

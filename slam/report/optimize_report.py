@@ -243,7 +243,7 @@ def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
     rejected = [(loop, loop.rejection) for loop in estimate.loops if loop.rejection]
     rejected.sort(key=lambda each: each[0].finding != CONTRADICTED)  # the others are less worth a look
     names = estimate.frame_names
-    height_m = median_height_m(estimate) if estimate.metric else float("nan")
+    height_m = median_height_m(estimate)
     return tuple(
         RejectedLoop(
             f"{loop.i} – {loop.j}",

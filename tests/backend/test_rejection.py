@@ -2,7 +2,7 @@
 
 import pytest
 
-from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
+from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Misfit, Rejection
 
 
 @pytest.mark.parametrize("check", LinkCheck)
@@ -29,3 +29,11 @@ def test_a_text_that_only_begins_like_a_check_is_another_reason(text):
 def test_the_finding_is_that_of_the_check_and_not_of_its_words():
     assert Rejection(LinkCheck.OTHER, "disagrees by 9 sigma").check.finding == UNPROVEN
     assert Rejection(LinkCheck.GRAPH, "").check.finding == CONTRADICTED
+
+
+def test_the_misfit_of_a_link_is_read_from_its_figures():
+    misfit = Misfit(0.00012, "heights", 14.0)
+    figures = f"7.3 sigma (each 1.8 of a stated one, as the loops show; limit 4.1): {misfit}"
+    assert Rejection.read(f"disagrees by {figures}").misfit == misfit
+    assert Rejection(LinkCheck.PLACE, figures).misfit is None
+    assert Rejection(LinkCheck.GRAPH, "7.3 sigma").misfit is None

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.errors import BackendError
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements.rejection import LinkCheck, Misfit, Rejection
 from backend.pose_graph.chi_square import edge_limit
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,
@@ -334,6 +334,6 @@ def reasons(
             found[e] = Rejection(
                 LinkCheck.GRAPH,
                 f"{sigma[e]:.1f} sigma ({f'{whose}; ' * bool(whose)}limit {limit:.1f}): "
-                f"{length:.2g} {problem.length_unit}, {angle:.2g} deg",
+                f"{Misfit(length, problem.length_unit, angle)}",
             )
     return tuple(found)

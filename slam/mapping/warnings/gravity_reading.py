@@ -63,8 +63,8 @@ def judged(reading: GravityReading, expected: float, stated: float | None) -> Gr
     ``stated`` their standard deviation."""
     if stated is not None and expected <= stated:
         text = (
-            f"{reading.reads}; {_NO_MORE}. At rest a wrong gain looks like an offset: by the usual size of "
-            f"both, lengths of the map may be {percent(expected)} wrong for it, and are stated to "
+            f"{reading.reads}; {_NO_MORE}. At rest a wrong gain looks like an offset. By the usual size of "
+            f"both, a wrong gain may make lengths of the map {percent(expected)} wrong; they are stated to "
             f"{percent(stated)}, so that this accuracy holds"
         )
         return GravityLine(reading.warning, Note(text))

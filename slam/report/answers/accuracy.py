@@ -1,21 +1,17 @@
-"""Answers about the accuracy of a map: places, distances, scale, loops and faults of a mosaic."""
+"""Answers about the accuracy of a map: places, scale and faults of a mosaic."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.measurements.rejection import CONTRADICTED
-from backend.wording import counted, either
-from slam.core.estimate import Estimate, LoopVerdict
+from backend.wording import counted
+from slam.core.estimate import Estimate
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, length, percent
 from slam.report.answers.advice import main_cause
-from slam.report.answers.checked_lengths import CHECKED, RESULT, basis, unless_checked
-from slam.report.answers.contradicted import contradicted
+from slam.report.answers.checked_lengths import CHECKED, basis, unless_checked
 from slam.report.coordinates import at
 from slam.report.facts import Facts, typical_axis_stds
 from slam.report.mosaic_facts import MosaicFacts
@@ -25,8 +21,6 @@ if TYPE_CHECKING:
 
 _STREAMS = {"height sensor": "sonar0", "accelerometer": "imu0", "GPS": "gps0"}
 """Instrument that tells the scale -> name of its stream in warnings."""
-_MOST = 0.75
-"""Share of the squared changes above which they are called most of them: half of each change is left."""
 _MAINLY = 0.5
 """Share of a deviation above which it is mainly another one: three quarters of the variance are its."""
 _IF_WRONG = "Lengths told 1 % too long make the map 1 % too large."
@@ -75,10 +69,9 @@ def _axes_apart(estimate: Estimate, facts: Facts) -> str:
         return ""
     return (
         f" The camera's z is known better (±{SPACE}{facts.length(up_m)}) than its x and y (±{SPACE}"
-        f"{facts.length(level_m)} each), because to its pictures a shift looks like a tilt: x and y of a "
-        "camera rest mainly on its own fix. A wrong height changes the size of all that a picture shows, so "
-        "the pictures hold the heights of all cameras together, and the scatter of all fixes averages out "
-        "in them."
+        f"{facts.length(level_m)} each). To its pictures a shift looks like a tilt, so that x and y rest "
+        "mainly on the camera's own fix. A wrong height changes the size of all that a picture shows: the "
+        "pictures hold the heights of all cameras together, and the scatter of all fixes averages out."
     )
 
 
@@ -164,82 +157,6 @@ def _beside(estimate: Estimate) -> str:
         f"{'longer' if off > 0 else 'shorter'} (±{SPACE}{percent(std)}) than those by the other "
         f"instruments, which were known to ±{SPACE}{percent(found.others_std)}: no more than these "
         "uncertainties explain. The map weighs both by them."
-    )
-
-
-def gain_of_loops(facts: Facts) -> str:
-    """Return how far loop closures moved the path; empty where there are none, and for a graph."""
-    typical_m, largest_m = facts.loops_moved_m
-    if facts.is_graph or not facts.loops_kept or not np.isfinite(largest_m):
-        return ""
-    known = unless_checked(
-        "", f" {RESULT} tells by how much distances would be wrong without them, and are with them."
-    )
-    return (
-        f"Without them, the same pictures and instruments would place the camera {facts.length(typical_m)} "
-        f"away from here typically, and {facts.length(largest_m)} at most, place and height together."
-        f"{_common_and_bent(facts)} The picture “Height” below shows the heights of both.{known}"
-    )
-
-
-def _common_and_bent(facts: Facts) -> str:
-    """Return what of the change by loop closures all keyframes share, and the rest, with a space in front."""
-    found = facts.loop_change
-    if found is None:
-        return ""
-    off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
-    common = (
-        f"without them all lengths are {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the "
-        f"whole map is turned by {abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}"
-    )
-    which = (
-        "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
-    )
-    return (
-        f" {which} is a change that the whole map shares ({common}): it is no drift, and "
-        f"bends nothing. The rest is drift that loop closures took out, which would bend the map by "
-        f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most."
-    )
-
-
-def loops(estimate: Estimate, facts: Facts) -> str:
-    """Return how often places were recognised, and what speaks for and against the matches."""
-    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
-    against = [loop for loop in rejected if loop.finding == CONTRADICTED]
-    if facts.loops_kept:
-        text = (
-            f"Yes, {either(facts.loops_kept, 'once', f'{facts.loops_kept} times')}, so errors do not add "
-            "up over the flight. Each match that was "
-            "kept agrees with all the others in one map."
-        )
-    elif facts.relative_to:
-        text = "No, so errors add up along the path."
-    else:
-        text = "No: positions alone hold the path."
-    if not rejected:
-        return f"{text} No match was rejected: each shows enough to tell, and agrees."
-    unproven = len(rejected) - len(against)
-    parts = [
-        f"{contradicted(estimate, against)}{_most_often(estimate, against)}" if against else "",
-        f"{counted(unproven, 'shows', 'show')} too little to tell whether "
-        f"{either(unproven, 'it is', 'they are')} right"
-        if unproven
-        else "",
-    ]
-    return (
-        f"{text} {counted(len(rejected), 'other was', 'others were')} rejected: "
-        f"{'; '.join(part for part in parts if part)}. "
-        "The map rests on none of them."
-    )
-
-
-def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
-    """Return which keyframe takes part in more of the loops than any other; empty where none does."""
-    (k, count), (_, next_count) = Counter(end for loop in loops for end in (loop.i, loop.j)).most_common(2)
-    if count == next_count:
-        return ""
-    return (
-        f"; keyframe {k}, {estimate.frame_names[k]}, is in {count} of the {len(loops)}, more than any other"
     )
 
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from math import degrees
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.lost_pictures import NOTABLE_SHARE, REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.messages import by_kind
 from slam.core.units import area, axis_names, percent, unit
-from slam.report.answers.streams import STREAM_WORDS, doubts
-from slam.report.answers.tilt import is_tilt_doubted, tilt_rad
+from slam.report.answers.streams import STREAM_WORDS, doubts, is_tilt_doubted
 from slam.report.coordinates import at
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
@@ -180,12 +178,12 @@ def _trusted(estimate: Estimate, summary: Summary) -> str:
 
     `backend.bundle.noise` weighs roll and pitch by their differences from the map.
     """
-    if not is_tilt_doubted(summary) or estimate.instruments.attitude is None:
+    found = estimate.instruments.attitude
+    if found is None or not is_tilt_doubted(summary.warnings):
         return ""
     return (
-        f" Its roll and pitch differ from the map by {np.degrees(tilt_rad(estimate)):.1f}° on average, and "
-        "were trusted no better than that: lengths along the ground do not depend on them, but heights may "
-        "lean."
+        f" The map trusts its roll and pitch no better than to {degrees(found.tilt_rad):.1f}°, their mean "
+        "difference from the map. Lengths along the ground do not depend on them, but heights may lean."
     )
 
 

@@ -9,10 +9,9 @@ import numpy as np
 from slam.core.estimate import Estimate
 from slam.core.units import SPACE, percent
 from slam.report.answers.advice import HEIGHTS, focal_std_ratio, hangs_on_lens, main_cause
-from slam.report.answers.tilt import is_tilt_doubted, tilt_rad
+from slam.report.answers.streams import is_tilt_doubted
 from slam.report.facts import Facts, heights_over_floor, largest_height_std
 from slam.report.floor_scatter import floor_scatter
-from slam.report.pictures.heights import doubted_heights
 
 if TYPE_CHECKING:
     from slam.core.summary import Summary
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tuple[str, ...]]:
     """Return whether heights are true and from where they count; and lines about those of the ground, about
     differences near each other, and about those of a camera."""
-    tilted = is_tilt_doubted(summary)
+    tilted = is_tilt_doubted(summary.warnings)
     over_m, worst_m = typical_height_std(estimate), largest_height_std(estimate)
     text = (
         f"{_verdict(estimate, facts, summary.status, over_m if not tilted else None)} Heights {facts.datum}."
@@ -36,9 +35,9 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
                 " The altitude of the ground on Earth is known no better than that: it moves as a whole."
             )
     if np.isfinite(worst_m):
-        camera += _of_camera(facts, over_m, worst_m, tilt_rad(estimate) if tilted else 0.0)
+        camera += _of_camera(facts, over_m, worst_m, tilted)
     lines = (
-        ("Heights of the ground:", _of_ground(estimate, facts)),
+        ("Heights of the ground:", _of_ground(estimate)),
         ("Differences in height near each other:", _near_each_other(estimate, facts, tilted)),
         (f"Height of a camera over the {_level(estimate)}:", camera),
     )
@@ -63,17 +62,21 @@ def typical_height_std(estimate: Estimate) -> float:
     return float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else float("nan")
 
 
-def _of_ground(estimate: Estimate, facts: Facts) -> str:
+def _of_ground(estimate: Estimate) -> str:
     ground = estimate.ground
     if ground is None:
         return ""
     if ground.is_measured:
+        doubted = (
+            f", and {percent(ground.doubted_share)} of the measured heights are doubted (picture of heights)"
+            if ground.doubted_share
+            else ""
+        )
         return (
             f" {percent(ground.relief_share)} of the ground does not lie on one plane. Its height, with what "
             "stands on it such as trees, was measured from the pictures, over the floor, the level plane "
-            f"that fits best; {percent(ground.filled_share)} of it was filled in from around. Trust no "
-            "height where elevation.tif has no standard deviation, pale in the picture of heights."
-            f"{doubted_heights(ground, facts, estimate)}"
+            f"that fits best. {percent(ground.filled_share)} of it was filled in from around{doubted}. Trust "
+            "no height where elevation.tif has no standard deviation, pale in the picture of heights."
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."
@@ -88,30 +91,27 @@ def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
     if ground is not None and ground.is_measured:
         std = ground.height_std_m
         told = (
-            f" On the ground typically to ±{SPACE}{facts.length(std)}{_shared(estimate, facts)}."
+            f" On the ground typically to ±{SPACE}{facts.length(std)}.{_shared(estimate, facts)}"
             if std
             else ""
         )
     elif ground is not None and not ground.relief_share and estimate.elevation is not None:
-        told = " The picture of heights below and elevation.tif show what the height sensor found on it."
+        told = " The picture of heights below and elevation.tif show what the height sensor found on it"
         if scatter := floor_scatter(estimate.elevation.height_m):
-            told += (
-                f" Less than {facts.length((scatter[1] - scatter[0]) / 2)} above or below the floor cannot "
-                "be told from it: so far the echoes of the floor itself scatter (three standard deviations)."
-            )
+            told += f", if it is more than {facts.length(scatter.reach_m)} above or below the floor"
+        told += "."
     if tilted:
-        lean_rad = tilt_rad(estimate)
-        told += f" A lean of {np.degrees(lean_rad):.1f}° changes them by {_a_metre(facts, lean_rad)}."
+        tilt_rad = _tilt_rad(estimate)
+        told += (
+            f" A lean of {np.degrees(tilt_rad):.1f}° changes them by "
+            f"{facts.length(float(np.tan(tilt_rad)))} for each {facts.length(1.0)} between the places."
+        )
     return told
 
 
-def _a_metre(facts: Facts, lean_rad: float) -> str:
-    return f"{facts.length(float(np.tan(lean_rad)))} for each {facts.length(1.0)} between the places"
-
-
 def _shared(estimate: Estimate, facts: Facts) -> str:
-    """Return the error of heights that is proportional to them, with its size at the greatest; empty where
-    there is none."""
+    """Return the error of heights that is proportional to them, with its size at the greatest, and a space
+    in front; empty where there is none."""
     ground, on_lens = estimate.ground, HEIGHTS in hangs_on_lens(estimate)
     share = focal_std_ratio(estimate) if on_lens else facts.scale_std
     if ground is None or not share:
@@ -119,8 +119,8 @@ def _shared(estimate: Estimate, facts: Facts) -> str:
     greatest_m = max(abs(ground.lowest_m), abs(ground.highest_m))
     why = "focal length" if on_lens else "scale"
     return (
-        f", and to {percent(share)} of the height beside, which the {why} adds: "
-        f"±{SPACE}{facts.length(share * greatest_m)} at {facts.length(greatest_m)} from the floor, the most"
+        f" The {why} adds {percent(share)} of the height: ±{SPACE}{facts.length(share * greatest_m)} at "
+        f"{facts.length(greatest_m)} from the floor, the most."
     )
 
 
@@ -132,18 +132,14 @@ def _cause(estimate: Estimate) -> str:
     return main_cause(estimate.information_shares, ("height",))
 
 
-def _of_camera(facts: Facts, over_m: float, worst_m: float, lean_rad: float) -> str:
-    """Return how accurate the height of a camera is in the world, beside that over the floor.
-
-    ``lean_rad``: the tilt that a warning doubts, else 0.
-    """
+def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str:
+    """Return how accurate the height of a camera is in the world, beside that over the floor."""
     against = facts.against.rstrip(",")
     shared = "tilt" if facts.relative_to else "altitude and tilt"
-    lean = f", and {_a_metre(facts, lean_rad)} more until the lean is checked" if lean_rad else ""
     text = (
         f" The camera's own {'z' if facts.relative_to else 'altitude'}, {against}, is known to "
-        f"±{SPACE}{facts.length(worst_m)} where it is least certain{lean}. This counts the {shared} of the "
-        f"whole map{', but not the doubted lean,' if lean else ''} as far as the measurements tell."
+        f"±{SPACE}{facts.length(worst_m)} where it is least certain. This counts the {shared} of the whole "
+        f"map as far as the measurements tell{', but not the lean above' if tilted else ''}."
     )
     if not worst_m < over_m:
         return text
@@ -169,11 +165,16 @@ def without_heights(estimate: Estimate) -> bool:
 
 def _lean(estimate: Estimate, facts: Facts) -> str:
     """Return what a tilt of the map does to heights: that of the attitude sensor, or else a degree."""
-    lean_rad, across_m = tilt_rad(estimate), max(facts.extent_m)
+    tilt_rad, across_m = _tilt_rad(estimate), max(facts.extent_m)
     return (
-        f"{np.degrees(lean_rad):.1f}° raise one end of the path by "
-        f"{facts.length(float(np.tan(lean_rad)) * across_m)} against the other, {facts.length(across_m)} away"
+        f"{np.degrees(tilt_rad):.1f}° raise one end of the path by "
+        f"{facts.length(float(np.tan(tilt_rad)) * across_m)} against the other, {facts.length(across_m)} away"
     )
+
+
+def _tilt_rad(estimate: Estimate) -> float:
+    found = estimate.instruments.attitude
+    return found.tilt_rad if found is not None else float(np.radians(1.0))
 
 
 def _verdict(estimate: Estimate, facts: Facts, status: str, over_m: float | None) -> str:

@@ -46,20 +46,13 @@ def _here(estimate: Estimate, facts: Facts, summary: Summary) -> Mapping[str, st
         shift_px = estimate.ground.misregistration_px[-1]
         fit = f"at the seams the pictures fit to {_in_pixels(shift_px)} on 95 % of the ground"
         if shift_px <= _VISIBLE_PX:
-            found[CUT_THERE] = (
-                f"No: the map does not use them. {_capital(fit)}, so the mosaic is neither cut nor "
-                "doubled there."
-            )
+            found[CUT_THERE] = f"No: the map does not use them, and {fit}."
         elif shift_px > _VISIBLE_PX:  # NaN where it was not measured, and then neither is said
             found[CUT_THERE] = (
                 f"Only if you see the mosaic cut or doubled where many of them lie: {fit}, which shows. "
                 "Look there in map.html, and fly that place again with more overlap."
             )
     return found
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _in_pixels(shift_px: float) -> str:

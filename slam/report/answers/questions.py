@@ -11,9 +11,7 @@ from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of
 from slam.core.units import SPACE
 from slam.report.answers.accuracy import (
-    gain_of_loops,
     least_certain,
-    loops,
     not_as_it_is,
     place,
     scale,
@@ -25,7 +23,8 @@ from slam.report.answers.failures import failed, missing
 from slam.report.answers.heights import heights, only_near, without_heights
 from slam.report.answers.left_out import counted_by_kind
 from slam.report.answers.left_out_here import ground_is_missing, left_out_here
-from slam.report.answers.tilt import is_tilt_doubted
+from slam.report.answers.loops import gain_of_loops, loops
+from slam.report.answers.streams import is_tilt_doubted
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
@@ -102,7 +101,7 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return "to find things and to compare lengths with each other; not in metres"
     good, ground = "to find things, and to measure distances and areas", estimate.ground
     flat = "not for heights of the ground, which was taken as flat"
-    if is_tilt_doubted(summary):
+    if is_tilt_doubted(summary.warnings):
         near = only_near(estimate, facts)
         return f"{good}; {flat}; {near}" if without_heights(estimate) else f"{good}; {near}"
     if ground is not None and ground.is_measured:

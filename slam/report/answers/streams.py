@@ -41,3 +41,8 @@ def doubts(warnings: Iterable[str]) -> tuple[Doubt, ...]:
         if stream in STREAM_WORDS:
             found.append(Doubt(stream, line, line.split(";")[0].removeprefix(stream).lstrip(": ")))
     return tuple(found)
+
+
+def is_tilt_doubted(warnings: Iterable[str]) -> bool:
+    """Return whether a warning doubts how level the map is."""
+    return any(doubt.stream == "attitude0" for doubt in doubts(warnings))

@@ -70,7 +70,7 @@ def links(estimate: Estimate) -> dict[str, dict[str, Any]]:
     """Return the links by kind, of which a rejection's is its verdict: pairs of keyframe numbers, why they
     were rejected, and how many there are."""
     placed = estimate.placed
-    height_m = median_height_m(estimate) if estimate.metric else float("nan")
+    height_m = median_height_m(estimate)
     edges = {"odometry": list[Any](), "loop": list[Any]()}
     for edge in estimate.relative_poses:
         if edge.kind in edges:  # no pictures link the ends of a bridge by instruments

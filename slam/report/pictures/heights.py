@@ -25,9 +25,7 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         return (
             "Height of what stands on the ground, over the floor, which the map takes as flat. The height "
             "sensor alone measured it, and shows no detail smaller than the spot of its beam on the floor. "
-            f"{_of_echo(estimate, facts, flight)}A flat floor has one colour as far as it scatters "
-            "by chance (above the picture), so that what stands on it can be told. Grey: no echo came from "
-            "there. "
+            f"{_of_echoes(estimate, facts, flight)}Grey: no echo came from there. "
         )
     known = f", typically to ±{SPACE}{facts.length(ground.height_std_m)}" if ground.height_std_m else ""
     filled = (
@@ -36,7 +34,7 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         if ground.filled_share
         else ""
     )
-    doubted = doubted_heights(ground, facts, estimate)
+    doubted = _doubted(ground, facts, estimate)
     return (
         "Height of the ground, with what stands on it such as trees, over the floor, which is the level "
         "plane that fits the ground best: from "
@@ -47,33 +45,35 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
     )
 
 
-def doubted_heights(ground: GroundFacts, facts: Facts, estimate: Estimate) -> str:
+def _doubted(ground: GroundFacts, facts: Facts, estimate: Estimate) -> str:
     """Return which measured heights are doubted, in sentences with a space in front; empty without any."""
     if ground.doubted_at_m is None:
         return ""
     x, y, height_m = ground.doubted_at_m
     return (
-        f" Doubted, and pale too: {percent(ground.doubted_share)} of the measured heights, in pits, or "
-        "strips at the edge of the map, that are deeper than wide. Wrong matches make these more "
-        f"often than ground does. The lowest is {facts.length(-height_m)} below the floor, around "
+        f" Doubted, and pale too: {percent(ground.doubted_share)} of the measured heights. They lie in pits, "
+        "or strips at the edge of the map, that are deeper than wide, which wrong matches make more often "
+        f"than ground does. The lowest is {facts.length(-height_m)} below the floor, around "
         f"{at(estimate, x, y)}."
     )
 
 
-def _of_echo(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
-    """Return how accurate one echo is, in one sentence with a space behind; empty without a height sensor."""
-    if flight is None or flight.sonar is None:
-        return ""
-    known = facts.length(flight.sonar.noise_std_m)
-    elevation = estimate.elevation
-    scatter = None if elevation is None else floor_scatter(elevation.height_m)
-    scattered = (
-        f", but those of the floor scatter by {facts.length((scatter[1] - scatter[0]) / 2)} to either side "
-        "(three standard deviations): what differs less cannot be told from the floor"
-        if scatter is not None
-        else ": smaller differences are noise"
-    )
-    return f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}{scattered}. "
+def _of_echoes(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
+    """Return how accurate one echo is, and how far those of a flat floor scatter, in sentences with a space
+    behind."""
+    scatter = None if estimate.elevation is None else floor_scatter(estimate.elevation.height_m)
+    told = ""
+    if flight is not None and flight.sonar is not None:
+        known = facts.length(flight.sonar.noise_std_m)
+        told = f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}"
+        told += ": smaller differences are noise. " if scatter is None else ". "
+    if scatter is not None:
+        told += (
+            f"Echoes of the floor scatter by {facts.length(scatter.reach_m)} to either side (three standard "
+            "deviations). What differs less from the floor has its colour, so that what stands on it can be "
+            "told. "
+        )
+    return told
 
 
 def _signed(height_m: float, facts: Facts) -> str:

@@ -47,9 +47,12 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
     Raises ``InputError`` where the disk refuses.
     """
     elevation = estimate.elevation
+    measured = None
     if surface is not None:
         corner, cell_m, shape = (surface.west_m, surface.north_m), surface.cell_m, surface.height_m.shape
-        bands = _surface_bands(surface, elevation)
+        pits = doubted_pits(surface)
+        bands = _surface_bands(surface, pits, elevation)
+        measured = (surface.source != HeightSource.FILLED) & ~pits
     elif elevation is not None:
         corner, cell_m, shape = (
             (elevation.west_m, elevation.north_m),
@@ -62,7 +65,6 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
     grid = Grid(*corner, cell_m, shape[1], shape[0], estimate.origin, estimate.metric)
     write_bands(out_dir / "elevation.tif", grid, bands, height_tags(estimate))
     path = out_dir / "elevation.png"
-    measured = None if surface is None else (surface.source != HeightSource.FILLED) & ~doubted_pits(surface)
     write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, _measured_by(surface), measured))
     return path
 
@@ -74,12 +76,15 @@ def _measured_by(surface: Surface | None) -> str:
     return "the pictures and the height sensor" if alone else "the pictures"
 
 
-def _surface_bands(surface: Surface, elevation: Elevation | None) -> dict[str, NDArray[np.float32]]:
-    """Return the surface, its standard deviation, the sources of its heights, and the sonar's heights."""
+def _surface_bands(
+    surface: Surface, pits: NDArray[np.bool_], elevation: Elevation | None
+) -> dict[str, NDArray[np.float32]]:
+    """Return the surface, its standard deviation, which heights in ``pits`` have none of, the sources of its
+    heights, and the sonar's heights."""
     sources = ", ".join(f"{source.value} {source.name.lower()}" for source in HeightSource)
     bands = {
         HEIGHT_BAND: np.where(surface.source == HeightSource.UNSEEN, np.float32(np.nan), surface.height_m),
-        "height, standard deviation [m]": np.where(doubted_pits(surface), np.float32(np.nan), surface.std_m),
+        "height, standard deviation [m]": np.where(pits, np.float32(np.nan), surface.std_m),
         f"source of the height: {sources}": surface.source.astype(np.float32),
     }
     if elevation is not None:
@@ -115,7 +120,7 @@ def elevation_picture(
     low, high = min(low, -LEAST_SPAN_M / 2), max(high, LEAST_SPAN_M / 2)
     shown = height
     if floor is not None:
-        shown = np.where((height >= floor[0]) & (height <= floor[1]), np.mean(floor), height)
+        shown = np.where(np.abs(height - floor.middle_m) <= floor.reach_m, floor.middle_m, height)
     drawn = axes.imshow(
         shown, cmap="viridis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
     )
@@ -126,7 +131,8 @@ def elevation_picture(
             _veil(axes, filled, grid)
             grey = "no picture; pale: filled in or doubted"
     if floor is not None:
-        grey = f"{grey}; floor in one colour: {1e3 * floor[0]:+.0f} to {1e3 * floor[1]:+.0f} mm"
+        lowest_mm, highest_mm = 1e3 * (floor.middle_m - floor.reach_m), 1e3 * (floor.middle_m + floor.reach_m)
+        grey = f"{grey}; floor in one colour: {lowest_mm:+.0f} to {highest_mm:+.0f} mm"
     x, y = ground_labels(grid.origin is not None, grid.metric)
     axes.set(xlabel=x, ylabel=y)
     axes.set_title(f"Height over the floor, by {by}\n(grey: {grey})", fontsize=10)

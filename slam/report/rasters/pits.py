@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.surface import HeightSource, Surface
+from slam.report.floor_scatter import SURE
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-_SURE = 3.0
-"""Standard deviations that noise exceeds in one cell of 400."""
 _USUAL_PERCENT = 90
 """Percentile of the standard deviations: that of the less certain heights."""
 _STEP = np.sqrt(2.0)
@@ -27,7 +26,7 @@ _CELLS = 11
 
 def doubted_pits(surface: Surface) -> Mask:
     """Return which measured cells lie below the floor in a pit that is deeper than wide."""
-    measured = (surface.source == HeightSource.PICTURES) | (surface.source == HeightSource.SONAR)
+    measured = surface.measured
     found: Mask = np.zeros(measured.shape, bool)
     std = surface.std_m[measured]
     std = std[np.isfinite(std)]
@@ -37,11 +36,23 @@ def doubted_pits(surface: Surface) -> Mask:
     below = np.minimum(surface.height_m, 0.0).astype(np.float32)
     known = measured | (surface.source == HeightSource.FLOOR)
     # Both the pit and its rim, the highest of many cells, are off by noise.
-    depth_m = max(2 * _SURE * float(np.percentile(std, _USUAL_PERCENT)), 2 * surface.cell_m)
+    depth_m = max(2 * SURE * float(np.percentile(std, _USUAL_PERCENT)), 2 * surface.cell_m)
     while depth_m <= -below[measured].min():
         found |= measured & (_closed(below, known, depth_m / surface.cell_m) - below > depth_m)
         depth_m *= _STEP
     return np.asarray(found, bool)
+
+
+def lowest_place(surface: Surface, where: Mask) -> tuple[float, float, float] | None:
+    """Return x, y and height of the lowest of some cells; None without any."""
+    if not where.any():
+        return None
+    r, c = np.unravel_index(np.argmin(np.where(where, surface.height_m, np.inf)), where.shape)
+    return (
+        surface.west_m + (float(c) + 0.5) * surface.cell_m,
+        surface.north_m - (float(r) + 0.5) * surface.cell_m,
+        float(surface.height_m[r, c]),
+    )
 
 
 def _closed(height_m: Float32, known: Mask, width_cells: float) -> Float32:

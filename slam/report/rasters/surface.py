@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from frontend.surface.relief import relief_squares
 from frontend.views import Load
 from slam.core.estimate import GroundFacts
 from slam.core.progress import Progress
-from slam.report.rasters.pits import doubted_pits
+from slam.report.rasters.pits import doubted_pits, lowest_place
 
 Array = NDArray[np.float64]
 PERCENTS = (50, 95)
@@ -53,7 +52,7 @@ class MeasuredGround:
         relief = source != HeightSource.FLOOR
         if not relief.any():
             return flat
-        known = std[relief & np.isfinite(std)]
+        known, pits = std[relief & np.isfinite(std)], doubted_pits(self.surface)
         return replace(
             flat,
             relief_share=float(relief.mean()),
@@ -61,24 +60,9 @@ class MeasuredGround:
             lowest_m=float(height.min()),
             highest_m=float(height.max()),
             height_std_m=float(np.median(known)) if len(known) else None,
-            **_doubted(self.surface),
+            doubted_share=float(pits.sum() / max(self.surface.measured.sum(), 1)),
+            doubted_at_m=lowest_place(self.surface, pits),
         )
-
-
-def _doubted(surface: Surface) -> dict[str, Any]:
-    """Return the facts about measured heights that are doubted."""
-    pits = doubted_pits(surface)
-    r, c = np.nonzero(pits)
-    if len(r) == 0:
-        return {}
-    measured = (surface.source == HeightSource.PICTURES) | (surface.source == HeightSource.SONAR)
-    lowest = int(np.argmin(surface.height_m[r, c]))
-    at = (
-        surface.west_m + (float(c[lowest]) + 0.5) * surface.cell_m,
-        surface.north_m - (float(r[lowest]) + 0.5) * surface.cell_m,
-        float(surface.height_m[r[lowest], c[lowest]]),
-    )
-    return {"doubted_share": float(pits.sum() / measured.sum()), "doubted_at_m": at}
 
 
 def without_unseen(surface: Surface, plan: MosaicPlan) -> Surface:

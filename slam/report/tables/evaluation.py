@@ -107,23 +107,24 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         pose = evaluation.nees.pose
         if pose.mean > pose.upper95:
             text += (
-                " The errors are larger than the stated uncertainty allows: trust it less. Those of "
-                f"places are {as_stated(evaluation.nees.position)}."
+                " The errors of places and angles together are larger than the stated uncertainty allows: "
+                f"trust it less. Those of places alone are {as_stated(evaluation.nees.position)}."
             )
         else:
             text += (
-                " The errors are no larger than the stated uncertainty allows; on one flight they may be far "
-                "smaller, because an error that all lengths share is drawn once. Those of places are "
-                f"{as_stated(evaluation.nees.position)}: plan with the stated uncertainty as it is."
+                " The errors of places and angles together are no larger than the stated uncertainty allows. "
+                "On one flight they may be far smaller, because an error that all lengths share is drawn "
+                f"once. Those of places alone are {as_stated(evaluation.nees.position)}: "
+                "plan with the stated uncertainty as it is."
             )
     return text
 
 
-def as_stated(pose: Consistency) -> str:
+def as_stated(errors: Consistency) -> str:
     """Return how large errors are beside the stated ones, and which sizes chance alone allows."""
-    size, low, high = (np.sqrt(nees / pose.dof) for nees in (pose.mean, pose.lower95, pose.upper95))
+    size, low, high = (np.sqrt(nees / errors.dof) for nees in (errors.mean, errors.lower95, errors.upper95))
     return (
-        f"{size:.2f} times as large as stated, each weighed by what is stated of it in each direction, and "
+        f"{size:.2f} times as large as stated, each weighed by what is stated of it in each direction; "
         f"chance alone gives {low:.2f} to {high:.2f} times"
     )
 

@@ -137,10 +137,9 @@ def _weighed(estimate: Estimate, name: str) -> str:
         return f"; lengths by it {percent(inertial.scale_std)}, of which its gain is a part"
     if name != "attitude" or found is None:
         return ""
-    off_rad = float(np.linalg.norm(found.offset_rad))
     return (
-        f"; its roll and pitch differ from the map by {degrees(off_rad):.2g}° on average, and are trusted no "
-        "better than that"
+        f"; its roll and pitch differ from the map by {degrees(found.tilt_rad):.2g}° on average, and are "
+        "trusted no better than that"
     )
 
 

@@ -8,6 +8,7 @@ from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 
 AGAIN = "Was a place recognised again, and is that right?"
+SHARES = {"x": {"range": 0.7, "pictures": 0.3}, "y": {"range": 0.5, "pictures": 0.5}, "scale": {"range": 1.0}}
 
 
 def answers(estimate, flight):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import html
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from backend.measurements.rejection import LinkCheck, Rejection
-from slam.core.estimate import GroundFacts, LoopVerdict
+from slam.core.estimate import GroundFacts
 from slam.core.flight import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
 from slam.core.messages import Note
@@ -20,9 +18,8 @@ from slam.report.answers.headline import sentence
 from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.mosaic_facts import MosaicFacts
-from slam.report.optimize_report import render
 from tests.slam.made_estimate import made_estimate, made_flight
-from tests.slam.report.answers.asked import AGAIN, answers
+from tests.slam.report.answers.asked import answers
 
 
 def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
@@ -136,25 +133,6 @@ def test_an_accuracy_by_the_gps_does_not_count_a_shift_of_all_its_fixes():
     assert f"may be as large as what is stated {of_one_fix}" in told(facts)
     assert f"is assumed {of_one_fix}" in told(replace(facts, gps_accuracy="assumed"))
     assert "GPS" not in told(replace(facts, controlled=True)), "control points hold the map"
-
-
-def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
-    estimate, flight = replace(made_estimate(), loops=()), made_flight()
-    assert answers(estimate, flight)[AGAIN].startswith("No, so errors add up")
-    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
-    assert answers(on_earth, flight)[AGAIN].startswith("No: positions alone hold the path")
-    page = html.unescape(render(on_earth, summarise(on_earth), flight))
-    assert "errors add up along" not in page
-
-
-def test_the_keyframe_of_most_contradictions_is_named():
-    estimate, flight = made_estimate(), made_flight()
-    rejection = Rejection(LinkCheck.GRAPH, "9.0 sigma")
-    loops = tuple(LoopVerdict(3, j, rejection) for j in (30, 40, 50))
-    question = "Was a place recognised again, and is that right?"
-    found = answers(replace(estimate, loops=loops), flight)[question]
-    assert f"keyframe 3, {estimate.frame_names[3]}, is in 3 of the 3, more than any other" in found
-    assert "takes part" not in answers(replace(estimate, loops=loops[:1]), flight)[question]
 
 
 def test_the_first_sentence_tells_the_ground_where_there_is_a_mosaic():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from frontend.mosaic.surface import HeightSource, Surface
-from slam.report.rasters.pits import doubted_pits
-from slam.report.rasters.surface import _doubted
+from slam.report.rasters.pits import doubted_pits, lowest_place
 
 
 def surface(height: np.ndarray, std_m: float = 0.1) -> Surface:
@@ -22,9 +21,7 @@ def test_a_pit_deeper_than_wide_is_doubted():
     height[50:70, 100:130] = -6.0  # 2 m x 3 m
     found = doubted_pits(surface(height))
     assert np.array_equal(found, height < -1)
-    facts = _doubted(surface(height))
-    assert facts["doubted_share"] == found.mean()
-    x, y, lowest_m = facts["doubted_at_m"]
+    x, y, lowest_m = lowest_place(surface(height), found)
     assert 20.0 < x < 23.0
     assert 13.0 < y < 15.0
     assert lowest_m < -6.0
@@ -36,7 +33,7 @@ def test_wide_hollows_gaps_between_trees_and_noise_are_true():
     height[:20, :100] = 8.0
     height[:20, 40:50] = 0.0  # 1 m between crowns
     assert not doubted_pits(surface(height)).any()
-    assert _doubted(surface(height)) == {}
+    assert lowest_place(surface(height), np.zeros(height.shape, bool)) is None
 
 
 def test_what_was_filled_in_is_no_measurement_to_doubt():

@@ -1,0 +1,123 @@
+"""Answers about loops: places recognised again, rejected matches, and what loop closures changed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+
+from backend.measurements.rejection import CONTRADICTED, SAME_PLACE_HEIGHTS
+from backend.wording import counted, either
+from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.units import length, percent
+from slam.report.answers.checked_lengths import RESULT, unless_checked
+from slam.report.facts import Facts, median_height_m
+
+_MOST = 0.75
+"""Share of the squared changes above which they are called most of them: half of each change is left."""
+
+
+def loops(estimate: Estimate, facts: Facts) -> str:
+    """Return how often places were recognised, and what speaks for and against the matches."""
+    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
+    against = [loop for loop in rejected if loop.finding == CONTRADICTED]
+    if facts.loops_kept:
+        text = (
+            f"Yes, {either(facts.loops_kept, 'once', f'{facts.loops_kept} times')}, so errors do not add "
+            "up over the flight. Each match that was "
+            "kept agrees with all the others in one map."
+        )
+    elif facts.relative_to:
+        text = "No, so errors add up along the path."
+    else:
+        text = "No: positions alone hold the path."
+    if not rejected:
+        return f"{text} No match was rejected: each shows enough to tell, and agrees."
+    text += (
+        f" {counted(len(rejected), 'other was', 'others were')} rejected, and the map rests on none of them."
+        f"{_contradicted(estimate, against)}"
+    )
+    if unproven := len(rejected) - len(against):
+        text += (
+            f" {counted(unproven, 'shows', 'show')} too little to tell whether "
+            f"{either(unproven, 'it is', 'they are')} right."
+        )
+    return text
+
+
+def _contradicted(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
+    """Return how many contradicted matches show the right place but inexactly, and how many another place,
+    with a space in front; empty without any."""
+    if not loops:
+        return ""
+    height_m = median_height_m(estimate) if estimate.metric else 1.0
+    near = [miss for loop in loops if (miss := _miss(loop, height_m)) <= SAME_PLACE_HEIGHTS]
+    far, told = len(loops) - len(near), []
+    if near:
+        largest, middle = (length(miss * height_m, estimate.metric) for miss in (max(near), np.median(near)))
+        size = f"{largest} at most, typically by {middle}" if len(near) > 1 else largest
+        uneven = estimate.ground is not None and estimate.ground.relief_share > 0
+        cause = ", likely because a match takes the ground for flat, and here it is not" if uneven else ""
+        shown = counted(len(near), "shows", "show") if far else either(len(near), "it shows", "they show")
+        told.append(f"{shown} the right place but inexactly, off by {size}{cause}")
+    if far:
+        shown = counted(far, "shows", "show") if near else either(far, "it shows", "they show")
+        told.append(f"{shown} another place that looks alike, or {either(far, 'fits', 'fit')} wrongly")
+    text = f" The rest of the map contradicts {len(loops)}: {'; '.join(told)}."
+    return f"{text}{_most_often(estimate, loops)}"
+
+
+def _miss(loop: LoopVerdict, height_m: float) -> float:
+    """Return by how much a match displaces the ground in its pictures, in heights of the camera; infinite
+    where another check rejected it or the height is not known."""
+    misfit = loop.rejection.misfit if loop.rejection else None
+    if misfit is None or not height_m > 0:  # poses of a planar graph have no height
+        return float("inf")
+    off = misfit.length / height_m if misfit.unit == "m" else misfit.length
+    return float(np.hypot(off, np.radians(misfit.angle_deg)))
+
+
+def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
+    """Return which keyframe is in more of the loops than any other; empty where none is."""
+    (k, count), (_, next_count) = Counter(end for loop in loops for end in (loop.i, loop.j)).most_common(2)
+    if count == next_count:
+        return ""
+    return (
+        f" Keyframe {k}, {estimate.frame_names[k]}, is in {count} of the {len(loops)}, more than any other."
+    )
+
+
+def gain_of_loops(facts: Facts) -> str:
+    """Return how far loop closures moved the path; empty where there are none, and for a graph."""
+    typical_m, largest_m = facts.loops_moved_m
+    if facts.is_graph or not facts.loops_kept or not np.isfinite(largest_m):
+        return ""
+    known = unless_checked(
+        "", f" {RESULT} tells by how much distances would be wrong without them, and are with them."
+    )
+    return (
+        f"Without them, the same pictures and instruments would place the camera {facts.length(typical_m)} "
+        f"away from here typically, and {facts.length(largest_m)} at most, place and height together."
+        f"{_common_and_bent(facts)} The picture “Height” below shows the heights of both.{known}"
+    )
+
+
+def _common_and_bent(facts: Facts) -> str:
+    """Return what of the change by loop closures all keyframes share, and the rest, with a space in front."""
+    found = facts.loop_change
+    if found is None:
+        return ""
+    off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
+    common = (
+        f"without them all lengths are {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the "
+        f"whole map is turned by {abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}"
+    )
+    which = (
+        "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
+    )
+    return (
+        f" {which} is a change that the whole map shares ({common}): it is no drift, and "
+        f"bends nothing. The rest is drift that loop closures took out, which would bend the map by "
+        f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most."
+    )
