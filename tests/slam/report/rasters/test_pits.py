@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from frontend.mosaic.surface import HeightSource, Surface
+from frontend.surface.misregistration import Misregistration
 from slam.report.rasters.pits import doubted_pits, lowest_place
+from slam.report.rasters.surface import MeasuredGround
 
 
 def surface(height: np.ndarray, std_m: float = 0.1) -> Surface:
@@ -21,7 +23,10 @@ def test_a_pit_deeper_than_wide_is_doubted():
     height[50:70, 100:130] = -6.0  # 2 m x 3 m
     found = doubted_pits(surface(height))
     assert np.array_equal(found, height < -1)
-    x, y, lowest_m = lowest_place(surface(height), found)
+    none_compared = Misregistration((0, 0), np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros((0, 2)))
+    facts = MeasuredGround(none_compared, surface(height)).facts
+    assert facts.doubted_share == found.mean()
+    x, y, lowest_m = facts.doubted_at_m
     assert 20.0 < x < 23.0
     assert 13.0 < y < 15.0
     assert lowest_m < -6.0
