@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from backend import se3
 from backend.errors import BackendError, format_ranges
+from backend.pose_graph.checks.unlike_information import unlike_information
 from backend.pose_graph.graph import MAX_INFORMATION, EdgeRows, PoseGraph, repeated_edges, too_certain
 from backend.wording import counted
 
@@ -86,7 +87,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
             raise BackendError(f"{name}:{line}: FIX names vertex {number}, which the file does not hold")
         fixed[np.searchsorted(ids, number)] = True
     information = _information(edge, dimension, name)
-    warnings += _unlike_information(edge, information)
+    warnings += unlike_information(edge.lines, information)
     if not text.endswith("\n") and not dropped["line without an end"]:
         warnings.append("the last line has no line break: the file may be cut, digits may be missing there")
     graph = PoseGraph(
@@ -102,29 +103,6 @@ def read_g2o(path: str | Path) -> PoseGraph:
         rows=EdgeRows(edge.lines, edge.figures[:, 2] if dimension == 2 else np.zeros(len(edge.lines))),
     )
     return replace(graph, warnings=(*warnings, *repeated_edges(graph)))
-
-
-def _unlike_information(edge: _Block, information: Array) -> list[str]:
-    """Return a warning about information that is orders of magnitude unlike that of the other edges.
-
-    The others set the scale: three times the range of their middle 80 %, or a factor of a thousand if that
-    is more.
-    """
-    trace = np.trace(information, axis1=1, axis2=2)
-    stated = np.flatnonzero(trace > 0)
-    if len(stated) == 0:
-        return []
-    size = np.log10(trace[stated])
-    low, middle, high = np.quantile(size, (0.1, 0.5, 0.9))
-    unlike = np.flatnonzero(np.abs(size - middle) > 3 * max(high - low, 1.0))
-    if len(unlike) == 0:
-        return []
-    line, times = edge.lines[stated[unlike[0]]], 10 ** (size[unlike[0]] - middle)
-    return [
-        f"the information of {counted(len(unlike), 'edge')} is unlike that of the others by a factor of a "
-        "thousand or"
-        f" more (the first is in line {line}, {times:.2g} times the median); check it"
-    ]
 
 
 def _text(path: Path) -> str:

@@ -6,6 +6,7 @@ from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.flight import Flight
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import velocity_anomalies
+from slam.inertial.drag_check import drag_contradiction
 from slam.inertial.imu_motion import COMPARED, ImuMotion
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.level_steps import level_contradictions
@@ -26,8 +27,14 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[str]]:
     if has_compared and (motion := ImuMotion.of(flight, trust)) is not None:
         flight, motion, stepped = without_stream_steps(flight, motion, trust)
         levels = level_contradictions(flight, motion)
+    changes = velocity_contradiction(flight, trust)
+    # A velocity with other changes than the vehicle's has no meaning that the drag could contradict.
+    drag, is_sure = ("", False) if changes else drag_contradiction(flight, trust)
+    if drag and not is_sure:
+        flight = flight.with_warning(drag)
     lines = [
-        velocity_contradiction(flight, trust),
+        changes,
+        drag if is_sure else "",
         clock_step_left(flight),
         *stepped,
         *levels,

@@ -262,11 +262,12 @@ def test_correlated_error_is_identified_from_summed_innovations(flight, navigati
 
 
 def test_the_accuracy_of_the_track_names_the_one_instrument_that_it_rests_on(flight, navigation):
-    """In axes at constant velocity all else reads the same: no test of the data finds such an error."""
+    """In axes at constant velocity all but the drag reads the same: a small error is not found."""
     lasts_s = navigation.inputs.end_s - navigation.inputs.start_s
     assert navigation.estimate.accuracy_basis == (
         "The track over ground and its accuracy rest on velocity0 alone: at a fixed heading no other "
-        "instrument shows a constant error of it, and the accuracy counts none. "
+        "instrument tells a constant error of it from wind, turns in flight do, and the accuracy counts "
+        "none. "
         f"0.06 m/s would move the end of the track by {length(0.06 * lasts_s, True)}."
     )
     assert summary_record(navigation)["accuracy_basis"] == navigation.estimate.accuracy_basis

@@ -1,0 +1,113 @@
+"""Mean of the measured velocity against the drag that the accelerometer shows.
+
+A constant error of the velocity changes neither its changes nor, at one heading, any other reading. The drag
+alone depends on the speed itself: the thrust of a multirotor is along its body's z, so that the accelerometer
+measures the drag along x and y (P. Martin, E. Salaün, ICRA 2010). It vanishes at the velocity of the air. What
+is left is a wind or an error of the velocity, which no flight at one heading tells apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.inertial.instruments import InertialTrust
+
+if TYPE_CHECKING:
+    from slam.core.flight import Flight
+
+Array = NDArray[np.float64]
+
+_WINDOW_S = 1.0
+"""Readings are averaged over it; the attitude follows its target ten times as fast."""
+_LEAST_WINDOWS = 4
+_DRAG_1_S, _DRAG_FACTOR = 0.4, 2.0
+"""Median of the drag coefficient and its standard deviation as a factor. Measured flights gave 0.3 to 0.6."""
+_DRAGS_1_S = _DRAG_1_S * np.geomspace(_DRAG_FACTOR**-2, _DRAG_FACTOR**2, 41)
+_SURE = 3.0
+"""Standard deviations within which drag coefficient and accelerometer may be wrong."""
+_BREEZE_M_S, _FRESH_BREEZE_M_S = 1.6, 8.0
+"""Least winds of 2 and 5 on Beaufort's scale: the first is felt, the other ends the flights of small drones."""
+
+
+@dataclass(frozen=True)
+class AirVelocity:
+    """Velocity forward and left at which the drag vanishes: that of the air, or an error of the velocity."""
+
+    v_m_s: Array
+    """(2,), the most probable one."""
+    least_m_s: float
+    """Speed that it surely has; negative where it may be none."""
+
+
+def air_velocity(flight: Flight, trust: InertialTrust = InertialTrust()) -> AirVelocity | None:
+    """Return the velocity at which the accelerometer's drag vanishes; None where too little was recorded."""
+    windows = _window_means(flight)
+    if windows is None:
+        return None
+    force, velocity = windows
+    without_drag = force + _DRAGS_1_S[:, None, None] * velocity
+    mean, spread = without_drag.mean(axis=1), np.maximum(without_drag.var(axis=1, ddof=1), 1e-12)
+    prior = -0.5 * (np.log(_DRAGS_1_S / _DRAG_1_S) / np.log(_DRAG_FACTOR)) ** 2
+    log_probability = prior - 0.5 * len(force) * np.log(spread).sum(axis=1)
+    possible = log_probability > log_probability.max() - 0.5 * _SURE**2
+    v_m_s = mean / _DRAGS_1_S[:, None]
+    std_m_s = np.sqrt(trust.accel_offset_m_s2**2 + spread.max(axis=1) / len(force)) / _DRAGS_1_S
+    least = np.hypot(*v_m_s.T) - _SURE * std_m_s
+    return AirVelocity(v_m_s[np.argmax(log_probability)], float(least[possible].min()))
+
+
+def drag_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> tuple[str, bool]:
+    """Describe how the drag contradicts the velocity, and whether no wind explains it; empty otherwise.
+
+    Positions show a wind, so that there is no such line in a flight with GPS.
+    """
+    air = air_velocity(flight, trust) if flight.gps is None else None
+    if air is None or air.least_m_s < _BREEZE_M_S:
+        return "", False
+    line = (
+        f"by the drag in imu0, velocity0 has a constant error or the wind blew with {air.v_m_s[0]:.2g} m/s "
+        f"forward and {air.v_m_s[1]:.2g} m/s left ({air.least_m_s:.2g} m/s at least)"
+    )
+    if air.least_m_s < _FRESH_BREEZE_M_S:
+        return f"{line}; a flight that turns tells which: wind keeps its direction over ground", False
+    return (
+        f"{line}: small drones do not fly in so much wind, and the track over ground is not to be trusted; "
+        "check the zero of velocity0 on the ground, and fly turns, in which the other instruments show its "
+        "error",
+        True,
+    )
+
+
+def _window_means(flight: Flight) -> tuple[Array, Array] | None:
+    """Return specific force and velocity (n, 2), forward and left, as means over windows."""
+    imu, velocity = flight.imu, flight.velocity
+    if imu is None or velocity is None:
+        return None
+    read = np.isfinite(velocity.v_m_s).all(axis=1)
+    felt = np.isfinite(imu.accel_m_s2).all(axis=1)
+    if not read.any() or not felt.any():
+        return None
+    b_force = imu.accel_m_s2[felt] @ imu.b_T_s[:3, :3].T
+    begin_s = max(imu.stamps_s[felt][0], velocity.stamps_s[read][0])
+    end_s = min(imu.stamps_s[felt][-1], velocity.stamps_s[read][-1])
+    edges_s = np.arange(begin_s, end_s, _WINDOW_S)
+    if len(edges_s) <= _LEAST_WINDOWS:
+        return None
+    force = _means(imu.stamps_s[felt], b_force[:, :2], edges_s)
+    level = _means(velocity.stamps_s[read], velocity.v_m_s[read], edges_s)
+    both = np.isfinite(force).all(axis=1) & np.isfinite(level).all(axis=1)
+    return (force[both], level[both]) if both.sum() >= _LEAST_WINDOWS else None
+
+
+def _means(stamps_s: Array, values: Array, edges_s: Array) -> Array:
+    """Return means (n, 2) of values between edges, NaN where there is none."""
+    window = np.searchsorted(edges_s, stamps_s, side="right") - 1
+    inside = (window >= 0) & (window < len(edges_s) - 1)
+    count = np.bincount(window[inside], minlength=len(edges_s) - 1)
+    sums = [np.bincount(window[inside], column, len(edges_s) - 1) for column in values[inside].T]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.array(sums).T / count[:, None])
