@@ -2,8 +2,8 @@
 
 A constant error of the velocity changes neither its changes nor, at one heading, any other reading. The drag
 alone depends on the speed itself: the thrust of a multirotor is along its body's z, so that the accelerometer
-measures the drag along x and y (P. Martin, E. Salaün, ICRA 2010). It vanishes at the velocity of the air. What
-is left is a wind or an error of the velocity, which no flight at one heading tells apart.
+measures the drag along x and y (P. Martin, E. Salaün, ICRA 2010). It vanishes at the velocity of the air. A
+wind, or an error of the velocity, is left, and no flight at one heading tells these apart.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ _DRAGS_1_S = _DRAG_1_S * np.geomspace(_DRAG_FACTOR**-2, _DRAG_FACTOR**2, 41)
 _SURE = 3.0
 """Standard deviations within which drag coefficient and accelerometer may be wrong."""
 _BREEZE_M_S, _FRESH_BREEZE_M_S = 1.6, 8.0
-"""Least winds of 2 and 5 on Beaufort's scale: the first is felt, the other ends the flights of small drones."""
+"""Least winds of 2 and 5 on Beaufort's scale: one feels the first; small drones do not fly in the
+other."""
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,8 @@ def unlike_information(lines: NDArray[np.int64], information: Array) -> list[str
     first = unlike[0]
     return [
         f"the information of {counted(len(unlike), 'edge')} is unlike that of the others by a factor of a "
-        f"thousand or more (the first is in line {lines[first]}, {10 ** decades[first]:.2g} times the median);"
-        " check it"
+        f"thousand or more (the first is in line {lines[first]}, {10 ** decades[first]:.2g} times the "
+        "median); check it"
     ]
 
 
