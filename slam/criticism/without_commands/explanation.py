@@ -188,29 +188,25 @@ def explain_comparisons(
         rows = sensors.rows(found.last.quadratic.sizes(found.chosen))
         found = search_linear(likelihood_of(rows, sensors.parameters))
     return ComparedFlights(
-        found=found,
-        posterior=posterior_of(found),
-        limits=LIMITS,
-        anomalies=sensors.anomalies,
-        readings=readings,
-        model=model,
-        progress=progress,
-        flights=flights,
-        sensors=sensors,
-        rows=rows,
-    )
+        found=found, posterior=posterior_of(found), limits=LIMITS, anomalies=sensors.anomalies,
+        readings=readings, model=model, progress=progress, flights=flights, sensors=sensors, rows=rows,
+    )  # fmt: skip
 
 
 def search_linear(found: SearchResult) -> SearchResult:
-    """Choose the significant effects, the greatest first, where everything is linear."""
-    expansion, chosen = found.last, list[Effect]()
-    while len(chosen) < MOST and (best := _next(replace(found, chosen=tuple(chosen)))) is not None:
-        chosen.append(best)
-    for effect in list(chosen):
+    """Choose the significant effects, the greatest first, where everything is linear; what the others have
+    made insignificant is dropped again."""
+    while len(found.chosen) < MOST and (best := _next(found)) is not None:
+        found = replace(found, chosen=(*found.chosen, best))
+    for effect in found.chosen:
         # A term that led alone may lag behind another beside the rest.
-        rest = [e for e in chosen if e is not effect]
-        chosen[chosen.index(effect)] = expansion.score_tests(rest, expansion.effects)[0].effect
-    return replace(found, chosen=tuple(chosen))
+        rest = tuple(e for e in found.chosen if e is not effect)
+        best = found.last.score_tests(rest, found.last.effects)[0].effect
+        found = replace(found, chosen=tuple(best if e is effect else e for e in found.chosen))
+    while any(found.z_of(e) < STANDS_OUT_Z for e in found.chosen):
+        weakest = min(found.chosen, key=found.z_of)
+        found = replace(found, chosen=tuple(e for e in found.chosen if e is not weakest))
+    return found
 
 
 def _next(found: SearchResult) -> Effect | None:
