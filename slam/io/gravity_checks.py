@@ -69,12 +69,14 @@ def check_quaternion_order(truth: Truth, imu: Imu, path: Path) -> None:
     as_read = Rotation.from_matrix(truth.w_T_b[inside, :3, :3])
     turned = Rotation.from_quat(as_read.as_quat(scalar_first=True), scalar_first=False)
     leans_rad = _tilt_rad(as_read, force)
-    # Where the quaternions as read explain the gyro, it is the accelerometer that is turned.
-    explained = _unexplained(as_read, by_gyro) < 1 < _unexplained(turned, by_gyro)
+    misfit, turned_misfit = (_unexplained(w_R_b, by_gyro) for w_R_b in (as_read, turned))
+    # Where the quaternions as read explain the gyro, it is the accelerometer that is turned. In the other
+    # order the turns about one axis remain what they are.
+    explained = misfit < min(1.0, turned_misfit / 2)
     what = ""
     if leans_rad > _MOST_TILT_RAD > _tilt_rad(turned, force) and not explained:
         what = f"by its quaternions the vehicle leans by {np.degrees(leans_rad):.0f} deg (median)"
-    elif _unexplained(as_read, by_gyro) > 1 > 2 * _unexplained(turned, by_gyro):
+    elif misfit > 1 > 2 * turned_misfit:
         what = "by its quaternions the vehicle turns otherwise than by imu0"
     if what:
         raise refusal(path, what, "write quaternions as w x y z (are they x y z w?)")

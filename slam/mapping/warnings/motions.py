@@ -98,7 +98,8 @@ def _motions(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Ste
     span_s = lasts_s[:, None]
     motions: list[StepMotion] = []
     if flight.imu is not None:
-        read = _mean(flight.imu.stamps_s, flight.imu.gyro_rad_s, begin_s, end_s) * span_s
+        b_gyro = flight.imu.gyro_rad_s @ flight.imu.b_T_s[:3, :3].T
+        read = _mean(flight.imu.stamps_s, b_gyro, begin_s, end_s) * span_s
         motions.append(StepMotion(GYRO, read, turned, lasts_s))
     if flight.attitude is not None:
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import InputError
-from slam.core.flight import Flight, Imu
+from slam.core.flight import Flight, Imu, Truth
 from slam.io.flight_folder import read_flight, write_flight
 from slam.io.gravity_checks import check_gyro_by_gravity, check_quaternion_order
 from slam.simulation import simulate
@@ -75,6 +75,19 @@ def test_quaternions_in_another_order_are_refused(flight: Flight, yaw_rad: float
     mixed[:, :3, :3] = Rotation.from_quat(as_written, scalar_first=True).as_matrix()
     with pytest.raises(InputError, match=r"write quaternions as w x y z \(are they x y z w\?\)"):
         check_quaternion_order(replace(flight.truth, w_T_b=mixed), flight.imu, PATH)
+
+
+def test_the_sign_of_gravity_is_no_fault_of_the_truth():
+    """The vehicle mostly pitches: quaternions in the other order explain the turns about that axis too."""
+    stamps_s = np.arange(0, 10, 0.02)
+    w_R_b = Rotation.from_euler("YX", np.outer(np.sin(stamps_s), [0.2, 0.1]))
+    w_T_b = np.tile(np.eye(4), (len(stamps_s), 1, 1))
+    w_T_b[:, :3, :3] = w_R_b.as_matrix()
+    force = w_R_b.inv().apply([0, 0, GRAVITY_M_S2])
+    gyro = np.append((w_R_b[:-1].inv() * w_R_b[1:]).as_rotvec() / 0.02, [[0, 0, 0]], axis=0)
+    truth = Truth(stamps_s, w_T_b)
+    check_quaternion_order(truth, Imu(stamps_s, gyro, force, 1e-3, 1e-2), PATH)
+    check_quaternion_order(truth, Imu(stamps_s, gyro, -force, 1e-3, 1e-2), PATH)
 
 
 def test_tilted_gravity_shows_signs_of_the_gyro():

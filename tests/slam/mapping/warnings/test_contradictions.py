@@ -115,6 +115,13 @@ def test_a_gyro_in_degrees_is_told(flight: Flight):
     assert told(replace(flight, imu=biased)) == []
 
 
+def test_an_imu_that_is_mounted_upside_down_is_read_in_body_axes(flight: Flight):
+    axes = np.array([1, -1, -1])
+    below = {"gyro_rad_s": flight.imu.gyro_rad_s * axes, "accel_m_s2": flight.imu.accel_m_s2 * axes}
+    assert told(replace(flight, imu=replace(flight.imu, **below, b_T_s=np.diag([1.0, -1, -1, 1])))) == []
+    assert told(replace(flight, imu=replace(flight.imu, **below)))
+
+
 def test_streams_of_nothing_are_survived(flight: Flight):
     lost = replace(
         flight,
