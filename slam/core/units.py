@@ -22,6 +22,20 @@ def with_error(value: float, std: float, sign: str = "") -> str:
     return f"{value:{sign}.{digits}f} ± {std:.{digits}f}"
 
 
+def uncertain_digits(error: float) -> int:
+    """Return the decimals to which a value with this uncertainty is told: two significant digits of it up to
+    35, one above (the rule of the Particle Data Group, Review of Particle Physics, introduction, 5.3)."""
+    if not (np.isfinite(error) and error > 0.0):
+        return 0
+    power = int(np.floor(np.log10(error)))
+    return max(0, (1 if error < 3.55 * 10.0**power else 0) - power)
+
+
+def to_error(value: float, error: float) -> str:
+    """Return a value to the digits that its uncertainty leaves, or the uncertainty itself to the same."""
+    return f"{value:.{uncertain_digits(error)}f}"
+
+
 def spaced(of: str) -> str:
     """Return a unit after a space, to follow a figure; a factor, whose unit is 1, has none."""
     return "" if of == "1" else f" {of}"

@@ -12,6 +12,7 @@ from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.criticism.cause import JUDGED_HORIZON_S
 from slam.criticism.verdict.sentence import fair_rival
+from slam.report.criticism.cause_evidence import CauseEvidence, shown_in_short
 from slam.report.criticism.certainty import (
     differs,
     how_sure,
@@ -27,8 +28,15 @@ from slam.report.criticism.headline import promises
 from slam.report.criticism.instruments import instruments_doubted
 from slam.report.criticism.judged_data import judged_data
 from slam.report.criticism.next_flights import to_fly, to_use
+from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import quantity, reading, with_titles
-from slam.report.criticism.values import NO_DIFFERENCE, compared, range_over_time, sized_interval
+from slam.report.criticism.values import (
+    NO_DIFFERENCE,
+    before_and_after,
+    changes_in_time,
+    compared,
+    sized_interval,
+)
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
 
@@ -65,10 +73,13 @@ MOSTLY = 0.99
 
 
 def criticism_answers(
-    result: Criticism, drawn: Sequence[str] = (), flights: Sequence[Flight] = ()
+    result: Criticism,
+    drawn: Sequence[str] = (),
+    flights: Sequence[Flight] = (),
+    evidence: CauseEvidence | None = None,
 ) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a verdict. ``drawn`` are sentences on the parts
-    of flights that the page shows."""
+    of flights that the page shows, and ``evidence`` is what it shows of each certain cause."""
     told = _lines_by_kind(result)
     unexplained = findings_in_words(result)
     rows = (
@@ -81,7 +92,10 @@ def criticism_answers(
         _item("What is wrong, and how large is it?", [*_wrong(result), *told[""]]),
         _item("How sure is that, and why?", how_sure(result)),
         _item("What else could it be, and why not?", _else(result, told[_SAME])),
-        _item("In which flight does it show, and when?", where_it_shows(result, drawn)),
+        _item(
+            "In which flight does it show, and when?",
+            where_it_shows(result, drawn, shown_in_short(evidence)),
+        ),
         _item("What is not explained?", unexplained),
         _item("What changes in the prediction?", what_changes(result)),
         _item(
@@ -172,8 +186,12 @@ def _size(cause: Cause, result: Criticism) -> str:
     """Return the sizes of a cause in everyday units; of those along axes the ones that differ from none."""
     term, told, same = CATALOGUE[cause.name], [], []
     for parameter, found in cause.parameters.items():
-        words = quantity(cause.name, parameter)
-        mean = " (mean of a size that changes)" if range_over_time(cause, parameter, result) else ""
+        words, change = quantity(cause.name, parameter), change_of_size(result, cause.name, parameter)
+        if change is not None:
+            mean = f"extended.toml has the mean, {sized_interval(found)}"
+            told.append(f"{words} {before_and_after(change)} ({mean})")
+            continue
+        mean = " (mean of a size that changes)" * changes_in_time(cause.name, parameter, result)
         is_same = compared(term.parameter(parameter), found) == NO_DIFFERENCE
         if is_same and len(cause.parameters) > 1:
             same.append(f"{words}{mean}")

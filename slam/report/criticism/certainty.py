@@ -152,7 +152,7 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
             "only the fit as a whole prefers it"
         )
     if changes(cause, result):
-        told.append("its size changes during the flights, so one size for all is a mean")
+        told.append("its size changes during the flights, so one size throughout is a mean")
     why = _why_not_certain(cause, result)
     return [*told, why] if why else told
 

@@ -1,4 +1,4 @@
-"""Picture of a cause whose size is not the same throughout: its size in each part of each flight."""
+"""Picture of sizes that are not the same throughout: each in each part of each flight."""
 
 from __future__ import annotations
 
@@ -7,61 +7,93 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, legend_below, new_figure, png
+from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, grid, png
 from slam.core.units import everyday, spaced
+from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import TWO_SIDED, figure, quantity, title_of, with_titles
 from slam.report.criticism.segment import Segment
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from slam.criticism import Criticism
     from slam.criticism.verdict.over_time import SizeOverTime
 
-_TITLE = "When its size changes"
+_TITLE = "When sizes change"
 LINE_LETTERS, MARKER_LETTERS = 95, 6
 """Letters of the legend that the figure is wide, and those in whose width the marker and the gap stand."""
 _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE)
+MOST_PANELS = 3
 _MARKERS = "osD^v"
 """With four colours they tell twenty flights apart; more of them share these."""
 
 
 def size_over_time(result: Criticism) -> Segment | None:
-    """Return the sizes over time of the parameter that changes most certainly; None where none changes."""
+    """Return the sizes over time of the parameters that change, the most certain first; None where none
+    changes."""
+    from matplotlib.figure import Figure
+
     from slam.criticism.verdict.over_time import PART_S
 
     told = [series for series in map(_possible, result.changes) if len(series.sizes) > 1]
     if not told:
         return None
-    shown = max(told, key=_certainty)
-    whole = _in_extension(result, shown)
-    factor, unit = everyday(float(np.max(np.abs(shown.sizes))), shown.unit)
-    drawn, axes = new_figure(7.2, 3.2)
-    of_part = np.array(shown.flights)
-    for k, flight in enumerate(dict.fromkeys(shown.flights)):
+    shown = sorted(told, key=_certainty, reverse=True)[:MOST_PANELS]
+    drawn = Figure(figsize=(7.2, 0.9 + 1.1 * len(shown)), dpi=160, layout="constrained")
+    panels = np.ravel(drawn.subplots(len(shown), 1, sharex=True))
+    for axes, series in zip(panels, shown, strict=True):
+        _draw(axes, series, result)
+    panels[-1].set_xlabel("time in the flight [s]", fontsize=9)
+    longest = max(len(name) for series in shown for name in series.flights) + MARKER_LETTERS
+    columns = max(1, min(4, LINE_LETTERS // longest))
+    handles, labels = panels[0].get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=8)
+    caption = (
+        f"Each size fitted to each {PART_S:g} s that show it, with all else as in the extension. A vertical "
+        "bar is its 95 % interval. Where a bar does not meet the dashed line, one size throughout is wrong."
+    )
+    return Segment(_TITLE, png(drawn), caption, _where(shown[0], result))
+
+
+def _draw(axes: Axes, series: SizeOverTime, result: Criticism) -> None:
+    """Draw one size over time, and its means on either side of the moment at which it changes."""
+    from slam.criticism.verdict.over_time import PART_S
+
+    factor, unit = everyday(float(np.max(np.abs(series.sizes))), series.unit)
+    of_part = np.array(series.flights)
+    for k, flight in enumerate(dict.fromkeys(series.flights)):
         own = of_part == flight
         axes.errorbar(
-            shown.begin_s[own] + PART_S / 2, factor * shown.sizes[own],
-            factor * TWO_SIDED * shown.errors[own], PART_S / 2, linestyle="none", label=flight,
+            series.begin_s[own] + PART_S / 2, factor * series.sizes[own],
+            factor * TWO_SIDED * series.errors[own], PART_S / 2, linestyle="none", label=flight,
             color=_COLOURS[k % len(_COLOURS)], marker=_MARKERS[k // len(_COLOURS) % len(_MARKERS)],
-            linewidth=1.4, markersize=4,
+            linewidth=1.0, markersize=3,
         )  # fmt: skip
-    axes.axhline(factor * whole, color=GREY, linestyle="--", linewidth=1, label="one size for all")
-    name, _, parameter = shown.column.partition(".")
-    axes.set_xlabel("time in the flight [s]")
-    words = quantity(name, parameter)
-    axes.set_ylabel(words + (f" [{unit}]" if unit != "1" else ""))
-    longest = max(map(len, shown.flights)) + MARKER_LETTERS
-    legend_below(axes, max(1, min(4, LINE_LETTERS // longest)))
-    least, most = (_part(shown, int(k)) for k in (np.argmin(shown.sizes), np.argmax(shown.sizes)))
-    caption = (
-        f"{title_of(name)[0].upper()}{title_of(name)[1:]} ({words}), fitted to each {PART_S:g} s that show "
-        "it, with all else as in the extension. A vertical bar is its 95 % interval, a horizontal one the "
-        "time. Where a bar does not meet the dashed line, one size for all is wrong."
-    )
-    (where,) = with_titles(
-        [f"{name} does not have one size: {words} is {least} and {most} (“{_TITLE}” shows each part)."]
-    )
-    return Segment(_TITLE, png(drawn), caption, where)
+    whole = factor * _in_extension(result, series)
+    axes.axhline(whole, color=GREY, linestyle="--", linewidth=1, label="one size throughout")
+    name, _, parameter = series.column.partition(".")
+    if (change := change_of_size(result, name, parameter)) is not None:
+        begin, end = float(series.begin_s.min()), float(series.begin_s.max()) + PART_S
+        axes.step(
+            [begin, change.time_s, end], factor * np.array([change.before.value, *2 * [change.after.value]]),
+            where="post", color=VERMILLION, linewidth=1.8, zorder=5, label="mean before and after the change",
+        )  # fmt: skip
+    axes.set_title(f"{title_of(name)}: {quantity(name, parameter)}", fontsize=9, loc="left")
+    axes.set_ylabel(f"[{unit}]" if unit != "1" else "", fontsize=9)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+    grid(axes)
+
+
+def _where(series: SizeOverTime, result: Criticism) -> str:
+    """Return when a size changes, or where it is least and greatest."""
+    name, _, parameter = series.column.partition(".")
+    words, change = quantity(name, parameter), change_of_size(result, name, parameter)
+    least, most = (_part(series, int(k)) for k in (np.argmin(series.sizes), np.argmax(series.sizes)))
+    sizes = f"{words} is {least} and {most}" if change is None else f"{words} changes at {change.moment}"
+    (where,) = with_titles([f"{name} does not have one size: {sizes} (“{_TITLE}” shows each part)."])
+    return where
 
 
 def _possible(series: SizeOverTime) -> SizeOverTime:

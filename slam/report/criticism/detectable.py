@@ -99,10 +99,7 @@ def unseen(result: Criticism, flights: Sequence[Flight], unshown: Sequence[str])
     """Return how many effects the flights could show at usual sizes, and the others by the reason why not."""
     if not result.detectable:
         return list(unshown)
-    from slam.criticism.verdict.power import within_reach
-
-    reached, found = within_reach(result.detectable), {cause.name for cause in result.causes}
-    missed = [name for name in CATALOGUE if name not in reached and name not in found]
+    missed = _unseen(result)
     if not missed:
         return ["Every effect of the catalogue would have shown at its usual size.", *unshown]
     shown = len(CATALOGUE) - len(missed)
@@ -118,6 +115,20 @@ def unseen(result: Criticism, flights: Sequence[Flight], unshown: Sequence[str])
     for reason, names in sorted(by_reason.items(), key=lambda of: -len(of[1])):
         told.append(f"Not {reason}: {enumerated(names)}.")
     return [*told, *unshown]
+
+
+def _unseen(result: Criticism) -> list[str]:
+    """Return the effects that were neither found nor would have shown at their usual sizes."""
+    from slam.criticism.verdict.power import within_reach
+
+    reached, found = within_reach(result.detectable), {cause.name for cause in result.causes}
+    return [name for name in CATALOGUE if name not in reached and name not in found]
+
+
+def hidden_without(stream: str, result: Criticism, missing: Sequence[str]) -> list[str]:
+    """Return the titles of the effects that do not show for want of a stream; the ``missing`` ones are
+    known."""
+    return [title_of(name) for name in _unseen(result) if _reason(name, missing, result) == _WITHOUT[stream]]
 
 
 def _reason(name: str, missing: Sequence[str], result: Criticism) -> str:

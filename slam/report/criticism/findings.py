@@ -6,9 +6,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from slam.core.units import everyday, spaced
+from slam.report.criticism.onsets import ONSET, change_of_size
 from slam.report.criticism.plain_names import (
     constant,
     figure,
@@ -17,7 +16,7 @@ from slam.report.criticism.plain_names import (
     reading,
     sized_between,
 )
-from slam.report.criticism.values import healthy_range, sized_interval
+from slam.report.criticism.values import before_and_after, healthy_range, sized_interval
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -146,10 +145,9 @@ def _named(effect: str, parameter: str) -> str:
 
 
 _EFFECT = rf"({'|'.join(CATALOGUE)})"
-_ONSET = rf"^{_EFFECT}\.(\w+) changes by {_NUMBER}.* at about ([\d.]+) s{_Z}$"
 _IN_WORDS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (rf"^{_EFFECT}\.(\w+) is {_NUMBER} to {_NUMBER}[^b]*by segments of ([\d.]+) s(.*)$", _size_changes),
-    (_ONSET, _onset),
+    (ONSET, _onset),
     (
         rf"^what looks like (.*) changes (.*){_Z}$",
         r"a part looks like \1, but its size would change \2 (by \3 standard deviations): it is something "
@@ -173,30 +171,15 @@ def unexplained_in_words(part: str, result: Criticism | None = None) -> str:
     name = bare.removesuffix(" out of range")
     if name != bare:
         return f"{_out_of_range(name, result)}."
-    onset = re.match(_ONSET, bare)
-    if onset and result is not None and (told := _before_and_after(onset, result)):
-        return f"{told}."
+    onset = re.match(ONSET, bare)
+    if onset and result is not None and (change := change_of_size(result, onset[1], onset[2])):
+        named, sizes = _named(onset[1], onset[2]), before_and_after(change)
+        return f"{named} is {sizes} (a change by {change.z} standard deviations)."
     for pattern, words in _IN_WORDS:
         if re.match(pattern, bare):
             bare = re.sub(pattern, words, bare)
             break
     return f"{in_plain_names(bare)}."
-
-
-def _before_and_after(found: re.Match[str], result: Criticism) -> str:
-    """Return a change with the mean sizes before and after it; empty where its course is not known."""
-    effect, parameter, _, time_s, z = found.groups()
-    series = next((s for s in result.changes if s.column == f"{effect}.{parameter}"), None)
-    if series is None or len(set(series.flights)) > 1:
-        return ""
-    after = series.begin_s >= float(time_s) - 0.5  # the time is told in whole seconds
-    if after.all() or not after.any():
-        return ""
-    sizes = [float(np.average(series.sizes[s], weights=series.errors[s] ** -2.0)) for s in (~after, after)]
-    factor, unit = everyday(max(sizes, key=abs), series.unit)
-    before, later = (f"{figure(factor * size)}{spaced(unit)}" for size in sizes)
-    ends = f"{before} on average before about {time_s} s and {later} after"
-    return f"{_named(effect, parameter)} is {ends} (a change by {z} standard deviations)"
 
 
 def _out_of_range(name: str, result: Criticism | None) -> str:

@@ -41,13 +41,13 @@ class GainRow:
     change: str
 
 
-def where_it_shows(result: Criticism, drawn: Sequence[str]) -> list[str]:
-    """Return in how many flights the leading cause shows, in which most, and what the page shows of it."""
-    if not result.causes:
-        return [*drawn]
+def where_it_shows(result: Criticism, drawn: Sequence[str], each: Sequence[str] = ()) -> list[str]:
+    """Return in how many flights the leading cause shows, in which most, and what the page shows of it; or
+    the lines on ``each`` certain cause."""
+    if each or not result.causes:
+        return [*each, *drawn]
     gain, names = result.causes[0].gain, result.flights
-    parts = np.array(gain.parts)
-    better = f"{int(np.sum(parts > 0))} of {parts_in_words(gain.by, len(parts))}"
+    parts, better = np.array(gain.parts), better_parts(gain)
     told = f"{'in' if len(result.causes) > 1 else 'In'} {better}"
     if len(parts) < 2:
         told = f"In {names[0]}" if len(names) == 1 else ""
@@ -58,6 +58,12 @@ def where_it_shows(result: Criticism, drawn: Sequence[str]) -> list[str]:
         told += f" of {names[0]}"
     who = f"{result.causes[0].name}: " if len(result.causes) > 1 and told else ""
     return [f"{who}{told}." if told else "", *drawn]
+
+
+def better_parts(gain: Gain) -> str:
+    """Return how many of the held-out parts a cause predicts better."""
+    parts = np.array(gain.parts)
+    return f"{int(np.sum(parts > 0))} of {parts_in_words(gain.by, len(parts))}"
 
 
 def what_changes(result: Criticism) -> list[str]:

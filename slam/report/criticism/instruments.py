@@ -8,18 +8,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.names import enumerated
-from slam.core.units import sized
+from slam.core.units import everyday, spaced, to_error
 from slam.report.criticism.certainty import changes, differs, is_established
 from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
 from slam.report.criticism.judged_data import missing_streams
+from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import constant, figure, title_of
-from slam.report.criticism.values import ABOUT, MORE, NO_DIFFERENCE, compared, one_unit, own_value, usual
+from slam.report.criticism.values import (
+    ABOUT,
+    MORE,
+    NO_DIFFERENCE,
+    before_and_after,
+    compared,
+    one_unit,
+    own_value,
+    usual,
+)
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.criticism import Criticism
-    from slam.criticism.cause import Cause
+    from slam.criticism.cause import Cause, Interval
 
 _CALIBRATE = "slam optimize --model extended.toml corrects it, and nothing needs a repair"
 _KEEP = "nothing needs a repair, and nothing can be corrected afterwards"
@@ -40,7 +50,7 @@ def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> li
     told = [_in_short(of_instruments, of_vehicle, result)]
     by_advice: dict[str, list[str]] = {}
     for cause in of_instruments:
-        by_advice.setdefault(_advice(cause, result), []).append(_beside_usual(cause))
+        by_advice.setdefault(_advice(cause, result), []).append(_beside_usual(cause, result))
     told += [f"{advice[0].upper()}{advice[1:]}: {'; '.join(of)}." for advice, of in by_advice.items()]
     if of_vehicle:
         names = enumerated([title_of(cause.name) for cause in of_vehicle])
@@ -82,16 +92,27 @@ def _verdicts(cause: Cause) -> set[str]:
     return {compared(parameters(name), found) for name, found in cause.parameters.items()}
 
 
-def _beside_usual(cause: Cause) -> str:
+def _beside_usual(cause: Cause, result: Criticism) -> str:
     """Return an instrument's error beside the usual size."""
     known = [p for p in CATALOGUE[cause.name].parameters if p.name in cause.parameters]
     if not known:
         return title_of(cause.name)
     each = [cause.parameters[p.name] for p in known]
-    apart = [x.value for p, x in zip(known, each, strict=True) if compared(p, x) != NO_DIFFERENCE]
-    size = float(np.hypot.reduce(apart)) if len(apart) > 1 else [*apart, each[0].value][0]
+    apart = [p.name for p, x in zip(known, each, strict=True) if compared(p, x) != NO_DIFFERENCE]
     usual_range = usual(known[0], *one_unit(each[0]))
-    return f"{title_of(cause.name)} {sized(size, each[0].unit)} (usual: {usual_range})"
+    change = change_of_size(result, cause.name, apart[0]) if len(apart) == 1 else None
+    if change is not None:
+        return f"{title_of(cause.name)} {before_and_after(change)} (usual: {usual_range})"
+    sizes = [cause.parameters[name].value for name in apart] or [each[0].value]
+    size = sizes[0] if len(sizes) == 1 else float(np.hypot.reduce(sizes))
+    return f"{title_of(cause.name)} {_rounded(size, each)} (usual: {usual_range})"
+
+
+def _rounded(size: float, each: Sequence[Interval]) -> str:
+    """Return a size to the digits that the narrowest of its intervals leaves."""
+    factor, unit = everyday(size, each[0].unit)
+    half = min(0.5 * factor * (found.high - found.low) for found in each)
+    return f"{to_error(factor * size, half)}{spaced(unit)}"
 
 
 def _advice(cause: Cause, result: Criticism) -> str:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from backend.wording import either
-from slam.core.names import enumerated
-from slam.report.criticism.certainty import by_certainty, changes, differs, is_established
+from backend.wording import counted, either
+from slam.core.names import enumerated, listed
+from slam.report.criticism.certainty import by_certainty, changes, differs, is_established, look_alike
+from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, is_of_speed
 from slam.report.criticism.instruments import is_far
 from slam.report.criticism.judged_data import missing_streams
@@ -17,6 +18,10 @@ from slam.simulation.terms import CATALOGUE
 if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.criticism import Criticism
+
+
+_NAMED = 4
+"""Number of effects that are named of those that the sticks would show."""
 
 
 def to_use(result: Criticism, advice: Sequence[str]) -> list[str]:
@@ -49,6 +54,7 @@ def to_fly(result: Criticism, advice: Sequence[str], flights: Sequence[Flight] =
     told = list(advice)
     more = [name for name in (*open_, *none) if CATALOGUE[name].manoeuvre not in " ".join(advice)]
     told += [f"For {name}: {CATALOGUE[name].manoeuvre}." for name in more]
+    told += _to_separate(result, " ".join(told))
     settled = [
         f"whether {enumerated(names)} {either(len(names), 'is', 'are')} {what}"
         for names, what in ((open_, "named rightly"), (none, "there at all"))
@@ -59,6 +65,7 @@ def to_fly(result: Criticism, advice: Sequence[str], flights: Sequence[Flight] =
     if is_of_speed(result):
         told.append(f"For the error of the speed: {CATALOGUE['flow_scale'].excitation}.")
     varying = [c.name for c in result.causes if changes(c, result) and differs(c)]
+    varying = [name for name in varying if f"when {name} changes" not in " ".join(told)]
     if varying:
         told.append(
             f"The same at the start and at the end of a flight shows how {enumerated(varying)} "
@@ -74,10 +81,27 @@ def to_fly(result: Criticism, advice: Sequence[str], flights: Sequence[Flight] =
     return told
 
 
+def _to_separate(result: Criticism, told: str) -> list[str]:
+    """Return the manoeuvre that shows the effect which looks like a cause, unless it is told already."""
+    lines = []
+    for cause in result.causes:
+        for other in look_alike(cause, result):
+            manoeuvre = CATALOGUE[other].manoeuvre
+            if manoeuvre not in told:
+                lines.append(f"To tell {cause.name} from {other}: {manoeuvre}, which shows {other}.")
+    return lines
+
+
 def _to_log(result: Criticism, flights: Sequence[Flight]) -> list[str]:
-    """Return what to log as well where the open questions are about tilt, and no attitude is known."""
+    """Return what to log as well: the sticks, or the attitude where the open questions are about tilt."""
     judged = [flight for flight in flights if flight.name in result.flights]
     missing = missing_streams(judged) if judged else []
+    if result.limits and "command" in missing and (hidden := hidden_without("command", result, missing)):
+        return [
+            "Log the sticks as well, which these flights have not: then the vehicle's motion is judged too. "
+            f"That settles {counted(len(hidden), 'effect')} that the last question below lists as not shown "
+            f"without a log of the sticks, such as {listed(hidden, _NAMED)}."
+        ]
     if result.limits or not {"attitude", "imu"} <= {*missing}:
         return []
     open_ = [constant(GAIN)] if any(GAIN in part for part in result.unexplained) else []

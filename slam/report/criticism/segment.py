@@ -3,7 +3,7 @@ evidence."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -224,6 +224,11 @@ def _ranges(flight: Flight) -> tuple[Array, Array]:
     return flight.sonar.stamps_s, flight.sonar.range_m
 
 
+def _range_changes(flight: Flight) -> tuple[Array, Array]:
+    stamps_s, range_m = _ranges(flight)
+    return stamps_s[1:], 1e3 * np.diff(range_m)
+
+
 def _picture_gaps(flight: Flight) -> tuple[Array, Array]:
     assert flight.frames is not None
     return flight.frames.stamps_s[1:], 1e3 * np.diff(flight.frames.stamps_s)
@@ -234,39 +239,59 @@ def _reading_gaps(flight: Flight) -> tuple[Array, Array]:
     return stream.stamps_s[1:], 1e3 * np.diff(stream.stamps_s)
 
 
-_RANGE = (_ranges, "height reading [m]", "What the height sensor read")
+@dataclass(frozen=True)
+class _Readings:
+    """Quantity of single readings that shows a term."""
+
+    of: Callable[[Flight], tuple[Array, Array]]
+    label: str
+    """Label of its axis."""
+    what: str
+    """Beginning of a caption."""
+    shown: float = 1.0
+    """Quantile of the windows, by their scatter, that is shown: what is in all readings shows in the median
+    one, where no rare large reading hides it."""
+
+
+_RANGE = _Readings(_ranges, "height reading [m]", "What the height sensor read")
 READINGS_OF = {
     "sonar_spikes": _RANGE,
-    "sonar_quantisation": _RANGE,
+    "sonar_quantisation": _Readings(
+        _range_changes, "height reading less the one before [mm]",
+        "How far height readings in a row are apart", 0.5,
+    ),
     "sonar_dead_zone": _RANGE,
     "floor_steps": _RANGE,
-    "dropped_frames": (_picture_gaps, "since the picture before [ms]", "How far pictures are apart"),
-    "timestamp_jitter": (
-        _reading_gaps,
-        "since the reading before [ms]",
-        "How far stamps are apart",
-    ),
-}
-"""Terms that no roll-out shows -> the quantity that shows them, its axis, and the beginning of a caption."""
+    "dropped_frames": _Readings(_picture_gaps, "since the picture before [ms]", "How far pictures are apart"),
+    "timestamp_jitter": _Readings(_reading_gaps, "since the reading before [ms]", "How far stamps are apart"),
+}  # fmt: skip
+"""Terms that no roll-out shows -> the quantity that shows them."""
 
 
-def readings_picture(term: str, flight: Flight) -> Segment:
-    """The window of ``SEGMENT_S`` in which the readings that show a term differ most."""
-    of_flight, label, what = READINGS_OF[term]
-    stamps_s, values = of_flight(flight)
+def telling_readings(term: str, flight: Flight) -> tuple[Array, Array]:
+    """Return stamps and values over ``SEGMENT_S`` of what shows a term, where they scatter most or as they
+    mostly do."""
+    stamps_s, values = READINGS_OF[term].of(flight)
     begins = np.arange(stamps_s[0], max(stamps_s[-1] - SEGMENT_S, stamps_s[0]) + 1e-9, SEGMENT_S / 2)
     inside = [(stamps_s >= begin) & (stamps_s <= begin + SEGMENT_S) for begin in begins]
     spread = [float(np.nanstd(values[rows])) if np.isfinite(values[rows]).any() else -1.0 for rows in inside]
-    rows = inside[int(np.argmax(spread))]
+    order = np.argsort(spread, kind="stable")
+    rows = inside[int(order[round(READINGS_OF[term].shown * (len(order) - 1))])]
+    return stamps_s[rows], values[rows]
+
+
+def readings_picture(term: str, flight: Flight) -> Segment:
+    """Draw the readings of a flight that show a term, over ``SEGMENT_S``."""
+    stamps_s, values = telling_readings(term, flight)
     figure, axes = new_figure(7.2, 3.2)
-    axes.plot(stamps_s[rows], values[rows], ".", color=VERMILLION, markersize=3)
+    axes.plot(stamps_s, values, ".", color=VERMILLION, markersize=3)
     axes.set_xlabel(f"time in {flight.name} [s]")
-    axes.set_ylabel(label)
-    caption = (
-        f"{what}, over the {SEGMENT_S:g} s in which it differs most, in the flight that shows most of it."
-    )
-    begin, end = stamps_s[rows][[0, -1]]
+    axes.set_ylabel(READINGS_OF[term].label)
+    most = READINGS_OF[term].shown == 1.0
+    where = "in which it differs most" if most else "that scatter as most of the flight does"
+    caption = f"{READINGS_OF[term].what}, over {SEGMENT_S:g} s {where}, in the flight that shows most of it."
+    begin, end = stamps_s[[0, -1]]
     return Segment(
         "What shows it", png(figure), caption,
-        f"“What shows it” has {begin:.1f} to {end:.1f} s of {flight.name}, where it shows most.",
+        f"“What shows it” has {begin:.1f} to {end:.1f} s of {flight.name}{', where it shows most' * most}.",
     )  # fmt: skip

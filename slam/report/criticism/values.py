@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.names import enumerated
-from slam.core.units import everyday, spaced
+from slam.core.units import everyday, spaced, to_error
+from slam.report.criticism.onsets import SizeChange, change_of_size
 from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, quantity, title_of
 from slam.simulation.terms import CATALOGUE, Parameter
 
@@ -23,6 +24,8 @@ USUAL, MORE, LESS, NO_DIFFERENCE = "usual", "more than usual", "less than usual"
 ABOUT = "more than usual, or usual"
 """A value beyond the usual range, with an interval that reaches into it."""
 HEALTHY, UNHEALTHY = "healthy", "outside of healthy"
+_ONE_SIZE = "one size throughout, as in extended.toml"
+_MEAN = "; a mean, because its size changes"
 
 
 @dataclass(frozen=True)
@@ -104,41 +107,39 @@ def _is_outside(found: Interval, low: float, high: float) -> bool:
     return found.low > high or found.high < low
 
 
-def range_over_time(cause: Cause, name: str, result: Criticism) -> tuple[float, float] | None:
-    """Return the least and the greatest size in the parts of the flights; None where it does not change."""
-    series = next((s for s in result.changes if s.column == f"{cause.name}.{name}"), None)
-    if series is None:
-        return None
-    limits = CATALOGUE[cause.name].parameter(name)
-    # Outside of these the effect hardly acts, and its linear size is no size.
-    kept = series.sizes[(series.sizes >= limits.least) & (series.sizes <= limits.most)]
-    return (float(kept.min()), float(kept.max())) if len(kept) > 1 else None
+def changes_in_time(effect: str, parameter: str, result: Criticism) -> bool:
+    """Return whether a parameter is not the same throughout."""
+    return any(series.column == f"{effect}.{parameter}" for series in result.changes)
 
 
 def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
-    from slam.criticism.verdict.over_time import PART_S
-
-    rows = []
-    for k, (name, found) in enumerate(cause.parameters.items()):
+    rows: list[ValueRow] = []
+    for name, found in cause.parameters.items():
         parameter = CATALOGUE[cause.name].parameter(name)
         factor, unit = one_unit(found)
-        ends = range_over_time(cause, name, result)
-        changing = ""
-        if ends is not None:
-            low, high = (figure(factor * end) for end in ends)
-            changing = f"; a mean: in stretches of {PART_S:g} s it changes from {low} to {high}"
-        rows.append(
-            ValueRow(
-                "" if k else title_of(cause.name),
-                quantity(cause.name, name),
-                "none"
-                if parameter.neutral == 0.0 or parameter.is_limit
-                else sized_one(parameter.neutral, factor, unit),
-                with_interval(found, factor, unit),
-                usual(parameter, factor, unit),
-                f"{compared(parameter, found)}{changing}",
+        words, change = quantity(cause.name, name), change_of_size(result, cause.name, name)
+        told = [(words, found, compared(parameter, found))]
+        if change is not None:
+            each = ((f"before {change.moment}", change.before), (f"after {change.moment}", change.after))
+            told = [
+                *((f"{words}: {when}", size, compared(parameter, size)) for when, size in each),
+                (f"{words}: {_ONE_SIZE}", found, "a mean of both"),
+            ]
+        elif changes_in_time(cause.name, name, result):
+            told = [(words, found, f"{compared(parameter, found)}{_MEAN}")]
+        for of, size, verdict in told:
+            rows.append(
+                ValueRow(
+                    "" if rows else title_of(cause.name),
+                    of,
+                    "none"
+                    if parameter.neutral == 0.0 or parameter.is_limit
+                    else sized_one(parameter.neutral, factor, unit),
+                    with_interval(size, factor, unit),
+                    usual(parameter, factor, unit),
+                    verdict,
+                )
             )
-        )
     return rows
 
 
@@ -157,8 +158,16 @@ def sized_one(value: float, factor: float, unit: str) -> str:
 
 def with_interval(found: Interval, factor: float, unit: str) -> str:
     """Return a value with its interval in brackets, and the unit of both."""
-    ends = f"{figure(factor * found.low)} to {figure(factor * found.high)}"
-    return f"{figure(factor * found.value)} ({ends}){spaced(unit)}"
+    half = 0.5 * factor * (found.high - found.low)
+    value, low, high = (to_error(factor * x, half) for x in (found.value, found.low, found.high))
+    return f"{value} ({low} to {high}){spaced(unit)}"
+
+
+def before_and_after(change: SizeChange) -> str:
+    """Return the sizes on either side of a moment, each with its interval, in one unit."""
+    factor, unit = one_unit(max(change.before, change.after, key=lambda size: abs(size.value)))
+    before, after = (with_interval(size, factor, unit) for size in (change.before, change.after))
+    return f"{before} before {change.moment} and {after} after"
 
 
 def usual(parameter: Parameter, factor: float, unit: str) -> str:

@@ -13,6 +13,7 @@ from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
+from slam.report.criticism.cause_evidence import CAPTION, TITLE, evidence_of_causes
 from slam.report.criticism.certainty import by_certainty, certainty_rows
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.detectable import detectable_rows
@@ -105,6 +106,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         size_over_time(result),
     )
     segments = [segment for segment in drawn if segment is not None]
+    evidence = evidence_of_causes(result, flights)
     return render_page(
         "criticism/page.html.j2",
         title=VERDICTS[result.verdict],
@@ -114,7 +116,11 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         result=result,
         reading=reading,
         sentence=lead(result),
-        answers=criticism_answers(result, [segment.where for segment in segments], flights),
+        answers=criticism_answers(result, [segment.where for segment in segments], flights, evidence),
+        evidence=evidence,
+        evidence_picture=embedded(evidence.picture) if evidence and evidence.picture else None,
+        evidence_title=TITLE,
+        evidence_caption=CAPTION,
         tiles=_tiles(result),
         segments=[(s.title, embedded(s.picture), s.caption) for s in segments],
         covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,

@@ -10,7 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from slam.criticism.cause import ChannelError, Gain, Interval
-from slam.criticism.verdict.criticism import Rank
+from slam.criticism.verdict.criticism import Criticism, Rank
+from slam.criticism.verdict.over_time import SizeOverTime
+from slam.report.criticism.cause_evidence import evidence_of_causes, shown_in_short
 from slam.report.criticism.certainty import certainty_rows, how_sure, is_established, reservations
 from slam.report.criticism.detectable import detectable_rows
 from slam.report.criticism.findings import concerned, distinct_findings, findings_in_words
@@ -19,7 +21,9 @@ from slam.report.criticism.inertial_segment import compared_segment
 from slam.report.criticism.instruments import instruments_doubted, whose_is_it
 from slam.report.criticism.judged_data import judged_data
 from slam.report.criticism.next_flights import to_fly, to_use
+from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.segment import before_after_picture
+from slam.report.criticism.values import value_rows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
@@ -169,3 +173,67 @@ def test_an_effect_whose_size_may_be_none_is_not_promised_to_be_there() -> None:
     assert "that gyro wrong by a factor is there at all" in " ".join(promises(result))
     assert any(line.startswith("Perhaps not there: gyro_scale") for line in how_sure(result))
     assert "whether gyro_scale is there at all" in " ".join(to_fly(result, ["fly."]))
+
+
+def _with_a_change() -> Criticism:
+    """A gyro bias that falls from 4 to 2 mrad/s at 20 s, in a flight of 40 s."""
+    begin = np.arange(0.0, 40.0, 5.0)
+    sizes = np.where(begin < 20.0, 0.004, 0.002)
+    series = SizeOverTime("gyro_bias.y", "rad/s", ("flight_00",) * 8, begin, sizes, np.full(8, 1e-4), 0.003)
+    found = {"y": Interval(0.003, "rad/s", 0.0025, 0.0035)}
+    return replace(
+        made(), causes=(replace(made().causes[0], name="gyro_bias", parameters=found),), changes=(series,),
+        remainder="gyro_bias.y changes by -0.002 rad/s at about 20 s (z = 9.0)",
+    )  # fmt: skip
+
+
+def test_a_size_that_changes_at_a_moment_is_told_before_and_after_it() -> None:
+    result = _with_a_change()
+    change = change_of_size(result, "gyro_bias", "y")
+    assert change is not None
+    assert (change.before.value, change.after.value) == pytest.approx((0.004, 0.002))
+    assert change.before.low == pytest.approx(0.004 - 1.96e-4 / 2)  # four parts
+    rows = {row.quantity: row.value for row in value_rows(result)}
+    assert rows["axis to the left, y: before about 20 s"] == "0.229 (0.224 to 0.235) deg/s"
+    assert rows["axis to the left, y: after about 20 s"].startswith("0.115 ")
+    told = " ".join(instruments_doubted(result))
+    assert "gyro bias 0.229 (0.224 to 0.235) deg/s before about 20 s and 0.115" in told
+    assert change_of_size(replace(result, remainder=""), "gyro_bias", "y") is None
+
+
+def test_the_effect_that_looks_like_a_cause_has_a_manoeuvre_too() -> None:
+    scale = replace(
+        made().causes[0], name="accel_scale", rival="accel_bias",
+        parameters={"eps": Interval(-0.01, "1", -0.012, -0.008)},
+    )  # fmt: skip
+    result = replace(made(), causes=(scale,), confusable=(("accel_bias", "accel_scale", 0.999),))
+    told = " ".join(to_fly(result, ["fly."]))
+    assert "To tell accel_scale from accel_bias: rest on the floor with motors off" in told
+    assert "Log the sticks" not in told
+    flight = replace(simulate_flight(load_model("nominal"), stick_for(["hover for 8 s"]), 1), command=None)
+    unjudged = replace(
+        result, limits="No command log.", flights=(flight.name,), detectable={"gyro_bias": (0.001, "rad/s")}
+    )
+    told = " ".join(to_fly(unjudged, ["fly."], [flight]))
+    assert "Log the sticks as well" in told
+    assert "delay of the sticks" in told
+
+
+@pytest.mark.slow
+def test_every_certain_cause_has_its_own_evidence() -> None:
+    wrong = load_model("nominal").with_term("gyro_bias", y=0.02).with_term("sonar_lag", T=0.3)
+    flight = simulate_flight(wrong, stick_for(["climb and descend by 0.6 m"] * 4), 1)
+    bias, late = (
+        replace(made().causes[0], name=name, parameters={p: Interval(x, unit, 0.9 * x, 1.1 * x)})
+        for name, p, x, unit in (("gyro_bias", "y", 0.02, "rad/s"), ("sonar_lag", "T", 0.3, "s"))
+    )
+    for judged in (flight, replace(flight, command=None)):
+        result = replace(made(), causes=(bias, late), extended=wrong, flights=(flight.name,))
+        evidence = evidence_of_causes(result, [judged])
+        assert evidence is not None
+        assert evidence.picture is not None
+        assert [row.title for row in evidence.rows] == ["gyro bias", "late sonar"]
+        shown = {row.title: row.shown for row in evidence.rows}
+        assert shown["late sonar"].startswith("panel ")
+        assert any("late sonar: throughout" in line.lower() for line in shown_in_short(evidence))
+    assert evidence_of_causes(made(), [flight]) is None  # the whole page is about one cause
