@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
@@ -11,6 +12,8 @@ CONTRADICTED, UNPROVEN = "contradicted", "unproven"
 SAME_PLACE_HEIGHTS = 0.2
 """Heights of the camera by which a link may miss and still show the right place: a picture shows about one
 height of ground to each side. The search for loops refuses none within it, unless its settings say so."""
+_QUANTITY = re.compile(r"(\d[\d.]*(?:e[+-]\d+)?) (m|heights|sigma|deg)\b")
+"""A quantity of the figures, as checks write it: its number and its unit."""
 _MISFIT = re.compile(r"(\d[\d.]*(?:e[+-]\d+)?) (\w+), (\d[\d.]*(?:e[+-]\d+)?) deg$")
 
 
@@ -95,6 +98,11 @@ class Rejection:
         """The misfit that ends the figures of a link that disagrees; None for other checks."""
         found = _MISFIT.search(self.figures) if self.check is LinkCheck.GRAPH else None
         return Misfit(float(found[1]), found[2], float(found[3])) if found else None
+
+    def figures_told(self, told: Callable[[str, str], str]) -> str:
+        """Return the figures with each quantity as ``told`` words its number and its unit: m, ``heights`` of
+        the camera before metres are known, ``sigma`` or ``deg``."""
+        return _QUANTITY.sub(lambda found: told(found[1], found[2]), self.figures)
 
     def __str__(self) -> str:
         return f"{self.check.value}{self.check.joint if self.figures else ''}{self.figures}"

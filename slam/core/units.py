@@ -36,6 +36,13 @@ def to_error(value: float, error: float) -> str:
     return f"{value:.{uncertain_digits(error)}f}"
 
 
+def with_uncertainty(value: float, std: float, sign: str = "") -> str:
+    """Return a value and its standard deviation, both to the digits of the latter; ``sign`` is ``+`` for a
+    value with its sign."""
+    digits = uncertain_digits(std)
+    return f"{value:{sign}.{digits}f} ±{SPACE}{std:.{digits}f}"
+
+
 def spaced(of: str) -> str:
     """Return a unit after a space, to follow a figure; a factor, whose unit is 1, has none."""
     return "" if of == "1" else f" {of}"
@@ -59,6 +66,19 @@ def length(metres: float, metric: bool = True) -> str:
         return f"{metres:.3g}{SPACE}{unit(metric)}"
     name, count = length_unit(metres)
     return f"{_significant(metres * count)}{SPACE}{name}"
+
+
+def error_length(metres: float, metric: bool = True) -> str:
+    """Return the uncertainty of a length in mm, m or km, to the digits that it has itself."""
+    if not (np.isfinite(metres) and metric):
+        return length(metres, metric)
+    name, count = length_unit(metres)
+    return f"{to_error(metres * count, metres * count)}{SPACE}{name}"
+
+
+def round_length(metres: float, metric: bool = True) -> str:
+    """Return a length that was chosen as a round number, ``0.5 m``, without more digits than it has."""
+    return f"{metres:g}{SPACE}{unit(metric)}"
 
 
 def length_unit(metres: float) -> tuple[str, float]:

@@ -30,7 +30,7 @@ from slam.report.pictures.heights import heights_figure, heights_figure_words
 from slam.report.pictures.map import map_picture, picture, shown_area, surveyed_marks
 from slam.report.pictures.mosaic_marks import MapMarks
 from slam.report.pictures.path import altitude_picture, trajectory_picture
-from slam.report.pictures.path_over_time import path_over_time
+from slam.report.pictures.path_over_time import laps, path_over_time
 from slam.report.tables.evaluation import NOT_EVALUATED, Evaluated, not_evaluated
 from slam.report.tables.instrument_errors import (
     accelerometer_text,
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
     from slam.core.flight import Flight
 
+_LAPS = "Each panel shows one lap over the whole path. "
 _MOST_REJECTED = 20
 """Largest number of rejected loops listed on the page; loops.csv has all of them."""
 
@@ -142,6 +143,7 @@ def render(
         elevation_words=heights_figure_words(estimate, facts, flight),
         quality=picture(mosaics.quality),
         over_time=embedded(path_over_time(estimate, facts.gaps)) if timed else None,
+        panels=_LAPS if timed and laps(estimate.w_T_b[estimate.placed, :2, 3]) > 1 else "",
         trajectory=embedded(trajectory_picture(estimate, facts.gaps, before)) if drawable else None,
         altitude=embedded(altitude_picture(estimate, facts.gaps))
         if drawable and not facts.is_graph
@@ -166,7 +168,7 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
     tiles = [
         Item("poses placed" if facts.is_graph else "keyframes placed", f"{facts.placed} / {facts.keyframes}"),
         Item(f"loop {either(facts.loops_kept, 'closure', 'closures')} kept", str(facts.loops_kept)),
-        Item(f"typical uncertainty of a {of} (1σ)", facts.length(std_m)),
+        Item(f"typical uncertainty of a {of} (1σ)", facts.error(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
     if not facts.is_graph and facts.loops_kept and (change := facts.loop_change) is not None:
@@ -200,8 +202,8 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Vehicle's own velocity", velocity_text(estimate.instruments.velocity)),
         Item("Barometer", barometer_text(estimate.instruments.barometer)),
         Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
-        Item(f"Position of a {one}, 1σ: typical", facts.length(facts.sigma_median_m)),
-        Item(f"Position of a {one}, 1σ: largest", facts.length(facts.sigma_max_m)),
+        Item(f"Position of a {one}, 1σ: typical", facts.error(facts.sigma_median_m)),
+        Item(f"Position of a {one}, 1σ: largest", facts.error(facts.sigma_max_m)),
         Item("Error of the graph", _graph_error(estimate) if facts.is_graph else ""),
         Item("Global optimum", _optimum(estimate)),
         Item("Computing time", f"{sum(summary.timing_s.values()):.1f} s" if summary.timing_s else ""),

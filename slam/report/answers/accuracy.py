@@ -32,13 +32,13 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
         return "Not known: no uncertainty could be computed for most of it."
     relative = facts.against.rstrip(",")
     thing = "pose" if facts.is_graph else "camera at a keyframe (a picture that the map is made of)"
-    camera = f"a {thing} is typically known to ±{SPACE}{facts.length(facts.sigma_median_m)} {relative}"
+    camera = f"a {thing} is typically known to ±{SPACE}{facts.error(facts.sigma_median_m)} {relative}"
     text = f"{camera[0].upper()}{camera[1:]}, one standard deviation."
     if mosaic is not None and np.isfinite(mosaic.typical_std_m):
         pixel = f"a pixel is {facts.length(mosaic.pixel_m)} wide"
         text = (
-            f"A point on the mosaic is typically known to ±{SPACE}{facts.length(mosaic.typical_std_m)} "
-            f"{relative}, and to ±{SPACE}{facts.length(mosaic.worst_std_m)} where it is least certain: one "
+            f"A point on the mosaic is typically known to ±{SPACE}{facts.error(mosaic.typical_std_m)} "
+            f"{relative}, and to ±{SPACE}{facts.error(mosaic.worst_std_m)} where it is least certain: one "
             f"standard deviation, x and y together; {pixel}. The {camera.removeprefix('a ')}, all axes "
             "together."
         )
@@ -54,7 +54,7 @@ def place(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
         text += (
             " This is how well the fixes of the GPS agree with each other. It does not count a shift that "
             "all of them share, which may be as large as what is "
-            f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.length(facts.gps_std_m)}, and larger where a "
+            f"{facts.gps_accuracy} for one fix, ±{SPACE}{facts.error(facts.gps_std_m)}, and larger where a "
             "base station is wrong: a point of known coordinates on the ground checks the place."
         )
     return text + _axes_apart(estimate, facts) + uncounted(summary)
@@ -68,7 +68,7 @@ def _axes_apart(estimate: Estimate, facts: Facts) -> str:
     if not (level_m > _MAINLY * by_fix and up_m < _MAINLY * level_m):
         return ""
     return (
-        f" The camera's z is known better (±{SPACE}{facts.length(up_m)}) than its x and y (±{SPACE}"
+        f" The camera's z is known better (±{SPACE}{facts.error(up_m)}) than its x and y (±{SPACE}"
         f"{facts.length(level_m)} each). To its pictures a shift looks like a tilt, so that x and y rest "
         "mainly on the camera's own fix. A wrong height changes the size of all that a picture shows: the "
         "pictures hold the heights of all cameras together, and the scatter of all fixes averages out."
@@ -89,13 +89,13 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
     what = "pose" if facts.is_graph else "keyframe"
     name = estimate.frame_names[k] if k < len(estimate.frame_names) and not facts.is_graph else ""
     path = f"Around {at(estimate, x, y)} ({what} {k}{f', {name}' * bool(name)})"
-    path += f", where a position is known to ±{SPACE}{facts.length(facts.sigma_max_m)}, all axes together"
+    path += f", where a position is known to ±{SPACE}{facts.error(facts.sigma_max_m)}, all axes together"
     path += ": no usable picture lies on one side of it." if _borders_gap(facts, k) else "."
     if mosaic is None or not np.isfinite(mosaic.worst_std_m):
         return f"{path} map.html colours the path by it."
     return (
         f"The ground around {at(estimate, mosaic.x_m, mosaic.y_m)}, known to "
-        f"±{SPACE}{facts.length(mosaic.worst_std_m)}, x and y together: the ring in the middle one "
+        f"±{SPACE}{facts.error(mosaic.worst_std_m)}, x and y together: the ring in the middle one "
         f"of the three maps below.{_why_uncertain(facts, mosaic)} The path: {path[0].lower()}{path[1:]}"
     )
 
@@ -176,8 +176,8 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
             "look there first (the ring in it)."
         )
     text += (
-        " White is ground that no picture shows, or that higher ground hides. Any other area of one colour "
-        "is no fault: the camera saw the ground so."
+        " Grey is what no picture shows, or what higher ground hides; mosaic.png is transparent there. Any "
+        "other area of one colour is no fault: the camera saw the ground so."
     )
     ground = estimate.ground
     if ground is not None and np.isfinite(ground.misregistration_px[-1]):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
-from slam.core.units import SPACE, length, percent
+from slam.core.units import SPACE, error_length, percent, round_length
 from slam.report.answers.accuracy import uncounted
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
@@ -35,20 +35,22 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     longest_m = examples[-1]
     stds = [length_std(estimate, size_m) for size_m in examples]
     told = "; ".join(
-        f"{facts.length(size_m)} apart: ±{SPACE}{length(typical_m)} (up to ±{SPACE}{length(worst_m)})"
+        f"{round_length(size_m, facts.metric)} apart: ±{SPACE}{error_length(typical_m)} "
+        f"(up to ±{SPACE}{error_length(worst_m)})"
         for size_m, (typical_m, worst_m) in zip(examples, stds, strict=True)
     )
     typical_m = stds[-1][0]
     by_scale_m = facts.scale_std * longest_m
     rest_m = float(np.sqrt(max(typical_m**2 - by_scale_m**2, 0.0)))
-    sides, shares = map(facts.length, examples), (area_share(estimate, facts, size) for size in examples)
+    sides = (round_length(size_m, facts.metric) for size_m in examples)
+    shares = (area_share(estimate, facts, size) for size in examples)
     areas = "; ".join(
         f"{side} x {side}: ±{SPACE}{percent(share)}" for side, share in zip(sides, shares, strict=True)
     )
-    rest = f"the rest, ±{SPACE}{length(rest_m)}" if rest_m > _LITTLE * typical_m else "almost nothing"
+    rest = f"the rest, ±{SPACE}{error_length(rest_m)}" if rest_m > _LITTLE * typical_m else "almost nothing"
     why = (
-        f"Of the longest, the scale causes ±{SPACE}{length(by_scale_m)} ({percent(facts.scale_std)} of any "
-        f"length), and the places of both ends {rest}."
+        f"Of the longest, the scale causes ±{SPACE}{error_length(by_scale_m)} "
+        f"({percent(facts.scale_std)} of any length), and the places of both ends {rest}."
         if facts.scale_std
         else "It is caused by the places of both ends."
     )
@@ -56,7 +58,8 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     return (
         f"Two places on the map that are {told}. This is one standard deviation of a typical distance; 19 of "
         f"20 distances have less than the one in brackets.{uncounted(summary)} {why}{moves} A tape over "
-        f"{facts.length(longest_m)} differs from the map by less than {length(2 * typical_m)} nineteen times "
+        f"{round_length(longest_m, facts.metric)} differs from the map by less than "
+        f"{error_length(2 * typical_m)} nineteen times "
         "out of twenty: if it differs by more, one of them is wrong. The area of a square, one standard "
         f"deviation: {areas}. The scale counts twice in an area; the places of the corners count less on "
         "larger areas. map.html measures any distance and area with its uncertainty."
@@ -105,7 +108,7 @@ def _at_most(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> st
     The places of both ends contain the scale.
     """
     end_m, worst_end_m = _ends(estimate, facts, mosaic)
-    ends, worst_ends = (f"±{SPACE}{facts.length(np.sqrt(2) * each)}" for each in (end_m, worst_end_m))
+    ends, worst_ends = (f"±{SPACE}{facts.error(np.sqrt(2) * each)}" for each in (end_m, worst_end_m))
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
     return (
         f"A distance between two far places is typically known to about {ends}, and to {worst_ends} "

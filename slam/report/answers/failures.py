@@ -84,12 +84,12 @@ def _below(facts: Facts, mosaic: MosaicFacts | None) -> str:
         return f"; {some}"
     if not mosaic.gap_area_m2:
         return "; other pictures show all the ground below"
-    white = area(mosaic.gap_area_m2, facts.metric)
-    return f", where {white} of the ground below, as wide as a picture, are white in the mosaic; {some}"
+    missing = area(mosaic.gap_area_m2, facts.metric)
+    return f", where {missing} of the ground below, as wide as a picture, are grey on the map; {some}"
 
 
 def _holes(estimate: Estimate, mosaic: MosaicFacts) -> str:
-    """Return the white areas inside of a mosaic."""
+    """Return the empty areas inside of a mosaic."""
     count = "one hole" if mosaic.holes == 1 else f"{mosaic.holes} holes"
     which = "" if mosaic.holes == 1 else "the largest "
     return (
@@ -105,7 +105,7 @@ def _edge(mosaic: MosaicFacts | None) -> str:
         return ""
     return (
         f" The map ends where the pictures end, so its edge is frayed: {percent(mosaic.covered_share)} of "
-        "the rectangle of the mosaic is ground, and the rest, which no picture shows, is white."
+        "the rectangle of the mosaic is ground, and the rest, which no picture shows, is grey."
     )
 
 
@@ -168,8 +168,8 @@ def _bare(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> list[st
     """Return that pictures showed nothing usable, and how much ground is missing; empty for a few of many."""
     if not (bare := too_bare(facts, summary)):
         return []
-    white_m2 = 0.0 if mosaic is None else mosaic.gap_area_m2 + mosaic.hole_area_m2
-    lost = f", and {area(white_m2, facts.metric)} of ground are missing" if white_m2 else ""
+    missing_m2 = 0.0 if mosaic is None else mosaic.gap_area_m2 + mosaic.hole_area_m2
+    lost = f", and {area(missing_m2, facts.metric)} of ground are missing" if missing_m2 else ""
     return [f"{bare} of {facts.frames} pictures showed too little to be used{lost}"]
 
 

@@ -36,7 +36,7 @@ def sentence(facts: Facts, status: str, mosaic: MosaicFacts | None = None) -> st
     )
     if np.isfinite(typical_m):
         worst = (
-            f"and to ±{SPACE}{facts.length(worst_m)} where it is least certain"
+            f"and to ±{SPACE}{facts.error(worst_m)} where it is least certain"
             if np.isfinite(worst_m)
             else "and others are not known"
         )
@@ -46,7 +46,7 @@ def sentence(facts: Facts, status: str, mosaic: MosaicFacts | None = None) -> st
             else ""
         )
         of = "a point on the ground" if on_ground else f"the position of a {thing[:-1]}"
-        typically = f"is typically known to ±{SPACE}{facts.length(typical_m)}{why}, {worst}"
+        typically = f"is typically known to ±{SPACE}{facts.error(typical_m)}{why}, {worst}"
         text += f"; {facts.against} {of} {typically}"
         if status != "ok":
             text += "; errors that the status names come on top"
@@ -83,6 +83,6 @@ def _missing(facts: Facts, mosaic: MosaicFacts | None) -> str:
         if mosaic is not None and mosaic.gap_area_m2 > 0:
             told[-1] += f", and with it {area(mosaic.gap_area_m2, facts.metric)} of ground"
     if holes_m2 > 0:
-        told.append(f"{area(holes_m2, facts.metric)} {'more ' if long else ''}inside the map are white")
+        told.append(f"{area(holes_m2, facts.metric)} {'more ' if long else ''}inside the map are missing")
     text = " and ".join(told)
     return f" Ground is missing: {text}." if told else ""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.estimate import Estimate
-from slam.core.units import SPACE, percent
+from slam.core.units import SPACE, percent, round_length
 from slam.report.answers.advice import HEIGHTS, focal_std_ratio, hangs_on_lens, main_cause
 from slam.report.answers.streams import is_tilt_doubted
 from slam.report.facts import Facts, heights_over_floor, largest_height_std
@@ -29,7 +29,7 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
         text += " A warning below names the attitude sensor (attitude0), by which the whole map may lean."
     camera = ""
     if np.isfinite(over_m):
-        camera = f" typically known to ±{SPACE}{facts.length(over_m)}{_by(facts)}{_cause(estimate)}."
+        camera = f" typically known to ±{SPACE}{facts.error(over_m)}{_by(facts)}{_cause(estimate)}."
         if not facts.relative_to:
             camera += (
                 " The altitude of the ground on Earth is known no better than that: it moves as a whole."
@@ -91,20 +91,21 @@ def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
     if ground is not None and ground.is_measured:
         std = ground.height_std_m
         told = (
-            f" On the ground typically to ±{SPACE}{facts.length(std)}.{_shared(estimate, facts)}"
+            f" On the ground typically to ±{SPACE}{facts.error(std)}.{_shared(estimate, facts)}"
             if std
             else ""
         )
     elif ground is not None and not ground.relief_share and estimate.elevation is not None:
         told = " The picture of heights below and elevation.tif show what the height sensor found on it"
         if scatter := floor_scatter(estimate.elevation.height_m):
-            told += f", if it is more than {facts.length(scatter.reach_m)} above or below the floor"
+            told += f", if it is more than {facts.error(scatter.reach_m)} above or below the floor"
         told += "."
     if tilted:
         tilt_rad = _tilt_rad(estimate)
         told += (
             f" A lean of {np.degrees(tilt_rad):.1f}° changes them by "
-            f"{facts.length(float(np.tan(tilt_rad)))} for each {facts.length(1.0)} between the places."
+            f"{facts.error(float(np.tan(tilt_rad)))} for each {round_length(1.0, estimate.metric)} between "
+            "the places."
         )
     return told
 
@@ -119,7 +120,7 @@ def _shared(estimate: Estimate, facts: Facts) -> str:
     greatest_m = max(abs(ground.lowest_m), abs(ground.highest_m))
     why = "focal length" if on_lens else "scale"
     return (
-        f" The {why} adds {percent(share)} of the height: ±{SPACE}{facts.length(share * greatest_m)} at "
+        f" The {why} adds {percent(share)} of the height: ±{SPACE}{facts.error(share * greatest_m)} at "
         f"{facts.length(greatest_m)} from the floor, the most."
     )
 
@@ -138,7 +139,7 @@ def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str
     shared = "tilt" if facts.relative_to else "altitude and tilt"
     text = (
         f" The camera's own {'z' if facts.relative_to else 'altitude'}, {against}, is known to "
-        f"±{SPACE}{facts.length(worst_m)} where it is least certain. This counts the {shared} of the whole "
+        f"±{SPACE}{facts.error(worst_m)} where it is least certain. This counts the {shared} of the whole "
         f"map as far as the measurements tell{', but not the lean above' if tilted else ''}."
     )
     if not worst_m < over_m:
@@ -197,6 +198,6 @@ def _verdict(estimate: Estimate, facts: Facts, status: str, over_m: float | None
         return f"{over}, within the figures that follow.{altitudes}"
     beside = " and an error in proportion to them (below)" if _shared(estimate, facts) else ""
     return (
-        f"{over}: those of the ground typically to ±{SPACE}{facts.length(std_m)}{beside}, those of the "
-        f"camera over it to ±{SPACE}{facts.length(over_m)}.{altitudes}"
+        f"{over}: those of the ground typically to ±{SPACE}{facts.error(std_m)}{beside}, those of the "
+        f"camera over it to ±{SPACE}{facts.error(over_m)}.{altitudes}"
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,9 +9,9 @@ from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Re
 from backend.wording import counted
 from slam.core.units import length
 
-_OF_HEIGHT = " of the camera's height"
-"""Words for a length before metres are known, in mean heights of the camera over the floor."""
-_HEIGHTS = re.compile(r"([\d.]+(?:e[+-]\d+)?) heights")
+_UNITS = {"heights": " of the camera's height", "sigma": " standard deviations", "deg": "°"}
+"""Unit of a quantity in a reason -> in words; before metres are known, lengths are in mean heights of the
+camera over the floor."""
 _LOOP = "loop: "
 _NO = "No: "
 """Beginning of an advice to do nothing."""
@@ -142,17 +141,15 @@ def reason_in_words(rejection: Rejection, height_m: float = float("nan")) -> str
     """
     if rejection.check not in _LINKS:
         return str(rejection)
-    words, figures = f"they {_LINKS[rejection.check][0]}", rejection.figures
-    if height_m > 0:
-        figures = _HEIGHTS.sub(lambda told: length(float(told[1]) * height_m), figures)
-    for short, words_ in (
-        ("sigma (", "standard deviations, "),
-        ("sigma", "standard deviations"),
-        ("): ", ": "),
-        (" deg", "°"),
-        (" heights", _OF_HEIGHT),
-    ):
-        figures = figures.replace(short, words_)
+    words = f"they {_LINKS[rejection.check][0]}"
+
+    def told(number: str, unit: str) -> str:
+        if unit == "heights" and height_m > 0:
+            return length(float(number) * height_m)
+        return f"{number}{_UNITS.get(unit, f' {unit}')}"
+
+    # The figures stand in brackets themselves.
+    figures = rejection.figures_told(told).replace(" (", ", ").replace(")", "")
     return f"{words} ({figures})" if figures else words
 
 

@@ -221,11 +221,11 @@ def _hand_on(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
         )
     known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
     std_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
-    told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.length(std_m)})"]
+    told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.error(std_m)})"]
     if not facts.controlled:
         told.append("and that the place on Earth is that of the GPS")
     stated = (
-        f" Its fixes are {facts.gps_accuracy} to be good to ±{SPACE}{facts.length(facts.gps_std_m)} east "
+        f" Its fixes are {facts.gps_accuracy} to be good to ±{SPACE}{facts.error(facts.gps_std_m)} east "
         "and north each; an error that all of them share moves the whole map."
         if np.isfinite(facts.gps_std_m) and not facts.controlled
         else ""

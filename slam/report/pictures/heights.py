@@ -27,7 +27,7 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
             "sensor alone measured it, and shows no detail smaller than the spot of its beam on the floor. "
             f"{_of_echoes(estimate, facts, flight)}Grey: no echo came from there. "
         )
-    known = f", typically to ±{SPACE}{facts.length(ground.height_std_m)}" if ground.height_std_m else ""
+    known = f", typically to ±{SPACE}{facts.error(ground.height_std_m)}" if ground.height_std_m else ""
     filled = (
         f" Pale: {percent(ground.filled_share)} of the uneven ground, filled in from around and not "
         "measured: trust no height there."
@@ -64,12 +64,12 @@ def _of_echoes(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
     scatter = None if estimate.elevation is None else floor_scatter(estimate.elevation.height_m)
     told = ""
     if flight is not None and flight.sonar is not None:
-        known = facts.length(flight.sonar.noise_std_m)
+        known = facts.error(flight.sonar.noise_std_m)
         told = f"One echo is {whence(flight.sonar)} to be good to ±{SPACE}{known}"
         told += ": smaller differences are noise. " if scatter is None else ". "
     if scatter is not None:
         told += (
-            f"Echoes of the floor scatter by {facts.length(scatter.reach_m)} to either side (three standard "
+            f"Echoes of the floor scatter by {facts.error(scatter.reach_m)} to either side (three standard "
             "deviations). What differs less from the floor has its colour, so that what stands on it can be "
             "told. "
         )

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.plot_style import UNMEASURED
 from slam.report.page import embedded
 from slam.report.pictures.mosaic_marks import MapMarks, Mark, with_marks, with_points
 
@@ -90,7 +91,7 @@ def _is_placed(path: Path) -> bool:
 
 
 def thumbnail(path: Path, most_px: int = _MOST_PX, marks: MapMarks | None = None) -> bytes:
-    """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become white.
+    """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become grey.
 
     ``marks``: points on it, and a scale bar and arrows below it; the picture then needs a world file, and
     shows the ground of `shown_area`.
@@ -114,7 +115,7 @@ def thumbnail(path: Path, most_px: int = _MOST_PX, marks: MapMarks | None = None
 
 
 def _drawn(path: Path, most_px: int, own: GroundArea, area: GroundArea) -> tuple[NDArray[np.uint8], float]:
-    """Return a picture of the ground ``own`` on white paper of ``area``, and the side of a pixel."""
+    """Return a picture of the ground ``own`` on grey paper of ``area``, and the side of a pixel."""
     share = max(area.right - area.left, area.top - area.bottom) / max(
         own.right - own.left, own.top - own.bottom
     )
@@ -124,7 +125,8 @@ def _drawn(path: Path, most_px: int, own: GroundArea, area: GroundArea) -> tuple
         return pixels, pixel_m
     spans = (area.top - area.bottom, area.right - area.left)
     tall, wide = (max(size, round(span / pixel_m)) for size, span in zip(pixels.shape, spans, strict=False))
-    paper = np.full((tall, wide, *pixels.shape[2:]), 255, np.uint8)
+    paper = np.empty((tall, wide, *pixels.shape[2:]), np.uint8)
+    paper[:] = _paper(pixels.shape[2] if pixels.ndim == 3 else 1)
     starts = (area.top - own.top) / pixel_m, (own.left - area.left) / pixel_m
     row, col = (
         min(round(start), most - size)
@@ -132,6 +134,12 @@ def _drawn(path: Path, most_px: int, own: GroundArea, area: GroundArea) -> tuple
     )
     paper[row : row + pixels.shape[0], col : col + pixels.shape[1]] = pixels
     return paper, pixel_m
+
+
+def _paper(channels: int) -> NDArray[np.uint8]:
+    """Return the grey (channels,) of what no picture shows: white could be ground."""
+    colour = np.array([int(UNMEASURED[k : k + 2], 16) for k in (1, 3, 5)], np.uint8)
+    return colour if channels == 3 else np.full(channels, round(float(colour.mean())), np.uint8)
 
 
 def _shrunk(path: Path, most_px: float) -> Iterator[NDArray[np.uint8]]:
@@ -150,6 +158,7 @@ def _shrunk(path: Path, most_px: float) -> Iterator[NDArray[np.uint8]]:
             pixels = np.moveaxis(source.read(window=Window(0, top, source.width, rows)), 0, -1)
             if pixels.shape[2] in (2, 4):
                 alpha = pixels[..., -1:].astype(np.float32) / 255
-                pixels = (pixels[..., :-1] * alpha + 255 * (1 - alpha)).astype(np.uint8)
+                paper = _paper(pixels.shape[2] - 1)
+                pixels = (pixels[..., :-1] * alpha + paper * (1 - alpha)).astype(np.uint8)
             size = width, max(1, rows // shrink)
             yield cv2.resize(np.ascontiguousarray(pixels), size, interpolation=cv2.INTER_AREA)

@@ -23,7 +23,7 @@ from slam.core.plot_style import (
     png,
     round_factor,
 )
-from slam.core.units import length, unit
+from slam.core.units import error_length, unit
 from slam.evaluation.aligned_maps import chain_on_result
 from slam.report.facts import heights_over_floor, is_placed
 from slam.report.gaps import Gap
@@ -86,7 +86,9 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
         )
     # The band is often narrower than a line, so the legend gives its size.
     known = sigma[np.isfinite(sigma)]
-    size = f" (typically ± {length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""
+    size = (
+        f" (typically ± {error_length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""
+    )
     # Between the keyframes at both ends of a gap nothing is known of the uncertainty: a straight edge of the
     # band would claim that it stays small.
     edges = _broken(np.column_stack([time, height - 2 * sigma, height + 2 * sigma]), gaps)

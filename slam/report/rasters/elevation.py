@@ -47,12 +47,12 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
     Raises ``InputError`` where the disk refuses.
     """
     elevation = estimate.elevation
-    measured = None
+    doubts = None
     if surface is not None:
         corner, cell_m, shape = (surface.west_m, surface.north_m), surface.cell_m, surface.height_m.shape
         pits = doubted_pits(surface)
         bands = _surface_bands(surface, pits, elevation)
-        measured = (surface.source != HeightSource.FILLED) & ~pits
+        doubts = {"filled in": surface.source == HeightSource.FILLED, "doubted": pits}
     elif elevation is not None:
         corner, cell_m, shape = (
             (elevation.west_m, elevation.north_m),
@@ -65,7 +65,7 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
     grid = Grid(*corner, cell_m, shape[1], shape[0], estimate.origin, estimate.metric)
     write_bands(out_dir / "elevation.tif", grid, bands, height_tags(estimate))
     path = out_dir / "elevation.png"
-    write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, _measured_by(surface), measured))
+    write_whole(path, elevation_picture(bands[HEIGHT_BAND], grid, _measured_by(surface), doubts))
     return path
 
 
@@ -99,11 +99,11 @@ def elevation_picture(
     height: NDArray[np.float32],
     grid: Grid,
     by: str = "the height sensor",
-    measured: NDArray[np.bool_] | None = None,
+    doubts: Mapping[str, NDArray[np.bool_]] | None = None,
 ) -> bytes:
     """Draw the heights in colour over x and y in metres, as PNG; ``by`` says what measured them.
 
-    Heights that were not ``measured`` are paler; without a mask, all were.
+    Heights with a doubt are paler: its word -> where it is. None is for heights by echoes alone.
     """
     from matplotlib.figure import Figure
 
@@ -115,7 +115,7 @@ def elevation_picture(
     )
     axes = figure.subplots()
     axes.set_facecolor(UNMEASURED)
-    floor = None if measured is not None else floor_scatter(height)
+    floor = None if doubts is not None else floor_scatter(height)
     low, high = (float(q) for q in np.nanpercentile(height, _SHOWN if floor is None else (0, 100)))
     low, high = min(low, -LEAST_SPAN_M / 2), max(high, LEAST_SPAN_M / 2)
     shown = height
@@ -125,11 +125,11 @@ def elevation_picture(
         shown, cmap="viridis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
     )
     grey = "not measured"
-    if measured is not None:
-        grey = "no picture"
-        if (filled := ~measured & np.isfinite(height)).any():
-            _veil(axes, filled, grid)
-            grey = "no picture; pale: filled in or doubted"
+    if doubts is not None:
+        grey, known = "no picture", np.isfinite(height)
+        if some := [word for word, where in doubts.items() if (where & known).any()]:
+            _veil(axes, np.any([where & known for where in doubts.values()], axis=0), grid)
+            grey = f"no picture; pale: {' or '.join(some)}"
     if floor is not None:
         lowest_mm, highest_mm = 1e3 * (floor.middle_m - floor.reach_m), 1e3 * (floor.middle_m + floor.reach_m)
         grey = f"{grey}; floor in one colour: {lowest_mm:+.0f} to {highest_mm:+.0f} mm"

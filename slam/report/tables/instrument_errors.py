@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import degrees, floor, log10
+from math import degrees
 
 from slam.core.instrument_errors import (
     AccelerometerErrors,
@@ -14,7 +14,7 @@ from slam.core.instrument_errors import (
     MountTilt,
     VelocityErrors,
 )
-from slam.core.units import SPACE
+from slam.core.units import SPACE, to_error, with_uncertainty
 
 
 def attitude_text(found: AttitudeErrors | None) -> str:
@@ -23,7 +23,7 @@ def attitude_text(found: AttitudeErrors | None) -> str:
     if found is None:
         return ""
     each = [
-        f"{name} {degrees(offset):+.2f} ±{SPACE}{degrees(std):.2f}°"
+        f"{name} {with_uncertainty(degrees(offset), degrees(std), '+')}°"
         for name, offset, std in zip(("roll", "pitch"), found.offset_rad, found.offset_std_rad, strict=True)
     ]
     return f"{', '.join(each)} on average, up to {degrees(found.largest_rad):.1f}° at one keyframe"
@@ -43,24 +43,19 @@ def mount_text(found: MountTilt | None) -> str:
     """Tilt of the camera on the body relative to the reported mount, in words."""
     if found is None:
         return ""
-    roll, pitch = (f"{degrees(tilt):+.2f}" for tilt in found.tilt_rad)
-    return f"roll {roll}, pitch {pitch} ±{SPACE}{degrees(found.std_rad):.2f}°"
+    roll, pitch = (with_uncertainty(degrees(tilt), degrees(found.std_rad), "+") for tilt in found.tilt_rad)
+    return f"roll {roll}°, pitch {pitch}°"
 
 
 def lens_text(found: Mapping[str, LensNumber] | None, estimated: bool = True) -> str:
     """Return the numbers of the lens that the flight determines, in words, or if not ``estimated`` those that
     are known mostly by what was told before it."""
     return ", ".join(
-        f"{name} {_rounded(n.value, n.std)} ±{SPACE}{n.std:.2g} (before the flight: "
-        f"{_rounded(n.told, n.std)}{'' if estimated else f' ±{SPACE}{n.told_std:.2g}'})"
+        f"{name} {with_uncertainty(n.value, n.std)} (before the flight: "
+        f"{to_error(n.told, n.std) if estimated else with_uncertainty(n.told, n.told_std)})"
         for name, n in (found or {}).items()
         if n.estimated == estimated
     )
-
-
-def _rounded(value: float, std: float) -> str:
-    """Return the value to two digits of its standard deviation."""
-    return f"{value:.{max(0, 1 - floor(log10(std)))}f}"
 
 
 def antenna_text(found: AntennaPlace | None) -> str:
@@ -68,7 +63,7 @@ def antenna_text(found: AntennaPlace | None) -> str:
     if found is None:
         return ""
     rows = zip(("forward", "left"), found.place_m, found.std_m, found.told_m, strict=False)
-    each = [f"{axis} {at:+.2f} ±{SPACE}{std:.2g} m (told {told:+.2f})" for axis, at, std, told in rows]
+    each = [f"{axis} {with_uncertainty(at, std, '+')} m (told {told:+.2f})" for axis, at, std, told in rows]
     return ", ".join(each)
 
 
@@ -77,7 +72,7 @@ def accelerometer_text(found: AccelerometerErrors | None) -> str:
     if found is None:
         return ""
     axes = zip(("forward", "left", "up"), found.offset_m_s2, found.offset_std_m_s2, strict=True)
-    return ", ".join(f"{name} {offset:+.3f} ±{SPACE}{std:.3f}" for name, offset, std in axes) + " m/s²"
+    return ", ".join(f"{name} {with_uncertainty(offset, std, '+')}" for name, offset, std in axes) + " m/s²"
 
 
 def arm_text(found: AccelerometerErrors | None) -> str:
@@ -85,14 +80,14 @@ def arm_text(found: AccelerometerErrors | None) -> str:
     if found is None:
         return ""
     axes = zip(("forward", "left", "up"), found.arm_m, found.arm_std_m, strict=True)
-    return ", ".join(f"{name} {1e3 * at:+.0f} ±{SPACE}{1e3 * std:.0f}" for name, at, std in axes) + " mm"
+    return ", ".join(f"{name} {with_uncertainty(1e3 * at, 1e3 * std, '+')}" for name, at, std in axes) + " mm"
 
 
 def lag_text(found: AccelerometerErrors | None) -> str:
     """Delay of the accelerometer's readings behind the gyro's, in words; empty where none was taken out."""
     if found is None or not found.lag_taken_out:
         return ""
-    return f"{1e3 * found.lag_s:+.0f} ±{SPACE}{1e3 * found.lag_std_s:.0f}{SPACE}ms, taken out"
+    return f"{with_uncertainty(1e3 * found.lag_s, 1e3 * found.lag_std_s, '+')}{SPACE}ms, taken out"
 
 
 def lengths_text(found: AccelerometerErrors | None) -> str:
@@ -103,7 +98,7 @@ def lengths_text(found: AccelerometerErrors | None) -> str:
     beside = (
         "those of the other instruments, before both were joined" if found.used else "the map's, not needed"
     )
-    return f"{off:+.1f} ±{SPACE}{std:.1f}{SPACE}% off {beside}"
+    return f"{with_uncertainty(off, std, '+')}{SPACE}% off {beside}"
 
 
 def velocity_text(found: VelocityErrors | None) -> str:
@@ -112,8 +107,8 @@ def velocity_text(found: VelocityErrors | None) -> str:
         return ""
     gains = zip(found.gain, found.gain_std, strict=True)
     offsets = zip(found.offset_m_s, found.offset_std_m_s, strict=True)
-    ratio = [f"{gain:.2f} ±{SPACE}{std:.2g} times the true one" for gain, std in gains]
-    more = [f"{offset:+.2f} ±{SPACE}{std:.2g} m/s" for offset, std in offsets]
+    ratio = [f"{with_uncertainty(gain, std)} times the true one" for gain, std in gains]
+    more = [f"{with_uncertainty(offset, std, '+')} m/s" for offset, std in offsets]
     return f"forward {ratio[0]}, {more[0]}; left {ratio[1]}, {more[1]}"
 
 
@@ -121,5 +116,5 @@ def barometer_text(found: BarometerErrors | None) -> str:
     """Gain and noise of the barometer, in words."""
     if found is None:
         return ""
-    gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.2g} times the true changes of height"
+    gain = f"{with_uncertainty(found.gain, found.gain_std)} times the true changes of height"
     return f"{gain}, noise {found.noise_m:.2g}{SPACE}m"

@@ -12,7 +12,7 @@ from slam.core.estimate import Estimate
 from slam.core.figure_table import FigureTable
 from slam.core.instrument import Instrument
 from slam.core.messages import by_kind
-from slam.core.units import SPACE, length, percent
+from slam.core.units import SPACE, error_length, percent
 from slam.report.answers.advice import WORDS
 from slam.report.answers.streams import doubts
 from slam.report.heading import heading_doubt
@@ -50,9 +50,11 @@ class _Stream(NamedTuple):
 
 def _of_range(sonar: Sonar) -> str:
     shared = [f"gain {percent(sonar.scale_std)}{_told(sonar, 'scale_std')}"] if sonar.scale_std else []
-    shared += [f"zero {length(sonar.datum_std_m)}{_told(sonar, 'datum_std')}"] if sonar.datum_std_m else []
+    shared += (
+        [f"zero {error_length(sonar.datum_std_m)}{_told(sonar, 'datum_std')}"] if sonar.datum_std_m else []
+    )
     common = f"; for all together {', '.join(shared)}" if shared else ""
-    return f"{length(sonar.noise_std_m)}{_told(sonar)}{common}"
+    return f"{error_length(sonar.noise_std_m)}{_told(sonar)}{common}"
 
 
 def _told(series: Instrument, key: str = "noise_std") -> str:
@@ -62,7 +64,7 @@ def _told(series: Instrument, key: str = "noise_std") -> str:
 
 def _of_position(gps: Gps) -> str:
     east, north, up = gps.noise_std_m
-    return f"{length(float(np.hypot(east, north) / np.sqrt(2)))}, height {length(up)}{_told(gps)}"
+    return f"{error_length(float(np.hypot(east, north) / np.sqrt(2)))}, height {error_length(up)}{_told(gps)}"
 
 
 def _of_attitude(attitude: AttitudeSeries) -> str:
@@ -84,7 +86,7 @@ def _of_imu(imu: Imu) -> str:
 
 
 def _of_barometer(barometer: Scalar) -> str:
-    return f"{length(barometer.noise_std)}{_told(barometer)}" if barometer.noise_std else ""
+    return f"{error_length(barometer.noise_std)}{_told(barometer)}" if barometer.noise_std else ""
 
 
 _STREAMS: Mapping[str, _Stream] = {

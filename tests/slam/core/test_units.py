@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from slam.core.units import percent, with_error
+from slam.core.units import error_length, percent, round_length, to_error, with_error, with_uncertainty
 
 
 @pytest.mark.parametrize(
@@ -30,3 +30,25 @@ def test_whole_percents_have_no_exponent():
     assert [percent(x).replace("\N{NO-BREAK SPACE}", " ") for x in (0.999, 0.996, 0.0312, 1.0, 0.00063)] == [
         "100 %", "100 %", "3.1 %", "100 %", "0.063 %",
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (0.0176, "18 mm"),
+        (0.00184, "1.8 mm"),
+        (0.00509, "5 mm"),
+        (0.1471, "0.15 m"),
+        (0.63, "0.6 m"),
+        (35.0, "35 m"),
+    ],
+)
+def test_an_uncertainty_has_two_digits_up_to_35_and_one_above(error: float, told: str) -> None:
+    assert error_length(error).replace("\N{NO-BREAK SPACE}", " ") == told
+
+
+def test_a_value_has_the_digits_of_its_uncertainty() -> None:
+    assert with_uncertainty(0.97034, 0.0174).replace("\N{NO-BREAK SPACE}", " ") == "0.970 ± 0.017"
+    assert with_uncertainty(-15.72, 11.5, "+").replace("\N{NO-BREAK SPACE}", " ") == "-16 ± 12"
+    assert to_error(1234.5, float("nan")) == "1234"
+    assert round_length(0.5).replace("\N{NO-BREAK SPACE}", " ") == "0.5 m"

@@ -12,7 +12,7 @@ from slam.core.flight import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
 from slam.core.messages import Note
 from slam.core.summary import summarise
-from slam.core.units import length, percent
+from slam.core.units import error_length, length, percent, round_length
 from slam.report.answers.distances import area_share
 from slam.report.answers.headline import sentence
 from slam.report.answers.questions import pilots_answers
@@ -50,7 +50,7 @@ def test_the_least_certain_place_is_told():
     mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
     both = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic=mosaic)
     (told,) = (item.value for item in both if item.label == "Where is it least certain?")
-    assert told.startswith("The ground around x = 3.00 m, y = -1.50 m, known to ±\N{NO-BREAK SPACE}20.0")
+    assert told.startswith("The ground around x = 3.00 m, y = -1.50 m, known to ±\N{NO-BREAK SPACE}20")
     assert f"The path: around x = {x:.3g} m" in told
     unknown = estimate.covariances.copy()
     unknown[7] = np.nan
@@ -64,9 +64,9 @@ def test_a_point_of_the_mosaic_is_told_apart_from_a_keyframe():
     mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5)
     told = {item.label: item.value for item in pilots_answers(estimate, summary, facts, mosaic=mosaic)}
     point = told["How accurate is a place on it?"]
-    assert point.index(length(0.011)) < point.index(length(0.02)) < point.index(length(facts.sigma_median_m))
+    assert point.index(error_length(0.011)) < point.index(error_length(0.02))
     assert f"800 x 600 pixels of {length(0.004)}" in told["Where is the mosaic, and how big is a pixel?"]
-    both_ends = length(np.sqrt(2) * 0.011)
+    both_ends = error_length(np.sqrt(2) * 0.011)
     assert both_ends in told["How far can I trust a distance or an area?"]
 
 
@@ -78,9 +78,9 @@ def test_a_height_over_the_floor_does_not_count_the_altitude_on_earth():
     found = answers(on_earth, flight)[question]
     over_floor, on_the_whole = found.split(" The camera's own altitude, on Earth, ")
     assert answers(estimate, flight)[question].startswith(over_floor)
-    assert f"±\N{NO-BREAK SPACE}{length(20.0)} where it is least certain" in on_the_whole
+    assert f"±\N{NO-BREAK SPACE}{error_length(20.0)} where it is least certain" in on_the_whole
     up_m = np.sqrt(np.median(estimate.over_floor_covariances[:, 5, 5]))
-    assert f"typically known to ±\N{NO-BREAK SPACE}{length(up_m)}" in found
+    assert f"typically known to ±\N{NO-BREAK SPACE}{error_length(up_m)}" in found
 
 
 def test_a_doubted_attitude_says_what_its_tilt_does_to_heights():
@@ -103,7 +103,7 @@ def test_a_doubted_attitude_says_what_its_tilt_does_to_heights():
     assert found.startswith("Near each other, yes; across the map, no, because it may lean: 5.7° raise")
     use = answers(replace(noted, status="ok"), flight)["Can I use this map?"]
     assert "heights only near each other, because the map may lean: 5.7° raise" in use
-    assert f"by {length(np.tan(0.1))} for each {length(1.0)}" in found
+    assert f"by {error_length(np.tan(0.1))} for each {round_length(1.0)}" in found
     assert f"raise one end of the path by {length(np.tan(0.1) * across_m)} against the other" in found
 
 
@@ -114,7 +114,7 @@ def test_the_mosaic_says_where_its_pictures_differ_most():
     rows = pilots_answers(estimate, summarise(estimate), gather(estimate, flight), mosaic)
     told = next(row.value for row in rows if row.label == question)
     assert f"around x = 2.00 m, y = 1.25 m, by {percent(0.56)} of the brightness" in told
-    assert "White is ground that no picture shows" in told
+    assert "Grey is what no picture shows" in told
 
 
 def test_an_accuracy_by_the_gps_does_not_count_a_shift_of_all_its_fixes():
@@ -129,7 +129,7 @@ def test_an_accuracy_by_the_gps_does_not_count_a_shift_of_all_its_fixes():
         return next(row.value for row in rows if row.label == question)
 
     assert "on Earth, as the GPS has it, one standard deviation" in told(facts)
-    of_one_fix = f"for one fix, ±\N{NO-BREAK SPACE}{length(5.0)}"
+    of_one_fix = f"for one fix, ±\N{NO-BREAK SPACE}{error_length(5.0)}"
     assert f"may be as large as what is stated {of_one_fix}" in told(facts)
     assert f"is assumed {of_one_fix}" in told(replace(facts, gps_accuracy="assumed"))
     assert "GPS" not in told(replace(facts, controlled=True)), "control points hold the map"
@@ -140,7 +140,7 @@ def test_the_first_sentence_tells_the_ground_where_there_is_a_mosaic():
     facts = gather(estimate, made_flight())
     on_ground = sentence(facts, "ok", MosaicFacts(0.004, 800, 600, 0.012, 0.034, 0.0, 0.0))
     assert "a point on the ground is typically known to" in on_ground
-    assert length(0.034) in on_ground
+    assert error_length(0.034) in on_ground
     assert "the position of a keyframe" in sentence(
         facts, "ok", MosaicFacts(0.004, 800, 600, np.nan, np.nan, 0.0, 0.0)
     )
@@ -208,13 +208,15 @@ def test_a_distance_counts_the_scale_once():
         (2.0, 0.11, 0.13),
         (5.0, 0.21 * 5 / 4, 0.25 * 5 / 4),
     ):
-        std, worst = (length(each).replace("\N{NO-BREAK SPACE}", " ") for each in (std_m, worst_m))
-        assert f"{size_m:.2f} m apart: ± {std} (up to ± {worst})" in told
+        std, worst = (error_length(each).replace("\N{NO-BREAK SPACE}", " ") for each in (std_m, worst_m))
+        assert f"{size_m:g} m apart: ± {std} (up to ± {worst})" in told
     assert "the scale causes ± 0.25 m (5 % of any length)" in told
-    rest = length(np.sqrt((0.21 * 5 / 4) ** 2 - 0.25**2)).replace("\N{NO-BREAK SPACE}", " ")
+    rest = error_length(np.sqrt((0.21 * 5 / 4) ** 2 - 0.25**2)).replace("\N{NO-BREAK SPACE}", " ")
     assert f"the rest, ± {rest}." in told
     assert (
-        f"differs from the map by less than {length(2 * 0.21 * 5 / 4)}".replace("\N{NO-BREAK SPACE}", " ")
+        f"differs from the map by less than {error_length(2 * 0.21 * 5 / 4)}".replace(
+            "\N{NO-BREAK SPACE}", " "
+        )
         in told
     )
 

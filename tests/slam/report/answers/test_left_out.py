@@ -120,3 +120,10 @@ def test_advice_for_a_case_says_which_case_the_map_is(shift_px, act):
     assert acts["loop: disagrees"].startswith(act)
     assert acts["too few features"] == "No: no stretch of the path is without other pictures."
     assert acts["tracking started anew"].startswith("No: the map is in one piece")
+
+
+def test_brackets_within_a_reason_are_no_brackets_within_brackets():
+    told = in_words(
+        "agrees, but too little is known of where it lies to trust it: 3.1 sigma (each 1.4 of one)"
+    )
+    assert told.endswith("(3.1 standard deviations, each 1.4 of one)")

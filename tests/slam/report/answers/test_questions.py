@@ -11,7 +11,7 @@ import numpy as np
 from slam.core.flight import AttitudeSeries, GeoOrigin
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
-from slam.core.units import length
+from slam.core.units import error_length
 from slam.report.answers.advice import limit_sentence
 from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
@@ -67,7 +67,7 @@ def test_answers_follow_the_map():
     mosaic, facts = MosaicFacts(0.004, 800, 600, 0.05, 0.09, 3.0, -1.5), gather(by_gps, flight)
     rows = pilots_answers(replace(by_gps, middle_std_m=0.03), summarise(by_gps), facts, mosaic)
     told = next(row.value for row in rows if row.label == distance)
-    both_ends = length(np.sqrt(2) * 0.04)
+    both_ends = error_length(np.sqrt(2) * 0.04)
     assert f"known to about ±\N{NO-BREAK SPACE}{both_ends}" in told, "the shift of the ground is not counted"
     assert answers(no_metres, flight)[scale].startswith("Not known")
     unknown = replace(estimate, covariances=np.full_like(estimate.covariances, np.nan))
@@ -94,7 +94,7 @@ def test_whether_coordinates_can_be_handed_on():
     facts = replace(gather(on_earth, flight), gps_std_m=3.0)
     told = {item.label: item.value for item in pilots_answers(on_earth, summarise(on_earth), facts)}[question]
     assert told.startswith("Yes, if you tell")
-    assert length(3.0) in told
+    assert error_length(3.0) in told
     controlled = replace(facts, controlled=True)
     told = {item.label: item.value for item in pilots_answers(on_earth, summarise(on_earth), controlled)}
     assert "GPS" not in told[question], "control points hold the map"

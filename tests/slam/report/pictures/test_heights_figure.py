@@ -39,7 +39,7 @@ def test_heights_by_the_pictures_have_range_and_accuracy_and_what_was_filled_in(
     told = heights_figure_words(estimate, gather(estimate, made_flight()), made_flight())
     words = told.replace("\xa0", " ")
     assert "from 1.50 m below it to 4.00 m above it" in words
-    assert "typically to ± 50.0 mm" in words
+    assert "typically to ± 50 mm" in words
     assert "12 % of the uneven ground" in words
 
 
@@ -72,3 +72,19 @@ def test_the_colours_reach_the_highest_echo_and_the_floor_has_one():
     pixels = np.asarray(Image.open(io.BytesIO(drawn)).convert("RGB")).astype(int)[:, : 30 * 25]
     inside = pixels[100:800, 120:700]
     assert (np.abs(inside - [0xFD, 0xE7, 0x25]).sum(axis=2) < 20).sum() > 100, "the upper end of the colours"
+
+
+def test_the_title_names_a_doubt_only_where_there_is_one(monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "slam.report.rasters.elevation.png", lambda figure, cropped: drawn.append(figure) or b""
+    )
+    height, none, some = (np.zeros((30, 30), x) for x in (np.float32, bool, bool))
+    some[:3] = True
+    for filled, pits in ((none, none), (some, none), (none, some), (some, some)):
+        elevation_picture(
+            height, Grid(0, 3, 0.1, 30, 30), "the pictures", {"filled in": filled, "doubted": pits}
+        )
+    told = [figure.axes[0].get_title().partition("(grey: ")[2] for figure in drawn]
+    pale = "no picture; pale: "
+    assert told == ["no picture)", f"{pale}filled in)", f"{pale}doubted)", f"{pale}filled in or doubted)"]

@@ -13,10 +13,8 @@ def test_the_numbers_of_a_lens_are_told_by_the_flight_or_before_it():
         "p1": LensNumber(0.001169, 0.0000512, 0.0040638, 0.002, estimated=True),
         "k3": LensNumber(-0.2789, 0.0167, -0.2643, 0.02, estimated=False),
     }
-    estimated = (
-        "cx 788.77 ± 0.85 (before the flight: 780.46), p1 0.001169 ± 5.1e-05 (before the flight: 0.004064)"
-    )
+    estimated = "cx 788.8 ± 0.8 (before the flight: 780.5), p1 0.00117 ± 0.00005 (before the flight: 0.00406)"
     assert lens_text(lens).replace(SPACE, " ") == estimated
     held = lens_text(lens, estimated=False).replace(SPACE, " ")
-    assert held == "k3 -0.279 ± 0.017 (before the flight: -0.264 ± 0.02)"
+    assert held == "k3 -0.279 ± 0.017 (before the flight: -0.264 ± 0.020)"
     assert lens_text(None) == lens_text(None, estimated=False) == ""

@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.core.flight import Gps, Scalar
 from slam.core.messages import Note
-from slam.core.units import length, percent
+from slam.core.units import error_length, percent
 from slam.report.tables.instruments import NOT_USED, instrument_table
 from tests.slam.made_estimate import made_estimate, made_flight
 
@@ -37,9 +37,9 @@ def test_each_instrument_states_its_accuracy_its_use_and_its_shares():
     flight = flown()
     estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
     found = rows_of(estimate, flight)
-    assert found["the GPS"][STATED] == f"{length(np.sqrt(2.5))}, height {length(4.0)} (stated)"
+    assert found["the GPS"][STATED] == f"{error_length(np.sqrt(2.5))}, height {error_length(4.0)} (stated)"
     sonar = found["the height sensor"][STATED]
-    assert sonar.startswith(length(flight.sonar.noise_std_m))
+    assert sonar.startswith(error_length(flight.sonar.noise_std_m))
     assert f"gain {percent(flight.sonar.scale_std)}" in sonar
     assert found["the GPS"]["used?"] == "yes"
     assert found["the height sensor"]["camera's x and y"] == "60 %"
