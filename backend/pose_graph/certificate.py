@@ -84,12 +84,23 @@ def certify(graph: PoseGraph, solution: Solution) -> Certificate:
     translation), after a descent from the solution. ``error_bound`` is for the original graph; it is close
     to the solution's error if covariances are isotropic already.
     """
-    placed = solution.component >= 0
-    kept = solution.edge_kept & placed[graph.i] & placed[graph.j]
+    return certify_poses(graph, solution.w_T_b, solution.component, solution.edge_kept)
+
+
+def certify_poses(
+    graph: PoseGraph, w_T: Array, component: NDArray[np.int64], edge_kept: NDArray[np.bool_]
+) -> Certificate:
+    """Certify poses (n, 4, 4) in components (n,), -1 where not placed, for the kept edges (m,), as `certify`.
+
+    The poses may be those of another estimate near the optimum: ``moved_m`` and ``moved_rad`` are then its
+    distance from it.
+    """
+    placed = component >= 0
+    kept = edge_kept & placed[graph.i] & placed[graph.j]
     try:
         parts = [
-            _certify_component(graph, solution.w_T_b, np.flatnonzero(solution.component == c), kept)
-            for c in range(int(solution.component.max(initial=-1)) + 1)
+            _certify_component(graph, w_T, np.flatnonzero(component == c), kept)
+            for c in range(int(component.max(initial=-1)) + 1)
         ]
     except (BackendError, MemoryError) as refused:
         return Certificate(False, str(refused) or "there is not enough memory")

@@ -174,7 +174,7 @@ class Estimate:
     row_mistakes: tuple[RowMistake, ...] = ()
     """Rejected edges of a pose graph that one typical mistake of their rows explains."""
     certificate: Certificate | None = None
-    """Whether the solution is the global optimum; for pose graphs only."""
+    """Whether the solution is the global optimum; of a flight, for its pairs of pictures alone."""
     elevation: Elevation | None = None
     """Elevation of the ground over a level floor, as the sonar measured it; None without a sonar."""
     floor_points: FloorPoints | None = None

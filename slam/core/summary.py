@@ -67,7 +67,7 @@ class Summary:
     row_mistakes: tuple[RowMistake, ...] = ()
     """Rejected edges of a pose graph that one typical mistake of their rows explains."""
     certificate: Certificate | None = None
-    """Whether the solution is the global optimum; for pose graphs only."""
+    """Whether the solution is the global optimum; of a flight, for its pairs of pictures alone."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of ``summary.json``."""

@@ -14,6 +14,8 @@ from backend.bundle.accuracy.length_stds import length_stds
 from backend.bundle.accuracy.systematic_errors import SystematicErrors, error_test
 from backend.errors import BackendError
 from backend.measurements import RelativePose
+from backend.pose_graph.certificate import Certificate, certify_poses
+from backend.pose_graph.graph import build_pose_graph
 from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import Estimate, LoopVerdict
@@ -73,6 +75,7 @@ def build_estimate(
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
     velocity = velocity_errors(map_.bundle)
+    kept = _kept_edges(map_)
     said = messages(context, map_, not_placed, shared, mount, [*untested, velocity_warning(velocity)])
     return Estimate(
         name=flight.name,
@@ -88,7 +91,7 @@ def build_estimate(
         camera=map_.camera,
         floor_z_m=map_.floor_z_m,
         origin=flight.geo_origin() if map_.georeferenced else None,
-        relative_poses=_kept_edges(map_),
+        relative_poses=kept,
         loops=loops,
         chain_w_T_b=comparable(chained, setup.readings, map_),
         odometry_w_T_b=comparable(odometry, setup.readings, map_),
@@ -122,7 +125,19 @@ def build_estimate(
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
         floor_points=map_.floor_points,
+        certificate=_certificate(context, map_, kept),
     )
+
+
+def _certificate(context: Context, map_: Map, kept: tuple[RelativePose, ...]) -> Certificate:
+    """Return whether the accepted matches allow no better arrangement of the keyframes than one near the map.
+
+    It is about the pairs of pictures alone: with the other measurements there is no such bound.
+    """
+    with context.timer("graph"):
+        graph = build_pose_graph(map_.w_T_b, kept)
+        everything = np.ones(len(graph.i), dtype=bool)
+        return certify_poses(graph, graph.poses, map_.component[graph.ids], everything)
 
 
 def _lesser_maps(context: Context, map_: Map) -> tuple[Array, Array]:

@@ -205,7 +205,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item(f"Position of a {one}, 1σ: typical", facts.error(facts.sigma_median_m)),
         Item(f"Position of a {one}, 1σ: largest", facts.error(facts.sigma_max_m)),
         Item("Error of the graph", _graph_error(estimate) if facts.is_graph else ""),
-        Item("Global optimum", _optimum(estimate)),
+        Item("Global optimum", _optimum(estimate) if facts.is_graph else ""),
         Item("Computing time", f"{sum(summary.timing_s.values()):.1f} s" if summary.timing_s else ""),
         *(
             Item(f"of it: {_STAGES.get(stage, stage)}", f"{seconds:.2f} s")

@@ -46,6 +46,25 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     return text
 
 
+def another_arrangement(estimate: Estimate, facts: Facts) -> str:
+    """Return what the certificate says of other arrangements of the pictures; empty without one, for a graph,
+    and where no match closes a ring, so that any arrangement fits."""
+    found = estimate.certificate
+    if found is None or facts.is_graph or found.objective == 0:
+        return ""
+    if not found.certified:
+        return (
+            f"That is not excluded: the proof that no other arrangement fits better failed ({found.reason}). "
+            "It is no sign of an error: none that fits better was found."
+        )
+    return (
+        "No, not better: of all arrangements, the one that fits the accepted matches best lies within "
+        f"{facts.length(found.moved_m)} and {np.degrees(found.moved_rad):.2g}° of this map. This is a proof, "
+        "not a search, with each match taken as equally certain in all directions. It does not prove that "
+        "the matches are right."
+    )
+
+
 def _contradicted(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
     """Return how many contradicted matches show the right place but inexactly, and how many another place,
     with a space in front; empty without any."""

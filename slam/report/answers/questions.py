@@ -23,7 +23,7 @@ from slam.report.answers.failures import failed, missing
 from slam.report.answers.heights import heights, only_near, without_heights
 from slam.report.answers.left_out import counted_by_kind
 from slam.report.answers.left_out_here import ground_is_missing, left_out_here
-from slam.report.answers.loops import gain_of_loops, loops
+from slam.report.answers.loops import another_arrangement, gain_of_loops, loops
 from slam.report.answers.streams import is_tilt_doubted
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
@@ -58,6 +58,7 @@ def pilots_answers(
         Item("What failed?", failed(estimate, facts, summary, mosaic)),
         Item("Is any of the ground missing?", missing(estimate, facts, summary, mosaic)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
+        Item("Could the pictures fit together in another way?", another_arrangement(estimate, facts)),
         Item("What did loop closures change?", gain_of_loops(facts)),
         Item("What was left out, and do I have to act?", _left_out(estimate, facts, summary)),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),

@@ -31,6 +31,8 @@ def test_a_normal_flight(seed):
     assert 0.5 * found.nees.pose.lower95 < found.nees.pose.mean < 2 * found.nees.pose.upper95
     assert (found.loops.precision, found.loops.recall) == (1.0, 1.0)
     assert abs(found.landmarks[0].error_m.loops) < 4e-3
+    assert estimate.certificate.certified
+    assert 0 < estimate.certificate.moved_m < 0.02, "the best arrangement of the pictures is near the map"
     # The paper's way is worse: else there were nothing to optimize.
     chain_off = np.linalg.norm(found.tracks.chain_m - found.tracks.reference_m, axis=1)
     assert np.sqrt(np.mean(chain_off**2)) > 1.5 * found.ate_m.rmse

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from backend.measurements.rejection import LinkCheck, Rejection
+from backend.pose_graph.certificate import Certificate
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.core.summary import summarise
@@ -26,6 +27,22 @@ def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
     assert answers(on_earth, flight)[AGAIN].startswith("No: positions alone hold the path")
     page = html.unescape(render(on_earth, summarise(on_earth), flight))
     assert "errors add up along" not in page
+
+
+def test_a_proof_tells_how_far_the_best_arrangement_of_the_pictures_is_from_the_map():
+    estimate, flight = made_estimate(), made_flight()
+    question = "Could the pictures fit together in another way?"
+    assert question not in answers(estimate, flight)
+    proven = Certificate(True, "", objective=50.0, lower_bound=50.0, gap=0.0, moved_m=0.002, moved_rad=0.001)
+    found = answers(replace(estimate, certificate=proven), flight)[question]
+    assert found.startswith("No, not better: of all arrangements")
+    assert "lies within 2.00\N{NO-BREAK SPACE}mm and 0.057° of this map" in found
+    failed = replace(proven, certified=False, reason="no poses have less than 40, these have 50")
+    found = answers(replace(estimate, certificate=failed), flight)[question]
+    assert found.startswith("That is not excluded")
+    assert failed.reason in found
+    tree = replace(proven, objective=0.0, moved_m=0.0)
+    assert question not in answers(replace(estimate, certificate=tree), flight)
 
 
 def test_contradicted_matches_are_counted_apart_from_unproven_ones():
