@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from slam.core.units import everyday, spaced
+from slam.core.units import everyday, spaced, to_error
 from slam.report.criticism.onsets import ONSET, change_of_size
 from slam.report.criticism.plain_names import (
     constant,
@@ -129,7 +129,10 @@ def _target(name: str) -> str:
 def _size_changes(found: re.Match[str]) -> str:
     """Describe the sizes that one parameter has in the segments of the flights."""
     effect, parameter, low, high, segments_s, more = found.groups()
-    sizes = sized_between(float(low), float(high), CATALOGUE[effect].parameter(parameter).unit)
+    ends = float(low), float(high)
+    factor, unit = everyday(max(ends, key=abs), CATALOGUE[effect].parameter(parameter).unit)
+    least, most = (to_error(factor * end, factor * (ends[1] - ends[0])) for end in ends)
+    sizes = f"{least} to {most}{spaced(unit)}"
     return f"{_named(effect, parameter)} is {sizes} in stretches of {segments_s} s{more}, instead of one size"
 
 

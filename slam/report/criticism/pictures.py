@@ -4,6 +4,7 @@ by part."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
 from slam.core.units import everyday
+from slam.criticism.verdict.sentence import fair_rival
 from slam.report.criticism.certainty import doubt_of_name, longer_bar
 from slam.report.criticism.plain_names import reading, title_of
 
@@ -49,6 +51,16 @@ def covariate_picture(found: Covariate) -> bytes:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
     return png(figure)
+
+
+def fair_covariate(result: Criticism) -> Covariate | None:
+    """Return the covariate without its rival where that explains no fair part: the table of certainty says
+    so, and a panel for it would say otherwise."""
+    found = result.covariate
+    lead = next((c for c in result.causes if found is not None and c.name == found.cause), None)
+    if found is None or lead is None or fair_rival(lead) == found.rival:
+        return found
+    return replace(found, against=tuple(m for m in found.against if m.cause == found.cause))
 
 
 def panels_of(found: Covariate) -> list[ChannelResiduals]:

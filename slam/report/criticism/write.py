@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ from slam.report.criticism.pictures import (
     calibration_picture,
     covariate_caption,
     covariate_picture,
+    fair_covariate,
     gain_picture,
     ranking_caption,
     ranking_picture,
@@ -100,6 +101,7 @@ def write_criticism_report(
 def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()) -> str:
     """Return the page as HTML with everything embedded."""
     gain = result.causes[0].gain if result.causes else None
+    result = replace(result, covariate=fair_covariate(result))
     drawn = (
         evidence_segment(result, flights),
         compared_segment(result, flights),

@@ -26,6 +26,7 @@ from slam.report.criticism.findings import unexplained_in_words
 from slam.report.criticism.pictures import (
     covariate_caption,
     covariate_picture,
+    fair_covariate,
     gain_picture,
     panels_of,
     ranking_picture,
@@ -244,6 +245,18 @@ def test_a_quantity_that_a_cause_has_is_told_once() -> None:
     ]
 
 
+def test_a_rival_that_explains_no_fair_part_has_no_panel() -> None:
+    x = np.linspace(-1.0, 1.0, 200)
+    missed = {"": x, "quadratic_drag": 0.0 * x, "flow_scale": x}
+    both = [
+        ChannelResiduals(name, "velocity_x", "m/s", x, missed) for name in ("quadratic_drag", "flow_scale")
+    ]
+    result = replace(made(), covariate=Covariate("quadratic_drag", "flow_scale", tuple(both)))
+    assert fair_covariate(result) == replace(result.covariate, against=tuple(both[:1]))
+    fair = replace(result, causes=(replace(made().causes[0], rival="flow_scale"),))
+    assert fair_covariate(fair) == result.covariate
+
+
 def test_a_rival_whose_errors_have_no_slope_leaves_the_width_to_the_cause() -> None:
     x = np.linspace(-1.0, 1.0, 200)
     missed = {"": x, "quadratic_drag": 0.0 * x, "flow_scale": x}
@@ -284,7 +297,7 @@ def test_sizes_are_told_in_everyday_units() -> None:
         ("attitude_lag may be control_latency", "may be control_latency instead"),
         ("timestamp_jitter may be something else", "an effect that the catalogue does not hold."),
         ("velocity early by 49.1 ms", "the readings of velocity come 49.1 ms too early by their stamps."),
-        ("gyro_bias.x is -0.1 to 0.2 rad/s by segments of 10 s", "-5.73 to 11.5 deg/s in stretches of 10 s"),
+        ("gyro_bias.x is -0.1 to 0.2 rad/s by segments of 10 s", "-6 to 11 deg/s in stretches of 10 s"),
         ("gyro_bias.y changes by -0.0023 rad/s at about 490 s (z = 10.2)", "by -0.132 deg/s at about 490 s"),
         ("velocity_x ~ ahead (z = 11.0)", "error of the speed ahead in proportion to the speed ahead"),
         ("what looks like flow_scale changes during a flight (z = 11.0)", "it is something else"),
