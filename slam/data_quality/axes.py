@@ -7,7 +7,7 @@ undone, are correlated with those of the imu's integral.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -45,11 +45,13 @@ class Assignment:
     sign: tuple[float, ...]
 
 
-def wrong_axes(flight: Flight) -> tuple[list[str], list[str]]:
+def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[list[str], list[str]]:
     """Describe the readings that are another axis than their own, and those of which the flight cannot show
     whether they are."""
     wrong, unknown = [], []
     for kind, seen in comparisons(flight):
+        if kind not in kinds:
+            continue
         ways = WAYS[kind]
         scores = _scores(seen, near_floor(flight), len(ways))
         if not scores:

@@ -6,6 +6,7 @@ from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.flight import Flight
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import velocity_anomalies
+from slam.inertial.attitude_check import attitude_contradictions
 from slam.inertial.drag_check import drag_contradiction
 from slam.inertial.imu_motion import COMPARED, ImuMotion
 from slam.inertial.instruments import InertialTrust
@@ -36,6 +37,7 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[str]]:
         changes,
         drag if is_sure else "",
         clock_step_left(flight),
+        *attitude_contradictions(flight),
         *stepped,
         *levels,
         *repeated_readings(flight),

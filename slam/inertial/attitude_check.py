@@ -1,0 +1,127 @@
+"""Turns of the on-board attitude against those of the gyro: axes, signs, gains and the IMU's mount.
+
+The filter believes both, and a wrong axis or unit of one looks like noise of the other or like an error of
+the tilt. Over half a second the gyro's turns are exact beside any attitude.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.flight import Flight
+from slam.data_quality.axes import wrong_axes
+from slam.data_quality.inertial_comparison import (
+    FEWEST,
+    NODE_S,
+    IntegralComparison,
+    comparisons,
+    moments_of,
+    near_floor,
+)
+
+Array = NDArray[np.float64]
+
+_ANGLES, _AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
+_SURE = 4.0
+"""Standard deviations by which a gain or a mount must be off."""
+_GAIN, _TURN_DEG = 1.5, 15.0
+"""Least ratio and angle that are told. Measured flights have 0.91 to 1.05, and 6 deg."""
+_ABOVE_NOISE = 3.0
+"""Multiples of the gyro's noise that the turns must exceed: it then lowers no gain by more than a tenth."""
+_LEAST_ALIKE = 0.5
+"""Least share of the attitude's turns that the gyro explains: a lag leaves less."""
+_NORMAL_STD = 0.954
+"""Median of the absolute difference of two normal values, in their standard deviations."""
+_CHECK = "the motion that both give is not to be trusted; check"
+
+
+@dataclass(frozen=True)
+class _Regression:
+    """Changes of the angles by the attitude as a linear function of those by the gyro."""
+
+    gain: Array
+    """(3, 3), the unit matrix where both are right; NaN for an angle that hardly changes."""
+    std: Array
+    """(3, 3)."""
+    turns: bool
+    """Whether the gyro turns about any axis, beyond its noise."""
+
+
+def attitude_contradictions(flight: Flight) -> list[str]:
+    """Return a line for each kind of contradiction between the turns of ``attitude0`` and ``imu0``."""
+    if axes := wrong_axes(flight, ("attitude",))[0]:
+        found = "; ".join(axes)
+        return [f"attitude0 and imu0: {found}: {_CHECK} the axes and signs of both, and T_BS of imu0"]
+    seen = dict(comparisons(flight)).get("attitude")
+    regression = None if seen is None else _regression(flight, seen)
+    if seen is None or regression is None:
+        return []
+    if regression.turns and (np.ptp(seen.read, axis=0) == 0).all():
+        return [
+            "attitude0 does not change while imu0's gyro shows that the vehicle turns (stuck?): leave "
+            "attitude0 out, or repair it"
+        ]
+    return [*_other_mounts(regression), *_other_gains(regression)]
+
+
+def _regression(flight: Flight, seen: IntegralComparison) -> _Regression | None:
+    assert flight.imu is not None
+    moments = moments_of(seen.stamps_s, near_floor(flight))
+    kept = moments.together(1)
+    if kept.sum() < FEWEST:
+        return None
+    read, turned = (np.diff(moments.means(x), axis=0)[kept] for x in (seen.read, seen.integral))
+    # Single jumps of a reading are no motion.
+    read, turned = (np.clip(x, *np.quantile(x, [0.01, 0.99], axis=0)) for x in (read, turned))
+    read, turned = read - read.mean(axis=0), turned - turned.mean(axis=0)
+    spread = turned.std(axis=0)
+    known = spread > _ABOVE_NOISE * _noise_rad(flight)
+    gain, std = np.full((3, 3), np.nan), np.full((3, 3), np.nan)
+    if not known.any():
+        return _Regression(gain, std, False)
+    inverse = np.linalg.pinv(turned[:, known].T @ turned[:, known])
+    found = inverse @ turned[:, known].T @ read
+    rest = ((read - turned[:, known] @ found) ** 2).mean(axis=0)
+    alike = rest < (1 - _LEAST_ALIKE) * (read**2).mean(axis=0)
+    gain[np.ix_(alike, known)] = found.T[alike]
+    # Neighbouring changes share a moment: they count as half.
+    std[:, known] = np.sqrt(2 * rest[:, None] * np.diag(inverse))
+    return _Regression(gain, std, True)
+
+
+def _noise_rad(flight: Flight) -> float:
+    """Return the standard deviation of a turn by the gyro between two moments, vibration included."""
+    assert flight.imu is not None
+    std = np.nanmedian(np.abs(np.diff(flight.imu.gyro_rad_s, axis=0)), axis=0).max() / _NORMAL_STD
+    return float(std * np.sqrt(NODE_S * np.median(np.diff(flight.imu.stamps_s))))
+
+
+def _other_mounts(regression: _Regression) -> list[str]:
+    """Return a line for each axis about which the IMU is turned."""
+    gain, std, lines = regression.gain, regression.std, []
+    for j, k in combinations(range(3), 2):
+        angle = np.degrees(np.arctan2((gain[j, k] - gain[k, j]) / 2, (gain[j, j] + gain[k, k]) / 2))
+        angle_std = np.degrees(np.hypot(std[j, k], std[k, j]) / 2)
+        if abs(angle) - _SURE * angle_std > _TURN_DEG:
+            lines.append(
+                f"imu0 turns as if it was mounted {abs(angle):.0f} deg about its {_AXES[3 - j - k]} axis "
+                f"beside attitude0: {_CHECK} T_BS of imu0"
+            )
+    return lines
+
+
+def _other_gains(regression: _Regression) -> list[str]:
+    """Return a line for each angle that changes by another factor than the gyro shows."""
+    lines = []
+    for k, angle in enumerate(_ANGLES):
+        gain, margin = regression.gain[k, k], _SURE * regression.std[k, k]
+        if gain - margin > _GAIN or gain + margin < 1 / _GAIN:
+            lines.append(
+                f"{angle} of attitude0 changes by {gain:.2g} times what imu0's gyro shows: {_CHECK} the gain "
+                "and the unit of both"
+            )
+    return lines
