@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Imu
 from slam.core.messages import Note
-from slam.core.stream_anomalies import imu_axis_anomalies
+from slam.core.stream_anomalies import clipping_anomalies, imu_axis_anomalies
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def imu_anomalies(imu: Imu) -> list[str]:
     """Return lines about readings at rest, or of the whole flight where it never rests."""
     gravity, rows = gravity_reading(imu), _rows_at_rest(imu)
     lines = [] if gravity is None else [gravity.warning]
-    lines += imu_axis_anomalies(imu)
+    lines += imu_axis_anomalies(imu) + clipping_anomalies(imu)
     gyro = float(np.linalg.norm(np.median(imu.gyro_rad_s[rows], axis=0))) if len(rows) else 0.0
     if gyro > GYRO_OFF_RAD_S:
         lines.append(

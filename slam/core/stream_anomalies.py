@@ -23,6 +23,8 @@ STUCK_S, STUCK_COUNT = 5.0, 20
 """A reading that repeats for so long and so often is stuck, or the vehicle is on the ground. In a
 shorter recording, so many readings must be all."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
+_NEAR_END = 0.05
+"""Share of a channel's range beside either end, in which a healthy sensor has more readings than there."""
 
 
 def camera_anomalies(camera: Camera) -> list[str]:
@@ -58,6 +60,35 @@ def imu_axis_anomalies(imu: Imu) -> list[str]:
         lean_deg = np.degrees(np.arccos(up / size))
         return [f"imu0: gravity lies {lean_deg:.0f} deg from the body's z; check the IMU's axes and T_BS"]
     return []
+
+
+def clipped_share(values: Array) -> float:
+    """Return the share of readings (n, c) at an end of the sensor's range, of the channel with the most.
+
+    More readings equal the largest or the smallest one than lie beside it. Readings without noise, of which
+    none lies beside it, tell nothing.
+    """
+    shares = [0.0]
+    for column in (column[np.isfinite(column)] for column in values.T):
+        clipped, near = 0, _NEAR_END * float(np.ptp(column)) if len(column) else 0.0
+        for end in (column.min(), column.max()) if near > 0 else ():
+            at_end = int(np.sum(column == end))
+            beside = int(np.sum(np.abs(column - end) <= near)) - at_end
+            clipped += at_end if at_end > beside > 0 else 0
+        shares.append(clipped / max(len(column), 1))
+    return max(shares)
+
+
+def clipping_anomalies(imu: Imu) -> list[str]:
+    """Return a line for accelerometer and gyro each, if its readings are at the end of its range."""
+    sensors = (("accelerometer", imu.accel_m_s2), ("gyro", imu.gyro_rad_s))
+    clipped = [(name, clipped_share(values)) for name, values in sensors]
+    return [
+        f"imu0: {100 * share:.0f} % of the readings of the {name} are at the end of its range, and what was "
+        "beyond is lost: set a wider range"
+        for name, share in clipped
+        if share > SATURATED_SHARE
+    ]
 
 
 def sonar_anomalies(sonar: Sonar) -> list[str]:

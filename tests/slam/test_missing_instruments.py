@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Flight, Scalar
 from slam.core.geodesy import geodetic_from_enu
 from slam.evaluation import evaluate
@@ -112,6 +113,20 @@ def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
     scale = evaluate(estimate, flight).to_json()["ate_sim3_m"]["scale"]
     assert abs(scale - 1) < 3 * estimate.scale_std
     assert estimate.scale_std < 0.06
+
+
+@pytest.mark.slow
+def test_lengths_by_a_clipped_accelerometer_are_as_uncertain_as_the_clipped_share_makes_them():
+    flight = replace(flown(0), sonar=None, velocity=None)
+    assert flight.imu is not None
+    at_rest = np.array([0, 0, GRAVITY_M_S2])
+    most = np.quantile(np.abs(flight.imu.accel_m_s2 - at_rest), 0.7, axis=0)
+    clipped = at_rest + np.clip(flight.imu.accel_m_s2 - at_rest, -most, most)
+    flight = replace(flight, imu=replace(flight.imu, accel_m_s2=clipped))
+    estimate = optimize(flight)
+    assert any("at the end of its range" in line for line in estimate.warnings)
+    scale = evaluate(estimate, flight).to_json()["ate_sim3_m"]["scale"]
+    assert abs(np.log(scale)) < 3 * estimate.scale_std
 
 
 @pytest.mark.slow

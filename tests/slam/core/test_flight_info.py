@@ -118,6 +118,18 @@ def test_imu_anomalies_at_rest_are_reported():
     assert anomalies(moving, "on average")
 
 
+def test_readings_at_the_end_of_the_range_are_reported():
+    flight = made_flight()
+    rng = np.random.default_rng(0)
+    force = np.array([0, 0, 9.81]) + rng.normal(0, 1.0, (len(flight.imu.stamps_s), 3))
+    assert not anomalies(part(flight, "imu", accel_m_s2=force), "end of its range")
+    rounded = np.round(force, 1)
+    assert not anomalies(part(flight, "imu", accel_m_s2=rounded), "end of its range")
+    for read in (force, rounded):
+        clipped = part(flight, "imu", accel_m_s2=np.clip(read, -1.0, 10.8))
+        assert anomalies(clipped, "imu0", "% of the readings of the accelerometer are at the end")
+
+
 def test_streams_that_do_not_overlap_are_reported():
     flight = made_flight()
     late = part(flight, "sonar", stamps_s=flight.sonar.stamps_s + 100)
