@@ -32,6 +32,8 @@ _SURE = 3.0
 """Standard deviations of the correlation of two velocities that have nothing in common."""
 _PARTS, _SURE_IN_PARTS = (2, 4), 4.0
 """Numbers of parts that are looked at alone, and the standard deviations that their six comparisons need."""
+_SURE_OF_ZERO = 4.0
+"""Standard deviations that an error of the velocity's zero needs; healthy measured flights have up to 3.3."""
 _ABOVE_NOISE, _FAR_ABOVE_NOISE = 2.0, 3.0
 """Multiples of the accelerometer's integrated noise that the vehicle's changes of velocity must exceed; the
 larger one where nothing but a lack of correlation speaks against the velocity."""
@@ -85,6 +87,7 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
         _other_axes(read, made, chance)
         or _compared(read[""], made, chance, moved)
         or _in_a_part(read, made, at_s, _noise_m_s(imu.stamps_s, imu.accel_m_s2))
+        or _other_zero(read[""], made, turn, float(at_s[-1] - at_s[0]), trust.velocity_error_m_s)
     )
 
 
@@ -100,6 +103,32 @@ def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: f
             if line := _other_axes(of_part, made[rows], chance):
                 return f"from {at_s[rows[0]]:.1f} to {at_s[rows[-1]]:.1f} s {line}"
     return ""
+
+
+def _other_zero(
+    read: Array, made: Array, turn: NDArray[np.complex128], lasts_s: float, usual_m_s: float
+) -> str:
+    """Describe a constant error of the velocity beyond the ``usual_m_s``, which turns with the vehicle.
+
+    Changes of velocity (n, 2) by the IMU are fitted by those that are read, with a gain, and by those of a
+    constant velocity forward and left. At one heading the latter do not change, and nothing is known.
+    """
+    constants = [_changes(np.tile(axis, (len(turn), 1)), turn) for axis in np.eye(2)]
+    columns = np.column_stack([c.ravel() for c in (read, *constants)])
+    inverse = np.linalg.pinv(columns.T @ columns)
+    fitted = inverse @ columns.T @ made.ravel()
+    rest = made.ravel() - columns @ fitted
+    independent = 2 * max(lasts_s / (0.5 * _WINDOW_S), 1.0)
+    std = np.sqrt(np.diag(inverse) * float(rest @ rest) / independent)
+    gain, error = fitted[0], -fitted[1:]
+    if gain < _SURE_OF_ZERO * std[0] or (np.abs(error) - _SURE_OF_ZERO * std[1:]).max() < usual_m_s:
+        return ""
+    forward, left = error / gain
+    return (
+        f"velocity0 has a constant error of about {forward:.2g} m/s forward and {left:.2g} m/s left, as the "
+        "turns show beside imu0: the track over ground is not to be trusted; check the zero of velocity0 "
+        "with the vehicle at rest"
+    )
 
 
 def _changes(level: Array, turn: NDArray[np.complex128]) -> Array:

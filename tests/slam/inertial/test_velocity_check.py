@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,13 @@ from tests.slam.small_flight import flown
 @pytest.fixture(scope="module")
 def flight() -> Flight:
     return simulate(replace(load_recipe("square"), camera=None), seed=5)
+
+
+@pytest.fixture(scope="module")
+def turning() -> Flight:
+    """A calm flight that turns."""
+    laps = {"way_points": ["A", "B", [1.5, 0.7], [0.3, 0.7], "A"], "laps": 2, "heading": "along_path"}
+    return replace(flown(0, maneuver=laps), camera=None, frames=None)
 
 
 def reading(flight: Flight, v_m_s: np.ndarray) -> Flight:
@@ -70,6 +78,19 @@ def test_wrong_axes_of_a_calm_flight_that_turns_are_named(seed: int):
     assert "with forward and left exchanged" in velocity_contradiction(reading(flight, v[:, ::-1]))
     assert "with forward turned round" in velocity_contradiction(reading(flight, v * [-1, 1]))
     assert "with both axes turned round" in velocity_contradiction(reading(flight, -v))
+
+
+@pytest.mark.parametrize("error_m_s", [(0.9, -0.9), (0.0, 1.2), (20.0, 0.0)])
+@pytest.mark.parametrize("gain", [0.8, 1.0])
+def test_another_zero_of_the_velocity_is_told_where_the_vehicle_turns(
+    turning: Flight, error_m_s: tuple[float, float], gain: float
+):
+    v_m_s = gain * turning.velocity.v_m_s
+    assert velocity_contradiction(reading(turning, v_m_s)) == ""
+    told = velocity_contradiction(reading(turning, v_m_s + error_m_s))
+    found = re.search(r"error of about (\S+) m/s forward and (\S+) m/s left, as the turns", told)
+    assert found is not None
+    assert np.array(found.groups(), float) == pytest.approx(error_m_s, abs=0.15, rel=0.05)
 
 
 def test_the_status_of_an_estimate_names_the_velocity(flight: Flight, monkeypatch: pytest.MonkeyPatch):
