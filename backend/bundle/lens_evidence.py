@@ -40,13 +40,14 @@ def log_evidence_of_priors(optimum: BundleOptimum, told: Sequence[PinholeModel])
     exact. The first of the cameras has the narrowest prior. Raises ``SingularMatrixError`` where the flight
     leaves a direction open.
     """
-    reduced = optimum.linearise().eliminate()
+    # The factor is not kept: that of a long flight is as large as all else of its refinement.
+    found = optimum.linearise().eliminate().calibration_covariance
     prior = told_covariance(optimum.problem.camera)
     unit = np.sqrt(np.diag(prior))
     scale = np.outer(unit, unit)
     lens = Cameras.of(optimum.problem, optimum.values).calibration
     off = (lens - told_calibration(optimum.problem.camera)) / unit
-    posterior = np.linalg.inv(reduced.calibration_covariance / scale)
+    posterior = np.linalg.inv(found / scale)
     information = posterior - np.linalg.inv(prior / scale)
     # The gradient of the likelihood by the told numbers: at the estimate, the prior holds against it.
     gradient = posterior @ off
