@@ -83,9 +83,13 @@ class _Finished:
 
 
 def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) -> _Finished:
-    context, refined = _map_without_obstacles(job, flight, tracked)
-    matched = match_overlaps(context, refined)
-    refined = refine(context, solve_again(context, matched), with_inertia=True)
+    context, first = _map_without_obstacles(job, flight, tracked)
+    matched = match_overlaps(context, first)
+    solved = solve_again(context, matched)
+    # The system of the first refinement is as large as that of the second, and is not needed any more.
+    del first
+    matched = replace(matched, bundle=None)
+    refined = refine(context, solved, with_inertia=True)
     context, refined = self_calibrate(context, matched, refined)
     return _Finished(context, refined, *shared_errors(refined, context.flight.gps))
 
