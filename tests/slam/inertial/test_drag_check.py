@@ -87,5 +87,6 @@ def test_the_status_of_an_estimate_tells_it(
 ):
     monkeypatch.setattr("slam.inertial.navigate.identify_noise", lambda flight, *_: filter_input(flight))
     estimate = navigate(offset(flight, error_m_s, 0.0), InertialTrust(), rate_hz=2.0).estimate
-    assert ("by the drag in imu0" in estimate.status) is in_status
+    # The small turns of a hovering vehicle show so large an error too.
+    assert ("velocity0 has a constant error" in estimate.status) is in_status
     assert (estimate.status == "ok") is not in_status
