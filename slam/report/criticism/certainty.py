@@ -182,7 +182,7 @@ def how_sure(result: Criticism) -> list[str]:
     without a cause, how far all effects are from standing out."""
     if result.causes:
         told = [*_by_certainty(result), *(_reserved(cause, result) for cause in result.causes)]
-        passed = f"At least {result.threshold:.1f} is asked for, {result.threshold_means}."
+        passed = f"At least {result.threshold:.1f} is asked for beside the others, {result.threshold_means}."
         return [*told, passed] if result.threshold_means else told
     effects = [rank for rank in result.ranking if rank.name in CATALOGUE]
     if not effects:

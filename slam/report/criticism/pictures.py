@@ -159,11 +159,11 @@ def ranking_picture(result: Criticism) -> bytes:
     left.set_xlabel("probability")
     right.barh(names, [r.z for r in shown], color=colours)
     right.axvline(result.threshold, color=VERMILLION, linewidth=1, label=f"asked for: {result.threshold:.1f}")
-    right.set_xlabel("stands out by [sigma]")
+    right.set_xlabel("stands out alone by [sigma]")
     right.legend(loc="lower right", frameon=False, fontsize=7)
     if max((r.z for r in shown), default=0.0) > 50:
         right.set_xscale("symlog", linthresh=5)
-        right.set_xlabel("stands out by [sigma, log scale]")
+        right.set_xlabel("stands out alone by [sigma, log scale]")
         right.xaxis.set_major_formatter("{x:g}")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
@@ -173,7 +173,10 @@ def ranking_picture(result: Criticism) -> bytes:
 
 def ranking_caption(result: Criticism) -> str:
     """Caption of the line in the figure of the ranking, and of bars that are none of a name alone."""
+    alone = {rank.name: rank.z for rank in result.ranking}
     why = longer_bar(result)
+    if any(alone.get(cause.name, np.inf) < result.threshold <= cause.z for cause in result.causes):
+        why = f"{why} A found cause whose bar ends before it passes it beside the others.".strip()
     doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
     if doubts:
         why = f"{why} An open bar is no probability of the name alone ({'; '.join(doubts)}).".strip()

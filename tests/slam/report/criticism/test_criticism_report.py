@@ -29,6 +29,7 @@ from slam.report.criticism.pictures import (
     fair_covariate,
     gain_picture,
     panels_of,
+    ranking_caption,
     ranking_picture,
 )
 from slam.report.criticism.plain_names import constant, quantity, reading, with_titles
@@ -210,6 +211,13 @@ def test_a_cause_with_a_shorter_bar_is_explained_only_where_there_is_a_longer_on
     told = longer_bar(replace(made(), ranking=(*RANKING, longer)))
     assert told.startswith("Alone, gusts stands out more (12 sigma) than drag with the square of the speed")
     assert "worse by 20 nats or more" in told
+
+
+def test_a_found_cause_whose_bar_ends_before_the_line_is_explained() -> None:
+    short = "whose bar ends before it"
+    assert short not in ranking_caption(made())
+    ranking = tuple(replace(rank, z=min(rank.z, 1.0)) for rank in RANKING)
+    assert short in ranking_caption(replace(made(), ranking=ranking))
 
 
 @pytest.mark.parametrize(
