@@ -60,8 +60,9 @@ def another_arrangement(estimate: Estimate, facts: Facts) -> str:
     return (
         "No, not better: of all arrangements, the one that fits the accepted matches best lies within "
         f"{facts.length(found.moved_m)} and {np.degrees(found.moved_rad):.2g}° of this map. This is a proof, "
-        "not a search, with each match taken as equally certain in all directions. It does not prove that "
-        "the matches are right."
+        "not a search, with each match taken as equally certain in all directions. It differs from the map "
+        "because the matches alone take the ground as flat and know of no other instrument. It does not "
+        "prove that the matches are right."
     )
 
 
