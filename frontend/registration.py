@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.features import Features
 from frontend.gates import GateConfig, local_scale, reject_reason

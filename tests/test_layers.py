@@ -199,7 +199,6 @@ PACKAGES = {
         ("cli",),
     ),
     "backend": (
-        ("aligned_pair",),
         ("errors", "measurements", "quantiles", "quaternions", "se3", "triple", "compilation", "wording"),
         ("gauge", "preintegration", "robust", "sparse_cholesky", "sparse_product"),
         ("pose_graph", "ekf", "inertial_scale"),

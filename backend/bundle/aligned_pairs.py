@@ -8,7 +8,6 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.aligned_pair import AlignedPair
 from backend.bundle.homography_factor import (
     ROWS,
     ImagePlane,
@@ -17,7 +16,7 @@ from backend.bundle.homography_factor import (
     transfer,
 )
 from backend.bundle.lens import FOCAL
-from backend.measurements import PinholeModel
+from backend.measurements import AlignedPair, PinholeModel
 from backend.robust import robust_unit
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.gauge import format_directions, format_keys, gauge_prior, unobserved_directions
-from backend.measurements.rejection import Rejection
+from backend.measurements import Rejection
 from backend.pose_graph.elimination import elimination_exceeds
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,

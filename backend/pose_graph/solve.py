@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from backend.errors import BackendError
 from backend.gauge import format_keys
-from backend.measurements import Measurements
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Measurements, Rejection
 from backend.pose_graph.checks.displaced_loops import displaced_loops
 from backend.pose_graph.checks.redundancy import (
     rejected_odometry_warning,

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from backend.measurements.rejection import CONTRADICTED
+from backend.measurements import CONTRADICTED
 from slam.core.errors import InputError, explain
 
 if TYPE_CHECKING:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.measurements import RelativePose
-from backend.measurements.rejection import Rejection
+from backend.measurements import Rejection, RelativePose
 from frontend.camera import Camera
 from frontend.elevation import Elevation
 from slam.core.control_points import ControlReport

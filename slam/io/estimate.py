@@ -34,8 +34,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import RelativePose
-from backend.measurements.rejection import Rejection
+from backend.measurements import Rejection, RelativePose
 from backend.pose_graph.solution import RangeErrors
 from backend.triple import triple
 from frontend.camera import Camera

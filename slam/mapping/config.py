@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 
 from backend.bundle.graph import BundleConfig
-from backend.measurements.rejection import SAME_PLACE_HEIGHTS
+from backend.measurements import SAME_PLACE_HEIGHTS
 from frontend.features import FeatureConfig
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig

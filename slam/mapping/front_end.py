@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.features import Extractor, Features, FeatureUnavailableError
 from frontend.keyframes import IsUrged, Tracker

@@ -9,12 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.aligned_pair import AlignedPair
 from backend.bundle.contradicted import contradicted_keyframes
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
-from backend.measurements import FloorTracks, InertialReadings, ReportedMotion
+from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
 from frontend.camera import Camera
 from frontend.registration import Registration
 from frontend.tracks import join_tracks

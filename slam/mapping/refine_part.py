@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.aligned_pair import AlignedPair
 from backend.bundle.graph import NoiseLevels, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
-from backend.measurements import Attitude, FloorTracks, Measurements, PinholeModel
+from backend.measurements import AlignedPair, Attitude, FloorTracks, Measurements, PinholeModel
 from frontend.camera import Camera
 from frontend.homography import transfer
 from slam.mapping.map import Map

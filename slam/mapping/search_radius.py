@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements import RelativePose
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection, RelativePose
 from backend.pose_graph.heights import HeightEstimate
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera

@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backend import se3
-from backend.measurements import RelativePose
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection, RelativePose
 from backend.quantiles import chi_square_quantile
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.bridges import InertialBridges

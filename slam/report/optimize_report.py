@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.measurements.rejection import CONTRADICTED
+from backend.measurements import CONTRADICTED
 from backend.wording import counted, either
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of, sentences

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.measurements import RelativePose
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection, RelativePose
 from backend.pose_graph.solution import RangeErrors
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Sonar

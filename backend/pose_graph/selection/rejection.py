@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.errors import BackendError
-from backend.measurements.rejection import LinkCheck, Misfit, Rejection
+from backend.measurements import LinkCheck, Misfit, Rejection
 from backend.pose_graph.chi_square import edge_limit
 from backend.pose_graph.gauge_fixed_problem import (
     GaugeFixedProblem,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from backend.measurements.rejection import LinkCheck
+from backend.measurements import LinkCheck
 from frontend.camera import Camera
 from frontend.loops import signatures, verify
 from frontend.store import FeatureStore

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
+from backend.measurements import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
 from backend.wording import counted
 from slam.core.units import length
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from backend.measurements.rejection import CONTRADICTED, SAME_PLACE_HEIGHTS
+from backend.measurements import CONTRADICTED, SAME_PLACE_HEIGHTS
 from backend.wording import counted, either
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.units import length, percent

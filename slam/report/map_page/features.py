@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements.rejection import CONTRADICTED, UNPROVEN
+from backend.measurements import CONTRADICTED, UNPROVEN
 from frontend.photographs import LoadsReduced
 from frontend.workers import Workers
 from slam.core.control_points import ControlReport

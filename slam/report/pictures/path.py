@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements.rejection import CONTRADICTED, UNPROVEN
+from backend.measurements import CONTRADICTED, UNPROVEN
 from slam.core.estimate import Estimate
 from slam.core.plot_style import (
     BLUE,

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from backend import se3
-from backend.aligned_pair import AlignedPair
 from backend.bundle.homography_factor import ImagePlane, transfer
 from backend.bundle.refinement import refine
-from backend.measurements import Attitude, FloorTracks, Measurements, PinholeModel, SlantRange
+from backend.measurements import AlignedPair, Attitude, FloorTracks, Measurements, PinholeModel, SlantRange
 
 CAMERA = PinholeModel((200.0, 200.0), (160.0, 120.0), np.diag([1.0, -1.0, -1.0, 1.0]))
 PLANE = ImagePlane(np.array(CAMERA.focal_px), np.array(CAMERA.center_px))

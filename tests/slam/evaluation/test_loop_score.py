@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from frontend.camera import Camera
 from slam.core.estimate import LoopVerdict
 from slam.evaluation import evaluate

@@ -14,8 +14,7 @@ import pytest
 from evo.tools import file_interface
 from numpy.lib import format as npy
 
-from backend.measurements import RelativePose
-from backend.measurements.rejection import Rejection
+from backend.measurements import Rejection, RelativePose
 from frontend.camera import Camera
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.errors import InputError

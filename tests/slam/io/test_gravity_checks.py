@@ -64,30 +64,46 @@ def test_a_banked_turn_of_a_healthy_vehicle_is_read_unchanged(bank_deg: float, g
     assert not [line for line in found.warnings if "imu0" in line and "gravity" in line]
 
 
+def in_another_order(truth: Truth) -> Truth:
+    """Return a truth whose quaternions were written as x y z w and read as w x y z."""
+    mixed = truth.w_T_b.copy()
+    as_written = Rotation.from_matrix(mixed[:, :3, :3]).as_quat(scalar_first=False)
+    mixed[:, :3, :3] = Rotation.from_quat(as_written, scalar_first=True).as_matrix()
+    return replace(truth, w_T_b=mixed)
+
+
+def refusal_of(truth: Truth, imu: Imu) -> str:
+    """Return why the order of the quaternions is refused; empty where it is not."""
+    try:
+        check_quaternion_order(truth, imu, PATH)
+    except InputError as refused:
+        return str(refused)
+    return ""
+
+
 @pytest.mark.parametrize("yaw_rad", [0.0, 2.5])
 def test_quaternions_in_another_order_are_refused(flight: Flight, yaw_rad: float):
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("z", yaw_rad).as_matrix()
-    poses = turn @ flight.truth.w_T_b
-    check_quaternion_order(replace(flight.truth, w_T_b=poses), flight.imu, PATH)
-    as_written = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=False)
-    mixed = poses.copy()
-    mixed[:, :3, :3] = Rotation.from_quat(as_written, scalar_first=True).as_matrix()
-    with pytest.raises(InputError, match=r"write quaternions as w x y z \(are they x y z w\?\)"):
-        check_quaternion_order(replace(flight.truth, w_T_b=mixed), flight.imu, PATH)
+    truth = replace(flight.truth, w_T_b=turn @ flight.truth.w_T_b)
+    assert not refusal_of(truth, flight.imu)
+    assert "write quaternions as w x y z (are they x y z w?)" in refusal_of(
+        in_another_order(truth), flight.imu
+    )
 
 
-def test_the_sign_of_gravity_is_no_fault_of_the_truth():
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_sign_of_gravity_is_no_fault_of_the_truth(sign: int):
     """The vehicle mostly pitches: quaternions in the other order explain the turns about that axis too."""
     stamps_s = np.arange(0, 10, 0.02)
     w_R_b = Rotation.from_euler("YX", np.outer(np.sin(stamps_s), [0.2, 0.1]))
     w_T_b = np.tile(np.eye(4), (len(stamps_s), 1, 1))
     w_T_b[:, :3, :3] = w_R_b.as_matrix()
-    force = w_R_b.inv().apply([0, 0, GRAVITY_M_S2])
+    force = w_R_b.inv().apply([0, 0, sign * GRAVITY_M_S2])
     gyro = np.append((w_R_b[:-1].inv() * w_R_b[1:]).as_rotvec() / 0.02, [[0, 0, 0]], axis=0)
-    truth = Truth(stamps_s, w_T_b)
-    check_quaternion_order(truth, Imu(stamps_s, gyro, force, 1e-3, 1e-2), PATH)
-    check_quaternion_order(truth, Imu(stamps_s, gyro, -force, 1e-3, 1e-2), PATH)
+    truth, imu = Truth(stamps_s, w_T_b), Imu(stamps_s, gyro, force, 1e-3, 1e-2)
+    assert not refusal_of(truth, imu)
+    assert refusal_of(in_another_order(truth), imu)
 
 
 def test_tilted_gravity_shows_signs_of_the_gyro():

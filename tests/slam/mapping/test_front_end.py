@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from frontend.camera import Camera
 from frontend.features import FeatureConfig
 from frontend.loops import verify

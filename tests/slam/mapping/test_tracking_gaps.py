@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.measurements import RelativePose
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection, RelativePose
 from frontend.registration import Registration
 from frontend.store import FeatureStore
 from frontend.tracked import IntermediateFrame

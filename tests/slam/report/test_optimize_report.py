@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin, Truth

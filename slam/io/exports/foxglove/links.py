@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.measurements.rejection import CONTRADICTED, UNPROVEN
+from backend.measurements import CONTRADICTED, UNPROVEN
 from slam.core.errors import one_line
 from slam.core.estimate import Estimate
 from slam.io.exports.foxglove import messages

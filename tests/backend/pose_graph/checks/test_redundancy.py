@@ -10,7 +10,7 @@ import pytest
 
 from backend import se3
 from backend.g2o import read_g2o
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from backend.pose_graph.checks.redundancy import unchecked_components
 from backend.pose_graph.graph import PoseGraph, repeated_edges
 from backend.pose_graph.problem import from_pose_graph

@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from frontend.registration import refused
 from slam.cli import app
 from slam.cli.output_folder import LOOPS_NAMES

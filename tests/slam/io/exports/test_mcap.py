@@ -10,8 +10,7 @@ import pytest
 from mcap.reader import NonSeekingReader, make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from backend.measurements import RelativePose
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection, RelativePose
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import LoopVerdict

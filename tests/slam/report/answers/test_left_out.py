@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
+from backend.measurements import CONTRADICTED, UNPROVEN, LinkCheck, Rejection
 from slam.core.estimate import GroundFacts, LoopVerdict
 from slam.core.summary import summarise
 from slam.core.units import length

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from backend.pose_graph.certificate import Certificate
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from slam.core.control_points import ControlReport, PointResidual
 from slam.core.floor_points import FloorPoints
 from slam.io.geotiff import Grid, write_bands

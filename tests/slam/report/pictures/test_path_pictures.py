@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from backend.measurements.rejection import LinkCheck, Rejection
+from backend.measurements import LinkCheck, Rejection
 from slam.core.estimate import LoopVerdict
 from slam.report.gaps import Gap
 from slam.report.pictures.path import altitude_picture, trajectory_picture

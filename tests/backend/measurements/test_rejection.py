@@ -2,7 +2,7 @@
 
 import pytest
 
-from backend.measurements.rejection import CONTRADICTED, UNPROVEN, LinkCheck, Misfit, Rejection
+from backend.measurements import CONTRADICTED, UNPROVEN, LinkCheck, Misfit, Rejection
 
 
 @pytest.mark.parametrize("check", LinkCheck)
