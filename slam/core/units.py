@@ -14,33 +14,24 @@ def percent(share: float) -> str:
 
 
 def with_error(value: float, std: float, sign: str = "") -> str:
-    """Return a value and its standard deviation, ``+0.012 ± 0.003``, to the first digit of the latter.
-
-    ``sign`` is ``+`` for a value with its sign.
-    """
-    digits = max(0, -int(np.floor(np.log10(std)))) if 0 < std < 1 else 0
-    return f"{value:{sign}.{digits}f} ± {std:.{digits}f}"
+    """Return a value and its standard deviation, both to the digits of the latter; ``sign`` is ``+`` for a
+    value with its sign."""
+    digits = _digits(std)
+    return f"{value:{sign}.{digits}f} ±{SPACE}{std:.{digits}f}"
 
 
-def uncertain_digits(error: float) -> int:
+def to_error(value: float, error: float) -> str:
+    """Return a value to the digits that its uncertainty leaves, or the uncertainty itself to the same."""
+    return f"{value:.{_digits(error)}f}"
+
+
+def _digits(error: float) -> int:
     """Return the decimals to which a value with this uncertainty is told: two significant digits of it up to
     35, one above (the rule of the Particle Data Group, Review of Particle Physics, introduction, 5.3)."""
     if not (np.isfinite(error) and error > 0.0):
         return 0
     power = int(np.floor(np.log10(error)))
     return max(0, (1 if error < 3.55 * 10.0**power else 0) - power)
-
-
-def to_error(value: float, error: float) -> str:
-    """Return a value to the digits that its uncertainty leaves, or the uncertainty itself to the same."""
-    return f"{value:.{uncertain_digits(error)}f}"
-
-
-def with_uncertainty(value: float, std: float, sign: str = "") -> str:
-    """Return a value and its standard deviation, both to the digits of the latter; ``sign`` is ``+`` for a
-    value with its sign."""
-    digits = uncertain_digits(std)
-    return f"{value:{sign}.{digits}f} ±{SPACE}{std:.{digits}f}"
 
 
 def spaced(of: str) -> str:

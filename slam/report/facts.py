@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.core.estimate import Estimate
 from slam.core.instrument import Instrument
-from slam.core.units import SPACE, error_length, length, with_uncertainty
+from slam.core.units import SPACE, error_length, length, with_error
 from slam.evaluation.aligned_maps import chain_on_result, odometry_on_result
 from slam.report.coordinates import datum_text, plane_text
 from slam.report.gaps import Gap, gaps
@@ -315,8 +315,8 @@ def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]
         how = "assumed" if key in assumed else "stated"
         return value if determined else f"{value}, as {how}: this flight does not determine it"
 
-    gain = with_uncertainty(found.gain, found.gain_std)
-    zero = f"{with_uncertainty(1e3 * found.zero_m, 1e3 * found.zero_std_m, '+')}{SPACE}mm"
+    gain = with_error(found.gain, found.gain_std)
+    zero = f"{with_error(1e3 * found.zero_m, 1e3 * found.zero_std_m, '+')}{SPACE}mm"
     priors = flight.sonar.scale_std, flight.sonar.datum_std_m
     keys = ("scale_std", "datum_std")
     gain, zero = map(described, (gain, zero), priors, found.determined(*priors), keys)

@@ -14,7 +14,7 @@ from slam.core.instrument_errors import (
     MountTilt,
     VelocityErrors,
 )
-from slam.core.units import SPACE, to_error, with_uncertainty
+from slam.core.units import SPACE, to_error, with_error
 
 
 def attitude_text(found: AttitudeErrors | None) -> str:
@@ -23,7 +23,7 @@ def attitude_text(found: AttitudeErrors | None) -> str:
     if found is None:
         return ""
     each = [
-        f"{name} {with_uncertainty(degrees(offset), degrees(std), '+')}°"
+        f"{name} {with_error(degrees(offset), degrees(std), '+')}°"
         for name, offset, std in zip(("roll", "pitch"), found.offset_rad, found.offset_std_rad, strict=True)
     ]
     return f"{', '.join(each)} on average, up to {degrees(found.largest_rad):.1f}° at one keyframe"
@@ -43,7 +43,7 @@ def mount_text(found: MountTilt | None) -> str:
     """Tilt of the camera on the body relative to the reported mount, in words."""
     if found is None:
         return ""
-    roll, pitch = (with_uncertainty(degrees(tilt), degrees(found.std_rad), "+") for tilt in found.tilt_rad)
+    roll, pitch = (with_error(degrees(tilt), degrees(found.std_rad), "+") for tilt in found.tilt_rad)
     return f"roll {roll}°, pitch {pitch}°"
 
 
@@ -51,8 +51,8 @@ def lens_text(found: Mapping[str, LensNumber] | None, estimated: bool = True) ->
     """Return the numbers of the lens that the flight determines, in words, or if not ``estimated`` those that
     are known mostly by what was told before it."""
     return ", ".join(
-        f"{name} {with_uncertainty(n.value, n.std)} (before the flight: "
-        f"{to_error(n.told, n.std) if estimated else with_uncertainty(n.told, n.told_std)})"
+        f"{name} {with_error(n.value, n.std)} (before the flight: "
+        f"{to_error(n.told, n.std) if estimated else with_error(n.told, n.told_std)})"
         for name, n in (found or {}).items()
         if n.estimated == estimated
     )
@@ -63,7 +63,7 @@ def antenna_text(found: AntennaPlace | None) -> str:
     if found is None:
         return ""
     rows = zip(("forward", "left"), found.place_m, found.std_m, found.told_m, strict=False)
-    each = [f"{axis} {with_uncertainty(at, std, '+')} m (told {told:+.2f})" for axis, at, std, told in rows]
+    each = [f"{axis} {with_error(at, std, '+')} m (told {told:+.2f})" for axis, at, std, told in rows]
     return ", ".join(each)
 
 
@@ -72,7 +72,7 @@ def accelerometer_text(found: AccelerometerErrors | None) -> str:
     if found is None:
         return ""
     axes = zip(("forward", "left", "up"), found.offset_m_s2, found.offset_std_m_s2, strict=True)
-    return ", ".join(f"{name} {with_uncertainty(offset, std, '+')}" for name, offset, std in axes) + " m/s²"
+    return ", ".join(f"{name} {with_error(offset, std, '+')}" for name, offset, std in axes) + " m/s²"
 
 
 def arm_text(found: AccelerometerErrors | None) -> str:
@@ -80,14 +80,14 @@ def arm_text(found: AccelerometerErrors | None) -> str:
     if found is None:
         return ""
     axes = zip(("forward", "left", "up"), found.arm_m, found.arm_std_m, strict=True)
-    return ", ".join(f"{name} {with_uncertainty(1e3 * at, 1e3 * std, '+')}" for name, at, std in axes) + " mm"
+    return ", ".join(f"{name} {with_error(1e3 * at, 1e3 * std, '+')}" for name, at, std in axes) + " mm"
 
 
 def lag_text(found: AccelerometerErrors | None) -> str:
     """Delay of the accelerometer's readings behind the gyro's, in words; empty where none was taken out."""
     if found is None or not found.lag_taken_out:
         return ""
-    return f"{with_uncertainty(1e3 * found.lag_s, 1e3 * found.lag_std_s, '+')}{SPACE}ms, taken out"
+    return f"{with_error(1e3 * found.lag_s, 1e3 * found.lag_std_s, '+')}{SPACE}ms, taken out"
 
 
 def lengths_text(found: AccelerometerErrors | None) -> str:
@@ -98,7 +98,7 @@ def lengths_text(found: AccelerometerErrors | None) -> str:
     beside = (
         "those of the other instruments, before both were joined" if found.used else "the map's, not needed"
     )
-    return f"{with_uncertainty(off, std, '+')}{SPACE}% off {beside}"
+    return f"{with_error(off, std, '+')}{SPACE}% off {beside}"
 
 
 def velocity_text(found: VelocityErrors | None) -> str:
@@ -107,8 +107,8 @@ def velocity_text(found: VelocityErrors | None) -> str:
         return ""
     gains = zip(found.gain, found.gain_std, strict=True)
     offsets = zip(found.offset_m_s, found.offset_std_m_s, strict=True)
-    ratio = [f"{with_uncertainty(gain, std)} times the true one" for gain, std in gains]
-    more = [f"{with_uncertainty(offset, std, '+')} m/s" for offset, std in offsets]
+    ratio = [f"{with_error(gain, std)} times the true one" for gain, std in gains]
+    more = [f"{with_error(offset, std, '+')} m/s" for offset, std in offsets]
     return f"forward {ratio[0]}, {more[0]}; left {ratio[1]}, {more[1]}"
 
 
@@ -116,5 +116,5 @@ def barometer_text(found: BarometerErrors | None) -> str:
     """Gain and noise of the barometer, in words."""
     if found is None:
         return ""
-    gain = f"{with_uncertainty(found.gain, found.gain_std)} times the true changes of height"
+    gain = f"{with_error(found.gain, found.gain_std)} times the true changes of height"
     return f"{gain}, noise {found.noise_m:.2g}{SPACE}m"

@@ -4,26 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from slam.core.units import error_length, percent, round_length, to_error, with_error, with_uncertainty
-
-
-@pytest.mark.parametrize(
-    ("value", "std", "text"),
-    [
-        (39.98, 0.47, "40.0 ± 0.5"),
-        (39.98, 4.7, "40 ± 5"),
-        (1.0, 0.003, "1.000 ± 0.003"),
-        (1234.0, 56.0, "1234 ± 56"),
-        (2.0, 0.0, "2 ± 0"),
-        (2.0, float("inf"), "2 ± inf"),
-    ],
-)
-def test_no_error_is_rounded_to_nothing(value: float, std: float, text: str) -> None:
-    assert with_error(value, std) == text
-
-
-def test_a_value_may_show_its_sign() -> None:
-    assert with_error(0.0123, 0.004, "+") == "+0.012 ± 0.004"
+from slam.core.units import error_length, percent, round_length, to_error, with_error
 
 
 def test_whole_percents_have_no_exponent():
@@ -47,8 +28,22 @@ def test_an_uncertainty_has_two_digits_up_to_35_and_one_above(error: float, told
     assert error_length(error).replace("\N{NO-BREAK SPACE}", " ") == told
 
 
-def test_a_value_has_the_digits_of_its_uncertainty() -> None:
-    assert with_uncertainty(0.97034, 0.0174).replace("\N{NO-BREAK SPACE}", " ") == "0.970 ± 0.017"
-    assert with_uncertainty(-15.72, 11.5, "+").replace("\N{NO-BREAK SPACE}", " ") == "-16 ± 12"
+@pytest.mark.parametrize(
+    ("value", "std", "sign", "text"),
+    [
+        (0.97034, 0.0174, "", "0.970 ± 0.017"),
+        (-15.72, 11.5, "+", "-16 ± 12"),
+        (0.0123, 0.004, "+", "+0.012 ± 0.004"),
+        (1.0, 0.003, "", "1.0000 ± 0.0030"),
+        (1234.0, 56.0, "", "1234 ± 56"),
+        (2.0, 0.0, "", "2 ± 0"),
+        (2.0, float("inf"), "", "2 ± inf"),
+    ],
+)
+def test_a_value_has_the_digits_of_its_uncertainty(value: float, std: float, sign: str, text: str) -> None:
+    assert with_error(value, std, sign).replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+def test_lengths_chosen_as_round_have_no_more_digits() -> None:
     assert to_error(1234.5, float("nan")) == "1234"
     assert round_length(0.5).replace("\N{NO-BREAK SPACE}", " ") == "0.5 m"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from backend.clocks.picture_clock import ClockPiece, PictureClock
+from slam.core.units import SPACE
 from slam.evaluation import evaluate
 from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,
@@ -75,11 +76,11 @@ def test_the_map_corrects_what_tracking_left():
 
 def test_what_is_reported_names_what_was_done():
     known = clock_correction(shown((0.04, 0.002)), STAMPS_S)
-    assert "40 ± 2 ms after" in clock_warning(None, known)
+    assert f"40.0 ±{SPACE}2.0 ms after" in clock_warning(None, known)
     assert "corrected in the map" in clock_warning(None, known)
     stepped = clock_warning(None, clock_correction(shown((0.0, 0.002), (1.0, 0.002)), STAMPS_S))
     assert stepped.startswith(
-        "the clock of cam0 steps against imu0 by +1.000 ± 0.003 s at 10.00 s: corrected"
+        f"the clock of cam0 steps against imu0 by +1.0000 ±{SPACE}0.0028 s at 10.00 s: corrected"
     )
     assert "cannot be determined" in clock_warning(shown((0.04, np.inf)), NO_CORRECTION)
     assert "or more" in clock_contradiction(shown((-1.99, 0.001)), NO_CORRECTION)

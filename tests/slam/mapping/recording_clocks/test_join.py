@@ -59,7 +59,7 @@ def test_streams_of_both_stand_on_the_clock_of_the_log():
     assert joined.barometer.stamps_s[0] == joined.attitude.stamps_s[0]
     assert joined.epoch_ns == 10**9
     said = {source.stream: source.reading for source in joined.sources}
-    begins = re.search(r"begins \+(\S+) ± (\S+) s", said["attitude0"])
+    begins = re.search(r"begins \+(\S+) ±\s(\S+) s", said["attitude0"])
     assert abs(float(begins[1]) - AHEAD_S) < 3 * float(begins[2]) < 0.005
     assert "turns of attitude0 and imu0" in said["barometer0"]
     assert "begins" not in said["imu0"]
@@ -170,7 +170,7 @@ def test_speeds_tie_the_clocks_without_a_gyro_with_an_honest_deviation():
         joined = join_recordings([first, second], {})
         found_s = joined.velocity.stamps_s[0] - joined.gps.stamps_s[0]
         (reading,) = (s.reading for s in joined.sources if s.stream == "velocity0")
-        off.append((found_s - begins_s) / float(reading.partition("± ")[2].split()[0]))
+        off.append((found_s - begins_s) / float(reading.partition("±")[2].split()[0]))
     assert 0.05 < np.mean(np.square(off)) < 3.0, "NEES"
 
 
