@@ -142,22 +142,16 @@ def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
             "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree only "
             f"within {after:.2g} px; take pictures that overlap by 60 to 95 %"
         ]
+    doubted = f"{ground.doubt}, in pits deeper than wide; " if ground.doubt else ""
     return [
         Note(
             f"mosaic: {percent(ground.relief_share)} of the ground is not flat: its height was "
             f"measured, from {length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over "
             f"the floor, and {percent(ground.filled_share)} of it filled in from around; pictures of "
             f"95 % of the ground agree within {after:.2g} px, on a flat floor it would be {before:.2g} px; "
-            f"{_doubted(ground)}trust no height where elevation.tif has no standard deviation"
+            f"{doubted}trust no height where elevation.tif has no standard deviation"
         )
     ]
-
-
-def _doubted(ground: GroundFacts) -> str:
-    """Return how many measured heights are doubted, as a clause; empty without any."""
-    if not ground.doubted_share:
-        return ""
-    return f"{percent(ground.doubted_share)} of the measured heights are doubted, in pits deeper than wide; "
 
 
 def _write_mosaics(

@@ -20,7 +20,7 @@ from slam.core.floor_points import FloorPoints
 from slam.core.geodesy import GeoOrigin
 from slam.core.instrument_errors import NOTHING_KNOWN, InstrumentErrors
 from slam.core.notebook import table_html, trajectory_svg
-from slam.core.units import length, unit
+from slam.core.units import length, percent, unit
 
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
@@ -87,6 +87,12 @@ class GroundFacts:
     def is_measured(self) -> bool:
         """Whether the ground is not flat and pictures or the sonar show its height."""
         return self.relief_share > 0 and self.filled_share < 1
+
+    @property
+    def doubt(self) -> str:
+        """How many measured heights are doubted, as a clause; empty without any."""
+        share = self.doubted_share
+        return f"{percent(share)} of the measured heights are doubted" if share else ""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.robust import robust_std
+from slam.core.units import SPACE
 
 SURE = 3.0
 """Standard deviations that noise exceeds in one cell of 400."""
@@ -19,9 +20,17 @@ hills."""
 class FloorScatter(NamedTuple):
     """Heights between which a flat floor scatters by chance."""
 
-    middle_m: float
-    reach_m: float
-    """To either side of the middle: ``SURE`` standard deviations."""
+    lowest_m: float
+    highest_m: float
+    """``SURE`` standard deviations to either side of the middle."""
+
+    @property
+    def middle_m(self) -> float:
+        """The height of the floor among them."""
+        return (self.lowest_m + self.highest_m) / 2
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.lowest_m:+.0f} to {1e3 * self.highest_m:+.0f}{SPACE}mm"
 
 
 def floor_scatter(height: NDArray[np.float32]) -> FloorScatter | None:
@@ -32,4 +41,4 @@ def floor_scatter(height: NDArray[np.float32]) -> FloorScatter | None:
         return None
     middle = float(np.median(known))
     reach = SURE * robust_std(known - middle)
-    return FloorScatter(middle, reach) if reach < LEAST_SPAN_M / 2 else None
+    return FloorScatter(middle - reach, middle + reach) if reach < LEAST_SPAN_M / 2 else None

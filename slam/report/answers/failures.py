@@ -143,23 +143,21 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFac
         )
     if number := sum(why != REDUNDANT for why in estimate.not_drawn.values()):
         told.append(_not_drawn(estimate, number))
-    told_doubts = _doubted(summary)
-    heading = (
-        f" The attitude sensor: {facts.heading_doubt}; the pictures hold the heading of the map."
-        if facts.heading_doubt
-        else ""
-    )
-    doubted = "".join(f" {text}" for text in told_doubts) + _trusted(estimate, summary) + heading
-    if not told_doubts and not heading and not facts.is_graph and summary.status == "ok":
+    warned_of, found_here = _doubted(summary), _doubted_without_warning(estimate, facts)
+    doubted = "".join(f" {text}" for text in warned_of) + _trusted(estimate, summary)
+    doubted += "".join(f" {text}" for text in found_here)
+    if not doubted and not facts.is_graph and summary.status == "ok":
         doubted = " No instrument is doubted."
     on_purpose = " What was left out (below) was left out on purpose." if summary.rejected else ""
     if told:
         text = "; ".join(told)
         return f"{text[0].upper()}{text[1:]}.{doubted}"
-    if told_doubts:
-        one = len(told_doubts) == 1
+    if warned_of:
+        one = len(warned_of) == 1
         which = "a warning below doubts an instrument" if one else "warnings below doubt instruments"
         return f"No part of the map, but {which}.{doubted}{on_purpose}"
+    if found_here:
+        return f"No part of the map, but not all measurements are believed.{doubted}{on_purpose}"
     warned = by_kind(summary.warnings).warnings
     return f"Nothing{'; the warnings name what to check' if warned else ''}.{doubted}{on_purpose}"
 
@@ -214,4 +212,14 @@ def _doubted(summary: Summary) -> list[str]:
             colon = ":" if doubt.line.startswith(f"{doubt.stream}:") else ""
             text = f"{STREAM_WORDS[doubt.stream]}{colon} {doubt.found}"
             told.append(f"{text[0].upper()}{text[1:]}.")
+    return told
+
+
+def _doubted_without_warning(estimate: Estimate, facts: Facts) -> list[str]:
+    """Return a sentence for each doubt that needs no warning: the accuracy told does not rest on it."""
+    told = []
+    if facts.heading_doubt:
+        told.append(f"The attitude sensor: {facts.heading_doubt}; the pictures hold the heading of the map.")
+    if estimate.ground is not None and estimate.ground.doubt:
+        told.append(f"{estimate.ground.doubt} (“Are the heights true?” below).")
     return told

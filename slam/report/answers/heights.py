@@ -67,11 +67,7 @@ def _of_ground(estimate: Estimate) -> str:
     if ground is None:
         return ""
     if ground.is_measured:
-        doubted = (
-            f", and {percent(ground.doubted_share)} of the measured heights are doubted (picture of heights)"
-            if ground.doubted_share
-            else ""
-        )
+        doubted = f", and {ground.doubt} (picture of heights)" if ground.doubt else ""
         return (
             f" {percent(ground.relief_share)} of the ground does not lie on one plane. Its height, with what "
             "stands on it such as trees, was measured from the pictures, over the floor, the level plane "
@@ -96,10 +92,9 @@ def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
             else ""
         )
     elif ground is not None and not ground.relief_share and estimate.elevation is not None:
-        told = " The picture of heights below and elevation.tif show what the height sensor found on it"
+        told = " The picture of heights below and elevation.tif show what the height sensor found on it."
         if scatter := floor_scatter(estimate.elevation.height_m):
-            told += f", if it is more than {facts.error(scatter.reach_m)} above or below the floor"
-        told += "."
+            told += f" Heights from {scatter} cannot be told from the floor, whose echoes scatter that far."
     if tilted:
         tilt_rad = _tilt_rad(estimate)
         told += (

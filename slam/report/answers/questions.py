@@ -132,7 +132,11 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
     )
     warned = by_kind(summary.warnings).warnings
     trusted = f" {facts.condition}" * bool(estimate.accuracy_basis)
-    doubted = " What a warning on this page names is excepted." if warned else ""
+    doubted = (
+        " What a warning on this page or “What failed?” below names is excepted."
+        if warned or facts.heading_doubt
+        else ""
+    )
     if summary.status == "ok":
         return (
             "“ok” promises that the map hangs together, that pictures and instruments agree with each "
@@ -141,7 +145,7 @@ def _promise(estimate: Estimate, summary: Summary, facts: Facts) -> str:
     return (
         "It names every cause that was found by which the map may be wrong by more than the accuracy "
         "stated here. That accuracy may be too good for this reason. All else was compared and "
-        f"agrees.{unseen}"
+        f"agrees.{doubted}{unseen}"
     )
 
 

@@ -69,9 +69,8 @@ def _of_echoes(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
         told += ": smaller differences are noise. " if scatter is None else ". "
     if scatter is not None:
         told += (
-            f"Echoes of the floor scatter by {facts.error(scatter.reach_m)} to either side (three standard "
-            "deviations). What differs less from the floor has its colour, so that what stands on it can be "
-            "told. "
+            f"Echoes of the floor scatter from {scatter} (three standard deviations to either side). Heights "
+            "between have the colour of the floor, so that what stands on it can be told. "
         )
     return told
 

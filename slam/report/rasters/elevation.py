@@ -120,7 +120,8 @@ def elevation_picture(
     low, high = min(low, -LEAST_SPAN_M / 2), max(high, LEAST_SPAN_M / 2)
     shown = height
     if floor is not None:
-        shown = np.where(np.abs(height - floor.middle_m) <= floor.reach_m, floor.middle_m, height)
+        in_floor = (height >= floor.lowest_m) & (height <= floor.highest_m)
+        shown = np.where(in_floor, floor.middle_m, height)
     drawn = axes.imshow(
         shown, cmap="viridis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
     )
@@ -131,8 +132,7 @@ def elevation_picture(
             _veil(axes, np.any([where & known for where in doubts.values()], axis=0), grid)
             grey = f"no picture; pale: {' or '.join(some)}"
     if floor is not None:
-        lowest_mm, highest_mm = 1e3 * (floor.middle_m - floor.reach_m), 1e3 * (floor.middle_m + floor.reach_m)
-        grey = f"{grey}; floor in one colour: {lowest_mm:+.0f} to {highest_mm:+.0f} mm"
+        grey = f"{grey}; floor in one colour: {floor}"
     x, y = ground_labels(grid.origin is not None, grid.metric)
     axes.set(xlabel=x, ylabel=y)
     axes.set_title(f"Height over the floor, by {by}\n(grey: {grey})", fontsize=10)

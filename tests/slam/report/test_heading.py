@@ -37,5 +37,7 @@ def test_the_axis_that_hangs_on_it_is_no_sure_direction():
         "do not take x for a direction of a compass"
         in told["Which way do x and y point, and where is north?"]
     )
+    promise = "What does the status promise, and what not?"
+    assert "or “What failed?” below names is excepted" in told[promise]
     assert "drifts by 16.0° over the flight" in told["What failed?"]
     assert "No instrument is doubted" not in told["What failed?"]

@@ -9,6 +9,7 @@ import numpy as np
 from frontend.camera import Camera
 from frontend.keyframes import TOO_FEW
 from frontend.views import SAME_PICTURE
+from slam.core.estimate import GroundFacts
 from slam.core.instrument_errors import AttitudeErrors
 from slam.core.lost_pictures import REDUNDANT, SHOW_NOTHING, TRACKING_LOST
 from slam.core.summary import summarise
@@ -61,6 +62,16 @@ def test_what_failed_is_told():
     assert "Check this first" in found
     assert "twice" in found
     assert "1 keyframe is not in the mosaic" in found
+
+
+def test_doubted_heights_are_among_what_is_not_believed():
+    ground = GroundFacts(
+        misregistration_px=(0.1, 0.4), over_floor_px=(0.4, 2.0), relief_share=0.3, doubted_share=0.02
+    )
+    estimate = replace(made_estimate(), status="ok", warnings=(), ground=ground)
+    found = answers(estimate, made_flight())["What failed?"].replace("\N{NO-BREAK SPACE}", " ")
+    assert found.startswith("No part of the map, but not all measurements are believed. 2 % of the measured")
+    assert "No instrument is doubted" not in found
 
 
 def test_a_keyframe_that_the_mosaic_does_not_show_is_named_with_the_reason():

@@ -8,9 +8,11 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
+from frontend.elevation import Elevation
 from slam.core.estimate import GroundFacts
 from slam.core.summary import summarise
 from slam.io.geotiff import Grid
+from slam.report.answers.heights import heights
 from slam.report.facts import gather
 from slam.report.floor_scatter import floor_scatter
 from slam.report.optimize_report import Mosaics, render
@@ -65,13 +67,30 @@ def test_the_colours_reach_the_highest_echo_and_the_floor_has_one():
     """One cell of 900 is a thing on the floor; a percentile would have cut its colour."""
     rng = np.random.default_rng(0)
     height = (0.005 * rng.standard_normal((30, 30))).astype(np.float32)
-    middle_m, reach_m = floor_scatter(height)
-    assert abs(middle_m) < reach_m < 0.02
+    floor = floor_scatter(height)
+    assert -0.02 < floor.lowest_m < 0 < floor.highest_m < 0.02
     height[10, 10], height[20, 20] = 0.06, 0.09
     drawn = elevation_picture(height, Grid(0, 3, 0.1, 30, 30))
     pixels = np.asarray(Image.open(io.BytesIO(drawn)).convert("RGB")).astype(int)[:, : 30 * 25]
     inside = pixels[100:800, 120:700]
     assert (np.abs(inside - [0xFD, 0xE7, 0x25]).sum(axis=2) < 20).sum() > 100, "the upper end of the colours"
+
+
+def test_title_caption_and_answer_tell_one_scatter_of_the_floor(monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        "slam.report.rasters.elevation.png", lambda figure, cropped: drawn.append(figure) or b""
+    )
+    height = (-0.006 + 0.009 * np.random.default_rng(0).standard_normal((30, 30))).astype(np.float32)
+    scatter = str(floor_scatter(height))
+    flat = GroundFacts(misregistration_px=(0.1, 0.4), over_floor_px=(0.1, 0.4))
+    estimate = replace(made_estimate(), elevation=Elevation(0, 3, 0.1, height), ground=flat)
+    elevation_picture(height, Grid(0, 3, 0.1, 30, 30))
+    facts = gather(estimate, made_flight())
+    lines = heights(estimate, facts, summarise(estimate))[1]
+    assert scatter in drawn[0].axes[0].get_title()
+    assert scatter in heights_figure_words(estimate, facts, made_flight())
+    assert any(scatter in line for line in lines)
 
 
 def test_the_title_names_a_doubt_only_where_there_is_one(monkeypatch):
