@@ -14,14 +14,14 @@ def track_accuracy_basis(readings: Readings, trust: InertialTrust, lasts_s: floa
     """
     flow, positions = readings.velocity_m_s is not None, readings.w_p_b_m is not None
     if flow and not positions:
-        # In axes that move at a constant velocity, gyro and accelerometer read the same but for the drag
+        # At a constant velocity gyro and accelerometer read what they read at rest, but for the drag
         # (`slam.inertial.drag_check`). The errors of the velocity that the filter has as states last for a
         # second.
         error_m_s = trust.velocity_error_m_s
         return (
-            "The track over ground and its accuracy rest on velocity0 alone: at a fixed heading no other "
-            "instrument tells a constant error of it from wind, turns in flight do, and the accuracy counts "
-            "none. "
+            "The track over ground and its accuracy rest on velocity0 alone. At a fixed heading no other "
+            "instrument tells a constant error of it from wind; turns in flight do. The accuracy counts no "
+            "such error: "
             f"{error_m_s:.2g} m/s would move the end of the track by {length(error_m_s * lasts_s, True)}."
         )
     if positions and not flow:

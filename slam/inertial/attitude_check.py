@@ -1,7 +1,7 @@
 """Turns of the on-board attitude against those of the gyro: axes, signs, gains and the IMU's mount.
 
-The filter believes both, and a wrong axis or unit of one looks like noise of the other or like an error of
-the tilt. Over half a second the gyro's turns are exact beside any attitude.
+The filter believes both. A wrong axis or unit of one looks to it like noise of the other, or like an error of
+the tilt. Over half a second, turns by the gyro are far more accurate than those by any attitude.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from slam.data_quality.inertial_comparison import (
     moments_of,
     near_floor,
 )
+from slam.inertial.variogram import white_density
 
 Array = NDArray[np.float64]
 
@@ -29,13 +30,11 @@ _ANGLES, _AXES = ("roll", "pitch", "yaw"), ("x", "y", "z")
 _SURE = 4.0
 """Standard deviations by which a gain or a mount must be off."""
 _GAIN, _TURN_DEG = 1.5, 15.0
-"""Least ratio and angle that are told. Measured flights have 0.91 to 1.05, and 6 deg."""
+"""Least ratio and angle that are told. Measured flights have 0.91 to 1.05, and up to 6 deg."""
 _ABOVE_NOISE = 3.0
 """Multiples of the gyro's noise that the turns must exceed: it then lowers no gain by more than a tenth."""
 _LEAST_ALIKE = 0.5
 """Least share of the attitude's turns that the gyro explains: a lag leaves less."""
-_NORMAL_STD = 0.954
-"""Median of the absolute difference of two normal values, in their standard deviations."""
 _CHECK = "the motion that both give is not to be trusted; check"
 
 
@@ -47,7 +46,7 @@ class _Regression:
     """(3, 3), the unit matrix where both are right; NaN for an angle that hardly changes."""
     std: Array
     """(3, 3)."""
-    turns: bool
+    is_turning: bool
     """Whether the gyro turns about any axis, beyond its noise."""
 
 
@@ -60,7 +59,7 @@ def attitude_contradictions(flight: Flight) -> list[str]:
     regression = None if seen is None else _regression(flight, seen)
     if seen is None or regression is None:
         return []
-    if regression.turns and (np.ptp(seen.read, axis=0) == 0).all():
+    if regression.is_turning and (np.ptp(seen.read, axis=0) == 0).all():
         return [
             "attitude0 does not change while imu0's gyro shows that the vehicle turns (stuck?): leave "
             "attitude0 out, or repair it"
@@ -79,7 +78,8 @@ def _regression(flight: Flight, seen: IntegralComparison) -> _Regression | None:
     read, turned = (np.clip(x, *np.quantile(x, [0.01, 0.99], axis=0)) for x in (read, turned))
     read, turned = read - read.mean(axis=0), turned - turned.mean(axis=0)
     spread = turned.std(axis=0)
-    known = spread > _ABOVE_NOISE * _noise_rad(flight)
+    noise_rad = white_density(flight.imu.stamps_s, flight.imu.gyro_rad_s) * np.sqrt(NODE_S)
+    known = spread > _ABOVE_NOISE * noise_rad
     gain, std = np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     if not known.any():
         return _Regression(gain, std, False)
@@ -91,13 +91,6 @@ def _regression(flight: Flight, seen: IntegralComparison) -> _Regression | None:
     # Neighbouring changes share a moment: they count as half.
     std[:, known] = np.sqrt(2 * rest[:, None] * np.diag(inverse))
     return _Regression(gain, std, True)
-
-
-def _noise_rad(flight: Flight) -> float:
-    """Return the standard deviation of a turn by the gyro between two moments, vibration included."""
-    assert flight.imu is not None
-    std = np.nanmedian(np.abs(np.diff(flight.imu.gyro_rad_s, axis=0)), axis=0).max() / _NORMAL_STD
-    return float(std * np.sqrt(NODE_S * np.median(np.diff(flight.imu.stamps_s))))
 
 
 def _other_mounts(regression: _Regression) -> list[str]:

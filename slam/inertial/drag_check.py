@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.inertial.instruments import InertialTrust
+from slam.inertial.window_means import window_means
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -22,16 +23,18 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _WINDOW_S = 1.0
-"""Readings are averaged over it; the attitude follows its target ten times as fast."""
+"""Readings are averaged over ten times the time in which the attitude follows its target."""
 _LEAST_WINDOWS = 4
+"""Fewer leave the variance of their means unknown by more than a factor of two."""
 _DRAG_1_S, _DRAG_FACTOR = 0.4, 2.0
 """Median of the drag coefficient and its standard deviation as a factor. Measured flights gave 0.3 to 0.6."""
 _DRAGS_1_S = _DRAG_1_S * np.geomspace(_DRAG_FACTOR**-2, _DRAG_FACTOR**2, 41)
+"""Coefficients that are tried, to two standard deviations."""
 _SURE = 3.0
-"""Standard deviations within which drag coefficient and accelerometer may be wrong."""
-_BREEZE_M_S, _FRESH_BREEZE_M_S = 1.6, 8.0
-"""Least winds of 2 and 5 on Beaufort's scale: one feels the first; small drones do not fly in the
-other."""
+"""Standard deviations within which the fitted drag coefficient and the accelerometer may be wrong."""
+_LIGHT_BREEZE_M_S, _FRESH_BREEZE_M_S = 1.6, 8.0
+"""Least winds of 2 and 5 on Beaufort's scale. The first is felt on the face; in the second small drones do not
+fly."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,15 @@ class AirVelocity:
     """(2,), the most probable one."""
     least_m_s: float
     """Speed that it surely has; negative where it may be none."""
+
+
+@dataclass(frozen=True)
+class DragContradiction:
+    """A velocity that differs from the one by which the accelerometer shows drag."""
+
+    line: str
+    is_wind_excluded: bool
+    """Whether the velocity is wrong, because no wind explains the difference."""
 
 
 def air_velocity(flight: Flight, trust: InertialTrust = InertialTrust()) -> AirVelocity | None:
@@ -61,30 +73,30 @@ def air_velocity(flight: Flight, trust: InertialTrust = InertialTrust()) -> AirV
     return AirVelocity(v_m_s[np.argmax(log_probability)], float(least[possible].min()))
 
 
-def drag_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> tuple[str, bool]:
-    """Describe how the drag contradicts the velocity, and whether no wind explains it; empty otherwise.
+def drag_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> DragContradiction | None:
+    """Describe how the drag contradicts the velocity; None where it does not.
 
     Positions show a wind, so that there is no such line in a flight with GPS.
     """
     air = air_velocity(flight, trust) if flight.gps is None else None
-    if air is None or air.least_m_s < _BREEZE_M_S:
-        return "", False
+    if air is None or air.least_m_s < _LIGHT_BREEZE_M_S:
+        return None
     line = (
         f"by the drag in imu0, velocity0 has a constant error or the wind blew with {air.v_m_s[0]:.2g} m/s "
         f"forward and {air.v_m_s[1]:.2g} m/s left ({air.least_m_s:.2g} m/s at least)"
     )
     if air.least_m_s < _FRESH_BREEZE_M_S:
-        return f"{line}; a flight that turns tells which: wind keeps its direction over ground", False
-    return (
-        f"{line}: small drones do not fly in so much wind, and the track over ground is not to be trusted; "
-        "check the zero of velocity0 on the ground, and fly turns, in which the other instruments show its "
-        "error",
-        True,
+        line += "; a flight that turns tells which: wind keeps its direction over ground"
+        return DragContradiction(line, False)
+    line += (
+        ": small drones do not fly in so much wind, and the track over ground is not to be trusted; check "
+        "the zero of velocity0 on the ground, and fly turns, in which the other instruments show its error"
     )
+    return DragContradiction(line, True)
 
 
 def _window_means(flight: Flight) -> tuple[Array, Array] | None:
-    """Return specific force and velocity (n, 2), forward and left, as means over windows."""
+    """Return specific force and velocity (n, 2), forward and left, as means over the same windows."""
     imu, velocity = flight.imu, flight.velocity
     if imu is None or velocity is None:
         return None
@@ -93,22 +105,10 @@ def _window_means(flight: Flight) -> tuple[Array, Array] | None:
     if not read.any() or not felt.any():
         return None
     b_force = imu.accel_m_s2[felt] @ imu.b_T_s[:3, :3].T
-    begin_s = max(imu.stamps_s[felt][0], velocity.stamps_s[read][0])
-    end_s = min(imu.stamps_s[felt][-1], velocity.stamps_s[read][-1])
-    edges_s = np.arange(begin_s, end_s, _WINDOW_S)
-    if len(edges_s) <= _LEAST_WINDOWS:
-        return None
-    force = _means(imu.stamps_s[felt], b_force[:, :2], edges_s)
-    level = _means(velocity.stamps_s[read], velocity.v_m_s[read], edges_s)
-    both = np.isfinite(force).all(axis=1) & np.isfinite(level).all(axis=1)
-    return (force[both], level[both]) if both.sum() >= _LEAST_WINDOWS else None
-
-
-def _means(stamps_s: Array, values: Array, edges_s: Array) -> Array:
-    """Return means (n, 2) of values between edges, NaN where there is none."""
-    window = np.searchsorted(edges_s, stamps_s, side="right") - 1
-    inside = (window >= 0) & (window < len(edges_s) - 1)
-    count = np.bincount(window[inside], minlength=len(edges_s) - 1)
-    sums = [np.bincount(window[inside], column, len(edges_s) - 1) for column in values[inside].T]
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.array(sums).T / count[:, None])
+    force_s, read_s = imu.stamps_s[felt], velocity.stamps_s[read]
+    begin_s, end_s = max(force_s[0], read_s[0]), min(force_s[-1], read_s[-1])
+    of_force, force = window_means(force_s, b_force[:, :2], begin_s, _WINDOW_S)
+    of_read, level = window_means(read_s, velocity.v_m_s[read], begin_s, _WINDOW_S)
+    both, at_force, at_read = np.intersect1d(of_force, of_read, assume_unique=True, return_indices=True)
+    whole = (both >= 0) & (begin_s + (both + 1) * _WINDOW_S <= end_s)
+    return (force[at_force[whole]], level[at_read[whole]]) if whole.sum() >= _LEAST_WINDOWS else None

@@ -17,6 +17,7 @@ from slam.core.rotations import roll_pitch_yaw_of
 from slam.inertial.filter_input import filter_input
 from slam.inertial.instruments import InertialTrust, barometer_of, range_of
 from slam.inertial.motion import filter_motion
+from slam.inertial.window_means import window_means
 
 Array = NDArray[np.float64]
 
@@ -136,7 +137,5 @@ def _averaged(stamps_s: Array, values: Array) -> tuple[Array, Array]:
     """Return means of stamps (n,) and values (n, c) over successive equal times."""
     if len(stamps_s) == 0:
         return stamps_s, values
-    block = np.unique(np.floor((stamps_s - stamps_s[0]) / _MEAN_S), return_inverse=True)[1]
-    count = np.bincount(block).astype(np.float64)
-    means = [np.bincount(block, column) / count for column in (stamps_s, *values.T)]
-    return means[0], np.column_stack(means[1:])
+    _, means = window_means(stamps_s, np.column_stack([stamps_s, values]), stamps_s[0], _MEAN_S)
+    return means[:, 0], means[:, 1:]

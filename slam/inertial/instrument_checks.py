@@ -30,12 +30,12 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[str]]:
         levels = level_contradictions(flight, motion)
     changes = velocity_contradiction(flight, trust)
     # A velocity with other changes than the vehicle's has no meaning that the drag could contradict.
-    drag, is_sure = ("", False) if changes else drag_contradiction(flight, trust)
-    if drag and not is_sure:
-        flight = flight.with_warning(drag)
+    drag = None if changes else drag_contradiction(flight, trust)
+    if drag is not None and not drag.is_wind_excluded:
+        flight = flight.with_warning(drag.line)
     lines = [
         changes,
-        drag if is_sure else "",
+        drag.line if drag is not None and drag.is_wind_excluded else "",
         clock_step_left(flight),
         *attitude_contradictions(flight),
         *stepped,

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.robust import robust_std
+
 Array = NDArray[np.float64]
 
 MARGIN = 2.0
 """Factor on the average power in the recording. Most of the power comes from manoeuvres, and a filter with
-too
-little process noise lags behind. With 8 the standard deviations of simulated flights were 15 % too large
+too little process noise lags behind. With 8 the standard deviations of simulated flights were 15 % too large
 (`tests/benchmarks/simulator.py`)."""
 _LONGEST_LAG_S, _LAGS = 1.0, 12
 _FAR_MORE = 3.0
@@ -49,6 +50,20 @@ def noise_and_power(values: Array, step_s: float, least_std: float) -> tuple[flo
     white = least_std if start < _FAR_MORE * 2 * least_std**2 else float(np.sqrt(start / 2))
     power = float(np.max((gamma - 2 * white**2) / (lags * step_s)))
     return white, max(power, _LEAST_POWER * white**2 / step_s)
+
+
+def white_density(stamps_s: Array, values: Array) -> float:
+    """Return the density (per root Hz) of white noise in readings (n, d), of the noisiest column.
+
+    It is that of neighbouring readings, vibration included; outliers hardly change it. Of a single reading it
+    is infinite.
+    """
+    known = np.isfinite(values).all(axis=1)
+    if known.sum() < 2:
+        return float("inf")
+    steps = np.diff(values[known], axis=0) / np.sqrt(2)
+    std = max(robust_std(column) for column in steps.T)
+    return std * float(np.sqrt(np.median(np.diff(stamps_s[known]))))
 
 
 def correlated_process(values: Array, power: float) -> CorrelatedProcess:

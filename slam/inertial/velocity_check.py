@@ -19,6 +19,7 @@ from slam.core.rotations import roll_pitch_yaw_of
 from slam.inertial.filter_input import filter_input
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import filter_motion
+from slam.inertial.variogram import white_density
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -51,8 +52,6 @@ _AXES: Mapping[str, Array] = {
 """Mistakes in the axes: the matrix by which a velocity (n, 2), forward and left, is multiplied."""
 _UNIT = 2.0
 """Largest ratio that noise and gains explain; another unit differs by 3.28 (feet) at least."""
-_NORMAL_STD = 0.954
-"""Median of the absolute difference of two normal values, in their standard deviations."""
 
 
 def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust()) -> str:
@@ -76,29 +75,35 @@ def velocity_contradiction(flight: Flight, trust: InertialTrust = InertialTrust(
     level = np.column_stack([np.interp(at_s, read_s, v) for v in velocity.v_m_s[known].T])
     turn = np.exp(1j * yaw_rad)
     made = _without_mean(states.w_v_m_s[:, :2])
-    moved = float(np.sqrt((made**2).sum(axis=1).mean())) / _noise_m_s(imu.stamps_s, imu.accel_m_s2)
+    noise_m_s = _noise_m_s(imu.stamps_s, imu.accel_m_s2)
+    moved = float(np.sqrt((made**2).sum(axis=1).mean())) / noise_m_s
     if moved < _ABOVE_NOISE:
         return ""
     if (np.ptp(velocity.v_m_s[known], axis=0) == 0).all():
         return f"velocity0 does not change while imu0 shows that the vehicle accelerates (stuck?): {_CHECK}"
-    chance = _SURE / np.sqrt(2 * max(float(at_s[-1] - at_s[0]) / (0.5 * _WINDOW_S), 1.0))
+    count = _independent(at_s)
+    chance = _SURE / np.sqrt(count)
     read = {name: _changes(level @ axes, turn) for name, axes in _AXES.items()}
     return (
         _other_axes(read, made, chance)
         or _compared(read[""], made, chance, moved)
-        or _in_a_part(read, made, at_s, _noise_m_s(imu.stamps_s, imu.accel_m_s2))
-        or _other_zero(read[""], made, turn, float(at_s[-1] - at_s[0]), trust.velocity_error_m_s)
+        or _in_a_part(read, made, at_s, noise_m_s)
+        or _other_zero(read[""], made, turn, count, trust.velocity_error_m_s)
     )
+
+
+def _independent(at_s: Array) -> float:
+    """Return the number of independent changes of velocity: two axes, twice in a window."""
+    return 2 * max(float(at_s[-1] - at_s[0]) / (0.5 * _WINDOW_S), 1.0)
 
 
 def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: float) -> str:
     """Compare changes of velocity (n, 2) in parts of the flight: axes may change in mid-flight."""
     for parts in _PARTS:
         for rows in np.array_split(np.arange(len(at_s)), parts):
-            lasts_s = float(at_s[rows[-1]] - at_s[rows[0]])
             if float(np.sqrt((made[rows] ** 2).sum(axis=1).mean())) < _ABOVE_NOISE * noise_m_s:
                 continue
-            chance = _SURE_IN_PARTS / np.sqrt(2 * max(lasts_s / (0.5 * _WINDOW_S), 1.0))
+            chance = _SURE_IN_PARTS / np.sqrt(_independent(at_s[rows]))
             of_part = {name: changes[rows] for name, changes in read.items()}
             if line := _other_axes(of_part, made[rows], chance):
                 return f"from {at_s[rows[0]]:.1f} to {at_s[rows[-1]]:.1f} s {line}"
@@ -106,19 +111,19 @@ def _in_a_part(read: Mapping[str, Array], made: Array, at_s: Array, noise_m_s: f
 
 
 def _other_zero(
-    read: Array, made: Array, turn: NDArray[np.complex128], lasts_s: float, usual_m_s: float
+    read: Array, made: Array, turn: NDArray[np.complex128], independent: float, usual_m_s: float
 ) -> str:
-    """Describe a constant error of the velocity beyond the ``usual_m_s``, which turns with the vehicle.
+    """Describe a constant error of the velocity, which turns with the vehicle, beyond the ``usual_m_s``.
 
     Changes of velocity (n, 2) by the IMU are fitted by those that are read, with a gain, and by those of a
-    constant velocity forward and left. At one heading the latter do not change, and nothing is known.
+    constant velocity forward and left. At one heading the latter are none, and nothing is known.
+    ``independent``: the number of changes that do not depend on each other.
     """
     constants = [_changes(np.tile(axis, (len(turn), 1)), turn) for axis in np.eye(2)]
     columns = np.column_stack([c.ravel() for c in (read, *constants)])
     inverse = np.linalg.pinv(columns.T @ columns)
     fitted = inverse @ columns.T @ made.ravel()
     rest = made.ravel() - columns @ fitted
-    independent = 2 * max(lasts_s / (0.5 * _WINDOW_S), 1.0)
     std = np.sqrt(np.diag(inverse) * float(rest @ rest) / independent)
     gain, error = fitted[0], -fitted[1:]
     if gain < _SURE_OF_ZERO * std[0] or (np.abs(error) - _SURE_OF_ZERO * std[1:]).max() < usual_m_s:
@@ -183,10 +188,7 @@ def _noise_m_s(stamps_s: Array, accel_m_s2: Array) -> float:
     """Return the standard deviation of a velocity from the accelerometer about its mean over a window.
 
     White noise integrates to a random walk, whose variance in the middle of a window about the mean of the
-    window is a twelfth of that at its end. The noise is that of the readings, vibration included.
+    window is a twelfth of that at its end.
     """
-    steps = np.abs(np.diff(accel_m_s2, axis=0))
-    std = np.nanmedian(steps, axis=0) / _NORMAL_STD
-    density = std * np.sqrt(float(np.median(np.diff(stamps_s))))
     # Two level axes; which of the body's axes they are depends on the mount. No sensor is exact.
-    return max(float(np.max(density) * np.sqrt(2 * _WINDOW_S / 12)), 1e-6)
+    return max(white_density(stamps_s, accel_m_s2) * float(np.sqrt(2 * _WINDOW_S / 12)), 1e-6)

@@ -265,9 +265,9 @@ def test_the_accuracy_of_the_track_names_the_one_instrument_that_it_rests_on(fli
     """In axes at constant velocity all but the drag reads the same: a small error is not found."""
     lasts_s = navigation.inputs.end_s - navigation.inputs.start_s
     assert navigation.estimate.accuracy_basis == (
-        "The track over ground and its accuracy rest on velocity0 alone: at a fixed heading no other "
-        "instrument tells a constant error of it from wind, turns in flight do, and the accuracy counts "
-        "none. "
+        "The track over ground and its accuracy rest on velocity0 alone. At a fixed heading no other "
+        "instrument tells a constant error of it from wind; turns in flight do. The accuracy counts no "
+        "such error: "
         f"0.06 m/s would move the end of the track by {length(0.06 * lasts_s, True)}."
     )
     assert summary_record(navigation)["accuracy_basis"] == navigation.estimate.accuracy_basis
