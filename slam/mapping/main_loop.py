@@ -83,15 +83,22 @@ class _Finished:
 
 
 def _finished(job: Job, flight: Flight, tracked: TrackedPictures | None = None) -> _Finished:
-    context, first = _map_without_obstacles(job, flight, tracked)
-    matched = match_overlaps(context, first)
-    solved = solve_again(context, matched)
-    # The system of the first refinement is as large as that of the second, and is not needed any more.
-    del first
-    matched = replace(matched, bundle=None)
+    context, matched, solved = _with_overlaps(job, flight, tracked)
     refined = refine(context, solved, with_inertia=True)
     context, refined = self_calibrate(context, matched, refined)
     return _Finished(context, refined, *shared_errors(refined, context.flight.gps))
+
+
+def _with_overlaps(
+    job: Job, flight: Flight, tracked: TrackedPictures | None
+) -> tuple[Context, Observations, Map]:
+    """Return the pictures with all pairs that overlap on a first map, and the graph of the plausible ones.
+
+    The first map ends here: the system of its refinement is as large as that of the second.
+    """
+    context, first = _map_without_obstacles(job, flight, tracked)
+    matched = match_overlaps(context, first)
+    return context, matched.observations, solve_again(context, matched)
 
 
 def _with_refuted_freed(finished: _Finished, flight: Flight) -> _Finished:

@@ -179,14 +179,17 @@ def solve_again(context: Context, matched: Map) -> Map:
         return replace(_solved(observations, tilted, context.on_step), odometry=matched.odometry)
 
 
-def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Context, Map]:
-    """Correct clock offset and camera mount where the flight determines them, and refine once more."""
-    clock = finer_correction(refined.clock, context.clock, matched.observations.stamps_s)
+def self_calibrate(context: Context, matched: Observations, refined: Map) -> tuple[Context, Map]:
+    """Correct clock offset and camera mount where the flight determines them, and refine once more.
+
+    ``matched``: all pairs that overlap, those too that the first map contradicts.
+    """
+    clock = finer_correction(refined.clock, context.clock, matched.stamps_s)
     camera = _estimated_mount(context, refined)
     if clock is context.clock and camera is None:
         return context, refined
-    chain = matched.odometry or matched
-    observations = matched.observations.stamped_by(clock.delays_at)
+    chain = refined.odometry or refined
+    observations = matched.stamped_by(clock.delays_at)
     context = context.calibrated(clock, camera or context.job.camera, observations)
     chain = odometry(context, chain.observations.stamped_by(clock.delays_at))
     again = solve_again(context, replace(refined, observations=observations, odometry=chain))
