@@ -33,8 +33,8 @@ _DRAGS_1_S = _DRAG_1_S * np.geomspace(_DRAG_FACTOR**-2, _DRAG_FACTOR**2, 41)
 _SURE = 3.0
 """Standard deviations within which the fitted drag coefficient and the accelerometer may be wrong."""
 _LIGHT_BREEZE_M_S, _FRESH_BREEZE_M_S = 1.6, 8.0
-"""Least winds of 2 and 5 on Beaufort's scale. The first is felt on the face; in the second small drones do not
-fly."""
+"""Least winds of 2 and 5 on Beaufort's scale. One feels the first on the face; small drones do not fly in the
+second."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,7 @@ def air_velocity(flight: Flight, trust: InertialTrust = InertialTrust()) -> AirV
         return None
     force, velocity = windows
     without_drag = force + _DRAGS_1_S[:, None, None] * velocity
+    # No spread at all would be infinitely probable.
     mean, spread = without_drag.mean(axis=1), np.maximum(without_drag.var(axis=1, ddof=1), 1e-12)
     prior = -0.5 * (np.log(_DRAGS_1_S / _DRAG_1_S) / np.log(_DRAG_FACTOR)) ** 2
     log_probability = prior - 0.5 * len(force) * np.log(spread).sum(axis=1)

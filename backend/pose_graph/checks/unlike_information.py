@@ -24,9 +24,9 @@ def unlike_information(lines: NDArray[np.int64], information: Array) -> list[str
     """Return a warning about unlike information (n, d, d), rotation first, of edges in these lines.
 
     The others set the scale. A trace is unlike them beyond three times the range of their middle 80 %, or a
-    factor of a thousand if that is more. The trace hides a single direction, in which edges of a healthy graph
-    may differ by as much, with all sizes between. There a gap counts, of a factor of a thousand or of that
-    range.
+    factor of a thousand if that is more. The trace hides a single direction, in which edges of a healthy
+    graph may differ by as much, with all sizes between. There a gap counts, of a factor of a thousand or of
+    that range.
     """
     if len(information) == 0:
         return []
