@@ -154,7 +154,12 @@ def readings_between(readings: InertialReadings, begin_s: float, end_s: float) -
     """Return the readings from ``begin_s`` to ``end_s``, with the next one on each side."""
     first = max(int(np.searchsorted(readings.stamps_s, begin_s, side="right")) - 1, 0)
     rows = slice(first, int(np.searchsorted(readings.stamps_s, end_s)) + 1)
-    return InertialReadings(readings.stamps_s[rows], readings.gyro_rad_s[rows], readings.accel_m_s2[rows])
+    return replace(
+        readings,
+        stamps_s=readings.stamps_s[rows],
+        gyro_rad_s=readings.gyro_rad_s[rows],
+        accel_m_s2=readings.accel_m_s2[rows],
+    )
 
 
 def residuals_at(

@@ -24,6 +24,8 @@ class InertialReadings:
     """(k, 3)."""
     accel_m_s2: Array
     """(k, 3)."""
+    accel_clipped: float = 0.0
+    """Share of the accelerometer's readings that lie at the end of its range."""
 
 
 @dataclass(frozen=True)

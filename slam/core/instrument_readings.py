@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import InertialReadings
 from slam.core.flight import AttitudeSeries, Imu
+from slam.core.stream_anomalies import clipped_share
 
 Array = NDArray[np.float64]
 
@@ -33,4 +34,5 @@ def inertial_readings(imu: Imu | None) -> InertialReadings | None:
     turn = imu.b_T_s[:3, :3].T
     if len(stamps_s) < 2:
         return None
-    return InertialReadings(stamps_s, imu.gyro_rad_s[good][first] @ turn, imu.accel_m_s2[good][first] @ turn)
+    gyro_rad_s, accel_m_s2 = imu.gyro_rad_s[good][first], imu.accel_m_s2[good][first]
+    return InertialReadings(stamps_s, gyro_rad_s @ turn, accel_m_s2 @ turn, clipped_share(accel_m_s2))

@@ -24,7 +24,7 @@ STUCK_S, STUCK_COUNT = 5.0, 20
 shorter recording, so many readings must be all."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
 _NEAR_END = 0.05
-"""Share of a channel's range beside either end, in which a healthy sensor has more readings than there."""
+"""Share of a channel's range beside either end. A healthy sensor has more readings there than at the end."""
 
 
 def camera_anomalies(camera: Camera) -> list[str]:
@@ -63,10 +63,11 @@ def imu_axis_anomalies(imu: Imu) -> list[str]:
 
 
 def clipped_share(values: Array) -> float:
-    """Return the share of readings (n, c) at an end of the sensor's range, of the channel with the most.
+    """Return the share of readings (n, c), in the sensor's axes, at an end of its range: the largest of a
+    channel.
 
-    More readings equal the largest or the smallest one than lie beside it. Readings without noise, of which
-    none lies beside it, tell nothing.
+    The largest or smallest reading is an end if more readings equal it than lie beside it. Where none lies
+    beside it, the readings have no noise, and nothing is known.
     """
     shares = [0.0]
     for column in (column[np.isfinite(column)] for column in values.T):
@@ -84,7 +85,7 @@ def clipping_anomalies(imu: Imu) -> list[str]:
     sensors = (("accelerometer", imu.accel_m_s2), ("gyro", imu.gyro_rad_s))
     clipped = [(name, clipped_share(values)) for name, values in sensors]
     return [
-        f"imu0: {100 * share:.0f} % of the readings of the {name} are at the end of its range, and what was "
+        f"imu0: {100 * share:.0f} % of the readings of the {name} are at the end of its range; what was "
         "beyond is lost: set a wider range"
         for name, share in clipped
         if share > SATURATED_SHARE

@@ -21,7 +21,6 @@ from frontend.camera import Camera
 from frontend.lift import lift
 from slam.core.estimate import over_floor
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.core.stream_anomalies import clipped_share
 from slam.mapping.front_end import Observations
 
 Array = NDArray[np.float64]
@@ -113,7 +112,7 @@ def compare_with_inertia(
     if isinstance(found, NoScale):
         return InertialComparison(clock, found)
     # Readings that are clipped act as a gain that is short by their share (Bussgang 1952, for normal ones).
-    gain_std = float(np.hypot(gain_std, clipped_share(readings.accel_m_s2)))
+    gain_std = float(np.hypot(gain_std, readings.accel_clipped))
     lengths = ScalePrior(found.scale, found.log_std(gain_std))
     return InertialComparison(clock, AccelerometerScale(found, lengths, bundle.scale_std))
 

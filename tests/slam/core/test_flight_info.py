@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
 from slam.cli.flight_tables import print_info
 from slam.core.control_points import SurveyedPoint
 from slam.core.flight import Flight, Sonar
 from slam.core.flight_info import describe
+from slam.core.instrument_readings import inertial_readings
 from slam.core.stream_anomalies import camera_anomalies
 from slam.io.flight_folder import read_flight
 from tests.slam.io.made_flight import made_flight
@@ -128,6 +130,20 @@ def test_readings_at_the_end_of_the_range_are_reported():
     for read in (force, rounded):
         clipped = part(flight, "imu", accel_m_s2=np.clip(read, -1.0, 10.8))
         assert anomalies(clipped, "imu0", "% of the readings of the accelerometer are at the end")
+
+
+def test_the_clipped_share_is_that_of_the_sensor_however_it_is_mounted():
+    flight = made_flight()
+    force = np.random.default_rng(0).normal([0, 0, 9.81], 1.0, (len(flight.imu.stamps_s), 3))
+    clipped = dataclasses.replace(flight.imu, accel_m_s2=np.clip(force, -1.0, 10.8))
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_euler("xy", [10, 20], degrees=True).as_matrix()
+    shares = [
+        inertial_readings(dataclasses.replace(clipped, b_T_s=b_T_s)).accel_clipped
+        for b_T_s in (np.eye(4), mount)
+    ]
+    assert shares[0] == shares[1] > 0.1
+    assert inertial_readings(dataclasses.replace(clipped, accel_m_s2=force)).accel_clipped == 0.0
 
 
 def test_streams_that_do_not_overlap_are_reported():
