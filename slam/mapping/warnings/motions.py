@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LONGEST_STEP_S = 2.0
-GYRO, ACCELEROMETER = "imu0 (gyro)", "imu0 (vertical acceleration)"
+GYRO = "imu0 (gyro)"
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class StepMotion:
     lasts_s: Array
     """(n,) duration of each step."""
     is_way: bool = False
-    """Whether it is a way on the ground (m), and not a turn (rad)."""
+    """Whether it is a way (m), and not a turn (rad)."""
     noise: float = 0.0
     """Nominal standard deviation (rad or m) of the reading of a step, where it is known."""
     gain: float | None = None
@@ -145,7 +145,8 @@ def _climbs(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Step
     if flight.imu is not None:
         read = _second_differences(at_s, _heights_by_acceleration(flight.imu, at_s, poses))[near, None]
         made = _second_differences(at_s, height_m)[near, None]
-        motions.append(StepMotion(ACCELEROMETER, read, made, lasts_s, True, gain=1.0, by_acceleration=True))
+        who = "imu0 (vertical acceleration)"
+        motions.append(StepMotion(who, read, made, lasts_s, is_way=True, gain=1.0, by_acceleration=True))
     return motions
 
 

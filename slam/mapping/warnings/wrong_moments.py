@@ -58,8 +58,8 @@ class WrongMoments:
 
     @property
     def others(self) -> KeyframeSteps:
-        """The steps but the wrong ones, and but those right after them, in whose accelerations they have a
-        part."""
+        """The steps that are not wrong, and not right after a wrong one, which has a part in their
+        accelerations."""
         wrong = self.wrong
         wrong[1:] |= wrong[:-1].copy()
         return self.steps.only(~wrong)
@@ -77,8 +77,8 @@ class WrongMoments:
         return (
             f"cam0: from {names[first]} to {names[last]} the map moves otherwise than {streams}: pictures "
             "there are in another order, were not taken when their stamps say, or are of another camera or "
-            "zoom, unless the instruments lost readings together; they may bend the whole map: correct their "
-            "stamps or leave them out, and run again"
+            "zoom, unless the instruments lost readings together; such pictures may bend the whole map: "
+            "correct their stamps or leave them out, and run again"
         )
 
 
