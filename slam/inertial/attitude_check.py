@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
+from slam.core.names import enumerated
 from slam.data_quality.axes import wrong_axes
 from slam.data_quality.inertial_comparison import (
     FEWEST,
@@ -46,8 +47,8 @@ class _Regression:
     """(3, 3), the unit matrix where both are right; NaN for an angle that hardly changes."""
     std: Array
     """(3, 3)."""
-    is_turning: bool
-    """Whether the gyro turns about any axis, beyond its noise."""
+    is_turning: NDArray[np.bool_]
+    """(3,) the angles that change by the gyro, beyond its noise."""
 
 
 def attitude_contradictions(flight: Flight) -> list[str]:
@@ -59,10 +60,12 @@ def attitude_contradictions(flight: Flight) -> list[str]:
     regression = None if seen is None else _regression(flight, seen)
     if seen is None or regression is None:
         return []
-    if regression.is_turning and (np.ptp(seen.read, axis=0) == 0).all():
+    stuck = regression.is_turning & (np.ptp(seen.read, axis=0) == 0)
+    if stuck.any():
+        angles = enumerated([angle for angle, is_stuck in zip(_ANGLES, stuck, strict=True) if is_stuck])
         return [
-            "attitude0 does not change while imu0's gyro shows that the vehicle turns (stuck?): leave "
-            "attitude0 out, or repair it"
+            f"attitude0 does not change its {angles} while imu0's gyro shows that the vehicle turns "
+            "(stuck?): leave attitude0 out, or repair it"
         ]
     return [*_other_mounts(regression), *_other_gains(regression)]
 
@@ -82,7 +85,7 @@ def _regression(flight: Flight, seen: IntegralComparison) -> _Regression | None:
     known = spread > _ABOVE_NOISE * noise_rad
     gain, std = np.full((3, 3), np.nan), np.full((3, 3), np.nan)
     if not known.any():
-        return _Regression(gain, std, False)
+        return _Regression(gain, std, known)
     inverse = np.linalg.pinv(turned[:, known].T @ turned[:, known])
     found = inverse @ turned[:, known].T @ read
     rest = ((read - turned[:, known] @ found) ** 2).mean(axis=0)
@@ -90,7 +93,7 @@ def _regression(flight: Flight, seen: IntegralComparison) -> _Regression | None:
     gain[np.ix_(alike, known)] = found.T[alike]
     # Neighbouring changes share a moment: they count as half.
     std[:, known] = np.sqrt(2 * rest[:, None] * np.diag(inverse))
-    return _Regression(gain, std, True)
+    return _Regression(gain, std, known)
 
 
 def _other_mounts(regression: _Regression) -> list[str]:
