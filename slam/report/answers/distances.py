@@ -35,14 +35,14 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     longest_m = examples[-1]
     stds = [length_std(estimate, size_m) for size_m in examples]
     told = "; ".join(
-        f"{round_length(size_m, facts.metric)} apart: ±{SPACE}{error_length(typical_m)} "
+        f"{round_length(size_m)} apart: ±{SPACE}{error_length(typical_m)} "
         f"(up to ±{SPACE}{error_length(worst_m)})"
         for size_m, (typical_m, worst_m) in zip(examples, stds, strict=True)
     )
     typical_m = stds[-1][0]
     by_scale_m = facts.scale_std * longest_m
     rest_m = float(np.sqrt(max(typical_m**2 - by_scale_m**2, 0.0)))
-    sides = (round_length(size_m, facts.metric) for size_m in examples)
+    sides = (round_length(size_m) for size_m in examples)
     shares = (area_share(estimate, facts, size) for size in examples)
     areas = "; ".join(
         f"{side} x {side}: ±{SPACE}{percent(share)}" for side, share in zip(sides, shares, strict=True)
@@ -58,7 +58,7 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     return (
         f"Two places on the map that are {told}. This is one standard deviation of a typical distance; 19 of "
         f"20 distances have less than the one in brackets.{uncounted(summary)} {why}{moves} A tape over "
-        f"{round_length(longest_m, facts.metric)} differs from the map by less than "
+        f"{round_length(longest_m)} differs from the map by less than "
         f"{error_length(2 * typical_m)} nineteen times "
         "out of twenty: if it differs by more, one of them is wrong. The area of a square, one standard "
         f"deviation: {areas}. The scale counts twice in an area; the places of the corners count less on "

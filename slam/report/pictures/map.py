@@ -138,7 +138,9 @@ def _drawn(path: Path, most_px: int, own: GroundArea, area: GroundArea) -> tuple
 
 def _paper(channels: int) -> NDArray[np.uint8]:
     """Return the grey (channels,) of what no picture shows: white could be ground."""
-    colour = np.array([int(UNMEASURED[k : k + 2], 16) for k in (1, 3, 5)], np.uint8)
+    from PIL import ImageColor
+
+    colour = np.array(ImageColor.getrgb(UNMEASURED), np.uint8)
     return colour if channels == 3 else np.full(channels, round(float(colour.mean())), np.uint8)
 
 

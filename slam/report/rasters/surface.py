@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,7 @@ class MeasuredGround:
     """None where nothing shows that the ground is not flat."""
     over_surface: Misregistration | None = None
 
-    @property
+    @cached_property
     def facts(self) -> GroundFacts:
         """The figures for the summary."""
         after = self.over_surface or self.over_floor

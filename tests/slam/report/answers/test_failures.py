@@ -145,7 +145,7 @@ def test_a_stretch_without_pictures_is_named_with_its_place():
     assert short["Is any of the ground missing?"].endswith("are shorter than a picture.")
 
 
-def test_white_ground_inside_of_a_mosaic_is_missing_and_its_edge_is_told():
+def test_a_hole_in_a_mosaic_is_missing_ground_and_its_edge_is_told():
     question = "Is any of the ground missing?"
     estimate, flight = replace(made_estimate(), status="ok"), made_flight()
     whole = MosaicFacts(0.004, 800, 600, 0.02, 0.04, 3.0, -1.5, covered_share=0.7)

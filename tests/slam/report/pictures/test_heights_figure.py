@@ -6,6 +6,7 @@ import io
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from frontend.elevation import Elevation
@@ -76,11 +77,20 @@ def test_the_colours_reach_the_highest_echo_and_the_floor_has_one():
     assert (np.abs(inside - [0xFD, 0xE7, 0x25]).sum(axis=2) < 20).sum() > 100, "the upper end of the colours"
 
 
-def test_title_caption_and_answer_tell_one_scatter_of_the_floor(monkeypatch):
-    drawn = []
-    monkeypatch.setattr(
-        "slam.report.rasters.elevation.png", lambda figure, cropped: drawn.append(figure) or b""
-    )
+@pytest.fixture
+def titles(monkeypatch):
+    """Titles of the pictures that are drawn."""
+    found = []
+
+    def drawn(figure, cropped):
+        found.append(figure.axes[0].get_title())
+        return b""
+
+    monkeypatch.setattr("slam.report.rasters.elevation.png", drawn)
+    return found
+
+
+def test_title_caption_and_answer_tell_one_scatter_of_the_floor(titles):
     height = (-0.006 + 0.009 * np.random.default_rng(0).standard_normal((30, 30))).astype(np.float32)
     scatter = str(floor_scatter(height))
     flat = GroundFacts(misregistration_px=(0.1, 0.4), over_floor_px=(0.1, 0.4))
@@ -88,22 +98,18 @@ def test_title_caption_and_answer_tell_one_scatter_of_the_floor(monkeypatch):
     elevation_picture(height, Grid(0, 3, 0.1, 30, 30))
     facts = gather(estimate, made_flight())
     lines = heights(estimate, facts, summarise(estimate))[1]
-    assert scatter in drawn[0].axes[0].get_title()
+    assert scatter in titles[0]
     assert scatter in heights_figure_words(estimate, facts, made_flight())
     assert any(scatter in line for line in lines)
 
 
-def test_the_title_names_a_doubt_only_where_there_is_one(monkeypatch):
-    drawn = []
-    monkeypatch.setattr(
-        "slam.report.rasters.elevation.png", lambda figure, cropped: drawn.append(figure) or b""
-    )
+def test_the_title_names_a_doubt_only_where_there_is_one(titles):
     height, none, some = (np.zeros((30, 30), x) for x in (np.float32, bool, bool))
     some[:3] = True
     for filled, pits in ((none, none), (some, none), (none, some), (some, some)):
         elevation_picture(
             height, Grid(0, 3, 0.1, 30, 30), "the pictures", {"filled in": filled, "doubted": pits}
         )
-    told = [figure.axes[0].get_title().partition("(grey: ")[2] for figure in drawn]
+    told = [title.partition("(grey: ")[2] for title in titles]
     pale = "no picture; pale: "
     assert told == ["no picture)", f"{pale}filled in)", f"{pale}doubted)", f"{pale}filled in or doubted)"]
