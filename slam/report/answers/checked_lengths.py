@@ -19,6 +19,7 @@ RESULT = "“How far is it from the truth?” under “In short”"
 CHECKED = f"Known distances on the ground have checked the lengths ({RESULT})."
 _BEGIN, _OR, _END = "\ue000", "\ue001", "\ue002"
 _IN_TEXT = re.compile(f"{_BEGIN}([^{_OR}]*){_OR}([^{_END}]*){_END}")
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
 _IN_PAGE = re.compile("<!-- (unless checked|checked): (.*?) -->(.*?)<!-- /(?:unless )?checked -->", re.DOTALL)
 
 
@@ -43,11 +44,16 @@ def as_html(text: str) -> Markup:
     """Return the text as HTML, with both wordings of each passage."""
     html, end = Markup(), 0
     for found in _IN_TEXT.finditer(text):
-        ask, checked = (escape(one_line(part)) for part in found.groups())
-        html += escape(one_line(text[end : found.start()]))
+        ask, checked = (_with_options(part) for part in found.groups())
+        html += _with_options(text[end : found.start()])
         html += Markup("<!-- unless checked: {} -->{}<!-- /unless checked -->").format(checked, ask)
         end = found.end()
-    return html + escape(one_line(text[end:]))
+    return html + _with_options(text[end:])
+
+
+def _with_options(text: str) -> Markup:
+    """Return the text as HTML, with each command-line option as code, which no line break divides."""
+    return Markup(_OPTION.sub(r"<code>\g<0></code>", str(escape(one_line(text)))))
 
 
 def settled(page: str, checked: bool) -> str:

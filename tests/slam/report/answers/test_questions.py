@@ -13,6 +13,7 @@ from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 from slam.core.summary import summarise
 from slam.core.units import error_length
 from slam.report.answers.advice import limit_sentence
+from slam.report.answers.checked_lengths import as_html
 from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.mosaic_facts import MosaicFacts
@@ -42,7 +43,7 @@ def test_ten_questions_have_their_answers_on_the_page():
     assert set(ASKED) <= set(found)
     told = Accuracy(evaluated=Evaluated("Typically 3 mm by the truth."))
     page = html.unescape(render(estimate, summarise(estimate), flight, accuracy=told))
-    page = re.sub("</?b>|<!--.*?-->", "", page.replace("<br>", " "))
+    page = re.sub("</?(b|code)>|<!--.*?-->", "", page.replace("<br>", " "))
     assert all(question in page and answer in page for question, answer in found.items())
     assert "How far is it from the truth?" in page
     assert told.evaluated.words in page
@@ -150,3 +151,8 @@ def test_a_status_that_is_not_ok_stands_beside_every_figure():
         "Are the heights true?", "Can I hand its coordinates to others?",
     ):  # fmt: skip
         assert "Check this first" in found[question], question
+
+
+def test_a_line_break_divides_no_option_of_a_command():
+    told = as_html("give it by --model; <a--b> is no option")
+    assert told == "give it by <code>--model</code>; &lt;a--b&gt; is no option"
