@@ -214,14 +214,16 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
     if result.causes and not told:
         alike = {name: look_alike(cause, result) for cause in result.causes for name in [cause.name]}
         doubles = [f"{a} may be {' or '.join(b)}, which looks the same here." for a, b in alike.items() if b]
-        told += doubles or ["Nothing else in the catalogue explains these flights as well."]
+        rest = outside_of_catalogue(result)
+        unknown = " A cause outside of it may." * bool(rest)
+        told += doubles or [f"No other effect of the catalogue explains these flights as well.{unknown}"]
         told += [no_other(cause) for cause in result.causes if fair_rival(cause)]
         none = [cause.name for cause in result.causes if not fair_rival(cause)]
         if none:
             told.append(
                 f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part."
             )
-        if rest := outside_of_catalogue(result):
+        if rest:
             open_ = enumerated([cause.name for cause in uncertain(result)])
             told.append(f"{open_}: {rest[0].lower()}{rest[1:]}")
     return told

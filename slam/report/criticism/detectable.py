@@ -77,7 +77,7 @@ def _usual_size(parameter: Parameter, factor: float, unit: str) -> str:
     if parameter.neutral == 0.0 or parameter.is_limit:
         return usual(parameter, factor, unit)
     most = max(abs(end - parameter.neutral) for end in (parameter.low, parameter.high))
-    return f"change of up to {sized_one(most, factor, unit)} ({usual(parameter, factor, unit)} in all)"
+    return f"up to {sized_one(most, factor, unit)} more or less ({usual(parameter, factor, unit)} in all)"
 
 
 def _smallest(parameter: Parameter, size: float, factor: float, unit: str) -> str:
@@ -88,7 +88,7 @@ def _smallest(parameter: Parameter, size: float, factor: float, unit: str) -> st
         return f"a limit below {told}"
     if parameter.neutral == 0.0:
         return told
-    return f"change of {told} from {sized_one(parameter.neutral, factor, unit)}"
+    return f"{told} more or less than {sized_one(parameter.neutral, factor, unit)}"
 
 
 def _most(parameter: Parameter) -> float:

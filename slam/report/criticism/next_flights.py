@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from slam.criticism import Criticism
 
 
+_BY_HAND = "mounting, wiring, settings and time stamps"
 _NAMED = 4
 """Number of effects that are named of those that the sticks would show."""
 
@@ -30,7 +31,7 @@ def to_use(result: Criticism, advice: Sequence[str]) -> list[str]:
     from slam.criticism.verdict.sentence import REPAIR, WHICH
 
     sensors = concerned(result)
-    first = f"check {enumerated(sensors)} first" if sensors else WHICH
+    first = f"check {enumerated(sensors)} first ({_BY_HAND})" if sensors else WHICH
     far = [CATALOGUE[c.name].instrument for c in result.causes if is_established(c, result) and is_far(c)]
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f" Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""

@@ -60,7 +60,7 @@ def value_rows(result: Criticism) -> list[ValueRow]:
                 constant(name),
                 "–" if own is None else sized_one(own, factor, unit),
                 with_interval(found, factor, unit),
-                f"{figure(factor * low)} to {figure(factor * high)}",
+                f"{figure(factor * low)} to {figure(factor * high)}{spaced(unit)}",
                 UNHEALTHY if outside else HEALTHY,
             )
         )

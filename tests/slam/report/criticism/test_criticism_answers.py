@@ -147,8 +147,8 @@ def test_a_visible_limit_lies_below_its_size_and_a_change_is_told_with_what_it_c
     limit, lag = detectable_rows(replace(made(), detectable=seen))
     assert limit.size == "a limit below 3.44 deg"
     assert (lag.size, lag.usual) == (
-        "change of 0.11 s from 0.1 s",
-        "change of up to 0.2 s (0.05 to 0.3 s in all)",
+        "0.11 s more or less than 0.1 s",
+        "up to 0.2 s more or less (0.05 to 0.3 s in all)",
     )
 
 
