@@ -24,7 +24,6 @@ from backend.pose_graph.synchronization import (
     Factor,
     Synchronization,
     assembled,
-    block_diagonal,
     descend,
     elimination_order,
     isotropic,
@@ -198,7 +197,7 @@ def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray
     blocks = np.zeros((n, d + 1, d + 1))
     blocks[:, 1:, 1:] = multipliers
     # Columns are (t, R') of each pose; the first position is fixed, without effect on the Schur complement.
-    matrix = csc_array(_connection_laplacian(problem) - block_diagonal(blocks))[1:, 1:]
+    matrix = _connection_laplacian(problem, blocks)[1:, 1:]
     rotational = np.tile(np.r_[0.0, np.ones(d)], n)[1:]
     scale = max(total, _MIN_OBJECTIVE_PER_EDGE * len(problem.i)) / (n * d)
     for relative in (GAP, 1e2 * GAP, 1e4 * GAP, 1.0):
@@ -237,8 +236,11 @@ def _min_eigenvalue(solve: Callable[[Array], Array], rotational: NDArray[np.bool
     return max(1 / (float(largest[0]) * (1 + 10 * _LANCZOS_TOLERANCE)) - shift, -shift)
 
 
-def _connection_laplacian(problem: Synchronization) -> csc_array:
-    """Return M with F = trace(X' M X), X stacking (t, R') of each pose. Source: equation 13."""
+def _connection_laplacian(problem: Synchronization, subtracted: Array) -> csc_array:
+    """Return M with F = trace(X' M X), X stacking (t, R') of each pose, less diagonal blocks (n, q, q).
+
+    Source: equation 13.
+    """
     d, m = problem.dimension, len(problem.i)
     step = np.zeros((m, d + 1, d + 1))
     step[:, 0, 0] = 1
@@ -246,4 +248,7 @@ def _connection_laplacian(problem: Synchronization) -> csc_array:
     step[:, 1:, 1:] = np.swapaxes(problem.ij_R, 1, 2)
     weight = np.repeat(np.column_stack([problem.tau, problem.kappa]), [1, d], axis=1)
     coupling = np.swapaxes(step, 1, 2) * weight[:, None, :]
-    return assembled(problem, coupling @ step, weight[:, :, None] * np.eye(d + 1), -coupling)
+    diagonal = -subtracted
+    np.add.at(diagonal, problem.i, coupling @ step)
+    np.add.at(diagonal, problem.j, weight[:, :, None] * np.eye(d + 1))
+    return assembled(problem, diagonal, -coupling)

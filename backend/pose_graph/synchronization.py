@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
+from scipy.sparse import bsr_array, csc_array
 from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial.transform import Rotation
 
@@ -33,6 +33,8 @@ _ROUNDING = 1e-12
 _FORCING = 1e-2
 _MAX_CG_ITERATIONS = 15
 """Number of iterations above which a new factor is computed."""
+_EDGES_AT_ONCE = 2048
+"""Number of edges whose Jacobians are in memory, 2.5 kB each in space."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,18 @@ class Synchronization:
     def dimension(self) -> int:
         """2 or 3."""
         return int(self.ij_R.shape[-1])
+
+    def edges(self, some: slice) -> Synchronization:
+        """Return the problem of some of the edges."""
+        return Synchronization(
+            self.count,
+            self.i[some],
+            self.j[some],
+            self.ij_R[some],
+            self.ij_t_m[some],
+            self.kappa[some],
+            self.tau[some],
+        )
 
     def residuals(self, w_R: Array, w_t: Array) -> tuple[Array, Array, Array]:
         """Return residual translations (m, d) and rotations (m, d, d) in axes of i, and R_i' R_j."""
@@ -100,17 +114,15 @@ def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> t
     """Descend to a minimum of F: rotations (n, d, d) and positions (n, d); pose 0 is fixed.
 
     Newton steps by conjugate gradients are preconditioned by a factor in the ``elimination_order``, which is
-    reused for several steps. Raises ``BackendError`` if a linear system is singular.
+    reused for several steps. It is that of the Gauss-Newton model, without the curvature of the rotations,
+    which is always convex. Raises ``BackendError`` if a linear system is singular.
     """
     value = problem.objective(w_R, w_t)
     factor: Factor | None = None
     for _ in range(_MAX_STEPS):
-        gradient, hessian, gauss_newton = _model(problem, w_R, w_t)
-        if factor is None:
-            factor = Factor(hessian, order)
-            if factor.negative:
-                # The Gauss-Newton model, without the curvature of the rotations, is always convex.
-                factor = Factor(gauss_newton, order)
+        gradient, diagonal, curve, coupling = _model(problem, w_R, w_t)
+        factor = factor or Factor(_without_first(problem, diagonal, coupling), order)
+        hessian = _without_first(problem, diagonal + curve, coupling)
         step, iterations = _newton_step(hessian, gradient, factor)
         predicted_decrease = -float(gradient @ step)
         if predicted_decrease <= _MIN_RELATIVE_GAIN * max(value, 1e-6 * len(problem.i)):
@@ -156,69 +168,86 @@ def _width(d: int) -> int:
     return d * (d + 1) // 2
 
 
-def _model(problem: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, csc_array, csc_array]:
-    """Return half of gradient, Hessian and Gauss-Newton matrix, without the first pose.
+def _model(problem: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, Array, Array, Array]:
+    """Return half of gradient and Hessian by right perturbations (rotation, translation), p = 3 or 6 numbers.
 
-    They are by right perturbations (rotation, translation).
+    They are the gradient (n p - p,) without the first pose, the Gauss-Newton matrix on the diagonal
+    (n, p, p), what the curvature of the rotations adds there (n, p, p), and the blocks of the edges
+    (m, p, p), as in ``assembled``.
     """
-    d, p = problem.dimension, _width(problem.dimension)
-    m, skew = len(problem.i), _skew_basis(problem.dimension)
-    translation, rotation, relative = problem.residuals(w_R, w_t)
-    J = np.zeros((m, d + d * d, 2 * p))
-    for a, E in enumerate(skew):
-        J[:, :d, a] = -problem.ij_t_m @ E.T
-        J[:, d:, a] = -(E @ problem.ij_R).reshape(m, -1)
-        J[:, d:, p + a] = (relative @ E).reshape(m, -1)
-    J[:, :d, len(skew) : p] = -np.eye(d)
-    J[:, :d, p + len(skew) :] = relative
-    weight = np.repeat(np.column_stack([problem.tau, problem.kappa]), [d, d * d], axis=1)
-    weighted = weight[:, :, None] * J
-    H = np.swapaxes(J, 1, 2) @ weighted
-    g = np.einsum("mra,mr->ma", weighted, np.hstack([translation, rotation.reshape(m, -1)]))
-    gradient = np.zeros((problem.count, p))
-    np.add.at(gradient, problem.i, g[:, :p])
-    np.add.at(gradient, problem.j, g[:, p:])
-    gauss_newton = assembled(problem, H[:, :p, :p], H[:, p:, p:], H[:, :p, p:])
-    curve = np.zeros((problem.count, p, p))
-    multipliers = problem.multipliers(w_R, w_t)
+    n, m, p = problem.count, len(problem.i), _width(problem.dimension)
+    gradient, diagonal, coupling = np.zeros((n, p)), np.zeros((n, p, p)), np.empty((m, p, p))
+    for begin in range(0, m, _EDGES_AT_ONCE):
+        some = slice(begin, begin + _EDGES_AT_ONCE)
+        edges = problem.edges(some)
+        g, H = _edge_models(edges, w_R, w_t)
+        np.add.at(gradient, edges.i, g[:, :p])
+        np.add.at(gradient, edges.j, g[:, p:])
+        np.add.at(diagonal, edges.i, H[:, :p, :p])
+        np.add.at(diagonal, edges.j, H[:, p:, p:])
+        coupling[some] = H[:, :p, p:]
+    multipliers, skew = problem.multipliers(w_R, w_t), _skew_basis(problem.dimension)
+    curve = np.zeros((n, p, p))
     for a, E in enumerate(skew):
         for b, D in enumerate(skew):
             curve[:, a, b] = -np.einsum("xa,nxy,ya->n", E, multipliers, D)
-    hessian = csc_array(gauss_newton + block_diagonal(curve))
-    return gradient.ravel()[p:], csc_array(hessian[p:, p:]), csc_array(gauss_newton[p:, p:])
+    return gradient.ravel()[p:], diagonal, curve, coupling
+
+
+def _without_first(problem: Synchronization, diagonal: Array, coupling: Array) -> csc_array:
+    p = diagonal.shape[-1]
+    return csc_array(assembled(problem, diagonal, coupling)[p:, p:])
+
+
+def _edge_models(edges: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, Array]:
+    """Return half of gradient (m, 2p) and Gauss-Newton matrix (m, 2p, 2p) of each edge by its two poses."""
+    d, p, m = edges.dimension, _width(edges.dimension), len(edges.i)
+    skew = _skew_basis(d)
+    translation, rotation, relative = edges.residuals(w_R, w_t)
+    J = np.zeros((m, d + d * d, 2 * p))
+    for a, E in enumerate(skew):
+        J[:, :d, a] = -edges.ij_t_m @ E.T
+        J[:, d:, a] = -(E @ edges.ij_R).reshape(m, -1)
+        J[:, d:, p + a] = (relative @ E).reshape(m, -1)
+    J[:, :d, len(skew) : p] = -np.eye(d)
+    J[:, :d, p + len(skew) :] = relative
+    weight = np.repeat(np.column_stack([edges.tau, edges.kappa]), [d, d * d], axis=1)
+    weighted = weight[:, :, None] * J
+    residual = np.hstack([translation, rotation.reshape(m, -1)])
+    return np.einsum("mra,mr->ma", weighted, residual), np.swapaxes(J, 1, 2) @ weighted
 
 
 def _skew_basis(d: int) -> Array:
     return np.array([[[0.0, -1], [1, 0]]]) if d == 2 else se3.cross_matrix(np.eye(3))
 
 
-def assembled(problem: Synchronization, ii: Array, jj: Array, ij: Array) -> csc_array:
-    """Assemble a symmetric matrix (n q, n q) from the blocks (m, q, q) of each edge."""
-    q = ii.shape[-1]
-    rows, columns, values = [], [], []
-    pairs = ((problem.i, problem.i, ii), (problem.j, problem.j, jj), (problem.i, problem.j, ij))
-    for a, b, block in (*pairs, (problem.j, problem.i, np.swapaxes(ij, 1, 2))):
-        rows.append(np.broadcast_to(a[:, None, None] * q + np.arange(q)[:, None], block.shape).ravel())
-        columns.append(np.broadcast_to(b[:, None, None] * q + np.arange(q), block.shape).ravel())
-        values.append(block.ravel())
-    size = problem.count * q
-    where = (np.concatenate(rows), np.concatenate(columns))
-    return csc_array((np.concatenate(values), where), shape=(size, size))
-
-
-def block_diagonal(blocks: Array) -> csc_array:
-    """Build a block-diagonal matrix (n q, n q) from blocks (n, q, q)."""
-    n, q = blocks.shape[:2]
-    row = np.broadcast_to(np.arange(n)[:, None, None] * q + np.arange(q)[:, None], blocks.shape)
-    column = np.swapaxes(row, 1, 2)
-    return csc_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(n * q, n * q))
+def assembled(problem: Synchronization, diagonal: Array, coupling: Array) -> csc_array:
+    """Assemble a symmetric matrix (n q, n q) from its diagonal blocks (n, q, q) and those (m, q, q) at row i
+    and column j of each edge."""
+    n, m, q = problem.count, len(problem.i), diagonal.shape[-1]
+    row = np.concatenate([np.arange(n), problem.i, problem.j])
+    column = np.concatenate([np.arange(n), problem.j, problem.i])
+    order = np.lexsort([column, row])
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    blocks = np.empty((n + 2 * m, q, q))
+    blocks[place[:n]] = diagonal
+    blocks[place[n : n + m]] = coupling
+    blocks[place[n + m :]] = np.swapaxes(coupling, 1, 2)
+    begin = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))])
+    by_row = bsr_array((blocks, column[order], begin), shape=(n * q, n * q)).tocsr()
+    # It equals its transpose, whose columns these rows are.
+    matrix = csc_array((by_row.data, by_row.indices, by_row.indptr), shape=by_row.shape)
+    matrix.sum_duplicates()  # of repeated edges
+    return matrix
 
 
 def elimination_order(problem: Synchronization) -> Index:
     """Return poses in a fill-reducing order. Raises ``BackendError`` if the fill-in is too large."""
     n = problem.count
     ones = np.ones((len(problem.i), 1, 1))
-    factor = cholesky(csc_array(assembled(problem, ones, ones, -ones) + block_diagonal(np.ones((n, 1, 1)))))
+    degree = np.bincount(np.concatenate([problem.i, problem.j]), minlength=n)
+    factor = cholesky(assembled(problem, 1.0 + degree[:, None, None].astype(np.float64), -ones))
     if factor.L.nnz * _width(problem.dimension) ** 2 > MAX_FILL:
         raise BackendError("its loops are too many to factorise")
     return np.argsort(factor.perm_c)
