@@ -272,6 +272,12 @@ def range_contradiction(echoes: Echoes, config: MaskingConfig) -> str:
     return ""
 
 
+def _not_judged(count: int) -> str:
+    """Return how many readings of a sonar are no echoes at a known height, in brackets."""
+    more = counted(count, "more reading is", "more readings are")
+    return f" ({more} from before or after the map, or outside of the sensor's range)" if count else ""
+
+
 def find_obstacles(
     flight: Flight,
     camera: Camera,
@@ -306,8 +312,8 @@ def find_obstacles(
     ]
     warning = Note(
         f"obstacles: {counted(standing.sum(), 'sonar echo comes', 'sonar echoes come')} from {gamma:.2f} to "
-        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} echoes where the "
-        f"height of flight is known, and {len(sonar.stamps_s)} readings in all; {', and '.join(done)}"
+        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor, of {measured} that the map can judge"
+        f"{_not_judged(len(sonar.stamps_s) - measured)}; {', and '.join(done)}"
     )
     cleared = replace(sonar, range_m=np.where(standing & config.echoes, np.nan, sonar.range_m))
     return Obstacles(

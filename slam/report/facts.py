@@ -276,12 +276,12 @@ def _axes(estimate: Estimate, flight: Flight | None, doubt: str) -> str:
         return "Those of the file."
     if estimate.origin is not None:
         return "x points east, y north and z up."
-    start = "The origin is on the ground below the first keyframe; z points up."
+    origin = "and z up. The origin is on the ground below the first keyframe."
     headed = flight.attitude is not None and bool(np.isfinite(flight.attitude.roll_pitch_yaw_rad[:, 2]).any())
     if headed:
-        text = f"{start} x points where the recorded heading (yaw) is zero, y to the left of it."
+        text = f"x points where the recorded heading (yaw) is zero, y to the left of it, {origin}"
         return f"{text}{_x_axis_doubt(doubt)}"
-    return f"{start} x points where the drone's nose pointed at the first keyframe, y to the left of it."
+    return f"x points where the drone's nose pointed at the first keyframe, y to the left of it, {origin}"
 
 
 def _x_axis_doubt(doubt: str) -> str:
@@ -289,8 +289,8 @@ def _x_axis_doubt(doubt: str) -> str:
     if not doubt:
         return ""
     return (
-        f" This direction is that of the attitude sensor at the first keyframe, but {doubt}: on the map all "
-        "fits together, but do not take x for a direction of a compass."
+        f" The direction of x is that of the attitude sensor at the first keyframe, but {doubt}: on the map "
+        "all fits together, but do not take x for a direction of a compass."
     )
 
 

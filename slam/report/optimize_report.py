@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.measurements import CONTRADICTED
+from backend.measurements import CONTRADICTED, Rejection
 from backend.wording import counted, either
-from slam.core.estimate import Estimate
+from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
 from slam.core.units import percent, unit
@@ -18,7 +18,7 @@ from slam.core.version import VERSION
 from slam.report.answers.advice import limit_sentence
 from slam.report.answers.checked_lengths import basis, settled
 from slam.report.answers.headline import sentence
-from slam.report.answers.left_out import reason_in_words
+from slam.report.answers.left_out import check_in_words, figures_in_words
 from slam.report.answers.left_out_here import ground_is_missing, left_out_here
 from slam.report.answers.questions import PLACE, pilots_answers
 from slam.report.answers.streams import STREAM_WORDS, doubts
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
 
 _LAPS = "Each panel shows one lap over the whole path. "
-_MOST_REJECTED = 20
-"""Largest number of rejected loops listed on the page; loops.csv has all of them."""
+_MOST_REJECTED = 5
+"""Largest number of rejected loops listed on the page for one reason; loops.csv has all of them."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,20 @@ class RejectedLoop:
 
     keyframes: str
     pictures: str
+    figures: str
+    """Figures of the check that it failed."""
+
+
+@dataclass(frozen=True)
+class RejectedLoops:
+    """The rows of the table for one reason."""
+
     verdict: str
-    """Verdict on the match by `slam.report.answers.left_out`."""
+    """Verdict on the matches by `slam.report.answers.left_out`."""
     reason: str
+    rows: tuple[RejectedLoop, ...]
+    count: int
+    """Number of matches with this reason; the table has some of them."""
 
 
 @dataclass(frozen=True)
@@ -241,20 +252,30 @@ def _streams(summary: Summary) -> tuple[Item, ...]:
     return tuple(Item(name, words) for name, words in STREAM_WORDS.items() if name in named)
 
 
-def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
-    rejected = [(loop, loop.rejection) for loop in estimate.loops if loop.rejection]
-    rejected.sort(key=lambda each: each[0].finding != CONTRADICTED)  # the others are less worth a look
-    names = estimate.frame_names
-    height_m = median_height_m(estimate)
-    return tuple(
-        RejectedLoop(
-            f"{loop.i} – {loop.j}",
-            f"{names[loop.i]} – {names[loop.j]}",
-            loop.finding,
-            reason_in_words(rejection, height_m),
+def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoops, ...]:
+    """Return the rejected loops by their reasons, those that the map contradicts first."""
+    found = dict[str, list[tuple[LoopVerdict, Rejection]]]()
+    for loop in estimate.loops:
+        if loop.rejection:
+            found.setdefault(check_in_words(loop.rejection), []).append((loop, loop.rejection))
+    names, height_m = estimate.frame_names, median_height_m(estimate)
+    groups = [
+        RejectedLoops(
+            loops[0][0].finding,
+            reason,
+            tuple(
+                RejectedLoop(
+                    f"{loop.i} – {loop.j}",
+                    f"{names[loop.i]} – {names[loop.j]}",
+                    figures_in_words(rejection, height_m),
+                )
+                for loop, rejection in loops[:_MOST_REJECTED]
+            ),
+            len(loops),
         )
-        for loop, rejection in rejected[:_MOST_REJECTED]
-    )
+        for reason, loops in found.items()
+    ]
+    return tuple(sorted(groups, key=lambda group: (group.verdict != CONTRADICTED, -group.count)))
 
 
 def _covered(path: Path | None, marks: MapMarks) -> str:

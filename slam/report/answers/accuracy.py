@@ -164,20 +164,17 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     """Return what a mosaic may show cut, twice or displaced."""
     if mosaic is None:
         return ""
-    text = (
-        "The mosaic is cut together from many pictures. What moved, or stands above the ground, may be "
-        "cut, doubled or lean; the right one of the three maps below is the darker, the more two pictures "
-        "differ."
-    )
+    text = "What moved, or stands above the ground, may be cut, doubled or lean"
     if np.isfinite(mosaic.seam_share):
         text += (
-            f" They differ most around {at(estimate, mosaic.seam_x_m, mosaic.seam_y_m)}, by "
-            f"{percent(mosaic.seam_share)} of the brightness, typically by {percent(mosaic.seam_typical)}: "
-            "look there first (the ring in it)."
+            f": look first around {at(estimate, mosaic.seam_x_m, mosaic.seam_y_m)}, where two pictures "
+            f"differ most, by {percent(mosaic.seam_share)} of the brightness. Typically they differ by "
+            f"{percent(mosaic.seam_typical)}"
         )
     text += (
-        " Grey is what no picture shows, or what higher ground hides; mosaic.png is transparent there. Any "
-        "other area of one colour is no fault: the camera saw the ground so."
+        ". The right one of the three maps below is the darker, the more two pictures differ; a ring is "
+        "around its darkest place. Grey is what no picture shows, or what higher ground hides; mosaic.png is "
+        "transparent there. Any other area of one colour is no fault: the camera saw the ground so."
     )
     ground = estimate.ground
     if ground is not None and np.isfinite(ground.misregistration_px[-1]):

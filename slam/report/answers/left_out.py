@@ -135,22 +135,31 @@ class LeftOut:
 
 
 def reason_in_words(rejection: Rejection, height_m: float = float("nan")) -> str:
-    """Return why a match was rejected, in plain words, with the figures of the reason.
+    """Return why a match was rejected, in plain words, with the figures of the reason in brackets."""
+    words, figures = check_in_words(rejection), figures_in_words(rejection, height_m)
+    # The figures may have brackets themselves.
+    return f"{words} ({figures.replace(' (', ', ').replace(')', '')})" if figures else words
+
+
+def check_in_words(rejection: Rejection) -> str:
+    """Return which check a match failed, in plain words; all words of a reason that no check has."""
+    return f"they {_LINKS[rejection.check][0]}" if rejection.check in _LINKS else str(rejection)
+
+
+def figures_in_words(rejection: Rejection, height_m: float = float("nan")) -> str:
+    """Return the figures of a rejection; empty where its check has none.
 
     Lengths in heights of the camera are told in metres where ``height_m`` is known, the median of the map.
     """
     if rejection.check not in _LINKS:
-        return str(rejection)
-    words = f"they {_LINKS[rejection.check][0]}"
+        return ""
 
     def told(number: str, unit: str) -> str:
         if unit == "heights" and height_m > 0:
             return length(float(number) * height_m)
         return f"{number}{_UNITS.get(unit, f' {unit}')}"
 
-    # The figures stand in brackets themselves.
-    figures = rejection.figures_told(told).replace(" (", ", ").replace(")", "")
-    return f"{words} ({figures})" if figures else words
+    return rejection.figures_told(told)
 
 
 def left_out(rejected: Mapping[str, int], here: Mapping[str, str] = {}) -> tuple[LeftOut, ...]:

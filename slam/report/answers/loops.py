@@ -108,7 +108,7 @@ def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
     )
 
 
-def gain_of_loops(facts: Facts) -> str:
+def gain_of_loops(estimate: Estimate, facts: Facts) -> str:
     """Return how far loop closures moved the path; empty where there are none, and for a graph."""
     typical_m, largest_m = facts.loops_moved_m
     if facts.is_graph or not facts.loops_kept or not np.isfinite(largest_m):
@@ -117,13 +117,13 @@ def gain_of_loops(facts: Facts) -> str:
         "", f" {RESULT} tells by how much distances would be wrong without them, and are with them."
     )
     return (
-        f"Without them, the same pictures and instruments would place the camera {facts.length(typical_m)} "
+        f"Without them, links between neighbouring pictures would place the camera {facts.length(typical_m)} "
         f"away from here typically, and {facts.length(largest_m)} at most, place and height together."
-        f"{_common_and_bent(facts)} The picture “Height” below shows the heights of both.{known}"
+        f"{_common_and_bent(estimate, facts)} The picture “Height” below shows the heights of both.{known}"
     )
 
 
-def _common_and_bent(facts: Facts) -> str:
+def _common_and_bent(estimate: Estimate, facts: Facts) -> str:
     """Return what of the change by loop closures all keyframes share, and the rest, with a space in front."""
     found = facts.loop_change
     if found is None:
@@ -133,11 +133,17 @@ def _common_and_bent(facts: Facts) -> str:
         f"without them all lengths are {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the "
         f"whole map is turned by {abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}"
     )
+    inertial = estimate.instruments.accelerometer
+    joined = (
+        " The map without loops has its lengths without the accelerometer, which joins them in this one."
+        if inertial is not None and inertial.used
+        else ""
+    )
     which = (
         "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
     )
     return (
         f" {which} is a change that the whole map shares ({common}): it is no drift, and "
         f"bends nothing. The rest is drift that loop closures took out, which would bend the map by "
-        f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most."
+        f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most.{joined}"
     )

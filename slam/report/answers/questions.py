@@ -59,7 +59,7 @@ def pilots_answers(
         Item("Is any of the ground missing?", missing(estimate, facts, summary, mosaic)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
         Item("Could the pictures fit together in another way?", another_arrangement(estimate, facts)),
-        Item("What did loop closures change?", gain_of_loops(facts)),
+        Item("What did loop closures change?", gain_of_loops(estimate, facts)),
         Item("What was left out, and do I have to act?", _left_out(estimate, facts, summary)),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
         Item("Are the heights true?", *(("",) if facts.is_graph else heights(estimate, facts, summary))),
@@ -197,20 +197,16 @@ def _left_out(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     act = [row for row in rows if not row.no_need_to_act]
     parts = counted_by_kind(rows, facts.is_graph)
     if not act:
-        return f"{parts}. No need to act on these: the map does not rest on them. The table has the reasons."
+        return f"{parts}; no need to act, since the map does not rest on them. The table has the reasons."
     first = act[0]
     told = f"“{first.what}” ({first.count}): {first.act[0].lower()}{first.act[1:]}"
-    if not first.only_if:
-        return f"{parts}. The map does not rest on them. Act on {told} The table below has the others."
-    return (
-        f"{parts}. The map does not rest on them. You may have to act on {told} The table below has the "
-        "others."
-    )
+    act_on = "you may have to act on" if first.only_if else "act on"
+    return f"{parts}; {act_on} {told} The map does not rest on them. The table below has the others."
 
 
 def _axes(estimate: Estimate, facts: Facts) -> str:
-    unknown = "" if estimate.origin is not None or facts.is_graph else " Where north is, is not known."
-    return f"{facts.axes}{unknown}"
+    unknown = "" if estimate.origin is not None or facts.is_graph else "Where north is, is not known; "
+    return f"{unknown}{facts.axes}"
 
 
 def _hand_on(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:

@@ -100,7 +100,7 @@ def test_pictures_that_show_too_little_are_missing_ground():
         f"7 matches of places (7 unproven), 3 single views of points of the ground, {rejected[TOO_FEW]} pict"
     )
     assert f"nothing to recognise” ({rejected[TOO_FEW]}): only if you need what lies below" in left_out
-    assert "You may have to act on" in left_out
+    assert "you may have to act on" in left_out
     damaged = answers(replace(estimate, rejected={**rejected, "damaged": 1}), flight)
     assert "Act on “Pictures whose file cannot be used" in damaged["What was left out, and do I have to act?"]
     assert set(SHOW_NOTHING) == {TOO_FEW, SAME_PICTURE}
