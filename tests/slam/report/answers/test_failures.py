@@ -102,10 +102,10 @@ def test_pictures_that_show_too_little_are_missing_ground():
     assert f"nothing to recognise” ({rejected[TOO_FEW]}): only if you need what lies below" in left_out
     assert "you may have to act on" in left_out
     damaged = answers(replace(estimate, rejected={**rejected, "damaged": 1}), flight)
-    assert "Act on “Pictures whose file cannot be used" in damaged["What was left out, and do I have to act?"]
+    assert "act on “Pictures whose file cannot be used" in damaged["What was left out, and do I have to act?"]
     assert set(SHOW_NOTHING) == {TOO_FEW, SAME_PICTURE}
     few = answers(replace(estimate, rejected={"loop: too few matches": 7}), flight)
-    assert "No need to act" in few["What was left out, and do I have to act?"]
+    assert "no need to act" in few["What was left out, and do I have to act?"]
     assert few["Is any of the ground missing?"].startswith("No")
 
 
