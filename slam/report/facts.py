@@ -151,7 +151,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         scale_source=_scale_source(estimate, flight),
         sensor_gain=gain,
         sensor_zero=zero,
-        axes=_axes(estimate, flight, doubt),
+        axes=_axes(estimate, flight),
         gaps=gaps(estimate, flight),
         is_graph=flight is None,
         gps_std_m=_gps_std_m(flight),
@@ -271,7 +271,7 @@ def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
     return "" if estimate.origin is not None else "the first keyframe"
 
 
-def _axes(estimate: Estimate, flight: Flight | None, doubt: str) -> str:
+def _axes(estimate: Estimate, flight: Flight | None) -> str:
     if flight is None:
         return "Those of the file."
     if estimate.origin is not None:
@@ -279,19 +279,8 @@ def _axes(estimate: Estimate, flight: Flight | None, doubt: str) -> str:
     origin = "and z up. The origin is on the ground below the first keyframe."
     headed = flight.attitude is not None and bool(np.isfinite(flight.attitude.roll_pitch_yaw_rad[:, 2]).any())
     if headed:
-        text = f"x points where the recorded heading (yaw) is zero, y to the left of it, {origin}"
-        return f"{text}{_x_axis_doubt(doubt)}"
+        return f"x points where the recorded heading (yaw) is zero, y to the left of it, {origin}"
     return f"x points where the drone's nose pointed at the first keyframe, y to the left of it, {origin}"
-
-
-def _x_axis_doubt(doubt: str) -> str:
-    """Return that x is no sure direction where the heading drifts, with a space in front."""
-    if not doubt:
-        return ""
-    return (
-        f" The direction of x is that of the attitude sensor at the first keyframe, but {doubt}: on the map "
-        "all fits together, but do not take x for a direction of a compass."
-    )
 
 
 def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: float) -> bool:

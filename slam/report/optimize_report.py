@@ -13,7 +13,7 @@ from backend.wording import counted, either
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.messages import by_kind, reasons_of, sentences
 from slam.core.summary import Summary
-from slam.core.units import percent, unit
+from slam.core.units import area, percent, unit
 from slam.core.version import VERSION
 from slam.report.answers.advice import limit_sentence
 from slam.report.answers.checked_lengths import basis, settled
@@ -45,7 +45,7 @@ from slam.report.tables.instrument_errors import (
     mount_text,
     velocity_text,
 )
-from slam.report.tables.instruments import instrument_table
+from slam.report.tables.instruments import instrument_table, unused_instruments
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -140,7 +140,7 @@ def render(
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
         notes=tuple(map(sentences, kinds.notes)),
-        doubted=bool(doubts(summary.warnings)),
+        doubted=[doubt.sentence for doubt in doubts(summary.warnings)],
         ground_missing=ground_is_missing(facts, summary),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
         answers=pilots_answers(estimate, summary, facts, ground),
@@ -159,7 +159,7 @@ def render(
         altitude=embedded(altitude_picture(estimate, facts.gaps))
         if drawable and not facts.is_graph
         else None,
-        left_out=left_out_here(estimate, facts, summary),
+        left_out=(*left_out_here(estimate, facts, summary), *unused_instruments(estimate, flight)),
         rejected_loops=_rejected_loops(estimate),
         verdicts={loop.finding for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),
@@ -182,6 +182,10 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
         Item(f"typical uncertainty of a {of} (1σ)", facts.error(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
+    if mosaic is not None and mosaic.gap_area_m2 + mosaic.hole_area_m2 > 0:
+        tiles.append(
+            Item("of ground are missing", area(mosaic.gap_area_m2 + mosaic.hole_area_m2, facts.metric))
+        )
     if not facts.is_graph and facts.loops_kept and (change := facts.loop_change) is not None:
         tiles.append(Item("drift that loop closures took out, at most", facts.length(change.largest_m)))
     return tuple(tiles)

@@ -22,8 +22,11 @@ _FILES = (
     OutputFile("mosaic.png", "the map as a picture"),
     OutputFile("mosaic.tif", "the map for GIS programs such as QGIS: a GeoTIFF with place and scale"),
     OutputFile("mosaic_chain.png", "the map before: each picture placed by the one before it"),
-    OutputFile("elevation.png", "height of the ground and of what stands on it, as a picture"),
-    OutputFile("elevation.tif", "height of the ground and of what stands on it, for GIS programs"),
+    OutputFile(
+        "elevation.png",
+        "heights, of the ground where the pictures show them or of what stands on it, as a picture",
+    ),
+    OutputFile("elevation.tif", "the same heights for GIS programs"),
     OutputFile("mosaic_quality.png", "how reliable each piece of the map is, as a picture"),
     OutputFile("mosaic_quality.tif", "the same for GIS programs: pictures, uncertainty, agreement"),
     OutputFile("evaluation_trajectory.png", "the paths beside the true one"),

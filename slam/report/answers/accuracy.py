@@ -126,7 +126,7 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if estimate.accuracy_basis:
         first = "" if summary.status == "ok" else "Only after you have checked “Check this first” above. "
         alone = basis(estimate.accuracy_basis)
-        return f"{first}{upper}, {facts.condition}. {_IF_WRONG} {alone}"
+        return f"{first}{upper}, {facts.condition}. {_IF_WRONG} {alone}{_too_vague(estimate)}"
     if summary.status != "ok":
         return f"By {facts.scale_source}, {known}; but read “Check this first” above."
     if " and " not in facts.scale_source:
@@ -144,6 +144,18 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         )
     checked = unless_checked("", f" {CHECKED}")
     return f"Yes, {known}: {facts.scale_source} tell it, and they agree.{checked}{_beside(estimate)}"
+
+
+def _too_vague(estimate: Estimate) -> str:
+    """Return that the accelerometer agrees with lengths that it checks badly, with a space in front; empty
+    where it does not tell."""
+    found = estimate.instruments.accelerometer
+    if found is None or found.used or not abs(found.scale - 1) < 2 * found.scale_std:
+        return ""
+    return (
+        f" The accelerometer agrees with the lengths, but tells them only to ±{SPACE}"
+        f"{percent(found.scale_std)}, which is no check of this accuracy."
+    )
 
 
 def _beside(estimate: Estimate) -> str:
@@ -164,6 +176,8 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     """Return what a mosaic may show cut, twice or displaced."""
     if mosaic is None:
         return ""
+    is_uneven = estimate.ground is not None and estimate.ground.relief_share > 0
+    hidden = ", or what higher ground hides" if is_uneven else ""
     text = "What moved, or stands above the ground, may be cut, doubled or lean"
     if np.isfinite(mosaic.seam_share):
         text += (
@@ -173,7 +187,7 @@ def not_as_it_is(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
         )
     text += (
         ". The right one of the three maps below is the darker, the more two pictures differ; a ring is "
-        "around its darkest place. Grey is what no picture shows, or what higher ground hides; mosaic.png is "
+        f"around its darkest place. Grey is what no picture shows{hidden}; mosaic.png is "
         "transparent there. Any other area of one colour is no fault: the camera saw the ground so."
     )
     ground = estimate.ground

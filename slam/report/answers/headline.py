@@ -54,7 +54,12 @@ def sentence(facts: Facts, status: str, mosaic: MosaicFacts | None = None) -> st
     if facts.loops_kept:
         one = facts.loops_kept == 1
         closures = "loop closure" if one else "loop closures"
-        what = "" if facts.is_graph else f" ({'a place' if one else 'places'} recognised on a second visit)"
+        pair = (
+            "two pictures, not neighbours in time, that show"
+            if one
+            else "pairs of pictures, not neighbours in time, that show"
+        )
+        what = "" if facts.is_graph else f" ({pair} one place)"
         text += f" {facts.loops_kept} {closures}{what} {'holds' if one else 'hold'} it together."
     elif facts.relative_to:
         text += " No place was recognised a second time with certainty, so errors add up along the path."

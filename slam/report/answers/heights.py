@@ -164,7 +164,8 @@ def _lean(estimate: Estimate, facts: Facts) -> str:
     tilt_rad, across_m = _tilt_rad(estimate), max(facts.extent_m)
     return (
         f"{np.degrees(tilt_rad):.1f}° raise one end of the path by "
-        f"{facts.length(float(np.tan(tilt_rad)) * across_m)} against the other, {facts.length(across_m)} away"
+        f"{facts.length(float(np.tan(tilt_rad)) * across_m)} against the other, over the "
+        f"{facts.length(across_m)} that it spans"
     )
 
 

@@ -14,19 +14,17 @@ from slam.core.units import length, percent
 from slam.report.answers.checked_lengths import RESULT, unless_checked
 from slam.report.facts import Facts, median_height_m
 
-_MOST = 0.75
-"""Share of the squared changes above which they are called most of them: half of each change is left."""
-
 
 def loops(estimate: Estimate, facts: Facts) -> str:
     """Return how often places were recognised, and what speaks for and against the matches."""
     rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"]
     against = [loop for loop in rejected if loop.finding == CONTRADICTED]
+    names = ("loop closure", "loop closures") if facts.is_graph else ("pair of pictures", "pairs of pictures")
     if facts.loops_kept:
         text = (
-            f"Yes, {either(facts.loops_kept, 'once', f'{facts.loops_kept} times')}, so errors do not add "
-            "up over the flight. Each match that was "
-            "kept agrees with all the others in one map."
+            f"Yes, by {counted(facts.loops_kept, *names)}, so errors do not add up over "
+            f"the flight. {_where_held(estimate, facts)}Each match that was kept agrees with all the others "
+            "in one map."
         )
     elif facts.relative_to:
         text = "No, so errors add up along the path."
@@ -46,6 +44,15 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     return text
 
 
+def _where_held(estimate: Estimate, facts: Facts) -> str:
+    """Return how many keyframes have such a match, in one sentence with a space behind; empty for a graph."""
+    held = {end for loop in estimate.loops if loop.verdict == "kept" for end in (loop.i, loop.j)}
+    if facts.is_graph or not held:
+        return ""
+    others = "errors add up along stretches of the others alone. " if len(held) < facts.keyframes else ""
+    return f"{len(held)} of {facts.keyframes} keyframes have such a match{'; ' if others else '. '}{others}"
+
+
 def another_arrangement(estimate: Estimate, facts: Facts) -> str:
     """Return what the certificate says of other arrangements of the pictures; empty without one, for a graph,
     and where no match closes a ring, so that any arrangement fits."""
@@ -58,10 +65,10 @@ def another_arrangement(estimate: Estimate, facts: Facts) -> str:
             "It is no sign of an error: none that fits better was found."
         )
     return (
-        "No, not better: of all arrangements, the one that fits the accepted matches best lies within "
-        f"{facts.length(found.moved_m)} and {np.degrees(found.moved_rad):.2g}° of this map. This is a proof, "
-        "not a search, with each match taken as equally certain in all directions. It differs from the map "
-        "because the matches alone take the ground as flat and know of no other instrument. It does not "
+        "No: of all arrangements, the one that fits the accepted matches best is this map, to within "
+        f"{facts.length(found.moved_m)} and {np.degrees(found.moved_rad):.2g}°. This is a proof, not a "
+        "search. The rest of the difference is no other arrangement: the matches alone take the ground as "
+        "flat, count as equally certain in all directions, and know of no other instrument. It does not "
         "prove that the matches are right."
     )
 
@@ -111,39 +118,27 @@ def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
 def gain_of_loops(estimate: Estimate, facts: Facts) -> str:
     """Return how far loop closures moved the path; empty where there are none, and for a graph."""
     typical_m, largest_m = facts.loops_moved_m
+    found = facts.loop_change
     if facts.is_graph or not facts.loops_kept or not np.isfinite(largest_m):
         return ""
     known = unless_checked(
         "", f" {RESULT} tells by how much distances would be wrong without them, and are with them."
     )
-    return (
-        f"Without them, links between neighbouring pictures would place the camera {facts.length(typical_m)} "
-        f"away from here typically, and {facts.length(largest_m)} at most, place and height together."
-        f"{_common_and_bent(estimate, facts)} The picture “Height” below shows the heights of both.{known}"
-    )
-
-
-def _common_and_bent(estimate: Estimate, facts: Facts) -> str:
-    """Return what of the change by loop closures all keyframes share, and the rest, with a space in front."""
-    found = facts.loop_change
+    together = f"{facts.length(typical_m)} away from here typically, and {facts.length(largest_m)} at most"
+    height = " The picture “Height” below shows the heights of both."
     if found is None:
-        return ""
+        return f"Without them, the camera would lie {together}, place and height together.{height}{known}"
     off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
-    common = (
-        f"without them all lengths are {percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the "
-        f"whole map is turned by {abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}"
-    )
     inertial = estimate.instruments.accelerometer
     joined = (
         " The map without loops has its lengths without the accelerometer, which joins them in this one."
         if inertial is not None and inertial.used
         else ""
     )
-    which = (
-        "Most of this" if found.share > _MOST else "A part of this" if found.share > 1 - _MOST else "Little"
-    )
     return (
-        f" {which} is a change that the whole map shares ({common}): it is no drift, and "
-        f"bends nothing. The rest is drift that loop closures took out, which would bend the map by "
-        f"{facts.length(found.typical_m)} typically, and by {facts.length(found.largest_m)} at most.{joined}"
+        f"They took out drift that would bend the map by {facts.length(found.typical_m)} typically, and by "
+        f"{facts.length(found.largest_m)} at most. Besides, without them all lengths are "
+        f"{percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the whole map is turned by "
+        f"{abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}, which bends nothing. Both "
+        f"together would place the camera {together}, place and height together.{joined}{height}{known}"
     )

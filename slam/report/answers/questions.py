@@ -20,7 +20,7 @@ from slam.report.answers.advice import WORDS, further_limits, limit, limit_sente
 from slam.report.answers.checked_lengths import RESULT, basis, unless_checked
 from slam.report.answers.distances import distance
 from slam.report.answers.failures import failed, missing
-from slam.report.answers.heights import heights, only_near, without_heights
+from slam.report.answers.heights import heights, only_near, typical_height_std, without_heights
 from slam.report.answers.left_out import counted_by_kind
 from slam.report.answers.left_out_here import ground_is_missing, left_out_here
 from slam.report.answers.loops import another_arrangement, gain_of_loops, loops
@@ -68,7 +68,7 @@ def pilots_answers(
         Item("Where on Earth is it?", "" if facts.is_graph else _on_earth(estimate)),
         Item(
             "Can I hand its coordinates to others?",
-            "" if facts.is_graph else _hand_on(facts, summary, mosaic),
+            "" if facts.is_graph else _hand_on(estimate, facts, summary, mosaic),
         ),
     ]
     return tuple(row for row in rows if row.value)
@@ -206,10 +206,16 @@ def _left_out(estimate: Estimate, facts: Facts, summary: Summary) -> str:
 
 def _axes(estimate: Estimate, facts: Facts) -> str:
     unknown = "" if estimate.origin is not None or facts.is_graph else "Where north is, is not known; "
-    return f"{unknown}{facts.axes}"
+    doubt = (
+        f" Zero is what the attitude sensor read so at the first keyframe, but {facts.heading_doubt}: on the "
+        "map all fits together, but do not take x for a direction of a compass."
+        if facts.heading_doubt and estimate.origin is None
+        else ""
+    )
+    return f"{unknown}{facts.axes}{doubt}"
 
 
-def _hand_on(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
+def _hand_on(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     """Return who can use coordinates of this map, and what has to be told with them."""
     if not facts.metric:
         return "No: they are not in metres. Hand on the mosaic as a picture."
@@ -223,6 +229,12 @@ def _hand_on(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> str:
     known = mosaic is not None and np.isfinite(mosaic.typical_std_m)
     std_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
     told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.error(std_m)})"]
+    over_m = typical_height_std(estimate)
+    if np.isfinite(over_m):
+        told.append(
+            f"that of altitudes of the ground (±{SPACE}{facts.error(over_m)}; “Are the heights true?” says "
+            "what they count from)"
+        )
     if not facts.controlled:
         told.append("and that the place on Earth is that of the GPS")
     stated = (

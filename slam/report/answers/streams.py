@@ -28,6 +28,12 @@ class Doubt(NamedTuple):
     found: str
     """The finding: the line up to its first semicolon, without the name of the stream."""
 
+    @property
+    def sentence(self) -> str:
+        """What was found and of which stream, without its causes."""
+        joint = ": " if self.line.startswith(f"{self.stream}:") else " "
+        return f"{self.stream}{joint}{self.found.split(': ')[0]}"
+
     def concerns(self, stream: str) -> bool:
         """Return whether what was found is about a stream; what to do about it may name others."""
         return stream == self.stream or stream in self.found

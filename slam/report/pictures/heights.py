@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from slam.core.estimate import Estimate, GroundFacts
 from slam.core.flight import Flight
-from slam.core.units import SPACE, percent
+from slam.core.units import SPACE, area, percent
 from slam.report.coordinates import at
 from slam.report.facts import Facts, whence
-from slam.report.floor_scatter import floor_scatter
+from slam.report.floor_scatter import FloorScatter, floor_scatter
 from slam.report.page import embedded
 
 
@@ -35,11 +37,12 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
         else ""
     )
     doubted = _doubted(ground, facts, estimate)
+    doubtful = " (doubted)" if ground.doubted_at_m and ground.doubted_at_m[2] <= ground.lowest_m else ""
     return (
         "Height of the ground, with what stands on it such as trees, over the floor, which is the level "
         "plane that fits the ground best: from "
-        f"{_signed(ground.lowest_m, facts)} to {_signed(ground.highest_m, facts)}, measured by what the "
-        f"pictures show from different sides{known}.{filled}{doubted}"
+        f"{_signed(ground.lowest_m, facts)}{doubtful} to {_signed(ground.highest_m, facts)}, measured by "
+        f"what the pictures show from different sides{known}.{filled}{doubted}"
         " Grey: no picture shows it. The colours span 99 % of the heights; where the bar ends in a point, a "
         "few lie beyond. "
     )
@@ -72,7 +75,31 @@ def _of_echoes(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
             f"Echoes of the floor scatter from {scatter} (three standard deviations to either side). Heights "
             "between have the colour of the floor, so that what stands on it can be told. "
         )
+        told += _standing_out(estimate, facts, scatter)
     return told
+
+
+def _standing_out(estimate: Estimate, facts: Facts, scatter: FloorScatter) -> str:
+    """Return how much of the measured area lies above and below the floor and where most, in sentences with a
+    space behind; empty where nothing does."""
+    found = estimate.elevation
+    assert found is not None
+    told = []
+    for out, index, of_floor in (
+        (found.height_m > scatter.highest_m, np.nanargmax(found.height_m), "above"),
+        (found.height_m < scatter.lowest_m, np.nanargmin(found.height_m), "below"),
+    ):
+        if out.any():
+            row, column = np.unravel_index(int(index), found.height_m.shape)
+            x_m, y_m = found.west_m + (column + 0.5) * found.gsd_m, found.north_m - (row + 0.5) * found.gsd_m
+            most_m = abs(float(found.height_m[row, column]))
+            told.append(
+                f"{area(float(out.sum()) * found.gsd_m**2, facts.metric)} lie {of_floor} it, by "
+                f"{facts.length(most_m)} at most, around {at(estimate, float(x_m), float(y_m))}"
+            )
+    if not told:
+        return ""
+    return f"{'; '.join(told)}. Single cells are more likely wrong echoes than things. "
 
 
 def _signed(height_m: float, facts: Facts) -> str:

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 _MOST_KEPT, _MOST_REJECTED = 200, 60
 """Largest number of loops drawn: a thousand lines hide the map, and rejected loops lie right across it."""
 _MOST_ELLIPSES = 60
-_ELLIPSE_SHARE = 0.03
+_ELLIPSE_SHARE = 0.05
 """Ellipses are scaled until the median one spans at most this share of the map."""
 
 
@@ -73,7 +73,7 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
 
     Over ``gaps`` the height is dotted, and the band is open.
     """
-    figure, axes = new_figure(6.4, 3.0)
+    figure, axes = new_figure(9.0, 3.2)
     time = estimate.stamps_s - estimate.stamps_s[0]
     height, sigma = heights_over_floor(estimate)
     before = estimate.odometry_w_T_b[:, 2, 3] - estimate.floor_z_m
@@ -81,7 +81,9 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
         axes.plot(
             *_broken(np.column_stack([time, before]), gaps).T,
             color=GREY,
-            linewidth=1.0,
+            linewidth=1.4,
+            linestyle=(0, (5, 2)),
+            zorder=2.5,
             label="without loops",
         )
     # The band is often narrower than a line, so the legend gives its size.
@@ -94,11 +96,11 @@ def altitude_picture(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     edges = _broken(np.column_stack([time, height - 2 * sigma, height + 2 * sigma]), gaps)
     axes.fill_between(*edges.T, color=ORANGE, alpha=0.6, linewidth=0, label=f"± 2σ{size}")
     curve = _broken(np.column_stack([time, height]), gaps)
-    axes.plot(curve[:, 0], curve[:, 1], color=BLUE, linewidth=0.8, label="height above the floor")
+    axes.plot(curve[:, 0], curve[:, 1], color=BLUE, linewidth=1.2, label="height above the floor")
     _dotted(axes, time, height, gaps)
     axes.set_xlabel("time since the first keyframe [s]")
     axes.set_ylabel(f"height [{unit(estimate.metric)}]")
-    legend_below(axes, columns=2)
+    legend_below(axes, columns=3)
     return png(figure)
 
 

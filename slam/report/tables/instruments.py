@@ -14,6 +14,7 @@ from slam.core.instrument import Instrument
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, error_length, percent
 from slam.report.answers.advice import WORDS
+from slam.report.answers.left_out import LeftOut
 from slam.report.answers.streams import doubts
 from slam.report.heading import heading_doubt
 
@@ -25,7 +26,7 @@ _TITLE = (
     "causes (in the variance, at the keyframe farthest from the start; each adds up to 100 %). The one with "
     "the largest share is the one to improve. A small share means that more accurate instruments outweigh "
     "it, or that it is more accurate than the map needs. Doubted is an instrument that a warning names, or "
-    "whose heading drifts more than is stated."
+    "whose heading drifts more than errors of the stated size can by chance."
 )
 _COLUMNS = (
     "instrument", "readings", "one reading is good to", "used?", "doubted?", "place of the ground", "lengths",
@@ -79,10 +80,8 @@ def _of_velocity(velocity: Velocity) -> str:
 
 
 def _of_imu(imu: Imu) -> str:
-    return (
-        f"{degrees(imu.gyro_noise_density):.2g}°/s and {imu.accel_noise_density:.2g}{SPACE}m/s² at 1{SPACE}Hz"
-        f"{_told(imu)}"
-    )
+    gyro, accelerometer = f"{degrees(imu.gyro_noise_density):.2g}°/s", f"{imu.accel_noise_density:.2g}"
+    return f"gyro {gyro}, accelerometer {accelerometer}{SPACE}m/s² at 1{SPACE}Hz{_told(imu)}"
 
 
 def _of_barometer(barometer: Scalar) -> str:
@@ -118,6 +117,19 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
         use = "" if name not in _STREAMS else "yes" if used else NOT_USED
         rows.append((words, count, f"{stated}{weighed}", use, _doubted(estimate, flight, name), *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
+
+
+def unused_instruments(estimate: Estimate, flight: Flight | None) -> tuple[LeftOut, ...]:
+    """Return the instruments whose readings the refinement did not need; none without a refinement."""
+    shares = estimate.information_shares
+    if flight is None or not shares:
+        return ()
+    counts = {name: _readings(flight, name)[0] for name in _STREAMS}
+    return tuple(
+        LeftOut(f"Readings of {WORDS[name]}", "", int(count), f"No{NOT_USED.removeprefix('no')}.")
+        for name, count in counts.items()
+        if count and not any(name in row for row in shares.values())
+    )
 
 
 def _readings(flight: Flight, name: str) -> tuple[str, str]:
@@ -160,7 +172,7 @@ def _doubted(estimate: Estimate, flight: Flight, name: str) -> str:
     if told:
         return f"yes: {'; '.join(told)}"
     noted = any(line.startswith(f"{stream.name}:") for line in by_kind(estimate.warnings).notes)
-    return "no; the accuracy counts what a note above says of it" if noted else "no"
+    return "no; a note above tells an error that the accuracy counts" if noted else "no"
 
 
 def _cells(shares: Mapping[str, Mapping[str, float]], name: str) -> tuple[str, ...]:

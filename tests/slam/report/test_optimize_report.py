@@ -336,3 +336,17 @@ def test_a_flight_with_a_true_path_says_that_it_can_check_the_map(no_figures):
     truth = Truth(estimate.stamps_s, estimate.w_T_b)
     assert "holds a true path" in page(estimate, replace(flight, truth=truth)).text
     assert "holds a true path" not in page(estimate, replace(flight, truth=None)).text
+
+
+def test_words_are_explained_where_the_page_has_them():
+    without = replace(made_estimate(), status="ok", warnings=())
+    named = replace(without, warnings=("cam0: the IMU leans; check T_BS in cam0/sensor.yaml",))
+    for word in ("sensor.yaml, T_BS", "Inertial measurement unit"):
+        found = [word in page(estimate, made_flight()).text for estimate in (without, named)]
+        assert found == [False, True]
+
+
+def test_the_status_names_the_doubt_that_it_excepts():
+    estimate = replace(made_estimate(), status="ok", warnings=("attitude0 is tilted by 5°: a slope; check",))
+    told = page(estimate, made_flight()).text
+    assert "agree with each other, except that attitude0 is tilted by 5°; see the warning below" in told

@@ -113,3 +113,15 @@ def test_the_title_names_a_doubt_only_where_there_is_one(titles):
     told = [title.partition("(grey: ")[2] for title in titles]
     pale = "no picture; pale: "
     assert told == ["no picture)", f"{pale}filled in)", f"{pale}doubted)", f"{pale}filled in or doubted)"]
+
+
+def test_what_stands_out_of_the_floor_is_told_with_its_area_and_place():
+    height_m = np.random.default_rng(0).normal(0, 0.002, (20, 30)).astype(np.float32)
+    height_m[4, 6:10], height_m[15, 20] = (0.05, 0.06, 0.08, 0.05), -0.04
+    estimate = replace(made_estimate(), ground=None, elevation=Elevation(-1.0, 2.0, 0.1, height_m))
+    facts = gather(estimate, made_flight())
+    words = heights_figure_words(estimate, facts, made_flight()).replace("\xa0", " ")
+    assert "lie above it, by 80.0 mm at most, around x = -0.15 m, y = 1.55 m" in words
+    assert "lie below it, by 40.0 mm at most, around x = 1.05 m, y = 0.45 m" in words
+    flat = replace(estimate, elevation=Elevation(-1.0, 2.0, 0.1, np.clip(height_m, -0.001, 0.001)))
+    assert "Single cells" not in heights_figure_words(flat, facts, made_flight())

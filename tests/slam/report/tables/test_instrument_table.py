@@ -9,7 +9,7 @@ import numpy as np
 from slam.core.flight import Gps, Scalar
 from slam.core.messages import Note
 from slam.core.units import error_length, percent
-from slam.report.tables.instruments import NOT_USED, instrument_table
+from slam.report.tables.instruments import NOT_USED, instrument_table, unused_instruments
 from tests.slam.made_estimate import made_estimate, made_flight
 
 SHARES = {
@@ -69,10 +69,21 @@ def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names
     assert found["the GPS"]["doubted?"] == "yes: far off"
     assert found["the barometer"]["doubted?"] == "yes: falls where the camera climbs"
     assert found["the barometer"]["used?"] == NOT_USED
-    assert found["the height sensor"]["doubted?"] == "no; the accuracy counts what a note above says of it"
+    assert (
+        found["the height sensor"]["doubted?"] == "no; a note above tells an error that the accuracy counts"
+    )
     assert found["the pictures themselves"]["doubted?"] == "no", "the ground is at fault"
 
 
 def test_without_a_refinement_there_is_no_table():
     assert instrument_table(made_estimate(), flown()) == ()
     assert instrument_table(replace(made_estimate(), information_shares=SHARES), None) == ()
+
+
+def test_readings_that_the_map_does_not_need_count_as_left_out():
+    estimate = replace(made_estimate(), information_shares=SHARES, warnings=())
+    found = {row.what: row for row in unused_instruments(estimate, flown())}
+    assert found["Readings of the barometer"].count == 3
+    assert found["Readings of the barometer"].no_need_to_act
+    assert not any("GPS" in what or "height sensor" in what for what in found), "these are used"
+    assert unused_instruments(replace(estimate, information_shares={}), flown()) == ()
