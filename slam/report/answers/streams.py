@@ -30,7 +30,7 @@ class Doubt(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """What was found and of which stream, without its causes."""
+        """The stream and what was found of it, without the causes."""
         joint = ": " if self.line.startswith(f"{self.stream}:") else " "
         return f"{self.stream}{joint}{self.found.split(': ')[0]}"
 
