@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.criticism import criticise
+from slam.criticism.finding import LateReadings
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.without_commands.explanation import COULD_NOT
 from slam.io.flight_folder import read_flight
@@ -260,7 +261,7 @@ def recordings() -> dict[str, Flight]:
 
 def findings(found: Criticism) -> set[str]:
     """Return the sentences and causes of a verdict, without their numbers."""
-    parts = [*found.remainder.split("; "), *found.details, *(cause.name for cause in found.causes)]
+    parts = [*map(str, found.findings), *found.details, *(cause.name for cause in found.causes)]
     return {re.sub(r"[-+]?[0-9.]+(e-?[0-9]+)?", "#", part) for part in parts if part}
 
 
@@ -285,8 +286,8 @@ def answer(kind: Kind, size: float, before: Criticism, after: Criticism) -> str:
 
 def _delay_ms(kind: Kind, found: Criticism) -> float:
     """Return the delay that is told of the instrument, in ms; 0 without one."""
-    told = [re.search(rf"{word} (late|early) by ([0-9.]+) ms", found.remainder) for word in kind.words]
-    return next((float(m[2]) * (1.0 if m[1] == "late" else -1.0) for m in told if m), 0.0)
+    told = (finding for finding in found.findings if isinstance(finding, LateReadings))
+    return next((1e3 * late.late_s for late in told if late.channel in kind.words), 0.0)
 
 
 def _noisier(kind: Kind, before: Criticism, after: Criticism) -> bool:

@@ -57,9 +57,7 @@ def page(name: str, study: Study) -> None:
         *_section("Gain on held-out data", _gain(home, found)),
         *_section("Prediction of other flights", _unseen(home, study, found)),
         *_section("Independent truth", _truth(study, flights[0], found)),
-        *_section(
-            "Unexplained findings", [f"- {part}" for part in found.remainder.split("; ")], found.remainder
-        ),
+        *_section("Unexplained findings", [f"- {part}" for part in found.findings], found.remainder),
         *_section("Limits of these flights", _silent(found)),
         *_section("The next flight", [found.next_flight], found.next_flight),
         *_section("What was not judged", [f"- {line}" for line in found.dropped], found.dropped),

@@ -6,11 +6,11 @@ Whitened innovations have a flat spectrum. A bin far above its neighbours is an 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from slam.core.arrays import Array
+from slam.criticism.finding import Remark, Vibration
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, RANGE
@@ -22,28 +22,15 @@ LARGEST_SHARE, FEWEST_OUTLIERS = 0.05, 5
 of four degrees of freedom has 0.4 %."""
 
 
-@dataclass(frozen=True)
-class Vibration:
-    """One spectral line."""
-
-    channel: str
-    frequency_hz: float
-    log_chance: float
-    """Natural logarithm of the probability that noise makes such a line in this bin."""
-
-    def __str__(self) -> str:
-        chance = self.log_chance / np.log(10.0)
-        return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz (by chance in 10^{chance:.0f})"
-
-
-def vibration_of(passes: Sequence[FilterPass]) -> Vibration | None:
-    """Return the least probable line of all channels, or None."""
+def vibration_of(passes: Sequence[FilterPass]) -> list[Vibration]:
+    """Return the least probable line of all channels; none where noise may make each."""
     found = []
     for channel, name in enumerate(CHANNELS):
         series = [_white(channel, run) for run in passes]
         if (line := common_line(series)) is not None:
-            found.append(Vibration(name, *line))
-    return min(found, key=lambda v: v.log_chance, default=None)
+            hz, log_chance = line
+            found.append(Vibration(hz, log_chance / np.log(10.0), channel=name))
+    return sorted(found, key=lambda v: v.log10_chance)[:1]
 
 
 def _white(channel: int, run: FilterPass) -> tuple[Array, float]:
@@ -58,8 +45,8 @@ def _white(channel: int, run: FilterPass) -> tuple[Array, float]:
     return np.asarray(np.bincount(at, weights=white - white.mean()), dtype=float), step_s
 
 
-def outliers_of(passes: Sequence[FilterPass]) -> list[str]:
-    """Return a phrase for each channel with more rejected readings than noise explains, spikes aside."""
+def outliers_of(passes: Sequence[FilterPass]) -> list[Remark]:
+    """Return the channels with more rejected readings than noise explains, spikes aside."""
     found = []
     for channel, name in enumerate(CHANNELS):
         if channel == RANGE:
@@ -68,15 +55,17 @@ def outliers_of(passes: Sequence[FilterPass]) -> list[str]:
         out = int(np.count_nonzero(status == OUTLIER))
         both = out + int(np.count_nonzero(status == USED))
         if out >= FEWEST_OUTLIERS and out > LARGEST_SHARE * both:
-            found.append(f"{out} of {both} readings of {name} are far from anything that the model allows")
+            far = f"{out} of {both} readings of {name} are far from anything that the model allows"
+            found.append(Remark(far, channel=name))
     return found
 
 
-def uneven_of(records: Sequence[Record]) -> str | None:
-    """Return a phrase for the flight whose light changes most within its pictures, or None: their brightness
-    is no evidence for other terms."""
+def uneven_of(records: Sequence[Record]) -> list[Remark]:
+    """Return the greatest change of light within the pictures of a flight, if any: their brightness is no
+    evidence for other terms."""
     uneven = [r.matches.flicker for r in records if r.matches is not None and r.matches.uneven]
     if not uneven:
-        return None
+        return []
     worst = 100 * max(uneven)
-    return f"picture brightness changes in bands, by {worst:.0f} %, otherwise from picture to picture"
+    text = f"picture brightness changes in bands, by {worst:.0f} %, otherwise from picture to picture"
+    return [Remark(text, channel="pictures")]

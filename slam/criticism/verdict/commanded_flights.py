@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from slam.core.progress import Progress, Tally
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.extended import extended_with_causes, with_certainty
+from slam.criticism.finding import Doubt, Finding, Remark
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, used_innovations
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
@@ -115,18 +116,17 @@ class CommandedFlights(Evidence):
             errors = errors_of(self.found, self._together, self.best)
             return causes_of(self.found, self.posterior, self._together, errors, self.best)
 
-    def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
-        """Describe what no cause explains, residual patterns excepted."""
-        reported, faint, doubts = {c.name for c in judged.reported}, judged.faint, self.doubts
+    def findings(self, judged: JudgedCauses) -> Sequence[Finding]:
+        """Return what no cause explains, residual patterns excepted."""
+        reported, doubts = {c.name for c in judged.reported}, self.doubts
         passes = self.found.last.fisher.passes
-        vibration, uneven = vibration_of(passes), uneven_of(self.records)
         return [
             *_untold(self.readings),
-            *(f"{n if n in reported else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
+            *(replace(doubt, is_cause=name in reported) for name, doubt in doubts.items()),
             *(self.best.unhealthy if self.best is not None else ()),
-            *([str(vibration)] if vibration else []),
-            *([uneven] if uneven else []),
-            *(f"what looks like {c.name} is something else" for c in faint if c.name not in doubts),
+            *vibration_of(passes),
+            *uneven_of(self.records),
+            *(Doubt(is_cause=False, effect=c.name) for c in judged.faint if c.name not in doubts),
             *outliers_of(passes),
         ]
 
@@ -142,16 +142,15 @@ class CommandedFlights(Evidence):
                 threshold_means=found.threshold_means,
             )  # fmt: skip
         searched, parameters = self.found, self.parameters
-        remainder = [found.remainder]
-        if found.verdict == "unknown" and not found.causes:
-            remainder += _nearest_term(searched, found.threshold)
+        is_nameless = found.verdict == "unknown" and not found.causes
+        nearest = _nearest_term(searched, found.threshold) if is_nameless else []
         with self._rolled_out.part():
             drawn = [
                 covariate(self.records, parameters, searched, c.name, c.rival, c.z) for c in found.causes[:1]
             ]
         return replace(
             found,
-            remainder="; ".join(part for part in remainder if part),
+            findings=(*found.findings, *nearest),
             next_flight=next_flight(self.records, self.model, searched, self.posterior, self.progress),
             detectable=found.detectable | smallest_in_readings(self.records),
             nuisances=_fitted_nuisances(searched, self.best),
@@ -186,18 +185,20 @@ class CommandedFlights(Evidence):
         return {record.name: self._extended(causes, parameters) for record, parameters in each}
 
 
-def _untold(readings: Sequence[StreamAnomaly]) -> list[str]:
-    """Describe anomalies of streams that nothing else shows: frozen readings, and rounded ones but ranges."""
-    return [r.words for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar")]
+def _untold(readings: Sequence[StreamAnomaly]) -> list[Remark]:
+    """Return anomalies of streams that nothing else shows: frozen readings, and rounded ones but ranges."""
+    untold = (r for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar"))
+    return [Remark(r.words, channel=r.stream) for r in untold]
 
 
-def _nearest_term(found: SearchResult, threshold: float) -> list[str]:
-    """Describe the term with the greatest score test alone, if it reaches half the threshold."""
+def _nearest_term(found: SearchResult, threshold: float) -> list[Remark]:
+    """Return the term with the greatest score test alone, if it reaches half the threshold."""
     known = [s for s in found.first.score_tests([], found.first.effects) if s.effect.is_term]
     best = max(known, key=lambda s: s.z, default=None)
     if best is None or best.z < 0.5 * threshold:
         return []
-    return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are required"]
+    text = f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are required"
+    return [Remark(text, effect=best.effect.name)]
 
 
 def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:

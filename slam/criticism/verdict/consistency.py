@@ -9,7 +9,7 @@ differences are significant: there only a size that varies by half of itself cou
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from backend.measurements import GRAVITY_M_S2
 from slam.core.arrays import Array, Ints
-from slam.core.units import spaced
+from slam.criticism.finding import Inconsistency, VaryingSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
 from slam.criticism.kalman.record import Record
@@ -129,14 +129,16 @@ def _consistency(by: str, fisher: FisherInformation, own: Ints, precision: Array
     return PartConsistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
 
 
-def contradictions(found: SearchResult, parameters: FilterParameters) -> tuple[dict[str, str], set[str]]:
-    """Return descriptions of inconsistent causes, by name, and the names of causes that contradict themselves
-    more than they explain.
+def contradictions(
+    found: SearchResult, parameters: FilterParameters
+) -> tuple[dict[str, Inconsistency], set[str]]:
+    """Return the inconsistencies of causes, by name, and the names of causes that contradict themselves more
+    than they explain.
 
     For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
     """
     chosen = [e.free for e in found.chosen]
-    descriptions, refuted = {}, set()
+    inconsistencies, refuted = {}, set()
     consistency = consistencies(found.records, found.model, parameters, chosen)
     for effect, parts in zip(found.chosen, consistency, strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)
@@ -144,27 +146,26 @@ def contradictions(found: SearchResult, parameters: FilterParameters) -> tuple[d
         whole = found.last.score_tests(rest, [effect])[0]
         if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if effect.is_saturation else whole.z):
             continue
-        descriptions[effect.name] = f"changes {worst.by} (z = {worst.z:.1f})"
+        inconsistencies[effect.name] = Inconsistency(worst.by, effect=effect.name, z=worst.z)
         if not effect.is_saturation and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
-    return descriptions, refuted
+    return inconsistencies, refuted
 
 
-def disagreements(found: SearchResult) -> list[str]:
-    """Describe parameters of the chosen terms that vary between segments by half of themselves."""
-    descriptions = []
+def disagreements(found: SearchResult) -> list[VaryingSize]:
+    """Return the parameters of the chosen terms that vary between segments by half of themselves."""
+    varying = []
     for effect in (e for e in found.chosen if e.is_term):
         for name, sizes in varying_sizes(found, effect).items():
             k = effect.columns.index(name)
-            unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
-            off_deg = float(np.degrees(np.arctan(np.ptp(sizes) / GRAVITY_M_S2)))
-            like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
+            parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
+            off_deg = float(np.degrees(np.arctan(np.ptp(sizes) / GRAVITY_M_S2))) * (name in LEVEL)
             least, most = (
                 effect.in_catalogue_units(k, x, found.last.parameters) for x in (sizes.min(), sizes.max())
             )
-            sizes_of = f"{least:.2g} to {most:.2g}{spaced(unit)} by segments of {SEGMENT_S:g} s"
-            descriptions.append(f"{name} is {sizes_of}{like}")
-    return descriptions
+            of = VaryingSize(least, most, parameter.unit, SEGMENT_S, off_deg)
+            varying.append(replace(of, effect=effect.name, parameter=parameter.name))
+    return varying
 
 
 def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:

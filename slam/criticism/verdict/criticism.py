@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import re
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
+from slam.criticism.finding import Finding, ResidualPattern
 from slam.criticism.verdict.covariate import Covariate
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.simulation.model import Model
@@ -47,16 +49,16 @@ class Criticism:
     """Headline: at most three short sentences."""
     causes: tuple[Cause, ...] = ()
     equivalence_set: tuple[str, ...] = ()
-    remainder: str = ""
-    """Description of what is left over, such as channel, signal and size of the strongest pattern."""
+    findings: tuple[Finding, ...] = ()
+    """What no cause explains, the strongest residual pattern among it."""
     next_flight: str = ""
     detectable: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Name -> smallest size that these flights would have shown in nine of ten cases, and its unit."""
     ranking: tuple[Rank, ...] = ()
     confusable: tuple[tuple[str, str, float], ...] = ()
     """Pairs of terms whose sensitivities in these flights correlate by more than 0.9, and how much."""
-    patterns: tuple[tuple[str, float], ...] = ()
-    """Strongest residual patterns beside the causes, and their z."""
+    patterns: tuple[ResidualPattern, ...] = ()
+    """Strongest residual patterns beside the causes."""
     nuisances: dict[str, Interval] = field(default_factory=dict)
     noise_correlation: dict[str, float] = field(default_factory=dict)
     """Instrument -> AR(1) coefficient of its noise, where it is above zero, which is healthy."""
@@ -98,9 +100,9 @@ class Criticism:
         return [c for c in self.causes if FAINT <= c.probability <= LIKELY]
 
     @property
-    def unexplained(self) -> list[str]:
-        """Findings that no cause explains."""
-        return [part for part in self.remainder.split("; ") if part]
+    def remainder(self) -> str:
+        """Text of all findings."""
+        return "; ".join(map(str, self.findings))
 
     def probability_of(self, name: str) -> float:
         """Return the posterior probability of a term: that of a cause, or else that in the ranking."""
@@ -117,6 +119,7 @@ class Criticism:
             "causes": [_cause(cause) for cause in self.causes],
             "equivalence_set": list(self.equivalence_set),
             "remainder": self.remainder or None,
+            "findings": [_finding(finding) for finding in self.findings],
             "next_flight": self.next_flight or None,
             "detectable": {n: {"size": _short(s), "unit": u} for n, (s, u) in self.detectable.items()},
             "gain": _gain(self.causes[0].gain) if self.causes else None,
@@ -128,7 +131,7 @@ class Criticism:
             "confusable": [
                 {"names": [a, b], "cosine": round(c, CORRELATION_DIGITS)} for a, b, c in self.confusable
             ],
-            "shapes": [{"name": name, "z": round(z, 2)} for name, z in self.patterns],
+            "shapes": [{"name": pattern.name, "z": round(pattern.z, 2)} for pattern in self.patterns],
             "nuisances": {n: _interval(x) for n, x in self.nuisances.items()},
             "checks": {
                 c.channel: {
@@ -152,6 +155,14 @@ def _cause(cause: Cause) -> dict[str, Any]:
         "gain": _gain(cause.gain),
         "equivalence_set": list(cause.alternatives or (cause.name,)),
     }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    """Return kind, text, and the fields that are not empty."""
+    kind = re.sub("(?<=.)(?=[A-Z])", "_", type(finding).__name__).lower()
+    fields = {n: x for n, x in asdict(finding).items() if x or x is False}
+    numbers = {n: _short(x) for n, x in fields.items() if isinstance(x, float)}
+    return {"kind": kind, "text": str(finding)} | fields | numbers
 
 
 def _interval(p: Interval) -> dict[str, Any]:

@@ -9,9 +9,11 @@ import numpy as np
 
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
+from slam.criticism.finding import Doubt, Finding, LateReadings, OutOfRange, Remark, ResidualPattern
 from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
+from slam.criticism.kalman.readings import STREAMS
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
+from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT
@@ -199,36 +201,34 @@ def decide(
     causes: Sequence[Cause],
     found: SearchResult,
     posterior: Posterior,
-    left: Sequence[ScoreTest],
-    doubts: Sequence[str],
+    left: Sequence[ResidualPattern],
+    beyond: Sequence[Finding],
     pattern_z: float,
     entailed: Sequence[str] = (),
-) -> tuple[Verdict, tuple[str, ...], str]:
-    """Return verdict, equivalence set and remainder.
+) -> tuple[Verdict, tuple[str, ...], tuple[Finding, ...]]:
+    """Return verdict, equivalence set and findings.
 
-    ``causes``: the leading one first. ``doubts``: descriptions of what else is left over. ``entailed``:
-    nuisances out of range that a cause explains.
+    ``causes``: the leading one first. ``beyond``: what else is left over. ``entailed``: nuisances out of
+    range that a cause explains.
     """
     others_left = [e for e in found.chosen if not e.is_term and e.name not in entailed]
-    remains = [*(_in_words(e, found) for e in others_left), *doubts]
-    remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > pattern_z]
+    remains = [*(_left_over(e, found) for e in others_left), *beyond]
+    remains += [pattern for pattern in left[:1] if pattern.z > pattern_z]
     if not causes:
-        return ("unknown" if remains else "nothing_wrong"), (), "; ".join(remains)
+        return ("unknown" if remains else "nothing_wrong"), (), tuple(remains)
     lead, others = causes[0], causes[1:]
     if is_unknown(causes, posterior.probability):
-        return "unknown", (), "; ".join(remains) or _strongest(left)
+        return "unknown", (), tuple(remains or left[:1])
     for cause in others:
-        if len(cause.alternatives) > 1:
-            remains.append(f"{cause.name} may be {' or '.join(cause.alternatives[1:MOST_ALIKE])}")
-        elif cause.probability < SURE:
-            remains.append(f"{cause.name} may be something else")
+        if len(cause.alternatives) > 1 or cause.probability < SURE:
+            remains.append(Doubt(cause.alternatives[1:MOST_ALIKE], effect=cause.name))
     if len(lead.alternatives) > 1:
-        return "ambiguous", lead.alternatives[:MOST_ALIKE], "; ".join(remains)
+        return "ambiguous", lead.alternatives[:MOST_ALIKE], tuple(remains)
     if lead.probability < SURE:
-        remains.append(f"{lead.name} may be something else")
+        remains.append(Doubt(effect=lead.name))
     if lead.gain.nats < CONFIRMED_NATS:
-        remains.append("held-out flights do not confirm it")
-    return ("named_with_remainder" if remains else "named"), (lead.name,), "; ".join(remains)
+        remains.append(Remark("held-out flights do not confirm it"))
+    return ("named_with_remainder" if remains else "named"), (lead.name,), tuple(remains)
 
 
 def is_unknown(causes: Sequence[Cause], probability: Mapping[str, float]) -> bool:
@@ -237,15 +237,11 @@ def is_unknown(causes: Sequence[Cause], probability: Mapping[str, float]) -> boo
     return likeliest <= LIKELY < probability[SOMETHING_ELSE]
 
 
-def _in_words(effect: Effect, found: SearchResult) -> str:
-    """Describe a chosen effect that is no term; a delay is given in milliseconds."""
+def _left_over(effect: Effect, found: SearchResult) -> Finding:
+    """Return a chosen effect that is no term as a finding."""
+    if effect.relaxes:
+        return OutOfRange(channel=effect.relaxes[0])
     if effect.name not in LATE:
-        return effect.name
+        return ResidualPattern.of(effect.name)
     size, _ = found.last.fitted(effect, found.last.quadratic.maximise(found.chosen))
-    late_s = float(size[0])
-    when = effect.name if late_s > 0.0 else effect.name.replace("late", "early")
-    return f"{when} by {1e3 * abs(late_s):.1f} ms"
-
-
-def _strongest(left: Sequence[ScoreTest]) -> str:
-    return f"{left[0].effect.name} (z = {left[0].z:.1f})" if left else ""
+    return LateReadings(float(size[0]), channel=STREAMS[LATE[effect.name][0]])

@@ -10,8 +10,8 @@ import numpy as np
 
 from slam.core.progress import Progress
 from slam.criticism.cause import Cause
+from slam.criticism.finding import Finding, Inconsistency, ResidualPattern
 from slam.criticism.residuals.reading_anomalies import ENTAILS
-from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds, with_misfit
 from slam.criticism.verdict.criticism import Criticism, Rank
@@ -34,8 +34,8 @@ class JudgedCauses:
     reported: tuple[Cause, ...]
     """The leading one is first."""
     faint: tuple[Cause, ...]
-    left: list[ScoreTest]
-    """Residual patterns, greatest first."""
+    left: list[ResidualPattern]
+    """Greatest first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,16 +53,16 @@ class Evidence(ABC):
     model: Model
     """The nominal model."""
     progress: Progress
-    doubts: Mapping[str, str] = field(default_factory=dict)
-    """Cause -> description of what contradicts it."""
+    doubts: Mapping[str, Inconsistency] = field(default_factory=dict)
+    """Cause -> what contradicts it."""
 
     @abstractmethod
     def causes(self) -> tuple[Cause, ...]:
         """Return the chosen terms of the catalogue as causes."""
 
     @abstractmethod
-    def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
-        """Describe what no cause explains, residual patterns excepted."""
+    def findings(self, judged: JudgedCauses) -> Sequence[Finding]:
+        """Return what no cause explains, residual patterns excepted."""
 
     @abstractmethod
     def completed(self, found: Criticism) -> Criticism:
@@ -76,19 +76,19 @@ def judge(evidence: Evidence) -> Criticism:
     causes, left = judged.reported, judged.left
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     entailed = [name for o in evidence.anomalies for name in ENTAILS.get(o.name, ())]
-    unexplained = evidence.unexplained(judged)
-    verdict, equivalents, remainder = decide(causes, found, posterior, left, unexplained, pattern_z, entailed)
+    beyond = evidence.findings(judged)
+    verdict, equivalents, findings = decide(causes, found, posterior, left, beyond, pattern_z, entailed)
     probability = posterior.probability | {c.name: c.probability for c in causes}
     criticism = evidence.completed(
         Criticism(
             verdict=verdict,
             causes=causes,
             equivalence_set=equivalents,
-            remainder=remainder,
+            findings=findings,
             detectable=detectable(found.first, limits.effects),
             ranking=ranking(found, probability, evidence.anomalies),
             confusable=confusable(found.first),
-            patterns=tuple((s.effect.name, s.z) for s in left[:SHOWN_PATTERNS]),
+            patterns=tuple(left[:SHOWN_PATTERNS]),
             threshold=limits.effects,
             threshold_means=limits.meaning,
             model=evidence.model,
@@ -101,7 +101,8 @@ def _judged(evidence: Evidence) -> JudgedCauses:
     """Divide the chosen terms by their probability, and add the anomalies of single readings."""
     found, fitted = evidence.found, evidence.causes()
     tests = found.last.score_tests(found.chosen, found.last.patterns)
-    left = sorted(tests, key=lambda s: (-round(s.z, 2), s.effect.name))
+    left = [ResidualPattern.of(s.effect.name, s.z) for s in tests]
+    left.sort(key=lambda pattern: (-round(pattern.z, 2), pattern.name))
     pattern_z = with_misfit(evidence.limits.patterns, max((c.z for c in fitted), default=0.0))
     left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)
     likely, faint = split_by_probability(fitted, found, evidence.posterior, evidence.doubts, left_z)

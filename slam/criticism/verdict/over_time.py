@@ -14,7 +14,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from slam.core.arrays import Array
-from slam.core.units import spaced
+from slam.criticism.finding import Onset
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.information import FisherInformation
@@ -83,24 +83,6 @@ class Parts:
         return SizeOverTime(name, unit, flights, self.begin_s[sure], sizes, half, float(whole[0]))
 
 
-@dataclass(frozen=True)
-class Onset:
-    """A change of one parameter."""
-
-    column: str
-    time_s: float
-    change: float
-    z: float
-
-    def __str__(self) -> str:
-        effect, _, parameter = self.column.rpartition(".")
-        unit = CATALOGUE[effect].parameter(parameter).unit
-        return (
-            f"{self.column} changes by {self.change:.2g}{spaced(unit)} at about "
-            f"{self.time_s:.0f} s (z = {self.z:.1f})"
-        )
-
-
 def onset(found: SearchResult, parts: Parts) -> Onset | None:
     """Return the most certain change of a term's parameter within a flight, or None."""
     changes = [
@@ -125,10 +107,13 @@ def _changes(found: SearchResult, parts: Parts, effect: Effect, column: str) -> 
     along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
     score = fisher.left_at(step) @ along
     known = (fisher.information @ along) @ along
-    onsets = []
-    for inside in (fisher.flight == flight for flight in np.unique(fisher.flight)):
+    _, _, parameter = column.rpartition(".")
+    unit, onsets = CATALOGUE[effect.name].parameter(parameter).unit, []
+    for flight in np.unique(fisher.flight).tolist():
+        inside = fisher.flight == flight
         k, change, z = _break(score[inside], known[inside], effect.tolerance)
-        onsets.append(Onset(column, float(parts.begin_s[inside][k]), change, z))
+        name, time_s = parts.names[flight], float(parts.begin_s[inside][k])
+        onsets.append(Onset(name, time_s, change, unit, effect=effect.name, parameter=parameter, z=z))
     return onsets
 
 

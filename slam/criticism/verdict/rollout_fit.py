@@ -16,7 +16,7 @@ import numpy as np
 
 from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally, silent
-from slam.core.units import spaced
+from slam.criticism.finding import OutOfRange
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.search.effects import Effect
@@ -65,8 +65,8 @@ class RolloutFit:
     """Parameters for each flight, fitted on the others."""
     nats: dict[str, tuple[float, ...]]
     """Term -> gain in each flight, predicted from the others."""
-    unhealthy: tuple[str, ...] = ()
-    """Descriptions of the vehicle's constants that are not healthy, or would not be but for a term."""
+    unhealthy: tuple[OutOfRange, ...] = ()
+    """The vehicle's constants that are not healthy, or would not be but for a term."""
 
 
 @dataclass(frozen=True)
@@ -109,11 +109,12 @@ def fit_rollouts(
     beyond = [n for n in _FREE if _is_beyond(n, fit.parameters, found.model, spread[n.name])]
     if any(n.name == LAG_CONSTANT for n in beyond):
         chosen += [e for e in found.last.effects if e.name == LAG][:1]
-    unhealthy = [_in_words(n, fit.parameters, found.model) for n in beyond if n.name != LAG_CONSTANT]
+    unhealthy = [_out_of_range(n, fit.parameters, found.model) for n in beyond if n.name != LAG_CONSTANT]
     for effect in [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]:
+        bare = without[effect.label]
         unhealthy += [
-            f"{effect.name} may be that {_in_words(n, without[effect.label].parameters, found.model)}"
-            for n in _instead(fit, without[effect.label], found.model)
+            _out_of_range(n, bare.parameters, found.model, effect.name)
+            for n in _instead(fit, bare, found.model)
         ]
     return RolloutFit(fit.parameters, tuple(chosen), spread, fit.left_out, nats, tuple(unhealthy))
 
@@ -183,10 +184,11 @@ def _is_beyond(
     return value - reach > high or value + reach < low
 
 
-def _in_words(constant: FittedParameter, parameters: FilterParameters, model: FilterParameters) -> str:
-    low, high = constant.healthy_range(model)
-    value = constant.value_in(parameters)
-    return f"{constant.name} is {value:.3g}{spaced(constant.unit)} (healthy: {low:.3g} to {high:.3g})"
+def _out_of_range(
+    constant: FittedParameter, parameters: FilterParameters, model: FilterParameters, effect: str = ""
+) -> OutOfRange:
+    value, healthy = constant.value_in(parameters), constant.healthy_range(model)
+    return OutOfRange(value, constant.unit, healthy, channel=constant.name, effect=effect)
 
 
 def _flies(effect: Effect) -> bool:

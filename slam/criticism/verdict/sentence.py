@@ -98,7 +98,7 @@ def details(found: Criticism) -> tuple[str, ...]:
     if found.equivalence_set and found.verdict == "ambiguous":
         alike = ", ".join(f"{n} (probability {found.probability_of(n):.2f})" for n in found.equivalence_set)
         lines.append(f"Effects that the flights cannot distinguish: {alike}.")
-    lines += [f"Unexplained: {part}." for part in found.unexplained]
+    lines += [f"Unexplained: {finding}." for finding in found.findings]
     if found.noise_correlation:
         shares = ", ".join(f"{name} ({share:.2f})" for name, share in found.noise_correlation.items())
         lines.append(f"Noise is correlated from one sample to the next, which is healthy: {shares}.")
@@ -170,9 +170,9 @@ def _lacking(found: Criticism) -> list[str]:
 
 def _unexplained(found: Criticism) -> str:
     """Return a sentence with the first unexplained finding and the count of the others."""
-    first, *others = found.unexplained or [""]
-    more = f", and {len(others)} more" if others else ""
-    return f"Unexplained: {first}{more}." if first else ""
+    others = len(found.findings) - 1
+    more = f", and {others} more" if others > 0 else ""
+    return f"Unexplained: {found.findings[0]}{more}." if found.findings else ""
 
 
 def _foremost_gain(found: Criticism) -> str:

@@ -22,6 +22,7 @@ from slam.core.progress import Progress, silent
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause, ChannelError
 from slam.criticism.extended import with_certainty, with_terms
+from slam.criticism.finding import Doubt, Finding, Onset, Remark
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
 from slam.criticism.search.information import SEGMENT_S
@@ -33,7 +34,7 @@ from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
-from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Onset, Parts, SizeOverTime, onset
+from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import posterior_of
 from slam.criticism.verdict.power import NINE_OF_TEN
 from slam.criticism.without_commands.likelihood import (
@@ -110,15 +111,15 @@ class ComparedFlights(Evidence):
         causes = causes_of(found, self.posterior, together, errors)
         return tuple(with_varying_sizes(cause, found) for cause in causes)
 
-    def unexplained(self, judged: JudgedCauses) -> Sequence[str]:
-        """Describe what no cause explains, residual patterns excepted."""
-        left = [contradiction(self.rows), "" if self._onset is None else str(self._onset)]
+    def findings(self, judged: JudgedCauses) -> Sequence[Finding]:
+        """Return what no cause explains, residual patterns excepted."""
         return [
-            *self._axes[0],
-            *(r.words for r in self.readings),
+            *map(Remark, self._axes[0]),
+            *(Remark(r.words, channel=r.stream) for r in self.readings),
             *disagreements(self.found),
-            *(words for words in left if words),
-            *(f"what looks like {cause.name} is something else" for cause in judged.faint),
+            *contradiction(self.rows),
+            *([self._onset] if self._onset is not None else []),
+            *(Doubt(is_cause=False, effect=cause.name) for cause in judged.faint),
         ]
 
     def completed(self, found: Criticism) -> Criticism:

@@ -15,6 +15,7 @@ from slam.core.arrays import Array
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score_along
+from slam.criticism.finding import Remark
 from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, FilterParameters
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.record import Record
@@ -74,15 +75,14 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     return root[:, None] * turned * scale, turned @ (score / scale) / root
 
 
-def contradiction(rows: FlightRows) -> str:
-    """Describe whether pictures and path disagree by more than all errors together explain."""
+def contradiction(rows: FlightRows) -> list[Remark]:
+    """Return whether pictures and path disagree by more than all errors together explain."""
     over = [r.noise for flight in rows for r in flight if r.kind == KIND]
     if not over or float(np.median(over)) < CONTRADICTED:
-        return ""
-    return (
-        "pictures disagree with the path of the other instruments by "
-        f"{min(over):.1f} to {max(over):.1f} times their noise"
-    )
+        return []
+    by = f"{min(over):.1f} to {max(over):.1f} times their noise"
+    text = f"pictures disagree with the path of the other instruments by {by}"
+    return [Remark(text, channel="pictures")]
 
 
 def _point(sizes: Sizes) -> Sizes:

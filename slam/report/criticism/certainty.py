@@ -9,6 +9,7 @@ import numpy as np
 
 from slam.core.names import enumerated
 from slam.core.units import sized
+from slam.criticism.finding import Inconsistency
 from slam.criticism.verdict.sentence import fair_rival
 from slam.report.criticism.plain_names import title_of
 from slam.simulation.terms import CATALOGUE
@@ -167,8 +168,9 @@ def _why_not_certain(cause: Cause, result: Criticism) -> str:
     if result.probability_of(SOMETHING_ELSE) <= SURE:
         return "the flights gain too little by it"
     unknown = "these flights certainly hold something that no effect of the catalogue describes, and"
-    left_z = max((z for _, z in result.patterns[:1]), default=0.0)
-    if any(part.startswith(f"{cause.name} changes ") for part in result.unexplained):
+    left_z = max((pattern.z for pattern in result.patterns[:1]), default=0.0)
+    changing = (f for f in result.findings if isinstance(f, Inconsistency) and f.is_cause)
+    if any(finding.effect == cause.name for finding in changing):
         return f"{unknown} its size differs between parts of the flights"
     if cause.gain.flies_worse:
         return f"{unknown} with it an error two seconds ahead becomes larger"
@@ -193,7 +195,7 @@ def how_sure(result: Criticism) -> list[str]:
         f"{result.threshold:.1f} is {result.threshold_means}."
     ]
     if result.verdict != "nothing_wrong" and result.patterns:
-        told.append(f"What is not explained stands out by {result.patterns[0][1]:.1f}.")
+        told.append(f"What is not explained stands out by {result.patterns[0].z:.1f}.")
     return told
 
 

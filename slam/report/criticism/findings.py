@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from slam.core.units import everyday, spaced, to_error
-from slam.report.criticism.onsets import ONSET, change_of_size
+from slam.criticism.finding import (
+    Doubt,
+    Finding,
+    Inconsistency,
+    LateReadings,
+    Onset,
+    OutOfRange,
+    ResidualPattern,
+    VaryingSize,
+)
+from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import (
     constant,
     figure,
@@ -22,20 +32,20 @@ from slam.simulation.terms import CATALOGUE
 if TYPE_CHECKING:
     from slam.criticism import Criticism
 
-_CAVEAT = " may be something else"
-_LOOKS_LIKE = re.compile(r"^what looks like (\w+) .*\(z = ([\d.]+)\)$")
-_PATTERN = re.compile(r"^(\w+?)_?\w? ~ .*\(z = ([\d.]+)\)$")
 GAIN = "vehicle.gain"
 _SENSORS: Mapping[str, str] = {
     "velocity": "speed sensor",
     "range": "height sensor",
+    "sonar": "height sensor",
     "gyro": "gyro",
     "accel": "accelerometer",
     "roll": "attitude",
     "pitch": "attitude",
     "yaw": "heading",
+    "attitude": "attitude",
+    "pictures": "camera",
 }
-"""Reading of a residual pattern, without its axis -> the sensor."""
+"""Channel without its axis, or stream -> the sensor."""
 _SIGNALS: Mapping[str, str] = {
     "one": "a constant",
     "time": "the time in the flight",
@@ -61,62 +71,87 @@ _SIGNALS: Mapping[str, str] = {
     "place": "the place",
 }
 """Signal of a residual pattern -> in words."""
-_NUMBER = r"(-?[\d.]+(?:e[-+]\d+)?)"
-_Z = r" \(z = ([-\d.]+)\)"
 
 
-def distinct_findings(result: Criticism) -> list[str]:
+def distinct_findings(result: Criticism) -> list[Finding]:
     """Return what is left over, without reservations about causes, which are told with these, and without a
     pattern that is told as an effect of inconstant size already."""
-    left = result.unexplained
-    parts = [part for part in left if not part.endswith(_CAVEAT)] or left
-    alike = [found.groups() for part in parts if (found := _LOOKS_LIKE.match(part))]
-    streams = {(CATALOGUE[name].stream, z) for name, z in alike if name in CATALOGUE}
-    return [p for p in parts if not ((found := _PATTERN.match(p)) and found.groups() in streams)]
+    left = list(result.findings)
+    parts = [f for f in left if not (isinstance(f, Doubt) and f.is_cause and not f.others)] or left
+    told = {_stands_out(f) for f in parts if isinstance(f, Inconsistency) and not f.is_cause}
+    return [f for f in parts if not (isinstance(f, ResidualPattern) and _stands_out(f) in told)]
 
 
 def findings_in_words(result: Criticism) -> list[str]:
     """Return the distinct findings in words; a pattern that belongs to one of them is told behind it."""
     kept = distinct_findings(result)
+    same = {_stands_out(f): f for f in result.findings if isinstance(f, ResidualPattern) and f not in kept}
     told = []
-    for part in kept:
-        looks = _LOOKS_LIKE.match(part)
-        same = [p for p in result.unexplained if looks and p not in kept and f"(z = {looks[2]})" in p]
-        words = unexplained_in_words(part, result)
-        told.append(
-            f"{words} The same finding as a pattern: {unexplained_in_words(same[0])}" if same else words
-        )
+    for finding in kept:
+        double = same.get(_stands_out(finding)) if isinstance(finding, Inconsistency) else None
+        more = f" The same finding as a pattern: {in_words(double, result)}" if double else ""
+        told.append(f"{in_words(finding, result)}{more}")
     return told
+
+
+def _stands_out(finding: Finding) -> tuple[str, str]:
+    """Return the sensor that a finding concerns, and by how much it stands out."""
+    return _sensor(finding), f"{finding.z:.1f}"
+
+
+def _sensor(finding: Finding) -> str:
+    """Return the sensor, clock or constant of the vehicle that a finding concerns; empty for none."""
+    if finding.channel == GAIN:
+        return "scaling of the sticks in the autopilot"
+    if finding.effect:
+        return CATALOGUE[finding.effect].instrument
+    return _SENSORS.get(re.sub("_[xyz]$", "", finding.channel), "")
 
 
 def concerned(result: Criticism) -> list[str]:
     """Return the sensors, clocks and constants of the vehicle that are concerned by what is left over."""
-    told: dict[str, None] = {}
-    for part in result.unexplained:
-        effect = next((name for name in re.findall(r"\w+", part) if name in CATALOGUE), "")
-        axis_free = re.sub("_[xyz]$", "", part.partition(" ~ ")[0])
-        sensor = CATALOGUE[effect].instrument if effect else _SENSORS.get(axis_free, "")
-        if part.startswith(GAIN):
-            sensor = "scaling of the sticks in the autopilot"
-        if sensor:
-            told[f"the {sensor}"] = None
-    return list(told)
+    return [f"the {sensor}" for sensor in dict.fromkeys(map(_sensor, result.findings)) if sensor]
 
 
 def is_of_speed(result: Criticism) -> bool:
     """Return whether an error of the measured speed is left over."""
     return any(
-        "flow_scale" in part or (part.startswith("velocity") and " ~ " in part)
-        for part in distinct_findings(result)
+        "flow_scale" in (f.effect, *(f.others if isinstance(f, Doubt) else ()))
+        or (isinstance(f, ResidualPattern) and f.channel.startswith("velocity"))
+        for f in distinct_findings(result)
     )
 
 
-def _pattern(found: re.Match[str]) -> str:
-    """Describe a residual pattern: the error of a reading, or a force, that is proportional to a signal."""
-    told = [part.partition(" ~ ")[::2] for part in found[1].split(", ")]
-    each = [(_target(name), _SIGNALS.get(signal, signal)) for name, signal in told]
-    what = " and ".join(f"{name} in proportion to {signal}" for name, signal in each)
-    return f"there is {what}, which no effect explains (by {found[2]} standard deviations)"
+def in_words(finding: Finding, result: Criticism) -> str:
+    """Return a finding in plain words, as a sentence, with the sizes that the verdict has."""
+    return f"{in_plain_names(_words(finding, result))}."
+
+
+def _words(finding: Finding, result: Criticism) -> str:
+    by = f"by {finding.z:.1f} standard deviations"
+    match finding:
+        case OutOfRange(value=None):
+            return _out_of_range(finding.channel, result)
+        case Onset():
+            return _change(finding, by, result)
+        case VaryingSize():
+            return _sizes(finding)
+        case Inconsistency(is_cause=False):
+            what = f"a part looks like {finding.effect}, but its size would change {finding.between}"
+            return f"{what} ({by}): it is something else"
+        case ResidualPattern() if finding.proportions:
+            each = [
+                f"{_target(name)} in proportion to {_SIGNALS.get(s, s)}" for name, s in finding.proportions
+            ]
+            return f"there is {' and '.join(each)}, which no effect explains ({by})"
+        case LateReadings():
+            when = f"{1e3 * abs(finding.late_s):.1f} ms too {'late' if finding.late_s > 0.0 else 'early'}"
+            return f"the readings of {finding.channel} come {when} by their stamps"
+        case Doubt(is_cause=True, others=()):
+            return f"{finding.effect} may be an effect that the catalogue does not hold"
+        case Doubt(is_cause=True):
+            return f"{finding.text} instead: both have similar effects in these flights"
+    return f"{finding.text} ({by})" if finding.z else finding.text
 
 
 def _target(name: str) -> str:
@@ -126,69 +161,31 @@ def _target(name: str) -> str:
     return f"an error of the {reading(name)}"
 
 
-def _size_changes(found: re.Match[str]) -> str:
+def _sizes(found: VaryingSize) -> str:
     """Describe the sizes that one parameter has in the segments of the flights."""
-    effect, parameter, low, high, segments_s, more = found.groups()
-    ends = float(low), float(high)
-    factor, unit = everyday(max(ends, key=abs), CATALOGUE[effect].parameter(parameter).unit)
-    least, most = (to_error(factor * end, factor * (ends[1] - ends[0])) for end in ends)
-    sizes = f"{least} to {most}{spaced(unit)}"
-    return f"{_named(effect, parameter)} is {sizes} in stretches of {segments_s} s{more}, instead of one size"
+    factor, unit = everyday(max(found.least, found.most, key=abs), found.unit)
+    least, most = (
+        to_error(factor * end, factor * (found.most - found.least)) for end in (found.least, found.most)
+    )
+    stretches = f"in stretches of {found.segment_s:g} s{found.like}, instead of one size"
+    return f"{_named(found)} is {least} to {most}{spaced(unit)} {stretches}"
 
 
-def _onset(found: re.Match[str]) -> str:
-    effect, parameter, change, time_s, z = found.groups()
-    factor, unit = everyday(float(change), CATALOGUE[effect].parameter(parameter).unit)
-    by = f"{figure(factor * float(change))}{spaced(unit)}"
-    return f"{_named(effect, parameter)} changes by {by} at about {time_s} s (by {z} standard deviations)"
+def _change(found: Onset, by: str, result: Criticism) -> str:
+    """Describe a change of a size, where known with the sizes before and after it."""
+    if (change := change_of_size(result, found.effect, found.parameter)) is not None:
+        return f"{_named(found)} is {before_and_after(change)} (a change {by})"
+    factor, unit = everyday(found.change, found.unit)
+    size = f"{figure(factor * found.change)}{spaced(unit)}"
+    return f"{_named(found)} changes by {size} at about {found.time_s:.0f} s ({by})"
 
 
-def _named(effect: str, parameter: str) -> str:
-    return f"{CATALOGUE[effect].title} ({quantity(effect, parameter)})"
+def _named(found: Finding) -> str:
+    return f"{CATALOGUE[found.effect].title} ({quantity(found.effect, found.parameter)})"
 
 
-_EFFECT = rf"({'|'.join(CATALOGUE)})"
-_IN_WORDS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
-    (rf"^{_EFFECT}\.(\w+) is {_NUMBER} to {_NUMBER}[^b]*by segments of ([\d.]+) s(.*)$", _size_changes),
-    (ONSET, _onset),
-    (
-        rf"^what looks like (.*) changes (.*){_Z}$",
-        r"a part looks like \1, but its size would change \2 (by \3 standard deviations): it is something "
-        "else",
-    ),
-    (rf"^(.* ~ .*){_Z}$", _pattern),
-    (rf"^(.*){_Z}$", r"\1 (by \2 standard deviations)"),
-    (r"^(.*) (early|late) by ([-\d.]+) ms$", r"the readings of \1 come \3 ms too \2 by their stamps"),
-    (r"^(.*) may be something else$", r"\1 may be an effect that the catalogue does not hold"),
-    (r"^(.*) may be (?!that)(.*)$", r"\1 may be \2 instead: both have similar effects in these flights"),
-)
-"""Pattern of what is left over in verdict.json -> in words."""
-
-
-def unexplained_in_words(part: str, result: Criticism | None = None) -> str:
-    """Return what is left over as `slam.criticism.verdict.decision` describes it, in plain words.
-
-    With a ``result``, a constant out of range is told with its value and its healthy range.
-    """
-    bare = part.removesuffix(".")
-    name = bare.removesuffix(" out of range")
-    if name != bare:
-        return f"{_out_of_range(name, result)}."
-    onset = re.match(ONSET, bare)
-    if onset and result is not None and (change := change_of_size(result, onset[1], onset[2])):
-        named, sizes = _named(onset[1], onset[2]), before_and_after(change)
-        return f"{named} is {sizes} (a change by {change.z} standard deviations)."
-    for pattern, words in _IN_WORDS:
-        if re.match(pattern, bare):
-            bare = re.sub(pattern, words, bare)
-            break
-    return f"{in_plain_names(bare)}."
-
-
-def _out_of_range(name: str, result: Criticism | None) -> str:
-    words = constant(name)
-    found = result.nuisances.get(name) if result is not None else None
-    healthy = healthy_range(name, result) if result is not None else None
+def _out_of_range(name: str, result: Criticism) -> str:
+    words, found, healthy = constant(name), result.nuisances.get(name), healthy_range(name, result)
     if found is None or healthy is None:
         return f"{words}: the best value lies outside of what healthy vehicles have"
     value = sized_interval(found, is_ratio=found.unit == "1")

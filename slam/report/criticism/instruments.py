@@ -133,7 +133,9 @@ def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     """Return whether what is left over is an instrument's or the vehicle's, or which log decides."""
     found = distinct_findings(result)
     told = []
-    if any(part.startswith(GAIN) for part in found) and (size := result.nuisances.get(GAIN)):
+    if any(finding.channel == GAIN and not finding.effect for finding in found) and (
+        size := result.nuisances.get(GAIN)
+    ):
         begin = f"{constant(GAIN)} is {figure(size.value)}{_in_the_file(GAIN, result)}"
         judged = [flight for flight in flights if flight.name in result.flights]
         if {"attitude", "imu"} <= {*missing_streams(judged)}:

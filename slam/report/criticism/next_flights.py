@@ -105,7 +105,7 @@ def _to_log(result: Criticism, flights: Sequence[Flight]) -> list[str]:
         ]
     if result.limits or not {"attitude", "imu"} <= {*missing}:
         return []
-    open_ = [constant(GAIN)] if any(GAIN in part for part in result.unexplained) else []
+    open_ = [constant(GAIN)] if any(finding.channel == GAIN for finding in result.findings) else []
     of_tilt = [c for c in result.causes if CATALOGUE[c.name].acts_on == "command"]
     open_ += [title_of(c.name) for c in of_tilt if not is_established(c, result)]
     if not open_:

@@ -94,7 +94,7 @@ def _unexplained_segment(
 ) -> Segment | None:
     """Return the segment with the largest misfit of the reading that no effect explains; None where it is
     none of the replay, or where nothing is left over."""
-    told = (name.partition(" ~ ")[0] for name, _ in result.patterns[:1] if result.unexplained)
+    told = (pattern.channel for pattern in result.patterns[:1] if result.findings)
     channel = REPLAYED.get(next(told, ""))
     return before_after_picture(model, extended, flights, channel, result.unseen) if channel else None
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
+from slam.criticism.finding import Remark
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ScoreTest
@@ -51,7 +52,7 @@ def reported(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_
     chosen = (*terms, ODD) if unknown > 0.5 else tuple(terms)
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=out_of_model), chosen=chosen)
     likely, faint = split_by_probability(causes, found, posterior, doubted)
-    verdict = decide(likely, found, posterior, [], ["faint"] * len(faint), 4.5)[0]
+    verdict = decide(likely, found, posterior, [], [Remark("faint")] * len(faint), 4.5)[0]
     return verdict, [c.probability for c in likely], [c.probability for c in faint]
 
 
@@ -75,8 +76,8 @@ def test_a_certain_cause_leads_whatever_a_doubtful_one_gains():
     posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
     for order in (causes, causes[::-1]):
-        assert decide(order, found, posterior, [], ["odd"], 4.5)[0] == "named_with_remainder"
-    assert decide([gusts], found, posterior, [], ["odd"], 4.5)[0] == "unknown"
+        assert decide(order, found, posterior, [], [Remark("odd")], 4.5)[0] == "named_with_remainder"
+    assert decide([gusts], found, posterior, [], [Remark("odd")], 4.5)[0] == "unknown"
 
 
 def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown():
@@ -310,4 +311,4 @@ def test_rounding_errors_do_not_change_which_pattern_is_strongest():
             found=found, posterior=posterior, doubts={}, limits=load_thresholds(), anomalies=(), causes=tuple
         )
         left = judge._judged(evidence).left
-        assert [test.effect.name for test in left] == ["c", "a", "b"]
+        assert [pattern.name for pattern in left] == ["c", "a", "b"]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
+from slam.criticism.finding import Doubt, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.criticism.verdict.power import within_reach
@@ -23,9 +24,13 @@ SOON, WORSE = ChannelError("pitch", "rad", 0.5, 0.02, 0.001), ChannelError("rang
 NAMES = ("active_braking", "asymmetric_drag", "quadratic_drag")
 PROBABILITIES = (0.0, 0.004, 0.049, 0.05, 0.3, 0.5, 0.51, 0.97, 1.0)
 LEFT_OVER = (
-    "",
-    "force ahead ~ tilt2 (z = 23.5)",
-    "a (z = 4.2); b is 0.3 1/s (healthy: 0.5 to 0.6); c may be d",
+    (),
+    (ResidualPattern.of("force ahead ~ tilt2", 23.5),),
+    (
+        ResidualPattern.of("a", 4.2),
+        OutOfRange(0.3, "1/s", (0.5, 0.6), channel="b"),
+        Doubt(("d",), effect="c"),
+    ),
 )
 LIMITS = "No command log: the vehicle's motion is not judged."
 
@@ -59,11 +64,11 @@ def all_findings():
         causes += [made(NAMES[2], second)] if second is not None else []
         yield Criticism(
             verdict, causes=tuple(causes), equivalence_set=(NAMES[0], *among) if among else (),
-            remainder=left, ranking=(Rank("asymmetric_drag", 1.0 - first, 3.0),), limits=limits,
+            findings=left, ranking=(Rank("asymmetric_drag", 1.0 - first, 3.0),), limits=limits,
             noise_correlation={"gyro": 0.4},
         )  # fmt: skip
     for left, limits in product(LEFT_OVER, ("", LIMITS)):
-        yield Criticism("unknown", remainder=left, limits=limits)
+        yield Criticism("unknown", findings=left, limits=limits)
     yield Criticism("nothing_wrong", detectable={"trim_offset": (0.02, "rad")}, limits=LIMITS)
 
 
@@ -108,7 +113,7 @@ def test_one_cause_is_reported_with_its_size_and_what_it_gains_two_seconds_ahead
 
 def test_several_causes_are_listed_and_what_is_unexplained_is_counted():
     causes = [made(NAMES[0], 1.0, SPEED), made(NAMES[1], 0.99), made(NAMES[2], 0.0)]
-    text = headline(Criticism("named_with_remainder", causes=tuple(causes), remainder=LEFT_OVER[2]))
+    text = headline(Criticism("named_with_remainder", causes=tuple(causes), findings=LEFT_OVER[2]))
     assert text.startswith(
         "The model lacks active_braking (probability 1.00) and asymmetric_drag (probability 0.99). On "
     )

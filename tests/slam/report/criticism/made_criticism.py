@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
+from slam.criticism.finding import ResidualPattern
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.simulation.model import load_model
 
@@ -31,7 +32,7 @@ def made(verdict: str = "named") -> Criticism:
         "The model lacks <quadratic> drag.",
         (cause,) if verdict.startswith("named") else (),
         ("quadratic_drag", "flow_scale") if verdict == "ambiguous" else (),
-        "gyro_x ~ speed (z = 7.0)" if "remainder" in verdict else "",
+        (ResidualPattern.of("gyro_x ~ speed", 7.0),) if "remainder" in verdict else (),
         next_flight="steps of three sizes",
         details=(
             "Unexplained: gyro_x ~ speed (z = 7.0).",

@@ -10,6 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from slam.criticism.cause import ChannelError, Gain, Interval
+from slam.criticism.finding import Doubt, Inconsistency, Onset, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.report.criticism.cause_evidence import evidence_of_causes, shown_in_short
@@ -40,7 +41,9 @@ def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
     assert is_established(cause, alike)  # nothing says that it explains a part
     assert not is_established(replace(cause, rival="flow_scale"), alike)
     even = replace(cause, probability=0.5, z=5.0)
-    unknown = replace(made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(("roll ~ pitch", 11.0),))
+    unknown = replace(
+        made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(ResidualPattern.of("roll ~ pitch", 11.0),)
+    )
     (why,) = reservations(even, unknown)
     assert "stands out more (11.0 standard deviations)" in why
 
@@ -114,14 +117,17 @@ def test_an_effect_that_looks_like_a_cause_is_not_told_as_absent() -> None:
 
 
 def test_one_finding_that_is_told_twice_and_reservations_are_not_counted() -> None:
-    twice = (
-        "vehicle.gain out of range; what looks like flow_scale changes during a flight (z = 11.0); "
-        "velocity_x ~ ahead (z = 11.0); timestamp_jitter may be something else"
+    gain, pattern = OutOfRange(channel="vehicle.gain"), ResidualPattern.of("velocity_x ~ ahead", 11.0)
+    varying = Inconsistency("during a flight", is_cause=False, effect="flow_scale", z=11.0)
+    doubt = Doubt(effect="timestamp_jitter")
+    result = replace(
+        made(),
+        findings=(gain, varying, pattern, doubt),
+        nuisances={"vehicle.gain": Interval(1.28, "1", 1.18, 1.38)},
     )
-    result = replace(made(), remainder=twice, nuisances={"vehicle.gain": Interval(1.28, "1", 1.18, 1.38)})
     assert len(distinct_findings(result)) == 2
     assert "The same finding as a pattern: " in findings_in_words(result)[1]
-    other = replace(result, remainder=twice.replace("ahead (z = 11.0)", "ahead (z = 9.0)"))
+    other = replace(result, findings=(gain, varying, replace(pattern, z=9.0), doubt))
     assert len(distinct_findings(other)) == 3
     assert concerned(result) == [
         "the scaling of the sticks in the autopilot", "the speed sensor", "the clock of the log",
@@ -183,7 +189,7 @@ def _with_a_change() -> Criticism:
     found = {"y": Interval(0.003, "rad/s", 0.0025, 0.0035)}
     return replace(
         made(), causes=(replace(made().causes[0], name="gyro_bias", parameters=found),), changes=(series,),
-        remainder="gyro_bias.y changes by -0.002 rad/s at about 20 s (z = 9.0)",
+        findings=(Onset("flight_00", 20.0, -0.002, "rad/s", effect="gyro_bias", parameter="y", z=9.0),),
     )  # fmt: skip
 
 
@@ -198,7 +204,7 @@ def test_a_size_that_changes_at_a_moment_is_told_before_and_after_it() -> None:
     assert rows["axis to the left, y: after about 20 s"].startswith("0.115 ")
     told = " ".join(instruments_doubted(result))
     assert "gyro bias 0.229 (0.224 to 0.235) deg/s before about 20 s and 0.115" in told
-    assert change_of_size(replace(result, remainder=""), "gyro_bias", "y") is None
+    assert change_of_size(replace(result, findings=()), "gyro_bias", "y") is None
 
 
 def test_the_effect_that_looks_like_a_cause_has_a_manoeuvre_too() -> None:

@@ -13,6 +13,17 @@ from PIL import Image
 
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
+from slam.criticism.finding import (
+    Doubt,
+    Finding,
+    Inconsistency,
+    LateReadings,
+    Onset,
+    OutOfRange,
+    ResidualPattern,
+    VaryingSize,
+    Vibration,
+)
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
@@ -22,7 +33,7 @@ from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight
 from slam.report.criticism.certainty import longer_bar
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.findings import unexplained_in_words
+from slam.report.criticism.findings import in_words
 from slam.report.criticism.pictures import (
     covariate_caption,
     covariate_picture,
@@ -299,20 +310,33 @@ def test_sizes_are_told_in_everyday_units() -> None:
 
 
 @pytest.mark.parametrize(
-    ("part", "words"),
+    ("finding", "words"),
     [
-        ("velocity_std_m_s out of range", "speed that nobody commands: the best value lies outside"),
-        ("attitude_lag may be control_latency", "may be control_latency instead"),
-        ("timestamp_jitter may be something else", "an effect that the catalogue does not hold."),
-        ("velocity early by 49.1 ms", "the readings of velocity come 49.1 ms too early by their stamps."),
-        ("gyro_bias.x is -0.1 to 0.2 rad/s by segments of 10 s", "-6 to 11 deg/s in stretches of 10 s"),
-        ("gyro_bias.y changes by -0.0023 rad/s at about 490 s (z = 10.2)", "by -0.132 deg/s at about 490 s"),
-        ("velocity_x ~ ahead (z = 11.0)", "error of the speed ahead in proportion to the speed ahead"),
-        ("what looks like flow_scale changes during a flight (z = 11.0)", "it is something else"),
+        (OutOfRange(channel="velocity_std_m_s"), "speed that nobody commands: the best value lies outside"),
+        (Doubt(("control_latency",), effect="attitude_lag"), "may be control_latency instead"),
+        (Doubt(effect="timestamp_jitter"), "an effect that the catalogue does not hold."),
+        (LateReadings(-0.0491, channel="velocity"), "velocity come 49.1 ms too early by their stamps."),
+        (
+            VaryingSize(-0.1, 0.2, "rad/s", 10.0, effect="gyro_bias", parameter="x"),
+            "-6 to 11 deg/s in stretches of 10 s",
+        ),
+        (
+            Onset("flight_00", 490.0, -0.0023, "rad/s", effect="gyro_bias", parameter="y", z=10.2),
+            "by -0.132 deg/s at about 490 s",
+        ),
+        (
+            ResidualPattern.of("velocity_x ~ ahead", 11.0),
+            "error of the speed ahead in proportion to the speed ahead",
+        ),
+        (
+            Inconsistency("during a flight", is_cause=False, effect="flow_scale", z=11.0),
+            "it is something else",
+        ),
+        (Vibration(7.0, -20.0, channel="accel_z"), "acceleration up oscillates at 7.0 Hz"),
     ],
 )
-def test_what_is_left_over_is_told_in_plain_words(part: str, words: str) -> None:
-    assert words in unexplained_in_words(f"{part}.")
+def test_what_is_left_over_is_told_in_plain_words(finding: Finding, words: str) -> None:
+    assert words in in_words(finding, made())
 
 
 def test_every_reading_and_every_fitted_constant_has_plain_words():
