@@ -29,20 +29,16 @@ class Finding(ABC):
     """Standard deviations by which it stands out; 0 where it has no such measure."""
 
     @abstractmethod
-    def _text(self) -> str: ...
-
-    @property
-    def text(self) -> str:
-        """What it is, without its significance."""
-        return self._text()
-
-    def __str__(self) -> str:
-        return f"{self.text} (z = {self.z:.1f})" if self.z else self.text
+    def __str__(self) -> str: ...
 
     @property
     def column(self) -> str:
         """TERM.PARAMETER that it concerns."""
         return f"{self.effect}.{self.parameter}"
+
+    @property
+    def _by(self) -> str:
+        return f" (z = {self.z:.1f})" if self.z else ""
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ class Remark(Finding):
 
     words: str
 
-    def _text(self) -> str:
+    def __str__(self) -> str:
         return self.words
 
 
@@ -63,7 +59,7 @@ class Vibration(Finding):
     log10_chance: float
     """Common logarithm of the probability that noise makes such a line at this frequency."""
 
-    def _text(self) -> str:
+    def __str__(self) -> str:
         chance = f"by chance in 10^{self.log10_chance:.0f}"
         return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz ({chance})"
 
@@ -89,8 +85,8 @@ class ResidualPattern(Finding):
         parts = (part.partition(_ACTS_BY) for part in self.name.split(", "))
         return [(target, signal) for target, _, signal in parts if signal]
 
-    def _text(self) -> str:
-        return self.name
+    def __str__(self) -> str:
+        return f"{self.name}{self._by}"
 
 
 @dataclass(frozen=True)
@@ -101,8 +97,8 @@ class Inconsistency(Finding):
     """Parts that disagree: ``from flight to flight``, ``during a flight`` or ``from channel to channel``."""
     is_cause: bool = True
 
-    def _text(self) -> str:
-        return f"{'' if self.is_cause else 'what looks like '}{self.effect} changes {self.between}"
+    def __str__(self) -> str:
+        return f"{'' if self.is_cause else 'what looks like '}{self.effect} changes {self.between}{self._by}"
 
 
 @dataclass(frozen=True)
@@ -113,7 +109,7 @@ class Doubt(Finding):
     """Terms that may be in its place; none for what the catalogue does not hold."""
     is_cause: bool = True
 
-    def _text(self) -> str:
+    def __str__(self) -> str:
         if not self.is_cause:
             return f"what looks like {self.effect} is something else"
         return f"{self.effect} may be {' or '.join(self.others) or 'something else'}"
@@ -127,7 +123,7 @@ class OutOfRange(Finding):
     unit: str = ""
     healthy: tuple[float, float] | None = None
 
-    def _text(self) -> str:
+    def __str__(self) -> str:
         if self.value is None or self.healthy is None:
             return f"{self.channel} out of range"
         low, high = self.healthy
@@ -142,7 +138,7 @@ class LateReadings(Finding):
 
     late_s: float
 
-    def _text(self) -> str:
+    def __str__(self) -> str:
         return f"{self.channel} {'late' if self.late_s > 0.0 else 'early'} by {1e3 * abs(self.late_s):.1f} ms"
 
 
@@ -157,15 +153,15 @@ class VaryingSize(Finding):
     like_attitude_deg: float = 0.0
     """Error of the attitude that would look the same; 0 where none would."""
 
-    def _text(self) -> str:
+    def __str__(self) -> str:
         sizes = f"{self.least:.2g} to {self.most:.2g}{spaced(self.unit)} by segments of {self.segment_s:g} s"
         return f"{self.column} is {sizes}{self.like}"
 
     @property
     def like(self) -> str:
         """What would look the same, as the end of a sentence."""
-        off = f", like an attitude error of {self.like_attitude_deg:.0f} deg"
-        return off if self.like_attitude_deg else ""
+        off_deg = self.like_attitude_deg
+        return f", like an attitude error of {off_deg:.0f} deg" if off_deg else ""
 
 
 @dataclass(frozen=True)
@@ -177,6 +173,6 @@ class Onset(Finding):
     change: float
     unit: str
 
-    def _text(self) -> str:
+    def __str__(self) -> str:
         by = f"{self.change:.2g}{spaced(self.unit)} at about {self.time_s:.0f} s"
-        return f"{self.column} changes by {by}"
+        return f"{self.column} changes by {by}{self._by}"

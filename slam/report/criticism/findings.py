@@ -136,7 +136,9 @@ def _words(finding: Finding, result: Criticism) -> str:
             return _change(finding, by, result)
         case VaryingSize():
             return _sizes(finding)
-        case Inconsistency(is_cause=False):
+        case Inconsistency(is_cause=True):
+            return f"{finding.effect} changes {finding.between} ({by})"
+        case Inconsistency():
             what = f"a part looks like {finding.effect}, but its size would change {finding.between}"
             return f"{what} ({by}): it is something else"
         case ResidualPattern() if finding.proportions:
@@ -144,14 +146,18 @@ def _words(finding: Finding, result: Criticism) -> str:
                 f"{_target(name)} in proportion to {_SIGNALS.get(s, s)}" for name, s in finding.proportions
             ]
             return f"there is {' and '.join(each)}, which no effect explains ({by})"
+        case ResidualPattern(z=0.0):
+            return finding.name
+        case ResidualPattern():
+            return f"{finding.name} ({by})"
         case LateReadings():
             when = f"{1e3 * abs(finding.late_s):.1f} ms too {'late' if finding.late_s > 0.0 else 'early'}"
             return f"the readings of {finding.channel} come {when} by their stamps"
         case Doubt(is_cause=True, others=()):
             return f"{finding.effect} may be an effect that the catalogue does not hold"
         case Doubt(is_cause=True):
-            return f"{finding.text} instead: both have similar effects in these flights"
-    return f"{finding.text} ({by})" if finding.z else finding.text
+            return f"{finding} instead: both have similar effects in these flights"
+    return str(finding)
 
 
 def _target(name: str) -> str:
