@@ -95,6 +95,8 @@ class Inconsistency(Finding):
 
     between: str
     """Parts that disagree: ``from flight to flight``, ``during a flight`` or ``from channel to channel``."""
+    excess: float
+    """Excess of the chi-square of the parts' differences over its expectation."""
     is_cause: bool = True
 
     def __str__(self) -> str:

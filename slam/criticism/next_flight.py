@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.cores import in_threads
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.planned_matches import planned_matches
@@ -26,7 +27,6 @@ from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURB
 from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.search import SearchResult
-from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import Posterior
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.likelihood import likelihood_of

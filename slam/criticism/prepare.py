@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
@@ -33,7 +34,6 @@ from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.reading_anomalies import are_quantised, without_dead_zone
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
-from slam.criticism.threads import in_threads
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import (
     LEAST_STICK,

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.sparse import csr_array
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
 from slam.criticism.camera.camera_path import CameraPath, camera_path
 from slam.criticism.camera.lens import NUDGE, WARP_TOLERANCE, floor_of, pixels_of, warp
@@ -24,7 +25,6 @@ from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.smoothing import SmoothedPath
-from slam.criticism.threads import in_threads
 from slam.data_quality.pictures.feature_matches import FeatureMatches
 
 _POSE_NUDGE = 1e-5

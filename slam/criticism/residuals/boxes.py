@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.residuals.reading_anomalies import cause_in_readings, predicted_by_others
-from slam.criticism.threads import in_threads
 from slam.data_quality.boxes import Boxes, RangeResiduals, find_boxes, nats_by_others, share_over
 from slam.simulation.dynamics import PITCH, ROLL, UP, VX, VY, VZ, X, Y, Z
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array
 from slam.criticism.cause import SURE, Cause, Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
@@ -19,7 +20,6 @@ from slam.criticism.kalman.record import Record, in_order
 from slam.criticism.residuals.reading_anomalies import cause_in_readings
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
-from slam.criticism.threads import in_threads
 from slam.data_quality.even_clock import LEAST_SCATTER_S, StampOffsets, stamp_offsets
 
 SLOW = 3.0

@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array, Mask
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -33,7 +34,6 @@ from slam.criticism.search.information import FisherInformation, fisher_informat
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.thresholds import Thresholds, parameter_cost
-from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
 
 NAMED_FIRST = 0.8

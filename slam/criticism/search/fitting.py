@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
 from slam.core.progress import Tally
 from slam.criticism.kalman.filter import USED
@@ -36,7 +37,6 @@ from slam.criticism.search.fitted_parameters import (
 from slam.criticism.search.information import FisherInformation, fisher_information
 from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.thresholds import VERY_SIMILAR_NATS, similar_nats
-from slam.criticism.threads import in_threads
 
 FIRST_S = 60.0
 """Duration of the first parts of flights to which the process noise is fitted first: it shows everywhere."""

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import t as student
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters
@@ -24,7 +25,6 @@ from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, S
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.fitted_parameters import NOISE_NUISANCES, FittedParameter, gain_column
-from slam.criticism.threads import in_threads
 
 CUT = 9.0
 """Limit of e^2 in the variance's score: one outlier is not a change of variance."""

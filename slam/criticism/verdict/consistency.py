@@ -9,13 +9,13 @@ differences are significant: there only a size that varies by half of itself cou
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from backend.measurements import GRAVITY_M_S2
+from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
 from slam.criticism.finding import Inconsistency, VaryingSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
@@ -26,7 +26,6 @@ from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURB
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
-from slam.criticism.threads import in_threads
 from slam.criticism.verdict.over_time import PART_S, TELLING, Parts, SizeOverTime
 from slam.simulation.terms import CATALOGUE
 
@@ -46,25 +45,14 @@ LARGE = 0.5
 LEVEL = ("accel_bias.x", "accel_bias.y")
 """Columns along which an attitude error acts like an error of the accelerometer."""
 _BETWEEN = "from flight to flight", "during a flight", "from channel to channel"
-"""The parts that a cause is compared between, in the order of the columns of `consistencies`."""
+"""The parts that a cause is compared between, in the order of `_parts_of`."""
 
 
-@dataclass(frozen=True)
-class PartConsistency:
-    """Consistency of a cause between parts of the flights."""
-
-    by: str
-    """Between which parts it changes: one of ``_BETWEEN``."""
-    z: float
-    """Normal deviate of the chi-square of their differences."""
-    excess: float
-    """Excess of the chi-square over its expectation."""
-
-
-def consistencies(
+def inconsistencies(
     records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
-) -> list[tuple[PartConsistency, ...]]:
-    """Return consistencies for each chosen effect that moves the mean of the readings; none for the others.
+) -> list[tuple[Inconsistency, ...]]:
+    """Return how much each chosen effect that moves the mean of the readings disagrees between parts of each
+    kind; none for the others.
 
     ``parameters`` include the effects at their sizes.
     """
@@ -72,8 +60,8 @@ def consistencies(
     precision = _precision(model, parts[0][1].fisher.columns)
     ends = np.cumsum([len(MEAN_NUISANCES), *(len(e.perturbations) for e in chosen)])
     return [
-        tuple(_consistency(by, p.fisher, np.arange(*own), precision) for by, p in parts if own[0] < own[1])
-        for own in pairwise(ends.tolist())
+        tuple(_inconsistency(effect, by, p.fisher, own, precision) for by, p in parts if len(own))
+        for effect, own in zip(chosen, np.split(np.arange(ends[-1]), ends)[1:-1], strict=True)
     ]
 
 
@@ -114,8 +102,10 @@ def _most_probable(fisher: FisherInformation, precision: Array) -> tuple[Array, 
     return np.linalg.solve(total, fisher.score.sum(axis=0)), total
 
 
-def _consistency(by: str, fisher: FisherInformation, own: Ints, precision: Array) -> PartConsistency:
-    """Return the consistency of the columns ``own`` between the segments of ``fisher``."""
+def _inconsistency(
+    effect: Effect, between: str, fisher: FisherInformation, own: Ints, precision: Array
+) -> Inconsistency:
+    """Return how much the columns ``own`` of an effect disagree between the segments of ``fisher``."""
     step, total = _most_probable(fisher, precision)
     cross = fisher.information[:, own].reshape(-1, len(total))
     left = block_diag(*fisher.information[:, own[:, None], own]) - cross @ np.linalg.solve(total, cross.T)
@@ -126,7 +116,8 @@ def _consistency(by: str, fisher: FisherInformation, own: Ints, precision: Array
     along = vectors[:, strong].T @ (scale * right)
     chi2 = float(np.sum(along**2 / values[strong]))
     degrees = int(strong.sum())
-    return PartConsistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
+    z = deviate(chi2, degrees) if chi2 > degrees else 0.0
+    return Inconsistency(between, chi2 - degrees, effect=effect.name, z=z)
 
 
 def contradictions(
@@ -138,18 +129,18 @@ def contradictions(
     For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
     """
     chosen = [e.free for e in found.chosen]
-    inconsistencies, refuted = {}, set()
-    consistency = consistencies(found.records, found.model, parameters, chosen)
-    for effect, parts in zip(found.chosen, consistency, strict=True):
+    inconsistent, refuted = {}, set()
+    of_effects = inconsistencies(found.records, found.model, parameters, chosen)
+    for effect, parts in zip(found.chosen, of_effects, strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)
         rest = [e for e in found.chosen if e is not effect]
         whole = found.last.score_tests(rest, [effect])[0]
         if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if effect.is_saturation else whole.z):
             continue
-        inconsistencies[effect.name] = Inconsistency(worst.by, effect=effect.name, z=worst.z)
+        inconsistent[effect.name] = worst
         if not effect.is_saturation and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
-    return inconsistencies, refuted
+    return inconsistent, refuted
 
 
 def disagreements(found: SearchResult) -> list[VaryingSize]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
@@ -20,7 +21,6 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import first_parts, refit
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, SearchResult
-from slam.criticism.threads import in_threads
 from slam.criticism.verdict.held_out import fitted_parameters
 from slam.criticism.verdict.rollouts import pooled_residuals
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.finding import OutOfRange
@@ -28,7 +29,6 @@ from slam.criticism.search.fitted_parameters import (
 )
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
-from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import required_nats
 from slam.criticism.verdict.rollouts import pooled_residuals, rollout_residuals
 

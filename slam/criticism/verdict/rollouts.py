@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from backend.compilation import allocating_kernel
+from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
 from slam.criticism.cause import ChannelError
 from slam.criticism.kalman.filter_parameters import FilterParameters
@@ -29,7 +30,6 @@ from slam.criticism.kalman.readings import (
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import STICKS
 from slam.criticism.kalman.transition import FULL, NOISES, POLE
-from slam.criticism.threads import in_threads
 from slam.simulation.dynamics import derivative, integrate
 from slam.simulation.replay.compare import HORIZONS_S
 

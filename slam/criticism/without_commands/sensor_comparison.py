@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from frontend.cores import in_threads
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.reprojection import without_mismatched_pairs
@@ -20,7 +21,6 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.residuals.reading_anomalies import reading_anomalies, without_dead_zone
-from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.likelihood import Sizes
 from slam.criticism.without_commands.pictures import picture_rows

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.cores import in_threads
 from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
@@ -110,8 +110,7 @@ def match_all_pictures(flights: Sequence[Flight], progress: Progress = silent) -
     # The pictures are small, so threads within one of them would only wait for each other.
     cv2.setNumThreads(1)
     try:
-        with ThreadPoolExecutor(WORKERS) as pool:
-            return list(pool.map(lambda flight: _looked_at(flight, pictures, pairs), flights))
+        return in_threads(lambda flight: _looked_at(flight, pictures, pairs), flights, WORKERS)
     finally:
         cv2.setNumThreads(before)
 

@@ -9,7 +9,7 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.verdict.consistency import _consistency
+from slam.criticism.verdict.consistency import _inconsistency
 from slam.criticism.verdict.over_time import Parts
 from slam.simulation.model import load_model
 
@@ -28,7 +28,7 @@ def drawn(seed, sizes):
 def deviates(sizes, count=200):
     def deviate(seed):
         known = FisherInformation.of_rows("abc", *drawn(seed, sizes), np.arange(PARTS))
-        return _consistency("flight", known, np.array([2]), np.full(3, 1e-9)).z
+        return _inconsistency(Effect("yaw_drag"), "during a flight", known, np.array([2]), np.full(3, 1e-9)).z
 
     return np.array([deviate(seed) for seed in range(count)])
 

@@ -78,7 +78,9 @@ def test_a_constant_far_from_healthy_is_reported_and_no_reason_to_drop_a_term(br
     (gain,) = _instead(healthy, bent, nominal)
     assert _is_beyond(gain, bent.parameters, nominal, 0.1)
     assert not _is_beyond(gain, bent.parameters, nominal, 0.5)
-    assert str(_out_of_range(gain, bent.parameters, nominal)) == "vehicle.gain is 0.42 (healthy: 0.95 to 1.05)"
+    assert (
+        str(_out_of_range(gain, bent.parameters, nominal)) == "vehicle.gain is 0.42 (healthy: 0.95 to 1.05)"
+    )
 
 
 @pytest.mark.slow

@@ -118,7 +118,7 @@ def test_an_effect_that_looks_like_a_cause_is_not_told_as_absent() -> None:
 
 def test_one_finding_that_is_told_twice_and_reservations_are_not_counted() -> None:
     gain, pattern = OutOfRange(channel="vehicle.gain"), ResidualPattern.of("velocity_x ~ ahead", 11.0)
-    varying = Inconsistency("during a flight", is_cause=False, effect="flow_scale", z=11.0)
+    varying = Inconsistency("during a flight", 120.0, is_cause=False, effect="flow_scale", z=11.0)
     doubt = Doubt(effect="timestamp_jitter")
     result = replace(
         made(),

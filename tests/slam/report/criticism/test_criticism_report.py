@@ -329,7 +329,7 @@ def test_sizes_are_told_in_everyday_units() -> None:
             "error of the speed ahead in proportion to the speed ahead",
         ),
         (
-            Inconsistency("during a flight", is_cause=False, effect="flow_scale", z=11.0),
+            Inconsistency("during a flight", 120.0, is_cause=False, effect="flow_scale", z=11.0),
             "it is something else",
         ),
         (Vibration(7.0, -20.0, channel="accel_z"), "acceleration up oscillates at 7.0 Hz"),
