@@ -1,67 +1,15 @@
-"""Findings: what flights show and no cause explains, with one class for each kind.
-
-As a string, a finding is its text in verdict.json.
-"""
+"""Findings that compare flights with a model: what no cause explains, with one class for each kind."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from slam.core.units import spaced
+from slam.data_quality.finding import Finding
 from slam.simulation.terms import CATALOGUE
 
 _ACTS_BY = " ~ "
 """Between the target and the signal in the name of a residual pattern."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finding(ABC):
-    """Something that no cause explains."""
-
-    effect: str = ""
-    """Term of the catalogue that it concerns; empty for none."""
-    parameter: str = ""
-    """Parameter of the term; empty for none."""
-    channel: str = ""
-    """Channel, stream, instrument or constant of the vehicle that it concerns; empty for none."""
-    z: float = 0.0
-    """Standard deviations by which it stands out; 0 where it has no such measure."""
-
-    @abstractmethod
-    def __str__(self) -> str: ...
-
-    @property
-    def column(self) -> str:
-        """TERM.PARAMETER that it concerns."""
-        return f"{self.effect}.{self.parameter}"
-
-    @property
-    def _by(self) -> str:
-        return f" (z = {self.z:.1f})" if self.z else ""
-
-
-@dataclass(frozen=True)
-class Remark(Finding):
-    """A finding that only its words tell."""
-
-    words: str
-
-    def __str__(self) -> str:
-        return self.words
-
-
-@dataclass(frozen=True)
-class Vibration(Finding):
-    """A spectral line of a channel."""
-
-    frequency_hz: float
-    log10_chance: float
-    """Common logarithm of the probability that noise makes such a line at this frequency."""
-
-    def __str__(self) -> str:
-        chance = f"by chance in 10^{self.log10_chance:.0f}"
-        return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz ({chance})"
 
 
 @dataclass(frozen=True)
@@ -168,9 +116,8 @@ class VaryingSize(Finding):
 
 @dataclass(frozen=True)
 class Onset(Finding):
-    """A parameter of a term that changes at a moment."""
+    """A parameter of a term that changes at a moment of a flight."""
 
-    flight: str
     time_s: float
     change: float
     unit: str

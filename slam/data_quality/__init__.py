@@ -7,11 +7,11 @@ on another clock and pictures lost. Pictures may show more than the floor, and r
 from __future__ import annotations
 
 from slam.data_quality.anomalies import (
-    StreamAnomaly,
     readings_in_words,
     stream_anomalies,
     without_frozen,
 )
 from slam.data_quality.dead_streams import without_dead_streams
+from slam.data_quality.finding import Finding
 
-__all__ = ["StreamAnomaly", "readings_in_words", "stream_anomalies", "without_dead_streams", "without_frozen"]
+__all__ = ["Finding", "readings_in_words", "stream_anomalies", "without_dead_streams", "without_frozen"]

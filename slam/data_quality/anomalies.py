@@ -3,43 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.data_quality.axes import wrong_axes
 from slam.data_quality.channels import larger_noise, streams_of
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import log_apart
+from slam.data_quality.finding import Finding
 from slam.data_quality.frozen import Frozen, frozen
 from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
 
 
-@dataclass(frozen=True)
-class StreamAnomaly:
-    """One anomaly of a stream."""
-
-    stream: str
-    kind: str
-    """``frozen``, ``rounded`` or ``oscillating``."""
-    words: str
-    """Channel, shape, time and size, as a part of a sentence."""
-    repeated: NDArray[np.bool_] | None = None
-    """(n,) readings of a frozen stream that repeat the one before."""
-
-
-def stream_anomalies(flight: Flight) -> list[StreamAnomaly]:
+def stream_anomalies(flight: Flight) -> list[Finding]:
     """Return the anomalies of each stream of a flight."""
-    found = []
-    for stream in streams_of(flight):
-        for kind, look in (("frozen", frozen), ("rounded", rounding), ("oscillating", strongest_line)):
-            if (seen := look(stream)) is not None:
-                repeated = seen.repeated if isinstance(seen, Frozen) else None
-                found.append(StreamAnomaly(stream.name, kind, str(seen), repeated))
-    return found
+    looks = (frozen, rounding, strongest_line)
+    each = (look(stream) for stream in streams_of(flight) for look in looks)
+    return [seen for seen in each if seen is not None]
 
 
 def readings_in_words(flight: Flight) -> list[str]:
@@ -47,7 +30,7 @@ def readings_in_words(flight: Flight) -> list[str]:
     noise that is larger than stated, and for commands that are on another clock."""
     apart, late = log_apart(flight), clock_error(flight)
     return [
-        *(anomaly.words for anomaly in stream_anomalies(flight)),
+        *map(str, stream_anomalies(flight)),
         *wrong_axes(flight)[0],
         *larger_noise([flight]),
         *([apart] if apart else []),
@@ -55,20 +38,20 @@ def readings_in_words(flight: Flight) -> list[str]:
     ]
 
 
-def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[StreamAnomaly]]:
+def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[Finding]]:
     """Return the flights without repeated ranges and speeds of frozen instruments, and all anomalies of their
-    streams. Of several flights the words begin with the name."""
+    streams."""
     clean, anomalies = [], []
     for flight in flights:
         found = stream_anomalies(flight)
         clean.append(_without_repeated(flight, found))
-        label = f"{flight.name}: " if len(flights) > 1 else ""
-        anomalies += [replace(anomaly, words=label + anomaly.words) for anomaly in found]
+        name = flight.name if len(flights) > 1 else ""
+        anomalies += [replace(anomaly, flight=name) for anomaly in found]
     return clean, anomalies
 
 
-def _without_repeated(flight: Flight, anomalies: Sequence[StreamAnomaly]) -> Flight:
-    repeated = {a.stream: a.repeated for a in anomalies if a.repeated is not None}
+def _without_repeated(flight: Flight, anomalies: Sequence[Finding]) -> Flight:
+    repeated = {found.channel: found.repeated for found in anomalies if isinstance(found, Frozen)}
     if flight.sonar is not None and "sonar" in repeated:
         range_m = np.where(repeated["sonar"], np.nan, flight.sonar.range_m)
         flight = replace(flight, sonar=replace(flight.sonar, range_m=range_m))

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.data_quality.channels import InstrumentReadings
+from slam.data_quality.finding import Finding
 
 Array = NDArray[np.float64]
 
@@ -21,10 +22,9 @@ RUN = 8
 
 
 @dataclass(frozen=True)
-class Frozen:
-    """The frozen runs of a stream."""
+class Frozen(Finding):
+    """The frozen runs of a stream (``channel``)."""
 
-    stream: str
     begin_s: Array
     """(runs,)."""
     lasts_s: Array
@@ -36,7 +36,7 @@ class Frozen:
 
     def __str__(self) -> str:
         return (
-            f"the {self.stream} repeats its reading {len(self.begin_s)} times for about "
+            f"{self._label}the {self.channel} repeats its reading {len(self.begin_s)} times for about "
             f"{np.median(self.lasts_s):.2g} s, first at {self.begin_s[0]:.0f} s ({100 * self.share:.0f} % of "
             "its readings)"
         )
@@ -65,7 +65,7 @@ def frozen(stream: InstrumentReadings) -> Frozen | None:
         repeated[of_finite[first + 1 : first + count]] = True
     last = begin[stuck] + length[stuck] - 1
     lasts_s = times_s[last] - times_s[begin[stuck]]
-    return Frozen(stream.name, times_s[begin[stuck]], lasts_s, float(repeated.mean()), repeated)
+    return Frozen(times_s[begin[stuck]], lasts_s, float(repeated.mean()), repeated, channel=stream.name)
 
 
 def _shortest_improbable(count: Array, readings: int) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
 from slam.data_quality.channels import InstrumentReadings
+from slam.data_quality.finding import Finding
 
 Array = NDArray[np.float64]
 
@@ -30,16 +31,29 @@ GREATER_PART = 0.5
 
 
 @dataclass(frozen=True)
-class Line:
+class Line(Finding):
     """One spectral line of a channel."""
 
-    channel: str
     frequency_hz: float
     amplitude: float
     unit: str
 
     def __str__(self) -> str:
-        return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz by {self.amplitude:.2g} {self.unit}"
+        by = f"by {self.amplitude:.2g} {self.unit}"
+        return f"{self._label}{self.channel} oscillates at {self.frequency_hz:.1f} Hz {by}"
+
+
+@dataclass(frozen=True)
+class Vibration(Finding):
+    """A spectral line of a channel that several series share."""
+
+    frequency_hz: float
+    log10_chance: float
+    """Common logarithm of the probability that noise makes such a line at this frequency."""
+
+    def __str__(self) -> str:
+        chance = f"by chance in 10^{self.log10_chance:.0f}"
+        return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz ({chance})"
 
 
 def strongest_line(stream: InstrumentReadings) -> Line | None:
@@ -69,12 +83,11 @@ def _line(name: str, unit: str, stamps_s: Array, column: Array) -> tuple[float, 
     of_line = float(power[max(k - 2, 0) : k + 3].sum())
     share = of_line / float(power[fast].sum())
     amplitude = 2.0 * float(np.sqrt(of_line / len(even) / np.sum(window**2)))
-    return (share, Line(name, float(frequency[k]), amplitude, unit)) if share > GREATER_PART else None
+    return (share, Line(float(frequency[k]), amplitude, unit, channel=name)) if share > GREATER_PART else None
 
 
-def common_line(series: Sequence[tuple[Array, float]]) -> tuple[float, float] | None:
-    """Return the frequency in Hz of the least probable line that several series share, and the logarithm of
-    the probability that noise makes such a line in this bin; None without a line.
+def common_line(channel: str, series: Sequence[tuple[Array, float]]) -> Vibration | None:
+    """Return the least probable line that several series of a channel share; None without a line.
 
     ``series``: white values (n,) at even times, 0 where one is missing, and their interval in s. Series with
     fewer than ``FEWEST`` values do not count.
@@ -93,7 +106,9 @@ def common_line(series: Sequence[tuple[Array, float]]) -> tuple[float, float] | 
     frequency = np.arange(bins) / longest_s
     log_chance = np.where(frequency > LOWEST_HZ, log_tail(total, len(series)), 0.0)
     k = int(np.argmin(log_chance))
-    return (float(frequency[k]), float(log_chance[k])) if log_chance[k] <= LOG_CHANCE else None
+    if log_chance[k] > LOG_CHANCE:
+        return None
+    return Vibration(float(frequency[k]), float(log_chance[k] / np.log(10.0)), channel=channel)
 
 
 def over_neighbours(power: Array) -> Array:

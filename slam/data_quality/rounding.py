@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam.data_quality.channels import InstrumentReadings
+from slam.data_quality.finding import Finding
 
 EXACT = 0.02
 """Greatest distance from a multiple of the step, as a share of it."""
@@ -16,16 +17,15 @@ FITTING = 0.98
 
 
 @dataclass(frozen=True)
-class Rounding:
+class Rounding(Finding):
     """The step of a channel."""
 
-    channel: str
     step: float
     unit: str
 
     def __str__(self) -> str:
         degrees = f" ({np.degrees(self.step):.2g} deg)" if self.unit == "rad" else ""
-        return f"{self.channel} is rounded to steps of {self.step:.3g} {self.unit}{degrees}"
+        return f"{self._label}{self.channel} is rounded to steps of {self.step:.3g} {self.unit}{degrees}"
 
 
 def rounding(stream: InstrumentReadings) -> Rounding | None:
@@ -42,5 +42,5 @@ def rounding(stream: InstrumentReadings) -> Rounding | None:
         step = float(np.median(gaps[gaps <= 1.5 * gaps.min()])) if len(gaps) else 0.0
         apart = np.abs(gaps / step - np.rint(gaps / step)) if step > 0.0 else np.ones(1)
         if np.mean(apart < EXACT) > FITTING and step / np.sqrt(12.0) > noise:
-            found.append(Rounding(name, step, stream.unit))
+            found.append(Rounding(step, stream.unit, channel=name))
     return max(found, key=lambda r: r.step, default=None)

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam.core.arrays import Array
-from slam.criticism.finding import Remark, Vibration
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, RANGE
 from slam.criticism.kalman.record import Record
-from slam.data_quality.oscillation import FEWEST, common_line
+from slam.data_quality.finding import Remark
+from slam.data_quality.oscillation import FEWEST, Vibration, common_line
 
 LARGEST_SHARE, FEWEST_OUTLIERS = 0.05, 5
 """Share and number of a channel's outliers above which they are reported. Noise with the tails of Student's t
@@ -24,13 +24,8 @@ of four degrees of freedom has 0.4 %."""
 
 def vibration_of(passes: Sequence[FilterPass]) -> list[Vibration]:
     """Return the least probable line of all channels; none where noise may make each."""
-    found = []
-    for channel, name in enumerate(CHANNELS):
-        series = [_white(channel, run) for run in passes]
-        if (line := common_line(series)) is not None:
-            hz, log_chance = line
-            found.append(Vibration(hz, log_chance / np.log(10.0), channel=name))
-    return sorted(found, key=lambda v: v.log10_chance)[:1]
+    each = (common_line(name, [_white(c, run) for run in passes]) for c, name in enumerate(CHANNELS))
+    return sorted((line for line in each if line is not None), key=lambda line: line.log10_chance)[:1]
 
 
 def _white(channel: int, run: FilterPass) -> tuple[Array, float]:

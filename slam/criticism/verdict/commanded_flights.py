@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from slam.core.progress import Progress, Tally
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.extended import extended_with_causes, with_certainty
-from slam.criticism.finding import Doubt, Finding, Remark
+from slam.criticism.finding import Doubt
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, used_innovations
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
@@ -35,7 +35,9 @@ from slam.criticism.verdict.posterior import likeliest, posterior_of
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.sentence import unusable
-from slam.data_quality import StreamAnomaly
+from slam.data_quality.finding import Finding, Remark
+from slam.data_quality.frozen import Frozen
+from slam.data_quality.rounding import Rounding
 from slam.simulation.model import Model
 
 TENTHS = 10
@@ -46,7 +48,7 @@ FEWEST_SHOWN = 5
 def explain(
     prepared: PreparedFlights,
     found: SearchResult,
-    readings: Sequence[StreamAnomaly],
+    readings: Sequence[Finding],
     model: Model,
     progress: Progress,
 ) -> CommandedFlights:
@@ -121,7 +123,8 @@ class CommandedFlights(Evidence):
         reported, doubts = {c.name for c in judged.reported}, self.doubts
         passes = self.found.last.fisher.passes
         return [
-            *_untold(self.readings),
+            # Nothing else shows frozen readings, and rounded ones other than ranges.
+            *(f for f in self.readings if isinstance(f, Frozen | Rounding) and f.channel != "range"),
             *(replace(doubt, is_cause=name in reported) for name, doubt in doubts.items()),
             *(self.best.unhealthy if self.best is not None else ()),
             *vibration_of(passes),
@@ -183,12 +186,6 @@ class CommandedFlights(Evidence):
         after = together.after if self.best is None else self.best.left_out
         each = zip(self.records, after, strict=True)
         return {record.name: self._extended(causes, parameters) for record, parameters in each}
-
-
-def _untold(readings: Sequence[StreamAnomaly]) -> list[Remark]:
-    """Return anomalies of streams that nothing else shows: frozen readings, and rounded ones but ranges."""
-    untold = (r for r in readings if r.kind == "frozen" or (r.kind == "rounded" and r.stream != "sonar"))
-    return [Remark(r.words, channel=r.stream) for r in untold]
 
 
 def _nearest_term(found: SearchResult, threshold: float) -> list[Remark]:

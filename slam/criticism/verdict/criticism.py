@@ -7,9 +7,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
-from slam.criticism.finding import Finding, ResidualPattern
+from slam.criticism.finding import ResidualPattern
 from slam.criticism.verdict.covariate import Covariate
 from slam.criticism.verdict.over_time import SizeOverTime
+from slam.data_quality.finding import Finding
 from slam.simulation.model import Model
 
 CORRELATION_DIGITS = 4
@@ -160,9 +161,9 @@ def _cause(cause: Cause) -> dict[str, Any]:
 def _finding(finding: Finding) -> dict[str, Any]:
     """Return kind, text, and the fields that are not empty."""
     kind = re.sub("(?<=.)(?=[A-Z])", "_", type(finding).__name__).lower()
-    fields = {n: x for n, x in asdict(finding).items() if x or x is False}
-    numbers = {n: _short(x) for n, x in fields.items() if isinstance(x, float)}
-    return {"kind": kind, "text": str(finding)} | fields | numbers
+    plain = {n: x for n, x in asdict(finding).items() if isinstance(x, str | float | bool | tuple)}
+    short = {n: _short(x) if isinstance(x, float) else x for n, x in plain.items() if x or x is False}
+    return {"kind": kind, "text": str(finding)} | short
 
 
 def _interval(p: Interval) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
-from slam.criticism.finding import Doubt, Finding, LateReadings, OutOfRange, Remark, ResidualPattern
+from slam.criticism.finding import Doubt, LateReadings, OutOfRange, ResidualPattern
 from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
 from slam.criticism.kalman.readings import STREAMS
 from slam.criticism.search.effects import LATE, Effect
@@ -22,6 +22,7 @@ from slam.criticism.verdict.held_out import HeldOut, held_out
 from slam.criticism.verdict.posterior import SOMETHING_ELSE, Posterior, required_nats
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.criticism.verdict.rollouts import rollout_errors
+from slam.data_quality.finding import Finding, Remark
 from slam.simulation.terms import CATALOGUE
 
 CONFIRMED_NATS = 2.0

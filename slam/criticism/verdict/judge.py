@@ -10,7 +10,7 @@ import numpy as np
 
 from slam.core.progress import Progress
 from slam.criticism.cause import Cause
-from slam.criticism.finding import Finding, Inconsistency, ResidualPattern
+from slam.criticism.finding import Inconsistency, ResidualPattern
 from slam.criticism.residuals.reading_anomalies import ENTAILS
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds, with_misfit
@@ -19,7 +19,7 @@ from slam.criticism.verdict.decision import by_importance, decide, split_by_prob
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior
 from slam.criticism.verdict.power import confusable, detectable
 from slam.criticism.verdict.sentence import with_sentences
-from slam.data_quality import StreamAnomaly
+from slam.data_quality.finding import Finding
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
@@ -48,7 +48,7 @@ class Evidence(ABC):
     """Thresholds of the score tests."""
     anomalies: Sequence[Cause]
     """Causes that single readings show."""
-    readings: Sequence[StreamAnomaly]
+    readings: Sequence[Finding]
     """Anomalies of whole streams."""
     model: Model
     """The nominal model."""

@@ -113,7 +113,7 @@ def _changes(found: SearchResult, parts: Parts, effect: Effect, column: str) -> 
         inside = fisher.flight == flight
         k, change, z = _break(score[inside], known[inside], effect.tolerance)
         name, time_s = parts.names[flight], float(parts.begin_s[inside][k])
-        onsets.append(Onset(name, time_s, change, unit, effect=effect.name, parameter=parameter, z=z))
+        onsets.append(Onset(time_s, change, unit, flight=name, effect=effect.name, parameter=parameter, z=z))
     return onsets
 
 

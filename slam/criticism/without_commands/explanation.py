@@ -22,7 +22,7 @@ from slam.core.progress import Progress, silent
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause, ChannelError
 from slam.criticism.extended import with_certainty, with_terms
-from slam.criticism.finding import Doubt, Finding, Onset, Remark
+from slam.criticism.finding import Doubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
 from slam.criticism.search.information import SEGMENT_S
@@ -49,9 +49,9 @@ from slam.criticism.without_commands.likelihood import (
 from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.whitened_rows import Averages, FlightRows, WhitenedRows
-from slam.data_quality import StreamAnomaly
 from slam.data_quality.axes import axes_of_all
 from slam.data_quality.channels import larger_noise
+from slam.data_quality.finding import Finding, Remark
 from slam.data_quality.inertial_comparison import NODE_S
 from slam.simulation.model import Model
 from slam.simulation.replay.compare import HORIZONS_S
@@ -115,7 +115,7 @@ class ComparedFlights(Evidence):
         """Return what no cause explains, residual patterns excepted."""
         return [
             *map(Remark, self._axes[0]),
-            *(Remark(r.words, channel=r.stream) for r in self.readings),
+            *self.readings,
             *disagreements(self.found),
             *contradiction(self.rows),
             *([self._onset] if self._onset is not None else []),
@@ -173,7 +173,7 @@ class ComparedFlights(Evidence):
 
 
 def explain_comparisons(
-    flights: Sequence[Flight], readings: Sequence[StreamAnomaly], model: Model, progress: Progress = silent
+    flights: Sequence[Flight], readings: Sequence[Finding], model: Model, progress: Progress = silent
 ) -> ComparedFlights | None:
     """Return the comparisons and the effects that explain them; None where no two instruments of the flights
     can be compared.

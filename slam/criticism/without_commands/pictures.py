@@ -15,7 +15,6 @@ from slam.core.arrays import Array
 from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score_along
-from slam.criticism.finding import Remark
 from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, FilterParameters
 from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
 from slam.criticism.kalman.record import Record
@@ -24,6 +23,7 @@ from slam.criticism.search.fitted_parameters import with_steps
 from slam.criticism.search.information import SEGMENT_S
 from slam.criticism.without_commands.likelihood import PATTERNS, Sizes, direction, picture_columns
 from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
+from slam.data_quality.finding import Remark
 
 KIND = "pictures"
 HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}

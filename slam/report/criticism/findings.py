@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from slam.core.units import everyday, spaced, to_error
 from slam.criticism.finding import (
     Doubt,
-    Finding,
     Inconsistency,
     LateReadings,
     Onset,
@@ -17,6 +16,7 @@ from slam.criticism.finding import (
     ResidualPattern,
     VaryingSize,
 )
+from slam.data_quality.finding import Finding
 from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import (
     constant,
@@ -43,9 +43,10 @@ _SENSORS: Mapping[str, str] = {
     "pitch": "attitude",
     "yaw": "heading",
     "attitude": "attitude",
+    "picture": "camera",
     "pictures": "camera",
 }
-"""Channel without its axis, or stream -> the sensor."""
+"""Begin of a channel's or a stream's name -> the sensor."""
 _SIGNALS: Mapping[str, str] = {
     "one": "a constant",
     "time": "the time in the flight",
@@ -105,7 +106,7 @@ def _sensor(finding: Finding) -> str:
         return "scaling of the sticks in the autopilot"
     if finding.effect:
         return CATALOGUE[finding.effect].instrument
-    return _SENSORS.get(re.sub("_[xyz]$", "", finding.channel), "")
+    return _SENSORS.get(re.sub("(_[xyz]| .*)$", "", finding.channel), "")
 
 
 def concerned(result: Criticism) -> list[str]:

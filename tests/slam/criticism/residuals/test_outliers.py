@@ -27,4 +27,4 @@ def test_a_share_that_no_noise_makes_is_reported(share, reported):
     record = replace(record, values=values)
     found = outliers_of([whole(record, filter_parameters_of(model))])
     assert bool(found) == reported
-    assert all("readings of roll are far" in remark.words for remark in found)
+    assert all("readings of roll are far" in remark.text for remark in found)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
-from slam.criticism.finding import Remark
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ScoreTest
@@ -34,6 +33,7 @@ from slam.criticism.verdict.posterior import (
     probabilities,
 )
 from slam.criticism.verdict.power import most_alike_first
+from slam.data_quality.finding import Remark
 from slam.simulation.terms import CATALOGUE
 
 ODD = Effect("vehicle.drag_1_s out of range", relaxes=("vehicle.drag_1_s",))

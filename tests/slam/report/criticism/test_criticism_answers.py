@@ -189,7 +189,7 @@ def _with_a_change() -> Criticism:
     found = {"y": Interval(0.003, "rad/s", 0.0025, 0.0035)}
     return replace(
         made(), causes=(replace(made().causes[0], name="gyro_bias", parameters=found),), changes=(series,),
-        findings=(Onset("flight_00", 20.0, -0.002, "rad/s", effect="gyro_bias", parameter="y", z=9.0),),
+        findings=(Onset(20.0, -0.002, "rad/s", effect="gyro_bias", parameter="y", z=9.0),),
     )  # fmt: skip
 
 

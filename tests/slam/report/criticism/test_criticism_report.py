@@ -15,20 +15,20 @@ from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import (
     Doubt,
-    Finding,
     Inconsistency,
     LateReadings,
     Onset,
     OutOfRange,
     ResidualPattern,
     VaryingSize,
-    Vibration,
 )
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
+from slam.data_quality.finding import Finding
+from slam.data_quality.oscillation import Vibration
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight
 from slam.report.criticism.certainty import longer_bar
@@ -321,7 +321,7 @@ def test_sizes_are_told_in_everyday_units() -> None:
             "-6 to 11 deg/s in stretches of 10 s",
         ),
         (
-            Onset("flight_00", 490.0, -0.0023, "rad/s", effect="gyro_bias", parameter="y", z=10.2),
+            Onset(490.0, -0.0023, "rad/s", effect="gyro_bias", parameter="y", z=10.2),
             "by -0.132 deg/s at about 490 s",
         ),
         (

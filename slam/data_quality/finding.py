@@ -1,0 +1,51 @@
+"""Findings: what is odd about flights, with one class for each kind.
+
+As a string, a finding is a part of a sentence: the text that verdict.json has.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding(ABC):
+    """Something odd about flights."""
+
+    flight: str = ""
+    """Flight in which it is; empty where it is in all of them, or where there is but one."""
+    channel: str = ""
+    """Channel, stream, instrument or constant of the vehicle that it concerns; empty for none."""
+    effect: str = ""
+    """Term of the catalogue that it concerns; empty for none."""
+    parameter: str = ""
+    """Parameter of the term; empty for none."""
+    z: float = 0.0
+    """Standard deviations by which it stands out; 0 where it has no such measure."""
+
+    @abstractmethod
+    def __str__(self) -> str: ...
+
+    @property
+    def column(self) -> str:
+        """TERM.PARAMETER that it concerns."""
+        return f"{self.effect}.{self.parameter}"
+
+    @property
+    def _label(self) -> str:
+        return f"{self.flight}: " if self.flight else ""
+
+    @property
+    def _by(self) -> str:
+        return f" (z = {self.z:.1f})" if self.z else ""
+
+
+@dataclass(frozen=True)
+class Remark(Finding):
+    """A finding that only its text tells."""
+
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self._label}{self.text}"
