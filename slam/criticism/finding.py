@@ -52,7 +52,7 @@ class Inconsistency(Finding):
 
 
 @dataclass(frozen=True)
-class Doubt(Finding):
+class NameInDoubt(Finding):
     """A cause, or a term that looks like one, in whose place other effects may be."""
 
     others: tuple[str, ...] = ()
@@ -109,7 +109,7 @@ class VaryingSize(Finding):
 
     @property
     def like(self) -> str:
-        """What would look the same, as the end of a sentence."""
+        """The attitude error that would look the same, as the end of a sentence."""
         off_deg = self.like_attitude_deg
         return f", like an attitude error of {off_deg:.0f} deg" if off_deg else ""
 

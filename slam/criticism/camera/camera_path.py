@@ -99,10 +99,6 @@ def _key(parameters: FilterParameters, duration_s: float) -> bytes:
     parts = [parameters.dynamics, parameters.hold, parameters.noise_factor, parameters.noise_correlation]
     numbers = np.concatenate(parts)
     coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
-    clocks = [
-        parameters.latency_s,
-        parameters.drift * 100,
-        parameters.jitter_s,
-        *parameters.camera[[OFFSET, READOUT]],
-    ]
-    return coarse.tobytes() + np.round(np.array([*clocks, duration_s]) / _SAME_S).tobytes()
+    clocks = [parameters.latency_s, parameters.drift * 100, parameters.jitter_s, duration_s]
+    timing = np.array([*clocks, *parameters.camera[[OFFSET, READOUT]]])
+    return coarse.tobytes() + np.round(timing / _SAME_S).tobytes()

@@ -144,14 +144,6 @@ def first_parts(records: Sequence[Record], together_s: float) -> list[Record]:
     return [with_events(r, r.times_s <= r.times_s[0] + longest_s) for r in records]
 
 
-class _Fit(NamedTuple):
-    """A candidate, fitted with the filter run anew."""
-
-    worth: float
-    effect: Effect
-    parameters: FilterParameters
-
-
 class BestCandidate(NamedTuple):
     """The candidate that explains most once each is fitted with the filter run anew."""
 
@@ -183,19 +175,19 @@ def best_candidate(
         # Pictures are nearly linear: a candidate far below the best of one expansion is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
     base, _ = refit(records, model, expansion.parameters, chosen)
-    fits = []
+    fitted: dict[ScoreTest, FilterParameters] = {}
     for test in tries.each(list(named.values())[:CANDIDATES]):
         nats, parameters = refit(records, model, expansion.parameters, [*chosen, test.effect])
-        fits.append(_Fit(replace(test, nats=nats - base).worth, test.effect, parameters))
-    alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
-    best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
-    known = [fit for fit in fits if fit.effect.is_term]
+        fitted[replace(test, nats=nats - base)] = parameters
+    alike = max(fit.worth for fit in fitted) - VERY_SIMILAR_NATS
+    best = min((f for f in fitted if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
+    known = [fit for fit in fitted if fit.effect.is_term]
     alike -= similar_nats(np.sqrt(2.0 * max(best.worth, 0.0))) - VERY_SIMILAR_NATS
     rivals = {fit.effect.name for fit in known if fit.worth > alike} - {best.effect.name}
     leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
     if not best.effect.is_term:
         leads = {}
-    return BestCandidate(best.effect, best.parameters, tuple(sorted(rivals)), leads)
+    return BestCandidate(best.effect, fitted[best], tuple(sorted(rivals)), leads)
 
 
 MIN_AR1 = 0.05

@@ -129,23 +129,14 @@ def search(
     records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress = silent
 ) -> SearchResult:
     """Find terms that exceed the thresholds beside each other, best first."""
-    search_state = _SequentialSearch(records, model, limits, progress)
-    while (parameters := search_state.next_parameters()) is not None:
-        search_state.expand_about(parameters)
-    first = search_state.healthy()
-    most = len(search_state.chosen)
-    search_state.drop_superfluous()
+    now = _SequentialSearch(records, model, limits, progress)
+    while (parameters := now.next_parameters()) is not None:
+        now.expand_about(parameters)
+    first, most = now.healthy(), len(now.chosen)
+    now.drop_superfluous()
     # The leads hold beside the same terms only.
-    leads = search_state.leads if len(search_state.chosen) == most else {}
-    return SearchResult(
-        model=model,
-        first=first,
-        last=search_state.expansion,
-        chosen=tuple(search_state.chosen),
-        rivals=search_state.rivals,
-        leads=leads,
-        records=tuple(search_state.records),
-    )
+    leads = now.leads if len(now.chosen) == most else {}
+    return SearchResult(model, first, now.expansion, tuple(now.chosen), now.rivals, leads, tuple(now.records))
 
 
 class _SequentialSearch:

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from slam.core.progress import Progress, Tally
 from slam.criticism.cause import Cause, Interval
 from slam.criticism.extended import extended_with_causes, with_certainty
-from slam.criticism.finding import Doubt
+from slam.criticism.finding import NameInDoubt
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, used_innovations
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
@@ -129,7 +129,7 @@ class CommandedFlights(Evidence):
             *(self.best.unhealthy if self.best is not None else ()),
             *vibration_of(passes),
             *uneven_of(self.records),
-            *(Doubt(is_cause=False, effect=c.name) for c in judged.faint if c.name not in doubts),
+            *(NameInDoubt(is_cause=False, effect=c.name) for c in judged.faint if c.name not in doubts),
             *outliers_of(passes),
         ]
 

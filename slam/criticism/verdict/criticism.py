@@ -51,7 +51,7 @@ class Criticism:
     causes: tuple[Cause, ...] = ()
     equivalence_set: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
-    """What no cause explains, the strongest residual pattern among it."""
+    """Findings that no cause explains, with the strongest residual pattern."""
     next_flight: str = ""
     detectable: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Name -> smallest size that these flights would have shown in nine of ten cases, and its unit."""

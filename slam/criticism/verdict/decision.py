@@ -9,7 +9,7 @@ import numpy as np
 
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
-from slam.criticism.finding import Doubt, LateReadings, OutOfRange, ResidualPattern
+from slam.criticism.finding import LateReadings, NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.kalman.filter_parameters import POINTS, FilterParameters
 from slam.criticism.kalman.readings import STREAMS
 from slam.criticism.search.effects import LATE, Effect
@@ -222,11 +222,11 @@ def decide(
         return "unknown", (), tuple(remains or left[:1])
     for cause in others:
         if len(cause.alternatives) > 1 or cause.probability < SURE:
-            remains.append(Doubt(cause.alternatives[1:MOST_ALIKE], effect=cause.name))
+            remains.append(NameInDoubt(cause.alternatives[1:MOST_ALIKE], effect=cause.name))
     if len(lead.alternatives) > 1:
         return "ambiguous", lead.alternatives[:MOST_ALIKE], tuple(remains)
     if lead.probability < SURE:
-        remains.append(Doubt(effect=lead.name))
+        remains.append(NameInDoubt(effect=lead.name))
     if lead.gain.nats < CONFIRMED_NATS:
         remains.append(Remark("held-out flights do not confirm it"))
     return ("named_with_remainder" if remains else "named"), (lead.name,), tuple(remains)

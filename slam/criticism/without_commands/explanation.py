@@ -22,7 +22,7 @@ from slam.core.progress import Progress, silent
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import Cause, ChannelError
 from slam.criticism.extended import with_certainty, with_terms
-from slam.criticism.finding import Doubt, Onset
+from slam.criticism.finding import NameInDoubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
 from slam.criticism.search.information import SEGMENT_S
@@ -119,7 +119,7 @@ class ComparedFlights(Evidence):
             *disagreements(self.found),
             *contradiction(self.rows),
             *([self._onset] if self._onset is not None else []),
-            *(Doubt(is_cause=False, effect=cause.name) for cause in judged.faint),
+            *(NameInDoubt(is_cause=False, effect=cause.name) for cause in judged.faint),
         ]
 
     def completed(self, found: Criticism) -> Criticism:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from slam.core.units import everyday, spaced, to_error
 from slam.criticism.finding import (
-    Doubt,
     Inconsistency,
     LateReadings,
+    NameInDoubt,
     Onset,
     OutOfRange,
     ResidualPattern,
@@ -78,7 +78,7 @@ def distinct_findings(result: Criticism) -> list[Finding]:
     """Return what is left over, without reservations about causes, which are told with these, and without a
     pattern that is told as an effect of inconstant size already."""
     left = list(result.findings)
-    parts = [f for f in left if not (isinstance(f, Doubt) and f.is_cause and not f.others)] or left
+    parts = [f for f in left if not (isinstance(f, NameInDoubt) and f.is_cause and not f.others)] or left
     told = {_stands_out(f) for f in parts if isinstance(f, Inconsistency) and not f.is_cause}
     return [f for f in parts if not (isinstance(f, ResidualPattern) and _stands_out(f) in told)]
 
@@ -117,7 +117,7 @@ def concerned(result: Criticism) -> list[str]:
 def is_of_speed(result: Criticism) -> bool:
     """Return whether an error of the measured speed is left over."""
     return any(
-        "flow_scale" in (f.effect, *(f.others if isinstance(f, Doubt) else ()))
+        "flow_scale" in (f.effect, *(f.others if isinstance(f, NameInDoubt) else ()))
         or (isinstance(f, ResidualPattern) and f.channel.startswith("velocity"))
         for f in distinct_findings(result)
     )
@@ -154,9 +154,9 @@ def _words(finding: Finding, result: Criticism) -> str:
         case LateReadings():
             when = f"{1e3 * abs(finding.late_s):.1f} ms too {'late' if finding.late_s > 0.0 else 'early'}"
             return f"the readings of {finding.channel} come {when} by their stamps"
-        case Doubt(is_cause=True, others=()):
+        case NameInDoubt(is_cause=True, others=()):
             return f"{finding.effect} may be an effect that the catalogue does not hold"
-        case Doubt(is_cause=True):
+        case NameInDoubt(is_cause=True):
             return f"{finding} instead: both have similar effects in these flights"
     return str(finding)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
-from slam.criticism.finding import Doubt, OutOfRange, ResidualPattern
+from slam.criticism.finding import NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.criticism.verdict.power import within_reach
@@ -29,7 +29,7 @@ LEFT_OVER = (
     (
         ResidualPattern.of("a", 4.2),
         OutOfRange(0.3, "1/s", (0.5, 0.6), channel="b"),
-        Doubt(("d",), effect="c"),
+        NameInDoubt(("d",), effect="c"),
     ),
 )
 LIMITS = "No command log: the vehicle's motion is not judged."

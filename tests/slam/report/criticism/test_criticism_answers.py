@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from slam.criticism.cause import ChannelError, Gain, Interval
-from slam.criticism.finding import Doubt, Inconsistency, Onset, OutOfRange, ResidualPattern
+from slam.criticism.finding import Inconsistency, NameInDoubt, Onset, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.report.criticism.cause_evidence import evidence_of_causes, shown_in_short
@@ -119,7 +119,7 @@ def test_an_effect_that_looks_like_a_cause_is_not_told_as_absent() -> None:
 def test_one_finding_that_is_told_twice_and_reservations_are_not_counted() -> None:
     gain, pattern = OutOfRange(channel="vehicle.gain"), ResidualPattern.of("velocity_x ~ ahead", 11.0)
     varying = Inconsistency("during a flight", 120.0, is_cause=False, effect="flow_scale", z=11.0)
-    doubt = Doubt(effect="timestamp_jitter")
+    doubt = NameInDoubt(effect="timestamp_jitter")
     result = replace(
         made(),
         findings=(gain, varying, pattern, doubt),

@@ -14,9 +14,9 @@ from PIL import Image
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import (
-    Doubt,
     Inconsistency,
     LateReadings,
+    NameInDoubt,
     Onset,
     OutOfRange,
     ResidualPattern,
@@ -313,8 +313,8 @@ def test_sizes_are_told_in_everyday_units() -> None:
     ("finding", "words"),
     [
         (OutOfRange(channel="velocity_std_m_s"), "speed that nobody commands: the best value lies outside"),
-        (Doubt(("control_latency",), effect="attitude_lag"), "may be control_latency instead"),
-        (Doubt(effect="timestamp_jitter"), "an effect that the catalogue does not hold."),
+        (NameInDoubt(("control_latency",), effect="attitude_lag"), "may be control_latency instead"),
+        (NameInDoubt(effect="timestamp_jitter"), "an effect that the catalogue does not hold."),
         (LateReadings(-0.0491, channel="velocity"), "velocity come 49.1 ms too early by their stamps."),
         (
             VaryingSize(-0.1, 0.2, "rad/s", 10.0, effect="gyro_bias", parameter="x"),
