@@ -64,8 +64,8 @@ def next_flight(
     probability = posterior.probability
     pairs = [
         (min(probability.get(effect.name, 0.0), probability.get(name, 0.0)), effect, name)
-        for effect, names in zip(found.chosen, posterior.alternatives, strict=True)
-        for name in names[1:]
+        for effect, place in zip(found.chosen, posterior.places, strict=True)
+        for name in place.names[1:]
     ]
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
     seen = next((record.matches for record in records if record.matches is not None), None)

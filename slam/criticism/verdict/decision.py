@@ -87,7 +87,7 @@ def causes_of(
     them.
     """
     causes = []
-    for place, effect in enumerate(found.chosen):
+    for effect, place in zip(found.chosen, posterior.places, strict=True):
         if not effect.is_term:
             continue
         rest = [e for e in found.chosen if e is not effect]
@@ -100,9 +100,9 @@ def causes_of(
                 parameters=fitted_sizes(found.last, effect, found.chosen),
                 gain=Gain.of(own.nats, own.by, channels),
                 z=found.z_of(effect),
-                lead_nats=posterior.lead_nats[place],
-                alternatives=posterior.alternatives[place],
-                rival=posterior.rivals[place],
+                lead_nats=place.lead_nats,
+                alternatives=place.names,
+                rival=place.rival,
             )
         )
         if best is not None:

@@ -30,40 +30,6 @@ SAME_TRACE = 0.9
 
 
 @dataclass(frozen=True)
-class Posterior:
-    """Probabilities of names, and the alternatives to each chosen term."""
-
-    probability: dict[str, float]
-    """Probability of every term, also of each of a pair, and of ``nothing`` and ``unknown``."""
-    alternatives: tuple[tuple[str, ...], ...]
-    """Names whose evidence lies within 4 nats in place of each chosen effect, itself first."""
-    lead_nats: tuple[float, ...]
-    """Lead of each chosen effect over the best other name in its place."""
-    rivals: tuple[str, ...] = ()
-    """The most probable other term in place of each chosen effect; empty where there is none."""
-
-    def raised(self, known: Mapping[str, float], tied: Mapping[str, Sequence[str]]) -> Posterior:
-        """Return the posterior with greater probabilities of chosen terms, as ``known`` otherwise.
-
-        Each is shared equally with the ``tied`` alternatives to the term, which it does not distinguish. What
-        is left is for the others.
-        """
-        probability = dict(self.probability)
-        for name, *others in self.alternatives:
-            same = [name, *(n for n in others if n in tied.get(name, ()))]
-            total = known.get(name, 0.0)
-            if total > probability.get(name, 0.0) * len(same):
-                left = {n: min(probability.get(n, 0.0), 1.0 - total) for n in others}
-                probability |= left | dict.fromkeys(same, total / len(same))
-        return replace(self, probability=probability)
-
-
-def required_nats(effect: Effect) -> float:
-    """Return the nats that held-out flights must gain before a term is more probable than not."""
-    return parameter_cost(len(effect.columns)) + ONE_OF_ALL
-
-
-@dataclass(frozen=True)
 class Place:
     """Alternatives to one chosen term."""
 
@@ -79,6 +45,36 @@ class Place:
     """Names that fitted as well with the filter run anew, whatever an expansion shows of them."""
     leads: Mapping[str, float] = field(default_factory=dict)
     """Alternative -> nats by which the term leads; none where they fitted as well."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Probabilities of names, and the alternatives to each chosen effect."""
+
+    probability: dict[str, float]
+    """Probability of every term, also of each of a pair, and of ``nothing`` and ``unknown``."""
+    places: tuple[Place, ...] = ()
+    """Alternatives to each chosen effect."""
+
+    def raised(self, known: Mapping[str, float], tied: Mapping[str, Sequence[str]]) -> Posterior:
+        """Return the posterior with greater probabilities of chosen terms, as ``known`` otherwise.
+
+        Each is shared equally with the ``tied`` alternatives to the term, which it does not distinguish. What
+        is left is for the others.
+        """
+        probability = dict(self.probability)
+        for name, *others in (place.names for place in self.places):
+            same = [name, *(n for n in others if n in tied.get(name, ()))]
+            total = known.get(name, 0.0)
+            if total > probability.get(name, 0.0) * len(same):
+                left = {n: min(probability.get(n, 0.0), 1.0 - total) for n in others}
+                probability |= left | dict.fromkeys(same, total / len(same))
+        return replace(self, probability=probability)
+
+
+def required_nats(effect: Effect) -> float:
+    """Return the nats that held-out flights must gain before a term is more probable than not."""
+    return parameter_cost(len(effect.columns)) + ONE_OF_ALL
 
 
 def posterior_of(found: SearchResult, refuted: Container[str] = ()) -> Posterior:
@@ -97,12 +93,8 @@ def posterior_of(found: SearchResult, refuted: Container[str] = ()) -> Posterior
         probability |= {n: max(share, probability.get(n, 0.0)) for n in place.tied} | {place.names[0]: share}
     # What explains more in the place of another term is no alternative to this one.
     least = {n: min(p.leads.get(n, np.inf) for p in places) for place in places for n in place.leads}
-    return Posterior(
-        probability,
-        tuple(tuple(n for n in p.names if p.leads.get(n, 0.0) <= least.get(n, 0.0)) for p in places),
-        tuple(place.lead_nats for place in places),
-        tuple(place.rival for place in places),
-    )
+    names = [tuple(n for n in p.names if p.leads.get(n, 0.0) <= least.get(n, 0.0)) for p in places]
+    return Posterior(probability, tuple(replace(p, names=own) for p, own in zip(places, names, strict=True)))
 
 
 def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
@@ -207,12 +199,12 @@ def likeliest(found: SearchResult, posterior: Posterior) -> SearchResult:
 
 def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, str] | None:
     """Return a chosen term and the name of a more probable one in its place, or None."""
-    for place, names in zip(found.chosen, posterior.alternatives, strict=False):
-        if place.is_term and not place.is_saturation and not place.changes:
-            known = {n: posterior.probability.get(n, 0.0) for n in names}
+    for effect, place in zip(found.chosen, posterior.places, strict=False):
+        if effect.is_term and not effect.is_saturation and not effect.changes:
+            known = {n: posterior.probability.get(n, 0.0) for n in place.names}
             best = max(known, key=lambda n: known[n])
-            if known[best] > known[place.name]:
-                return place, best
+            if known[best] > known[effect.name]:
+                return effect, best
     return None
 
 

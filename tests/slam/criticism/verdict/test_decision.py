@@ -27,6 +27,7 @@ from slam.criticism.verdict.judge import ranking
 from slam.criticism.verdict.posterior import (
     NOTHING,
     SOMETHING_ELSE,
+    Place,
     Posterior,
     likelier_term,
     posterior_of,
@@ -40,6 +41,10 @@ ODD = Effect("vehicle.drag_1_s out of range", relaxes=("vehicle.drag_1_s",))
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
 
 
+def names_of(posterior: Posterior) -> tuple[tuple[str, ...], ...]:
+    return tuple(place.names for place in posterior.places)
+
+
 def cause(name: str, probability: float = 1.0) -> Cause:
     return Cause(name, probability, {}, GAIN, 20.0, 30.0, (name,))
 
@@ -48,7 +53,7 @@ def reported(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_
     """Verdict, and the probabilities of the causes that are reported and of those that are not."""
     moving = (Perturbation("x", "sensor"),)
     terms = [Effect(c.name, perturbations=() if c.name == "gusts" else moving) for c in causes]
-    posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), ())
+    posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0})
     chosen = (*terms, ODD) if unknown > 0.5 else tuple(terms)
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=out_of_model), chosen=chosen)
     likely, faint = split_by_probability(causes, found, posterior, doubted)
@@ -73,7 +78,7 @@ def test_a_certain_cause_leads_whatever_a_doubtful_one_gains():
     gusts = replace(cause("gusts", 0.5), gain=replace(GAIN, nats=90.0))
     causes = by_importance([gusts, cause("flow_scale")])
     assert [c.name for c in causes] == ["flow_scale", "gusts"]
-    posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
+    posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0})
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
     for order in (causes, causes[::-1]):
         assert decide(order, found, posterior, [], [Remark("odd")], 4.5)[0] == "named_with_remainder"
@@ -95,7 +100,7 @@ def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown(
 
 def test_a_cause_weaker_than_the_remainder_is_doubted():
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=(ODD,))
-    posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
+    posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0})
     for left_z, probability in ((17.4, 1.0), (25.0, 0.5)):
         (drag,), _ = split_by_probability([cause("quadratic_drag")], found, posterior, (), left_z)
         assert drag.z == 20.0
@@ -104,7 +109,7 @@ def test_a_cause_weaker_than_the_remainder_is_doubted():
 
 def test_two_reported_causes_are_not_reported_as_equivalent():
     odd = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
-    posterior = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0}, (), ())
+    posterior = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0})
     verdict, alike, _ = decide((cause("sonar_lag"), cause("yaw_drag")), odd, posterior, [], [], 4.5)
     assert (verdict, alike) == ("named", ("sonar_lag",))
 
@@ -146,11 +151,11 @@ def test_nothing_improbable_is_claimed_for_an_out_of_model_vehicle():
 def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
     lag = Effect("attitude_lag", relaxes=("vehicle.attitude_time_s",))
     found = SimpleNamespace(chosen=(lag,))
-    names = (("attitude_lag", "control_latency"),)
+    place = Place(("attitude_lag", "control_latency"), 0.0, "control_latency")
 
     def by(lag_p: float, latency_p: float):
         return likelier_term(
-            found, Posterior({"attitude_lag": lag_p, "control_latency": latency_p}, names, (0.0,))
+            found, Posterior({"attitude_lag": lag_p, "control_latency": latency_p}, (place,))
         )
 
     assert by(0.001, 0.999) == (lag, "control_latency")
@@ -201,8 +206,8 @@ def test_no_alternative_stands_beside_a_probability_of_one(lead):
     wind, cant = Effect("steady_wind", relaxes=("a",)), Effect("canted_thrust", relaxes=("b",))
     nats = {(): 0.0, (wind,): 50.0, (cant,): 50.0 - lead, (wind, cant): 50.5}
     posterior = posterior_of(searched(nats, (wind,), np.array([[1.0, 0.99], [0.99, 1.0]])))
-    assert posterior.alternatives == (("steady_wind", "canted_thrust"),)
-    assert posterior.lead_nats == (pytest.approx(lead),)
+    assert names_of(posterior) == (("steady_wind", "canted_thrust"),)
+    assert [place.lead_nats for place in posterior.places] == [pytest.approx(lead)]
     assert 0.5 < posterior.probability["steady_wind"] < 0.985
     # A lead that the forms of the equations cannot explain is evidence.
     apart = posterior_of(searched(nats, (wind,)))
@@ -216,7 +221,7 @@ def test_a_term_that_contradicts_itself_is_no_alternative():
     assert posterior_of(found).probability["steady_wind"] < 0.01
     refuting = posterior_of(found, {"canted_thrust"})
     assert refuting.probability["steady_wind"] > 0.99
-    assert refuting.alternatives == (("steady_wind",),)
+    assert names_of(refuting) == (("steady_wind",),)
 
 
 def test_a_limit_and_a_curve_that_fit_alike_are_a_set_for_an_out_of_model_vehicle_too():
@@ -227,7 +232,7 @@ def test_a_limit_and_a_curve_that_fit_alike_are_a_set_for_an_out_of_model_vehicl
     )
     found = replace(found, model=SimpleNamespace(out_of_model=True))
     posterior = posterior_of(found)
-    assert posterior.alternatives == (("tilt_limit", "command_nonlinearity"),)
+    assert names_of(posterior) == (("tilt_limit", "command_nonlinearity"),)
     assert posterior.probability["tilt_limit"] == posterior.probability["command_nonlinearity"] <= 0.5
 
 
@@ -237,7 +242,7 @@ def test_what_fitted_as_well_when_a_term_was_chosen_shares_its_probability(lead)
     curve, limit = Effect("command_nonlinearity", relaxes=("b",)), Effect("tilt_limit", relaxes=("a",))
     nats = {(): 0.0, (curve,): 900.0, (limit,): 900.0 - lead, (curve, limit): 900.5}
     posterior = posterior_of(searched(nats, (curve,), rivals={"command_nonlinearity": ("tilt_limit",)}))
-    assert posterior.alternatives == (("command_nonlinearity", "tilt_limit"),)
+    assert names_of(posterior) == (("command_nonlinearity", "tilt_limit"),)
     assert posterior.probability["tilt_limit"] == pytest.approx(posterior.probability["command_nonlinearity"])
     assert posterior.probability["tilt_limit"] == pytest.approx(0.5, abs=0.01)
 
@@ -245,7 +250,7 @@ def test_what_fitted_as_well_when_a_term_was_chosen_shares_its_probability(lead)
 def test_what_explains_nothing_is_no_alternative_to_a_term_that_rollouts_chose():
     lag, slope = Effect("attitude_lag", relaxes=("a",)), Effect("floor_slope", relaxes=("b",))
     nats = {(): 0.0, (lag,): 0.1, (slope,): 0.0, (lag, slope): 0.1}
-    assert posterior_of(searched(nats, (lag,))).alternatives == (("attitude_lag",),)
+    assert names_of(posterior_of(searched(nats, (lag,)))) == (("attitude_lag",),)
 
 
 def test_an_alternative_counts_where_it_explains_most():
@@ -254,14 +259,16 @@ def test_an_alternative_counts_where_it_explains_most():
     nats = {(): 0.0, (lag,): 400.0, (brake,): 300.0, (late,): 405.0, (lag, brake): 700.0}
     nats |= {(brake, late): 720.0, (lag, late): 701.0, (lag, brake, late): 720.0}
     posterior = posterior_of(searched(nats, (lag, brake)))
-    assert posterior.alternatives == (("attitude_lag", "control_latency"), ("active_braking",))
+    assert names_of(posterior) == (("attitude_lag", "control_latency"), ("active_braking",))
 
 
 def test_held_out_rollouts_raise_a_set_and_do_not_choose_in_it():
     alike = ("tilt_limit", "command_nonlinearity")
     weak = {NOTHING: 0.0, SOMETHING_ELSE: 1.0, "tilt_limit": 0.03, "command_nonlinearity": 0.01}
     weak |= {"flow_scale": 1.0}
-    posterior = Posterior(weak, (alike, ("active_braking", "flow_scale")), (0.0, 0.0))
+    posterior = Posterior(
+        weak, tuple(Place(names, 0.0, "") for names in (alike, ("active_braking", "flow_scale")))
+    )
     tied = {"tilt_limit": ("command_nonlinearity",)}
     raised = posterior.raised({"tilt_limit": 0.96, "active_braking": 0.9}, tied).probability
     assert raised["tilt_limit"] == raised["command_nonlinearity"] == pytest.approx(0.48)

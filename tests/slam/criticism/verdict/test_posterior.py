@@ -39,7 +39,7 @@ def test_weak_gusts_are_distinguished_from_nothing_though_parameters_with_gusts_
     assert [e.name for e in found.chosen] == ["gusts"]
     assert posterior.probability["gusts"] > 0.99
     assert posterior.probability[NOTHING] < 1e-3
-    assert posterior.alternatives == (("gusts",),)
+    assert [place.names for place in posterior.places] == [("gusts",)]
 
 
 @pytest.mark.slow
