@@ -158,7 +158,8 @@ def next_motion(
             return 0.0
         finer = _noise([planned])
         # A row weighs by the ratio of its precision to that of the flights at hand.
-        weighed = [_times_precision(r, finer[r.kind] / noise[r.kind]) for r in planned]
+        each = [(r, finer[r.kind] / noise[r.kind]) for r in planned]
+        weighed = [replace(r, traces={n: w * x for n, x in r.traces.items()}, off=w * r.off) for r, w in each]
         expansion = likelihood_of([weighed], parameters).last
         known = {e.name: e for e in expansion.effects}
         if effect.name not in known or known[effect.name].columns != effect.columns:
@@ -179,11 +180,6 @@ def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[Whi
         *rows,
         *picture_rows(replace(record, matches=planned_matches(record, parameters, seen)), parameters, {}),
     ]
-
-
-def _times_precision(rows: WhitenedRows, precision: float) -> WhitenedRows:
-    traces = {name: precision * trace for name, trace in rows.traces.items()}
-    return replace(rows, off=precision * rows.off, traces=traces)
 
 
 def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:

@@ -29,7 +29,7 @@ from slam.criticism.kalman.readings import (
     by_channel,
     channels_of,
 )
-from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, holds_heading, record_of
+from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, record_of
 from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.reading_anomalies import are_quantised, without_dead_zone
 from slam.criticism.residuals.stamps import without_jitter
@@ -39,6 +39,7 @@ from slam.data_quality.commands import (
     LEAST_STICK,
     has_commands,
     has_stick_motion,
+    holds_heading,
     is_aloft,
     is_calm,
     log_apart,

@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.data_quality.dead_streams import FEWEST_READINGS
+from slam.simulation.dynamics import TURN
+from slam.simulation.stick import Stick
 
 Array = NDArray[np.float64]
 
 LEAST_STICK = 0.01
 """Deflections below this count as a stick at rest."""
+CONTROLLER_SHARE = 0.5
+"""Least share of log entries at which a stick that a controller moves has changed."""
 AROUND_S = 1.0
 """Time before and after the readings in which commands count as given while there are readings."""
 CALM_RAD, CALM_M_S, CALM_M = 0.1, 1.0, 0.3
@@ -58,6 +62,17 @@ def has_stick_motion(flight: Flight) -> bool:
     stamps = flight.command.stamps_s
     during = (stamps >= span_s[0] - AROUND_S) & (stamps <= span_s[1] + AROUND_S)
     return bool((np.abs(np.nan_to_num(flight.command.stick[during])) >= LEAST_STICK).any())
+
+
+def holds_heading(stick: Stick) -> bool:
+    """Return whether a controller moves the turn stick, rather than a hand or a script.
+
+    A controller that knows more of the heading than the instruments puts that knowledge into the stick. It
+    then looks like an effect of the stick on the rate of turn. The simulator's waypoint pilot knows the
+    truth.
+    """
+    turn = stick.values[:, TURN]
+    return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > CONTROLLER_SHARE
 
 
 def is_calm(flight: Flight) -> bool:

@@ -21,7 +21,6 @@ from slam.core.flight import Flight
 from slam.criticism import criticise
 from slam.criticism.finding import LateReadings
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.without_commands.explanation import COULD_NOT
 from slam.io.flight_folder import read_flight
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_least, at_most, reported
@@ -262,7 +261,11 @@ def recordings() -> dict[str, Flight]:
 def findings(found: Criticism) -> set[str]:
     """Return the sentences and causes of a verdict, without their numbers."""
     parts = [*map(str, found.findings), *found.details, *(cause.name for cause in found.causes)]
-    return {re.sub(r"[-+]?[0-9.]+(e-?[0-9]+)?", "#", part) for part in parts if part}
+    return {_without_numbers(part) for part in parts if part}
+
+
+def _without_numbers(part: str) -> str:
+    return re.sub(r"[-+]?[0-9.]+(e-?[0-9]+)?", "#", part)
 
 
 def answer(kind: Kind, size: float, before: Criticism, after: Criticism) -> str:
@@ -277,11 +280,11 @@ def answer(kind: Kind, size: float, before: Criticism, after: Criticism) -> str:
             return "named"
     new = [part for part in findings(after) - findings(before) if any(word in part for word in kind.words)]
     later = abs(_delay_ms(kind, after) - _delay_ms(kind, before)) > 500.0 * abs(size)
-    if any(not part.startswith(COULD_NOT) for part in new) or _noisier(kind, before, after) or later:
+    hidden = _without_numbers(after.not_shown)
+    if any(part != hidden for part in new) or _noisier(kind, before, after) or later:
         return "told"
     words = (*kind.words, kind.term) if kind.term else kind.words
-    hidden = " ".join(part for part in after.details if part.startswith(COULD_NOT))
-    return "listed" if any(word in hidden for word in words) else "silent"
+    return "listed" if any(word in after.not_shown for word in words) else "silent"
 
 
 def _delay_ms(kind: Kind, found: Criticism) -> float:
@@ -294,7 +297,7 @@ def _noisier(kind: Kind, before: Criticism, after: Criticism) -> bool:
     """Return whether the noise that is reported of the instrument has grown by half."""
     ratios = []
     for found in (before, after):
-        text = " ".join(part for part in found.details if part.startswith("Noise"))
+        text = " ".join(found.noise)
         ratios.append(
             [float(x) for word in kind.words for x in re.findall(rf"{word} ([0-9.e+]+) times", text)]
         )

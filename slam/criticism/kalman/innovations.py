@@ -174,16 +174,11 @@ class Run:
             run(begin, end, self._filtered._replace(written=written))
             event, column = np.nonzero(written.status[begin:end] == USED)
             event += begin
+            channels, rows = CHANNEL_AT[events.kinds[event], column], slice(written.rows[0])
             yield Innovations(
-                event,
-                CHANNEL_AT[events.kinds[event], column],
-                written.innovation[event, column],
-                written.sensitivity[: written.rows[0]],
-                written.change_of_mean[: written.rows[0]],
-                np.log(written.variance_ratio[: written.rows[0]]),
-                begin,
-                end,
-            )
+                event, channels, written.innovation[event, column], written.sensitivity[rows],
+                written.change_of_mean[rows], np.log(written.variance_ratio[rows]), begin, end,
+            )  # fmt: skip
 
 
 def referred(record: Record, parameters: FilterParameters) -> Record:

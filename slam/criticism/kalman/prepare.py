@@ -60,13 +60,8 @@ def filter_inputs(
     noise = arrays.NoiseArrays(
         variance, record.range_limits, parameters.jitter_s, diffusion(parameters.hold, states)
     )
-    return arrays.KalmanInputs(
-        events,
-        command,
-        arrays.ModelArrays(parameters.dynamics, parameters.sensor, parameters.hold),
-        noise,
-        table,
-    )
+    model = arrays.ModelArrays(parameters.dynamics, parameters.sensor, parameters.hold)
+    return arrays.KalmanInputs(events, command, model, noise, table)
 
 
 def initial_state(

@@ -26,7 +26,7 @@ from slam.criticism.kalman.readings import (
     place_of,
 )
 from slam.data_quality.channels import streams_of
-from slam.data_quality.commands import LEAST_STICK, has_commands
+from slam.data_quality.commands import LEAST_STICK, has_commands, holds_heading
 from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
@@ -156,10 +156,6 @@ def record_of(flight: Flight) -> Record:
     )
 
 
-CONTROLLER_SHARE = 0.5
-"""Least share of log entries at which a stick that a controller moves has changed."""
-
-
 def any_turns(records: Sequence[Record]) -> bool:
     """Return whether the turn stick moved in any of the records."""
     return any(bool((np.abs(record.stick.values[:, TURN]) >= LEAST_STICK).any()) for record in records)
@@ -168,17 +164,6 @@ def any_turns(records: Sequence[Record]) -> bool:
 def any_holds_heading(records: Sequence[Record]) -> bool:
     """Return whether a controller moves the turn stick of any of the records."""
     return any(holds_heading(record.stick) for record in records)
-
-
-def holds_heading(stick: Stick) -> bool:
-    """Return whether a controller moves the turn stick, rather than a hand or a script.
-
-    A controller that knows more of the heading than the instruments puts that knowledge into the stick. It
-    then looks like an effect of the stick on the rate of turn. The simulator's waypoint pilot knows the
-    truth.
-    """
-    turn = stick.values[:, TURN]
-    return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > CONTROLLER_SHARE
 
 
 def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:

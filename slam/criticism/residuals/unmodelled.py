@@ -1,4 +1,4 @@
-"""Innovations and pictures that no term describes: spectral lines, many outliers, light that changes.
+"""Innovations that no term describes: spectral lines, and many outliers.
 
 Whitened innovations have a flat spectrum. A bin far above its neighbours is an oscillation.
 """
@@ -13,7 +13,6 @@ from slam.core.arrays import Array
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, RANGE
-from slam.criticism.kalman.record import Record
 from slam.data_quality.finding import Remark
 from slam.data_quality.oscillation import FEWEST, Vibration, common_line
 
@@ -53,14 +52,3 @@ def outliers_of(passes: Sequence[FilterPass]) -> list[Remark]:
             far = f"{out} of {both} readings of {name} are far from anything that the model allows"
             found.append(Remark(far, channel=name))
     return found
-
-
-def uneven_of(records: Sequence[Record]) -> list[Remark]:
-    """Return the greatest change of light within the pictures of a flight, if any: their brightness is no
-    evidence for other terms."""
-    uneven = [r.matches.flicker for r in records if r.matches is not None and r.matches.uneven]
-    if not uneven:
-        return []
-    worst = 100 * max(uneven)
-    text = f"picture brightness changes in bands, by {worst:.0f} %, otherwise from picture to picture"
-    return [Remark(text, channel="pictures")]

@@ -126,12 +126,8 @@ def fisher_information(
     apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
 
     def one(k: int) -> tuple[list[LikelihoodScore], FilterPass]:
-        steps = np.array(
-            [
-                np.inf if c in NOISE_NUISANCES and before_s[k] >= ENOUGH_S else c.difference(parameters)
-                for c in changes
-            ]
-        )
+        left_out = NOISE_NUISANCES if before_s[k] >= ENOUGH_S else ()
+        steps = np.array([np.inf if c in left_out else c.difference(parameters) for c in changes])
         changed = [
             c.stepped(parameters, step) for c, step in zip(changes, steps, strict=True) if step < np.inf
         ]
@@ -141,12 +137,9 @@ def fisher_information(
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
+    names = *(d.name for d in perturbations), *(c.name for c in changes), *map(gain_column, gain_corrected)
     return FisherInformation(
-        columns=(
-            *(d.name for d in perturbations),
-            *(c.name for c in changes),
-            *map(gain_column, gain_corrected),
-        ),
+        columns=names,
         flight=np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
         information=np.array([part.information for part in flat]),
         score=np.array([part.score for part in flat]),

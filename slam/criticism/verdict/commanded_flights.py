@@ -20,7 +20,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.next_flight import next_flight
 from slam.criticism.prepare import PreparedFlights, untested_reasons
 from slam.criticism.residuals.reading_anomalies import reading_anomalies, smallest_in_readings
-from slam.criticism.residuals.unmodelled import outliers_of, uneven_of, vibration_of
+from slam.criticism.residuals.unmodelled import outliers_of, vibration_of
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.fitting import lag_one_correlation
 from slam.criticism.search.search import SearchResult
@@ -37,6 +37,7 @@ from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.sentence import unusable
 from slam.data_quality.finding import Finding, Remark
 from slam.data_quality.frozen import Frozen
+from slam.data_quality.pictures.flicker import flicker_among
 from slam.data_quality.rounding import Rounding
 from slam.simulation.model import Model
 
@@ -70,19 +71,12 @@ def explain(
     if best is not None:
         known = {e.name: rollout_probability(best, e) for e in reported.chosen}
         posterior = posterior.raised(known, reported.rivals)
+    anomalies = [*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)]
     return CommandedFlights(
-        found=reported,
-        posterior=posterior,
-        limits=prepared.limits,
-        anomalies=[*prepared.anomalies, *reading_anomalies(reported.last.fisher.passes)],
-        readings=readings,
-        model=model,
-        progress=progress,
-        doubts=doubts,
-        parameters=parameters,
-        best=best,
+        found=reported, posterior=posterior, limits=prepared.limits, anomalies=anomalies, readings=readings,
+        model=model, progress=progress, doubts=doubts, parameters=parameters, best=best,
         dropped=prepared.dropped,
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +122,7 @@ class CommandedFlights(Evidence):
             *(replace(doubt, is_cause=name in reported) for name, doubt in doubts.items()),
             *(self.best.unhealthy if self.best is not None else ()),
             *vibration_of(passes),
-            *uneven_of(self.records),
+            *flicker_among(r.matches.flicker for r in self.records if r.matches is not None),
             *(NameInDoubt(is_cause=False, effect=c.name) for c in judged.faint if c.name not in doubts),
             *outliers_of(passes),
         ]
@@ -145,6 +139,7 @@ class CommandedFlights(Evidence):
                 threshold_means=found.threshold_means,
             )  # fmt: skip
         searched, parameters = self.found, self.parameters
+        correlations = zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True)
         is_nameless = found.verdict == "unknown" and not found.causes
         nearest = _nearest_term(searched, found.threshold) if is_nameless else []
         with self._rolled_out.part():
@@ -157,7 +152,7 @@ class CommandedFlights(Evidence):
             next_flight=next_flight(self.records, self.model, searched, self.posterior, self.progress),
             detectable=found.detectable | smallest_in_readings(self.records),
             nuisances=_fitted_nuisances(searched, self.best),
-            noise_correlation=_noise_correlations(parameters),
+            noise_correlation={name: share for name, share in correlations if share > 0.0},
             checks=_checks(searched.last.fisher.passes),
             covariate=next(iter(drawn), None),
             changes=self._changes(),
@@ -227,9 +222,3 @@ def _checks(passes: Sequence[FilterPass]) -> tuple[ChannelCheck, ...]:
             tenths = np.histogram(ndtr(white), bins=TENTHS, range=(0.0, 1.0))[0] / len(white)
             found.append(ChannelCheck(name, len(white), square, next_one, tuple(tenths.tolist())))
     return tuple(found)
-
-
-def _noise_correlations(parameters: FilterParameters) -> dict[str, float]:
-    """Return the correlation of successive readings of each instrument that has one."""
-    each = zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True)
-    return {instrument: correlation for instrument, correlation in each if correlation > 0.0}

@@ -78,7 +78,11 @@ class Criticism:
     """Flight -> the extended model fitted on all other flights."""
     flights: tuple[str, ...] = ()
     details: tuple[str, ...] = ()
-    """Further sentences on the causes, what is unexplained, the noise and the detectable sizes."""
+    """Further sentences on all that follows from the other fields; why flights cannot be judged."""
+    noise: tuple[str, ...] = ()
+    """Sentences on noise that is larger than stated."""
+    not_shown: str = ""
+    """Sentence on what flights without commands could not show."""
     dropped: tuple[str, ...] = ()
     """Flights and streams that were not judged, with the reason, one line each."""
     changes: tuple[SizeOverTime, ...] = ()

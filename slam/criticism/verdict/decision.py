@@ -93,20 +93,17 @@ def causes_of(
         rest = [e for e in found.chosen if e is not effect]
         # Only the first expansion describes the flights without a saturation.
         own = held_out(found, rest) if rest and not effect.is_saturation else all_together
-        causes.append(
-            Cause(
-                name=effect.name,
-                probability=posterior.probability.get(effect.name, 0.0),
-                parameters=fitted_sizes(found.last, effect, found.chosen),
-                gain=Gain.of(own.nats, own.by, channels),
-                z=found.z_of(effect),
-                lead_nats=place.lead_nats,
-                alternatives=place.names,
-                rival=place.rival,
-            )
+        cause = Cause(
+            name=effect.name,
+            probability=posterior.probability.get(effect.name, 0.0),
+            parameters=fitted_sizes(found.last, effect, found.chosen),
+            gain=Gain.of(own.nats, own.by, channels),
+            z=found.z_of(effect),
+            lead_nats=place.lead_nats,
+            alternatives=place.names,
+            rival=place.rival,
         )
-        if best is not None:
-            causes[-1] = _with_rollout_size(causes[-1], effect, best)
+        causes.append(cause if best is None else _with_rollout_size(cause, effect, best))
     return tuple(causes)
 
 

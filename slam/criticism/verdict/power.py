@@ -38,20 +38,13 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
         if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
             kept = found.get(effect.name)
             found[effect.name] = (min(value, kept[0]) if kept else value), parameter.unit
-    shown = [
-        (float(e.columns[0].partition(AT)[2]), e.name)
-        for e in expansion.effects
-        if e.is_saturation and e.is_profiled
-        and _score_at_tried_size(expansion, e) > threshold + NINE_OF_TEN
-    ]  # fmt: skip
+    tried = [e for e in expansion.effects if e.is_saturation and e.is_profiled]
+    variances = [expansion.fitted(e, expansion.quadratic.maximise([e]))[1][0, 0] for e in tried]
+    each = zip(tried, variances, strict=True)
+    stands_out = [e for e, variance in each if variance**-0.5 > threshold + NINE_OF_TEN]
+    shown = [(float(e.columns[0].partition(AT)[2]), e.name) for e in stands_out]
     # The highest limit that shows is the smallest effect.
     return found | {name: (limit, "rad") for limit, name in sorted(shown)}
-
-
-def _score_at_tried_size(expansion: LikelihoodExpansion, effect: Effect) -> float:
-    """Return the score test of an effect of one column at the size that it is tried at."""
-    _, covariance = expansion.fitted(effect, expansion.quadratic.maximise([effect]))
-    return float(float(covariance[0, 0]) ** -0.5)
 
 
 def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], ...]:

@@ -107,19 +107,12 @@ def rollout_residuals(
         rows = np.flatnonzero(judged)
         at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(FULL)])
         commands = record.stick.at(record.times_s[rows] / fast, parameters.latency_s)
-        predicted = _noise_free_readings(
-            record.kinds[rows],
-            at,
-            commands,
-            parameters.dynamics,
-            parameters.sensor,
-            parameters.hold[POLE],
-            record.elapsed[rows],
-        )
+        own = parameters.dynamics, parameters.sensor, parameters.hold[POLE]
+        predicted = _noise_free_readings(record.kinds[rows], at, commands, *own, record.elapsed[rows])
         for kind in np.unique(record.kinds[rows]):
-            own = record.kinds[rows] == kind
+            of_kind = record.kinds[rows] == kind
             for c in range(WIDTH[kind]):
-                error = record.values[rows[own], c] - predicted[own, c]
+                error = record.values[rows[of_kind], c] - predicted[of_kind, c]
                 if kind == ATTITUDE and c == 2:
                     error = np.angle(np.exp(1j * error))
                 if np.isfinite(error).any():

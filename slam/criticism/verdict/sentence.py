@@ -24,17 +24,8 @@ MOST_SENTENCES = 3
 
 _USE_IT = "give extended.toml to slam simulate, slam replay and slam optimize by --model."
 _CORRECT = "give extended.toml to slam optimize by --model: it corrects the instruments."
-REPAIR = " Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
-WHICH = "check the sensor, mounting and clock that the unexplained error concerns first"
-_LOOK = f"{WHICH}, and do not rely on the model's predictions there."
-_WHAT_TO_DO: Mapping[Verdict, str] = {
-    "nothing_wrong": "simulate with the model as it is.",
-    "named": _USE_IT,
-    "ambiguous": f"{_USE_IT} It predicts flights like these, but perhaps no others.",
-    "named_with_remainder": f"{_USE_IT} For the rest, {_LOOK}",
-    "unknown": _LOOK,
-}
-"""Verdict on flights that can be judged -> what their pilot should do."""
+_REPAIR = "Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
+CHECK = "check the sensor, mounting and clock that the unexplained error concerns first"
 _AGAIN = (
     "fly the same once more. An error that comes back with the same sticks is the vehicle's, one at the same "
     "place is the floor's, and one that stays away is the weather's or an instrument's."
@@ -52,13 +43,27 @@ _NEXT_FLIGHT: Mapping[Verdict, str] = {
 def with_sentences(found: Criticism) -> Criticism:
     """Return the criticism with its headline and its details, the lines that it has already among them."""
     faulty = any(CATALOGUE[cause.name].is_of_instrument for cause in found.causes)
-    to_do = _WHAT_TO_DO[found.verdict].replace(_USE_IT, _CORRECT if found.limits else _USE_IT)
-    what = f"What to do next: {to_do}{REPAIR if faulty else ''}"
-    fly = f"Next flight: {_flight_after(found)}"
-    return replace(found, sentence=headline(found), details=(*details(found), *found.details, what, fly))
+    what = f"What to do next: {what_to_do(found, CHECK, _REPAIR * faulty)}"
+    lines = (*found.noise, found.not_shown, what, f"Next flight: {flight_after(found)}")
+    return replace(found, sentence=headline(found), details=(*details(found), *filter(None, lines)))
 
 
-def _flight_after(found: Criticism) -> str:
+def what_to_do(found: Criticism, check: str, repair: str) -> str:
+    """Return what the pilot of judged flights should do; ``check`` is advice on what is not explained, and
+    ``repair`` on instruments."""
+    use = _CORRECT if found.limits else _USE_IT
+    look = f"{check}, and do not rely on the model's predictions there."
+    advice: Mapping[Verdict, str] = {
+        "nothing_wrong": "simulate with the model as it is.",
+        "named": use,
+        "ambiguous": f"{use} It predicts flights like these, but perhaps no others.",
+        "named_with_remainder": f"{use} For the rest, {look}",
+        "unknown": look,
+    }
+    return f"{advice[found.verdict]} {repair}".rstrip()
+
+
+def flight_after(found: Criticism) -> str:
     """Return what to fly next: what separates causes, or shows effects that were missed; and what changes."""
     advised = found.next_flight or _flight_for(found)
     if advised and found.verdict == "ambiguous":
@@ -95,17 +100,27 @@ def details(found: Criticism) -> tuple[str, ...]:
     if found.causes and (ahead := _gain_of_channel(found.causes[0].gain)):
         together = "With all causes together, " if len(found.causes) > 1 else ""
         lines.append(f"{together}{ahead if together else ahead[0].upper() + ahead[1:]}.")
-    if found.equivalence_set and found.verdict == "ambiguous":
-        alike = ", ".join(f"{n} (probability {found.probability_of(n):.2f})" for n in found.equivalence_set)
-        lines.append(f"Effects that the flights cannot distinguish: {alike}.")
+    lines += indistinguishable(found)
     lines += [f"Unexplained: {finding}." for finding in found.findings]
     if found.noise_correlation:
         shares = ", ".join(f"{name} ({share:.2f})" for name, share in found.noise_correlation.items())
         lines.append(f"Noise is correlated from one sample to the next, which is healthy: {shares}.")
-    if found.verdict == "nothing_wrong" and (seen := within_reach(found.detectable)):
-        sizes = (f"{name} {sized(*found.detectable[name], digits=2)}" for name in _one_a_family(seen))
-        lines.append(f"Smallest sizes that nine of ten such flights would have shown: {', '.join(sizes)}.")
-    return tuple(lines)
+    return (*lines, *smallest_sizes(found))
+
+
+def indistinguishable(found: Criticism) -> list[str]:
+    """Return a sentence on the effects that explain the flights equally well; none for another verdict."""
+    if found.verdict != "ambiguous":
+        return []
+    alike = ", ".join(f"{n} (probability {found.probability_of(n):.2f})" for n in found.equivalence_set)
+    return [f"Effects that the flights cannot distinguish: {alike}."]
+
+
+def smallest_sizes(found: Criticism) -> list[str]:
+    """Return a sentence on what flights without an error would have shown; none for another verdict."""
+    seen = within_reach(found.detectable) if found.verdict == "nothing_wrong" else ()
+    sizes = ", ".join(f"{name} {sized(*found.detectable[name], digits=2)}" for name in _one_a_family(seen))
+    return [f"Smallest sizes that nine of ten such flights would have shown: {sizes}."] if sizes else []
 
 
 def unusable(reasons: Sequence[str], dropped: Sequence[str] = (), advice: str = "") -> Criticism:

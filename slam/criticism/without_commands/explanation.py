@@ -67,7 +67,6 @@ NO_COMMANDS = (
     "and its motion is not judged"
 )
 NOT_JUDGED = "No command log: the vehicle's motion is not judged."
-COULD_NOT = "These flights could not show"
 LIMITS = Thresholds(STANDS_OUT_Z, np.inf, STANDS_OUT_Z, np.inf, STANDS_OUT)
 MOST = 5
 ROUNDS = 2
@@ -136,7 +135,8 @@ class ComparedFlights(Evidence):
             covariate=next(drawn, None),
             extended=with_certainty(with_terms(self.model, found.causes), found.causes),
             flights=tuple(f.name for f, known in zip(self.flights, self.rows, strict=True) if known),
-            details=(*larger_noise(self.flights), self._not_shown(found.detectable)),
+            noise=tuple(larger_noise(self.flights)),
+            not_shown=self._not_shown(found.detectable),
             dropped=(*self.sensors.dropped, NO_COMMANDS),
             limits=NOT_JUDGED,
             changes=self._changes(),
@@ -169,7 +169,7 @@ class ComparedFlights(Evidence):
         times_s = np.concatenate([r.times_s for flight in self.rows for r in flight])
         if float(np.ptp(times_s)) < FEWEST_PARTS * PART_S:
             lines.append("an error that begins within a flight")
-        return f"{COULD_NOT} {', '.join(lines)}."
+        return f"These flights could not show {', '.join(lines)}."
 
 
 def explain_comparisons(

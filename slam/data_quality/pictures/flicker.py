@@ -6,11 +6,14 @@ or columns between two pictures of the same floor.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.robust import robust_std
+from slam.data_quality.finding import Remark
 from slam.data_quality.pictures.cells import Cells, radius2
 
 Array = NDArray[np.float64]
@@ -56,3 +59,13 @@ def _left(columns: Array, y: Array) -> Array:
 def _profile(line: NDArray[np.int64], left: Array) -> Array:
     parts = [left[line == k] for k in range(LINES)]
     return np.array([np.median(part) for part in parts if len(part) >= FEWEST_CELLS])
+
+
+def flicker_among(flickers: Iterable[float]) -> list[Remark]:
+    """Return the greatest of the ``flickers`` of some flights, if any is notable: the brightness of such
+    pictures is no evidence for other errors."""
+    worst = max(flickers, default=0.0)
+    if worst < LEAST_FLICKER:
+        return []
+    by = f"by {100 * worst:.0f} %, otherwise from picture to picture"
+    return [Remark(f"picture brightness changes in bands, {by}", channel="pictures")]

@@ -11,7 +11,7 @@ import numpy as np
 from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.criticism.cause import JUDGED_HORIZON_S
-from slam.criticism.verdict.sentence import fair_rival
+from slam.criticism.verdict.sentence import fair_rival, indistinguishable, smallest_sizes
 from slam.report.criticism.cause_evidence import CauseEvidence, shown_in_short
 from slam.report.criticism.certainty import (
     differs,
@@ -55,9 +55,6 @@ _RIGHT: Mapping[str, str] = {
 }
 """Verdict -> whether the model is right about the flights."""
 _MORE = " More is wrong than that explains."
-_UNEXPLAINED, _USE, _FLY = "Unexplained: ", "What to do next: ", "Next flight: "
-_SAME, _NOISE, _UNSHOWN = "Effects that the flights cannot distinguish", "Noise ", "These flights could not"
-_SMALLEST, _LARGER = "Smallest sizes", "Noise from"
 _USABLE: Mapping[str, str] = {
     "nothing_wrong": "Yes, as it is",
     "named": "Yes, the extended one",
@@ -80,8 +77,7 @@ def criticism_answers(
 ) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a verdict. ``drawn`` are sentences on the parts
     of flights that the page shows, and ``evidence`` is what it shows of each certain cause."""
-    told = _lines_by_kind(result)
-    unexplained = findings_in_words(result)
+    unexplained, is_usable = findings_in_words(result), result.verdict != "unusable"
     rows = (
         _item(
             "Is the model right about these flights?",
@@ -89,9 +85,9 @@ def criticism_answers(
         ),
         _item("What does this result promise, and what not?", promises(result)),
         _item("Which flights were judged, and what was left out?", _judged(result, flights)),
-        _item("What is wrong, and how large is it?", [*_wrong(result), *told[""]]),
+        _item("What is wrong, and how large is it?", _wrong(result) if is_usable else result.details),
         _item("How sure is that, and why?", how_sure(result)),
-        _item("What else could it be, and why not?", _else(result, told[_SAME])),
+        _item("What else could it be, and why not?", _else(result, indistinguishable(result))),
         _item(
             "In which flight does it show, and when?",
             where_it_shows(result, drawn, shown_in_short(evidence)),
@@ -100,19 +96,16 @@ def criticism_answers(
         _item("What changes in the prediction?", what_changes(result)),
         _item(
             "Is an instrument damaged, or is the model incomplete?",
-            [
-                *instruments_doubted(result, flights),
-                *(line for line in told[_NOISE] if line.startswith(_LARGER)),
-            ],
+            [*instruments_doubted(result, flights), *result.noise],
         ),
         _item(
             "Can I use the model now, and how?",
-            to_use(result, [f"{_USABLE.get(result.verdict, 'No')}: {line}" for line in told[_USE]]),
+            to_use(result, _USABLE[result.verdict]) if is_usable else [],
         ),
-        _item("What do I fly next?", to_fly(result, told[_FLY], flights)),
+        _item("What do I fly next?", to_fly(result, flights) if is_usable else []),
         _item(
             "What can these flights not show?",
-            unseen(result, flights, [*told[_UNSHOWN], *told[_SMALLEST]]),
+            unseen(result, flights, [result.not_shown, *smallest_sizes(result)]),
         ),
     )
     return tuple(row for row in rows if row is not None)
@@ -125,27 +118,6 @@ def _judged(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     if result.dropped and result.flights and not any(line.partition(": ")[0] in known for line in lines):
         lines = ["No flight was left out.", *lines]
     return [*judged_data(result, flights), *lines]
-
-
-def _lines_by_kind(result: Criticism) -> dict[str, list[str]]:
-    """Return beginning -> the rest of each line of the verdict's details; what begins a sentence of its own
-    is kept.
-
-    Lines on a cause are left out: the rows tell them from the causes themselves.
-    """
-    from slam.criticism.verdict.sentence import details
-
-    removed, kept = (_UNEXPLAINED, _USE, _FLY), (_SAME, _NOISE, _UNSHOWN, _SMALLEST)
-    told = {
-        begin: [line.removeprefix(begin) for line in result.details if line.startswith(begin)]
-        for begin in removed
-    }
-    told |= {begin: [line for line in result.details if line.startswith(begin)] for begin in kept}
-    of_causes = details(result)
-    told[""] = [
-        line for line in result.details if line not in of_causes and not line.startswith((*removed, *kept))
-    ]
-    return told
 
 
 def _item(question: str, lines: Sequence[str]) -> Item | None:

@@ -25,35 +25,35 @@ _NAMED = 4
 """Number of effects that are named of those that the sticks would show."""
 
 
-def to_use(result: Criticism, advice: Sequence[str]) -> list[str]:
-    """Return the verdict's advice with the instruments by their names, in numbered steps where a part of
-    extended.toml is not established."""
-    from slam.criticism.verdict.sentence import REPAIR, WHICH
+def to_use(result: Criticism, usable: str) -> list[str]:
+    """Return whether the model is ``usable``, and the verdict's advice with the instruments by their names;
+    in numbered steps where a part of extended.toml is not established."""
+    from slam.criticism.verdict.sentence import CHECK, what_to_do
 
     sensors = concerned(result)
-    first = f"check {enumerated(sensors)} first ({_BY_HAND})" if sensors else WHICH
+    check = f"check {enumerated(sensors)} first ({_BY_HAND})" if sensors else CHECK
     far = [CATALOGUE[c.name].instrument for c in result.causes if is_established(c, result) and is_far(c)]
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
-    repair = f" Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
-    told = [line.replace(WHICH, first).replace(REPAIR, repair) for line in advice]
+    repair = f"Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
+    advice = what_to_do(result, check, repair)
     none = [cause.name for cause in result.causes if not differs(cause)]
-    if not none or not told:
-        return told
+    if not none:
+        return [f"{usable}: {advice}"]
     parts = enumerated([f"[{kind}.{name}]" for name in none for kind in ("terms", "std")])
     return [
-        f"{told[0].partition(':')[0]}, after one change.",
+        f"{usable}, after one change.",
         f"1. Delete the parts {parts} of extended.toml: the size of {enumerated(none)} may be none.",
-        *(f"2. {step[0].upper()}{step[1:]}" for step in (line.partition(": ")[2] for line in told)),
+        f"2. {advice[0].upper()}{advice[1:]}",
     ]
 
 
-def to_fly(result: Criticism, advice: Sequence[str], flights: Sequence[Flight] = ()) -> list[str]:
+def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     """Return the verdict's advice, and for each cause that is not certain the manoeuvre that settles it."""
-    if not advice:
-        return []
+    from slam.criticism.verdict.sentence import flight_after
+
     _, open_, none = ([c.name for c in kind] for kind in by_certainty(result))
-    told = list(advice)
-    more = [name for name in (*open_, *none) if CATALOGUE[name].manoeuvre not in " ".join(advice)]
+    told = [flight_after(result)]
+    more = [name for name in (*open_, *none) if CATALOGUE[name].manoeuvre not in told[0]]
     told += [f"For {name}: {CATALOGUE[name].manoeuvre}." for name in more]
     told += _to_separate(result, " ".join(told))
     settled = [

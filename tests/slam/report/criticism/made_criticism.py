@@ -34,12 +34,7 @@ def made(verdict: str = "named") -> Criticism:
         ("quadratic_drag", "flow_scale") if verdict == "ambiguous" else (),
         (ResidualPattern.of("gyro_x ~ speed", 7.0),) if "remainder" in verdict else (),
         next_flight="steps of three sizes",
-        details=(
-            "Unexplained: gyro_x ~ speed (z = 7.0).",
-            "What to do next: simulate.",
-            "Next flight: steps of three sizes.",
-            "Noise from reading to reading is larger than stated: gyro 29 times.",
-        )
+        noise=("Noise from reading to reading is larger than stated: gyro 29 times.",)
         if "remainder" in verdict
         else (),
         detectable={"sonar_lag": (0.012, "s")},
