@@ -138,7 +138,7 @@ def split_by_probability(
     odds are not shared with it.
     """
     if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.out_of_model:
-        noise_only = {e.name for e in found.chosen if not e.perturbations}
+        noise_only = {e.name for e in found.chosen if e.changes}
         causes = [
             replace(c, probability=0.5 * c.probability)
             if c.name in doubted or c.name in noise_only or c.gain.flies_worse or c.z < left_z

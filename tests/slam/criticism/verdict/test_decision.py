@@ -12,6 +12,7 @@ from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ScoreTest
+from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import load_thresholds
 from slam.criticism.verdict import decision, judge
@@ -51,8 +52,9 @@ def cause(name: str, probability: float = 1.0) -> Cause:
 
 def reported(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_model: bool = False):
     """Verdict, and the probabilities of the causes that are reported and of those that are not."""
-    moving = (Perturbation("x", "sensor"),)
-    terms = [Effect(c.name, perturbations=() if c.name == "gusts" else moving) for c in causes]
+    moving, noisier = (Perturbation("x", "sensor"),), (fitted_parameter("gusts@0.7"),)
+    forms = {"gusts": {"changes": noisier}, "attitude_lag": {"relaxes": ("vehicle.attitude_time_s",)}}
+    terms = [Effect(c.name, **forms.get(c.name, {"perturbations": moving})) for c in causes]
     posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0})
     chosen = (*terms, ODD) if unknown > 0.5 else tuple(terms)
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=out_of_model), chosen=chosen)
@@ -68,9 +70,10 @@ def test_inconsistent_causes_and_process_noise_are_not_claimed_beside_something_
 
 
 def test_a_consistent_cause_is_claimed_with_a_remainder():
-    verdict, probabilities, _ = reported(cause("flow_scale"), cause("gusts"), unknown=1.0)
+    causes = cause("flow_scale"), cause("attitude_lag"), cause("gusts")
+    verdict, probabilities, _ = reported(*causes, unknown=1.0)
     assert verdict == "named_with_remainder"
-    assert probabilities == [1.0, 0.5]
+    assert probabilities == [1.0, 1.0, 0.5], "a lag is no noise"
 
 
 def test_a_certain_cause_leads_whatever_a_doubtful_one_gains():
