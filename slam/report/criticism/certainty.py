@@ -97,12 +97,20 @@ def changes(cause: Cause, result: Criticism) -> bool:
 
 
 def look_alike(cause: Cause, result: Criticism) -> list[str]:
-    """Return the effects whose course over these flights is that of a cause, and that explain a fair part of
-    what it does in its place."""
+    """Return the effects whose course over these flights is that of a cause, and that explain what it does as
+    well, but for what inexact equations may explain."""
+    from slam.criticism.verdict.posterior import CLASS_NATS
+
+    return [name for name, _ in _doubles(cause, result) if cause.lead_nats < CLASS_NATS]
+
+
+def _doubles(cause: Cause, result: Criticism) -> list[tuple[str, float]]:
+    """Return the effects that explain a fair part of what a cause does, and have its course over these
+    flights, with the likeness."""
     from slam.criticism.verdict.posterior import ONE_CLASS
 
-    pairs = [(a, b) for a, b, likeness in result.confusable if likeness > ONE_CLASS]
-    return [name for name in (fair_rival(cause),) if {(cause.name, name), (name, cause.name)} & {*pairs}]
+    pair = {cause.name, fair_rival(cause)}
+    return [(fair_rival(cause), c) for a, b, c in result.confusable if {a, b} == pair and c > ONE_CLASS]
 
 
 def doubt_of_name(cause: Cause, result: Criticism) -> str:
@@ -138,6 +146,8 @@ def outside_of_catalogue(result: Criticism) -> str:
 
 def reservations(cause: Cause, result: Criticism) -> list[str]:
     """Return what speaks against a cause, or why it is not certain, in sentences without their subject."""
+    from slam.criticism.verdict.posterior import CLASS_NATS
+
     told = []
     if not differs(cause):
         told.append("no size of it differs from none, so it is not established by itself")
@@ -152,6 +162,13 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
             f"it has the same course over these flights as {others}, so the two can hardly be told apart: "
             "only the fit as a whole prefers it"
         )
+    else:
+        told += [
+            f"it has nearly the same course over these flights as {title_of(name)} (likeness "
+            f"{likeness:.3f}), but with that the flights fit worse by {cause.lead_nats:.0f} nats, more than "
+            f"the {CLASS_NATS:.0f} that inexact equations explain"
+            for name, likeness in _doubles(cause, result)
+        ]
     if changes(cause, result):
         told.append("its size changes during the flights, so one size throughout is a mean")
     why = _why_not_certain(cause, result)
@@ -238,22 +255,22 @@ def no_other(cause: Cause) -> str:
 
 
 def longer_bar(result: Criticism) -> str:
-    """Return why the most probable cause leads an effect that stands out by more alone; empty where none
-    does."""
+    """Return why the most probable cause leads an effect that stands out by more; empty where none does."""
     if not result.causes:
         return ""
-    lead, z = result.causes[0], {rank.name: rank.z for rank in result.ranking}
-    found = {cause.name for cause in result.causes}
+    lead, found = result.causes[0], {cause.name for cause in result.causes}
     others = [r for r in result.ranking if r.name in CATALOGUE and r.name not in found]
-    longer = [r for r in others if r.z > z.get(lead.name, np.inf) and r.probability < lead.probability]
+    longer = [r for r in others if r.z > lead.z and r.probability < lead.probability]
     if not longer:
         return ""
     other = max(longer, key=lambda rank: rank.z)
-    together = " and together with the other causes" if len(result.causes) > 1 else ""
+    beside, together = "", ""
+    if len(result.causes) > 1:
+        beside, together = " beside the other causes", " and together with the other causes"
     worse = f": with it in this place the flights fit worse by {lead.lead_nats:.0f} nats or more"
     return (
         f"Alone, {CATALOGUE[other.name].title} stands out more ({sized(other.z, 'sigma')}) than "
-        f"{CATALOGUE[lead.name].title} ({sized(z[lead.name], 'sigma')}), and is less probable all the same. "
-        "The right side tests each by itself, as a small change; the probability counts how well it explains "
-        f"the flights at its full size{together}{worse * (0.0 < lead.lead_nats < np.inf)}."
+        f"{CATALOGUE[lead.name].title}{beside} ({sized(lead.z, 'sigma')}), and is less probable all the "
+        "same. The right side tests it by itself, as a small change; the probability counts how well it "
+        f"explains the flights at its full size{together}{worse * (0.0 < lead.lead_nats < np.inf)}."
     )

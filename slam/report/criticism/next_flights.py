@@ -36,14 +36,24 @@ def to_use(result: Criticism, usable: str) -> list[str]:
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f"Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
     advice = what_to_do(result, check, repair)
+    varying = [cause.name for cause in result.causes if changes(cause, result) and differs(cause)]
+    of = (
+        f"size of {enumerated(varying)} changes"
+        if len(varying) == 1
+        else f"sizes of {enumerated(varying)} change"
+    )
+    means = (
+        [f"The {of} during the flights: extended.toml has the mean, and corrects no more."] if varying else []
+    )
     none = [cause.name for cause in result.causes if not differs(cause)]
     if not none:
-        return [f"{usable}: {advice}"]
+        return [f"{usable}: {advice}", *means]
     parts = enumerated([f"[{kind}.{name}]" for name in none for kind in ("terms", "std")])
     return [
         f"{usable}, after one change.",
         f"1. Delete the parts {parts} of extended.toml: the size of {enumerated(none)} may be none.",
         f"2. {advice[0].upper()}{advice[1:]}",
+        *means,
     ]
 
 

@@ -136,7 +136,10 @@ _IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
 
 
 def ranking_picture(result: Criticism) -> bytes:
-    """Draw bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
+    """Draw bars of probability and strength; ``nothing`` and ``unknown`` are always among them.
+
+    The strength of a cause that was found is that beside the others, as the limit asks for.
+    """
     always = [r for r in result.ranking if r.name in _IN_WORDS]
     chosen = {cause.name for cause in result.causes}
     others = (r for r in result.ranking if r not in always and r.name not in chosen)
@@ -144,8 +147,12 @@ def ranking_picture(result: Criticism) -> bytes:
     possible = [
         r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen or r in rivals
     ]
-    named = sorted((r for r in possible if r not in always), key=lambda r: (-r.probability, -r.z))
+    strength = {r.name: r.z for r in result.ranking} | {c.name: c.z for c in result.causes}
+    named = sorted(
+        (r for r in possible if r not in always), key=lambda r: (-r.probability, -strength[r.name])
+    )
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
+    widths = [strength[r.name] for r in shown]
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.2, 0.6 + 0.28 * len(shown)), dpi=160, layout="constrained")
@@ -157,13 +164,13 @@ def ranking_picture(result: Criticism) -> bytes:
     left.barh(names, [r.probability for r in shown], color=faces, edgecolor=colours)
     left.set_xlim(0, 1)
     left.set_xlabel("probability")
-    right.barh(names, [r.z for r in shown], color=colours)
+    right.barh(names, widths, color=colours)
     right.axvline(result.threshold, color=VERMILLION, linewidth=1, label=f"asked for: {result.threshold:.1f}")
-    right.set_xlabel("stands out alone by [sigma]")
+    right.set_xlabel("stands out by [sigma]")
     right.legend(loc="lower right", frameon=False, fontsize=7)
-    if max((r.z for r in shown), default=0.0) > 50:
+    if max(widths, default=0.0) > 50:
         right.set_xscale("symlog", linthresh=5)
-        right.set_xlabel("stands out alone by [sigma, log scale]")
+        right.set_xlabel("stands out by [sigma, log scale]")
         right.xaxis.set_major_formatter("{x:g}")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
@@ -173,10 +180,7 @@ def ranking_picture(result: Criticism) -> bytes:
 
 def ranking_caption(result: Criticism) -> str:
     """Caption of the line in the figure of the ranking, and of bars that are none of a name alone."""
-    alone = {rank.name: rank.z for rank in result.ranking}
     why = longer_bar(result)
-    if any(alone.get(cause.name, np.inf) < result.threshold <= cause.z for cause in result.causes):
-        why = f"{why} A found cause whose bar ends before it passes it beside the others.".strip()
     doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
     if doubts:
         why = f"{why} An open bar is no probability of the name alone ({'; '.join(doubts)}).".strip()

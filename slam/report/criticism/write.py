@@ -147,7 +147,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         of_rotation=not any(f.attitude or f.imu for f in flights if f.name in result.flights),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
         confusable=[
-            Item(f"{title_of(a)} and {title_of(b)}", f"{c:+.2f}", (f"{a}, {b}",))
+            Item(f"{title_of(a)} and {title_of(b)}", f"{c:+.3f}", (f"{a}, {b}",))
             for a, b, c in result.confusable
         ],
         detectable=detectable_rows(result),

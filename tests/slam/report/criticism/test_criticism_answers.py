@@ -39,7 +39,10 @@ def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
     assert "not established by itself" in " ".join(reservations(scale, made()))
     alike = replace(made(), confusable=(("flow_scale", "quadratic_drag", 0.99),))
     assert is_established(cause, alike)  # nothing says that it explains a part
-    assert not is_established(replace(cause, rival="flow_scale"), alike)
+    assert not is_established(replace(cause, rival="flow_scale", lead_nats=5.0), alike)
+    apart = replace(cause, rival="flow_scale", lead_nats=24.0)
+    assert is_established(apart, alike)
+    assert "(likeness 0.990), but with that the flights fit worse by 24 nats" in reservations(apart, alike)[0]
     even = replace(cause, probability=0.5, z=5.0)
     unknown = replace(
         made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(ResidualPattern.of("roll ~ pitch", 11.0),)
@@ -108,7 +111,7 @@ def test_an_effect_that_looks_like_a_cause_is_not_told_as_absent() -> None:
     (cause,) = made().causes
     seen = {"quadratic_drag": (0.02, "1/m"), "asymmetric_drag": (0.2, "1"), "flow_scale": (2.0, "1")}
     result = replace(
-        made(), detectable=seen, causes=(replace(cause, rival="asymmetric_drag"),),
+        made(), detectable=seen, causes=(replace(cause, rival="asymmetric_drag", lead_nats=5.0),),
         confusable=(("asymmetric_drag", "quadratic_drag", 0.99),),
     )  # fmt: skip
     verdicts = [row.verdict for row in detectable_rows(result)]
@@ -205,12 +208,14 @@ def test_a_size_that_changes_at_a_moment_is_told_before_and_after_it() -> None:
     assert rows["axis to the left, y: after about 20 s"].startswith("0.115 ")
     told = " ".join(instruments_doubted(result))
     assert "gyro bias 0.229 (0.224 to 0.235) deg/s before about 20 s and 0.115" in told
+    assert "corrects its mean, not its change" in told
+    assert to_use(result, "Yes")[1].endswith("extended.toml has the mean, and corrects no more.")
     assert change_of_size(replace(result, findings=()), "gyro_bias", "y") is None
 
 
 def test_the_effect_that_looks_like_a_cause_has_a_manoeuvre_too() -> None:
     scale = replace(
-        made().causes[0], name="accel_scale", rival="accel_bias",
+        made().causes[0], name="accel_scale", rival="accel_bias", lead_nats=5.0,
         parameters={"eps": Interval(-0.01, "1", -0.012, -0.008)},
     )  # fmt: skip
     result = replace(made(), causes=(scale,), confusable=(("accel_bias", "accel_scale", 0.999),))
