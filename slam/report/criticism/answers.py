@@ -28,11 +28,11 @@ from slam.report.criticism.headline import promises
 from slam.report.criticism.instruments import instruments_doubted
 from slam.report.criticism.judged_data import judged_data
 from slam.report.criticism.next_flights import to_fly, to_use
-from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import quantity, reading, with_titles
 from slam.report.criticism.values import (
     NO_DIFFERENCE,
     before_and_after,
+    change_of_size,
     changes_in_time,
     compared,
     sized_interval,

@@ -11,11 +11,16 @@ import numpy as np
 from slam.core.plot_style import grid, png
 from slam.report.criticism.certainty import by_certainty, changes
 from slam.report.criticism.gains import better_parts
-from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import quantity, title_of
 from slam.report.criticism.prediction_errors import SHOWN_S, BeforeAndAfter, errors_by_channel
 from slam.report.criticism.segment import MOST_FLIGHTS, READINGS_OF, RESTART_S, telling_readings
-from slam.report.criticism.values import NO_DIFFERENCE, before_and_after, compared, sized_interval
+from slam.report.criticism.values import (
+    NO_DIFFERENCE,
+    before_and_after,
+    change_of_size,
+    compared,
+    sized_interval,
+)
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:

@@ -96,6 +96,11 @@ def changes(cause: Cause, result: Criticism) -> bool:
     return any(series.column.partition(".")[0] == cause.name for series in result.changes)
 
 
+def drifting(result: Criticism) -> list[Cause]:
+    """Return the causes that are there with a size that changes during the flights."""
+    return [cause for cause in result.causes if changes(cause, result) and differs(cause)]
+
+
 def look_alike(cause: Cause, result: Criticism) -> list[str]:
     """Return the effects whose course over these flights is that of a cause, and that explain what it does as
     well, but for what inexact equations may explain."""

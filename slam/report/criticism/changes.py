@@ -9,9 +9,9 @@ import numpy as np
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, grid, png
 from slam.core.units import everyday, spaced
-from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import TWO_SIDED, figure, quantity, title_of, with_titles
 from slam.report.criticism.segment import Segment
+from slam.report.criticism.values import change_of_size
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:

@@ -17,7 +17,6 @@ from slam.criticism.finding import (
     VaryingSize,
 )
 from slam.data_quality.finding import Finding
-from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import (
     constant,
     figure,
@@ -26,7 +25,7 @@ from slam.report.criticism.plain_names import (
     reading,
     sized_between,
 )
-from slam.report.criticism.values import before_and_after, healthy_range, sized_interval
+from slam.report.criticism.values import before_and_after, change_of_size, healthy_range, sized_interval
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:

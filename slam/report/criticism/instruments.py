@@ -9,16 +9,16 @@ import numpy as np
 
 from slam.core.names import enumerated
 from slam.core.units import everyday, spaced, to_error
-from slam.report.criticism.certainty import changes, differs, is_established
+from slam.report.criticism.certainty import changes, differs, drifting, is_established
 from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
 from slam.report.criticism.judged_data import missing_streams
-from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.plain_names import constant, figure, title_of
 from slam.report.criticism.values import (
     ABOUT,
     MORE,
     NO_DIFFERENCE,
     before_and_after,
+    change_of_size,
     compared,
     one_unit,
     own_value,
@@ -56,9 +56,8 @@ def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> li
     if of_vehicle:
         names = enumerated([title_of(cause.name) for cause in of_vehicle])
         told.append(f"Of the vehicle or the place, which a repair does not change: {names}.")
-    drifting = [f"the {title_of(c.name)}" for c in of_instruments if changes(c, result) and differs(c)]
-    if drifting:
-        told.append(f"Not of one size throughout, so watch it from flight to flight: {enumerated(drifting)}.")
+    if unsteady := [f"the {title_of(c.name)}" for c in drifting(result) if c in of_instruments]:
+        told.append(f"Not of one size throughout, so watch it from flight to flight: {enumerated(unsteady)}.")
     return [*told, *whose_is_it(result, flights)]
 
 
@@ -73,10 +72,8 @@ def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism)
         return "The model is incomplete: no cause that was found is an error of an instrument."
     above = [title_of(c.name) for c in instruments if _verdicts(c) & {ABOUT}]
     size = f"usual size, or a little more ({enumerated(above)})" if above else "usual size"
-    drifting = [title_of(c.name) for c in instruments if changes(c, result) and differs(c)]
-    sound = (
-        f"none looks damaged, but {enumerated(drifting)} is not steady" if drifting else "none looks damaged"
-    )
+    unsteady = enumerated([title_of(c.name) for c in drifting(result) if c in instruments])
+    sound = f"none looks damaged{f', but {unsteady} is not steady' if unsteady else ''}"
     if vehicle:
         return f"The model is incomplete, and instruments have errors of {size}: {sound}."
     return f"Instruments have errors of {size}: {sound}."

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
 from slam.core.names import enumerated, listed
-from slam.report.criticism.certainty import by_certainty, changes, differs, is_established, look_alike
+from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, look_alike
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, is_of_speed
 from slam.report.criticism.instruments import is_far
@@ -36,15 +36,10 @@ def to_use(result: Criticism, usable: str) -> list[str]:
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f"Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
     advice = what_to_do(result, check, repair)
-    varying = [cause.name for cause in result.causes if changes(cause, result) and differs(cause)]
-    of = (
-        f"size of {enumerated(varying)} changes"
-        if len(varying) == 1
-        else f"sizes of {enumerated(varying)} change"
-    )
-    means = (
-        [f"The {of} during the flights: extended.toml has the mean, and corrects no more."] if varying else []
-    )
+    means = [
+        f"The size of {cause.name} changes in flight: extended.toml has the mean, and corrects no more."
+        for cause in drifting(result)
+    ]
     none = [cause.name for cause in result.causes if not differs(cause)]
     if not none:
         return [f"{usable}: {advice}", *means]
@@ -75,8 +70,7 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
         told.append(f"What it settles: {enumerated(settled)}.")
     if is_of_speed(result):
         told.append(f"For the error of the speed: {CATALOGUE['flow_scale'].excitation}.")
-    varying = [c.name for c in result.causes if changes(c, result) and differs(c)]
-    varying = [name for name in varying if f"when {name} changes" not in " ".join(told)]
+    varying = [c.name for c in drifting(result) if f"when {c.name} changes" not in " ".join(told)]
     if varying:
         told.append(
             f"The same at the start and at the end of a flight shows how {enumerated(varying)} "

@@ -7,17 +7,20 @@ from math import exp
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam.core.names import enumerated
 from slam.core.units import everyday, spaced, to_error
-from slam.report.criticism.onsets import SizeChange, change_of_size
+from slam.criticism.cause import Interval
+from slam.criticism.finding import Onset
 from slam.report.criticism.plain_names import TWO_SIDED, constant, figure, quantity, title_of
 from slam.simulation.terms import CATALOGUE, Parameter
 
 if TYPE_CHECKING:
     from slam.criticism import Criticism
-    from slam.criticism.cause import Cause, Interval
+    from slam.criticism.cause import Cause
     from slam.criticism.search.fitted_parameters import FittedParameter
+    from slam.criticism.verdict.over_time import SizeOverTime
     from slam.simulation.model import Model
 
 USUAL, MORE, LESS, NO_DIFFERENCE = "usual", "more than usual", "less than usual", "no: may be none"
@@ -26,6 +29,44 @@ ABOUT = "more than usual, or usual"
 HEALTHY, UNHEALTHY = "healthy", "outside of healthy"
 _ONE_SIZE = "one size throughout, as in extended.toml"
 _MEAN = "; a mean, because its size changes"
+
+
+@dataclass(frozen=True)
+class SizeChange:
+    """Sizes of one parameter on either side of a moment."""
+
+    time_s: float
+    before: Interval
+    after: Interval
+
+    @property
+    def moment(self) -> str:
+        """The moment in words."""
+        return f"about {self.time_s:.0f} s"
+
+
+def change_of_size(result: Criticism, effect: str, parameter: str) -> SizeChange | None:
+    """Return the moment at which a size changes for certain, with the sizes before and after it; None where
+    there is no such moment, or more flights than one."""
+    column = f"{effect}.{parameter}"
+    onsets = (finding for finding in result.findings if isinstance(finding, Onset))
+    found = next((onset for onset in onsets if onset.column == column), None)
+    series = next((s for s in result.changes if s.column == column), None)
+    if found is None or series is None or len(set(series.flights)) > 1:
+        return None
+    after = series.begin_s >= found.time_s
+    if after.all() or not after.any():
+        return None
+    return SizeChange(found.time_s, _mean(series, ~after), _mean(series, after))
+
+
+def _mean(series: SizeOverTime, rows: NDArray[np.bool_]) -> Interval:
+    """Return the weighted mean size of some parts; parts that differ by more than their errors widen it."""
+    sizes, weight = series.sizes[rows], series.errors[rows] ** -2.0
+    mean = float(np.average(sizes, weights=weight))
+    spread = float(weight @ (sizes - mean) ** 2) / max(len(sizes) - 1, 1)
+    reach = TWO_SIDED * float(np.sqrt(max(spread, 1.0) / weight.sum()))
+    return Interval(mean, series.unit, mean - reach, mean + reach)
 
 
 @dataclass(frozen=True)

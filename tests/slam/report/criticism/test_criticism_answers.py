@@ -22,9 +22,8 @@ from slam.report.criticism.inertial_segment import compared_segment
 from slam.report.criticism.instruments import instruments_doubted, whose_is_it
 from slam.report.criticism.judged_data import judged_data
 from slam.report.criticism.next_flights import to_fly, to_use
-from slam.report.criticism.onsets import change_of_size
 from slam.report.criticism.segment import before_after_picture
-from slam.report.criticism.values import value_rows
+from slam.report.criticism.values import change_of_size, value_rows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
