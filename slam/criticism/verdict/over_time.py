@@ -37,7 +37,8 @@ Bonferroni)."""
 class SizeOverTime:
     """Size of one parameter in the parts of flights that show it, with all else as fitted."""
 
-    column: str
+    effect: str
+    parameter: str
     unit: str
     flights: tuple[str, ...]
     """Flight of each part."""
@@ -66,8 +67,8 @@ class Parts:
     ) -> SizeOverTime:
         """Return the sizes of an effect's column k beside a ``step`` (columns,) from ``parameters``, in which
         its size is ``held``."""
-        name = effect.columns[k]
-        c = self.fisher.columns.index(name)
+        parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
+        c = self.fisher.columns.index(effect.columns[k])
         common = held + float(step[c])
         errors = 1.0 / np.sqrt(np.maximum(self.fisher.information[:, c, c], 1e-300))
         moved = self.fisher.left_at(step)[:, c] * errors**2
@@ -77,10 +78,9 @@ class Parts:
         sizes, high, low, whole = (
             np.array([effect.in_catalogue_units(k, x, parameters) for x in end]) for end in ends
         )
-        unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
         flights = tuple(self.names[j] for j in self.fisher.flight[sure].tolist())
-        half = 0.5 * np.abs(high - low)
-        return SizeOverTime(name, unit, flights, self.begin_s[sure], sizes, half, float(whole[0]))
+        known = flights, self.begin_s[sure], sizes, 0.5 * np.abs(high - low), float(whole[0])
+        return SizeOverTime(effect.name, parameter.name, parameter.unit, *known)
 
 
 def onset(found: SearchResult, parts: Parts) -> Onset | None:
@@ -88,15 +88,16 @@ def onset(found: SearchResult, parts: Parts) -> Onset | None:
     changes = [
         change
         for effect in found.last.effects if effect.is_term
-        for perturbation in effect.perturbations if not is_variance(perturbation)
-        for change in _changes(found, parts, effect, perturbation.name) if change.z > CERTAIN_Z
+        for k, perturbation in enumerate(effect.perturbations) if not is_variance(perturbation)
+        for change in _changes(found, parts, effect, k) if change.z > CERTAIN_Z
     ]  # fmt: skip
     return max(changes, key=lambda change: change.z, default=None)
 
 
-def _changes(found: SearchResult, parts: Parts, effect: Effect, column: str) -> list[Onset]:
-    """Return the likeliest change of a column in each flight, beside the chosen effects."""
-    quadratic, fisher = found.last.quadratic, parts.fisher
+def _changes(found: SearchResult, parts: Parts, effect: Effect, k: int) -> list[Onset]:
+    """Return the likeliest change of an effect's column k in each flight, beside the chosen effects."""
+    quadratic, fisher, column = found.last.quadratic, parts.fisher, effect.columns[k]
+    parameter, onsets = CATALOGUE[effect.name].parameter(effect.parameters[k]), []
     effects = [*(e for e in found.chosen if not e.repeats(effect)), effect]
     step = quadratic.maximise(effects).whole
     rest = quadratic.index([c for e in effects for c in e.columns if c != column])
@@ -107,13 +108,11 @@ def _changes(found: SearchResult, parts: Parts, effect: Effect, column: str) -> 
     along[rest] = -np.linalg.lstsq(information[np.ix_(rest, rest)], information[rest] @ along, rcond=1e-12)[0]
     score = fisher.left_at(step) @ along
     known = (fisher.information @ along) @ along
-    _, _, parameter = column.rpartition(".")
-    unit, onsets = CATALOGUE[effect.name].parameter(parameter).unit, []
     for flight in np.unique(fisher.flight).tolist():
         inside = fisher.flight == flight
-        k, change, z = _break(score[inside], known[inside], effect.tolerance)
-        name, time_s = parts.names[flight], float(parts.begin_s[inside][k])
-        onsets.append(Onset(time_s, change, unit, flight=name, effect=effect.name, parameter=parameter, z=z))
+        after, change, z = _break(score[inside], known[inside], effect.tolerance)
+        of = {"flight": parts.names[flight], "effect": effect.name, "parameter": parameter.name}
+        onsets.append(Onset(float(parts.begin_s[inside][after]), change, parameter.unit, z=z, **of))
     return onsets
 
 

@@ -68,7 +68,7 @@ def flight_after(found: Criticism) -> str:
     advised = found.next_flight or _flight_for(found)
     if advised and found.verdict == "ambiguous":
         advised += " Then criticise the flights together."
-    varying = [series.column.partition(".")[0] for series in found.changes]
+    varying = [series.effect for series in found.changes]
     for name in [*(cause.name for cause in found.causes if cause.name in varying), *varying][:1]:
         what = "it" if (manoeuvre := CATALOGUE[name].manoeuvre) in advised else manoeuvre
         advised += f" To see when {name} changes, log {FEWEST_PARTS * PART_S:.0f} s or more of {what}."

@@ -93,7 +93,7 @@ def uncertain(result: Criticism) -> list[Cause]:
 
 def changes(cause: Cause, result: Criticism) -> bool:
     """Return whether a size of a cause changes during the flights."""
-    return any(series.column.partition(".")[0] == cause.name for series in result.changes)
+    return any(series.effect == cause.name for series in result.changes)
 
 
 def drifting(result: Criticism) -> list[Cause]:

@@ -72,14 +72,14 @@ def _draw(axes: Axes, series: SizeOverTime, result: Criticism) -> None:
         )  # fmt: skip
     whole = factor * _in_extension(result, series)
     axes.axhline(whole, color=GREY, linestyle="--", linewidth=1, label="one size throughout")
-    name, _, parameter = series.column.partition(".")
-    if (change := change_of_size(result, name, parameter)) is not None:
+    if (change := change_of_size(result, series.effect, series.parameter)) is not None:
         begin, end = float(series.begin_s.min()), float(series.begin_s.max()) + PART_S
         axes.step(
             [begin, change.time_s, end], factor * np.array([change.before.value, *2 * [change.after.value]]),
             where="post", color=VERMILLION, linewidth=1.8, zorder=5, label="mean before and after the change",
         )  # fmt: skip
-    axes.set_title(f"{title_of(name)}: {quantity(name, parameter)}", fontsize=9, loc="left")
+    title = f"{title_of(series.effect)}: {quantity(series.effect, series.parameter)}"
+    axes.set_title(title, fontsize=9, loc="left")
     axes.set_ylabel(f"[{unit}]" if unit != "1" else "", fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=8)
@@ -88,19 +88,18 @@ def _draw(axes: Axes, series: SizeOverTime, result: Criticism) -> None:
 
 def _where(series: SizeOverTime, result: Criticism) -> str:
     """Return when a size changes, or where it is least and greatest."""
-    name, _, parameter = series.column.partition(".")
-    words, change = quantity(name, parameter), change_of_size(result, name, parameter)
+    of = series.effect, series.parameter
+    words, change = quantity(*of), change_of_size(result, *of)
     least, most = (_part(series, int(k)) for k in (np.argmin(series.sizes), np.argmax(series.sizes)))
     sizes = f"{words} is {least} and {most}" if change is None else f"{words} changes at {change.moment}"
-    (where,) = with_titles([f"{name} does not have one size: {sizes} (“{_TITLE}” shows each part)."])
+    (where,) = with_titles([f"{series.effect} does not have one size: {sizes} (“{_TITLE}” shows each part)."])
     return where
 
 
 def _possible(series: SizeOverTime) -> SizeOverTime:
     """Return the series without parts whose size no parameter can have: there the effect hardly acts, and the
     linear size is no size."""
-    name, _, parameter = series.column.partition(".")
-    limits = CATALOGUE[name].parameter(parameter)
+    limits = CATALOGUE[series.effect].parameter(series.parameter)
     kept = (series.sizes >= limits.least) & (series.sizes <= limits.most)
     return replace(
         series, flights=tuple(np.array(series.flights)[kept].tolist()), begin_s=series.begin_s[kept],
@@ -117,9 +116,8 @@ def _certainty(series: SizeOverTime) -> float:
 
 def _in_extension(result: Criticism, series: SizeOverTime) -> float:
     """Return the one size that the extended model has, or that fits all parts."""
-    name, _, parameter = series.column.partition(".")
-    sizes = {p: found.value for c in result.causes if c.name == name for p, found in c.parameters.items()}
-    return sizes.get(parameter, series.common)
+    sizes = (c.parameters.get(series.parameter) for c in result.causes if c.name == series.effect)
+    return next((size.value for size in sizes if size is not None), series.common)
 
 
 def _part(series: SizeOverTime, k: int) -> str:

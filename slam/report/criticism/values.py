@@ -48,10 +48,9 @@ class SizeChange:
 def change_of_size(result: Criticism, effect: str, parameter: str) -> SizeChange | None:
     """Return the moment at which a size changes for certain, with the sizes before and after it; None where
     there is no such moment, or more flights than one."""
-    column = f"{effect}.{parameter}"
     onsets = (finding for finding in result.findings if isinstance(finding, Onset))
-    found = next((onset for onset in onsets if onset.column == column), None)
-    series = next((s for s in result.changes if s.column == column), None)
+    found = next((o for o in onsets if (o.effect, o.parameter) == (effect, parameter)), None)
+    series = next((s for s in result.changes if (s.effect, s.parameter) == (effect, parameter)), None)
     if found is None or series is None or len(set(series.flights)) > 1:
         return None
     after = series.begin_s >= found.time_s
@@ -150,7 +149,7 @@ def _is_outside(found: Interval, low: float, high: float) -> bool:
 
 def changes_in_time(effect: str, parameter: str, result: Criticism) -> bool:
     """Return whether a parameter is not the same throughout."""
-    return any(series.column == f"{effect}.{parameter}" for series in result.changes)
+    return any((s.effect, s.parameter) == (effect, parameter) for s in result.changes)
 
 
 def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:

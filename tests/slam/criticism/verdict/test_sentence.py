@@ -171,7 +171,7 @@ def test_only_an_instrument_is_repaired():
 
 
 def test_what_shows_a_cause_that_changes_is_flown_throughout_one_flight():
-    parts = SizeOverTime("attitude_lag.tau", "s", ("a",), np.zeros(1), np.ones(1), np.ones(1), 1.0)
+    parts = SizeOverTime("attitude_lag", "tau", "s", ("a",), np.zeros(1), np.ones(1), np.ones(1), 1.0)
     flown = with_sentences(Criticism("named_with_remainder", changes=(parts,))).details[-1]
     assert "40 s or more" in flown
     assert CATALOGUE["attitude_lag"].excitation in flown

@@ -188,7 +188,9 @@ def _with_a_change() -> Criticism:
     """A gyro bias that falls from 4 to 2 mrad/s at 20 s, in a flight of 40 s."""
     begin = np.arange(0.0, 40.0, 5.0)
     sizes = np.where(begin < 20.0, 0.004, 0.002)
-    series = SizeOverTime("gyro_bias.y", "rad/s", ("flight_00",) * 8, begin, sizes, np.full(8, 1e-4), 0.003)
+    series = SizeOverTime(
+        "gyro_bias", "y", "rad/s", ("flight_00",) * 8, begin, sizes, np.full(8, 1e-4), 0.003
+    )
     found = {"y": Interval(0.003, "rad/s", 0.0025, 0.0035)}
     return replace(
         made(), causes=(replace(made().causes[0], name="gyro_bias", parameters=found),), changes=(series,),

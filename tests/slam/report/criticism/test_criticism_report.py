@@ -293,7 +293,7 @@ def test_a_rival_whose_errors_have_no_slope_leaves_the_width_to_the_cause() -> N
 
 def test_a_size_that_changes_is_drawn_over_time_and_told_with_its_flight() -> None:
     series = SizeOverTime(
-        "control_latency.T", "s", ("one", "one", "two"), np.array([0.0, 5.0, 0.0]),
+        "control_latency", "T", "s", ("one", "one", "two"), np.array([0.0, 5.0, 0.0]),
         np.array([0.12, 0.4, 0.2]), np.array([0.02, 0.02, 0.03]), 0.3,
     )  # fmt: skip
     shown = size_over_time(replace(made(REMAINDER), changes=(series,)))
