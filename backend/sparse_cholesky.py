@@ -10,7 +10,7 @@ Source: Duff and Reid 1983 (multifrontal method); Liu 1990 (elimination tree); T
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,10 @@ from backend.compilation import discard_stale, njit
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+Blocks = Callable[[int, int, Index, Array, Array], None]
+"""Function (begin, end, where, D', B') that adds the entries of the columns from ``begin`` to ``end`` to the
+blocks of their front, both transposed: the lower triangle of the columns' own rows to D, and rows r below to
+the rows ``where[r]`` of B."""
 
 discard_stale([Path(__file__)])
 
@@ -226,35 +230,40 @@ class Cholesky:
         return found
 
     def _inverses(self) -> Iterator[tuple[_Front, Array]]:
-        """Yield the inverse on the columns and rows of each front, parents first."""
+        """Yield the inverse on the columns of each front, parents first."""
         fronts = self.elimination.fronts
-        whole: dict[int, Array] = {}
-        waiting = {s: len(front.children) for s, front in enumerate(fronts)}
-        for s in range(len(fronts) - 1, -1, -1):
-            front, p = fronts[s], fronts[s].end - fronts[s].begin
-            inverse = np.empty((p + len(front.rows),) * 2)
+        size = np.ones(len(fronts), dtype=np.int64)
+        for s, front in enumerate(fronts):
+            size[s] += size[list(front.children)].sum()
+        # Of the children the smallest subtree is next, so that few wait for their turn.
+        on_rows = {s: np.empty((0, 0)) for s, front in enumerate(fronts) if front.parent < 0}
+        waiting = list(on_rows)
+        while waiting:
+            s = waiting.pop()
+            front, below = fronts[s], on_rows.pop(s)
             free = np.tril(lapack.dtrtri(self.diagonal[s], lower=1)[0])
-            inverse[:p, :p] = free.T @ free
-            if front.parent >= 0:
-                _gather(whole[front.parent], front.in_parent, inverse[p:, p:])
-                B = self.below[s] @ free
-                moved = inverse[p:, p:] @ B
-                inverse[p:, :p], inverse[:p, p:] = -moved, -moved.T
-                inverse[:p, :p] += B.T @ moved
-                waiting[front.parent] -= 1
-                if not waiting[front.parent]:
-                    del whole[front.parent]
-            if front.children:
-                whole[s] = inverse
-            yield front, inverse
+            B = self.below[s] @ free
+            mixed = -(below @ B)
+            own = free.T @ free - B.T @ mixed
+            for child in sorted(front.children, key=size.__getitem__, reverse=True):
+                at = fronts[child].in_parent
+                on_rows[child] = np.empty((len(at), len(at)))
+                _gather(own, mixed, below, at, on_rows[child])
+                waiting.append(child)
+            yield front, own
 
 
-def factorise(elimination: Elimination, parts: Sequence[csc_array], scale: Array | None = None) -> Cholesky:
-    """Factorise a symmetric matrix, the sum of its ``parts``, columns in the order of elimination.
+def factorise(
+    elimination: Elimination,
+    parts: Sequence[csc_array],
+    scale: Array | None = None,
+    blocks: Blocks | None = None,
+) -> Cholesky:
+    """Factorise a symmetric matrix, the sum of ``parts`` and ``blocks``, columns in the order of elimination.
 
-    Only lower triangles are read. ``scale`` (size,) is the diagonal before cancellations, to which pivots are
-    compared; that of the matrix by default. Raises ``SingularMatrixError`` if a pivot is not positive beyond
-    rounding.
+    Only lower triangles are read. ``blocks`` are computed front by front, so that they are never in memory as
+    a whole. ``scale`` (size,) is the diagonal before cancellations, to which pivots are compared; that of the
+    parts by default. Raises ``SingularMatrixError`` if a pivot is not positive beyond rounding.
     """
     scale = np.sum([part.diagonal() for part in parts], axis=0) if scale is None else scale
     where = np.empty(elimination.size, dtype=np.int64)
@@ -264,10 +273,13 @@ def factorise(elimination: Elimination, parts: Sequence[csc_array], scale: Array
     for s, front in enumerate(elimination.fronts):
         p, r = front.end - front.begin, len(front.rows)
         D, B, C = (np.zeros(shape, order="F") for shape in ((p, p), (r, p), (r, r)))
+        where[front.rows] = np.arange(r)
+        if blocks is not None:
+            blocks(front.begin, front.end, where, D.T, B.T)
         for part in parts:
-            _scatter(part.data, part.indices, part.indptr, front.begin, front.end, front.rows, where, D, B)
+            _scatter(part.data, part.indices, part.indptr, front.begin, front.end, where, D.T, B.T)
         for child in front.children:
-            _extend_add(D, B, C, updates.pop(child), elimination.fronts[child].in_parent)
+            _extend_add(D.T, B.T, C.T, updates.pop(child).T, elimination.fronts[child].in_parent)
         L, failed = lapack.dpotrf(D, lower=1, overwrite_a=1, clean=1)
         lost = np.diag(L) ** 2 <= _LOST * scale[front.begin : front.end]
         if failed or lost.any():
@@ -281,6 +293,8 @@ def factorise(elimination: Elimination, parts: Sequence[csc_array], scale: Array
     return Cholesky(elimination, diagonal, below)
 
 
+# Blocks in Fortran's order are given transposed: one with a single row has both orders, and its kernel would
+# be compiled anew.
 @njit(cache=True)
 def _scatter(
     data: Array,
@@ -288,41 +302,42 @@ def _scatter(
     start: NDArray[np.integer[Any]],
     begin: int,
     end: int,
-    rows: Index,
     where: Index,
     D: Array,
     B: Array,
 ) -> None:
-    """Add the entries of the columns from ``begin`` to ``end`` to the blocks of their front."""
-    for k in range(len(rows)):
-        where[rows[k]] = k
+    """Add the entries of the columns from ``begin`` to ``end`` to the transposed blocks of their front."""
     for j in range(begin, end):
         for e in range(start[j], start[j + 1]):
             i = row[e]
             if i >= end:
-                B[where[i], j - begin] += data[e]
+                B[j - begin, where[i]] += data[e]
             elif i >= j:
-                D[i - begin, j - begin] += data[e]
+                D[j - begin, i - begin] += data[e]
 
 
 @njit(cache=True)
 def _extend_add(D: Array, B: Array, C: Array, update: Array, at: Index) -> None:
-    """Add the lower triangle of a child's update to the places ``at`` of its parent's blocks."""
+    """Add the lower triangle of a child to the places ``at`` of its parent's blocks, all transposed."""
     p = len(D)
     for b in range(len(at)):
         j = at[b]
         for a in range(b, len(at)):
             i = at[a]
             if i < p:
-                D[i, j] += update[a, b]
+                D[j, i] += update[b, a]
             elif j < p:
-                B[i - p, j] += update[a, b]
+                B[j, i - p] += update[b, a]
             else:
-                C[i - p, j - p] += update[a, b]
+                C[j - p, i - p] += update[b, a]
 
 
 @njit(cache=True)
-def _gather(whole: Array, at: Index, part: Array) -> None:
+def _gather(own: Array, mixed: Array, below: Array, at: Index, part: Array) -> None:
+    """Fill in the part ``at`` of a symmetric matrix with the blocks [own, mixed'; mixed, below]."""
+    p = len(own)
     for a in range(len(at)):
-        for b in range(len(at)):
-            part[a, b] = whole[at[a], at[b]]
+        for b in range(a + 1):
+            i, j = max(at[a], at[b]), min(at[a], at[b])
+            part[a, b] = own[i, j] if i < p else mixed[i - p, j] if j < p else below[i - p, j - p]
+            part[b, a] = part[a, b]

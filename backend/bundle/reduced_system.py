@@ -19,12 +19,12 @@ import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array, get_index_dtype
+from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array
 
 from backend.bundle.observations import FloorObservations, LinearObservations
-from backend.bundle.schur import block_pattern, camera_system, eliminate, transposed_product
+from backend.bundle.schur import add_camera_system, block_pattern, eliminate, transposed_product
 from backend.pose_graph.linear import linear_system
-from backend.sparse_cholesky import Cholesky, Elimination, analyse, factorise
+from backend.sparse_cholesky import Blocks, Cholesky, Elimination, analyse, factorise
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -100,19 +100,6 @@ class Structure:
         at = np.empty(self.elimination.size, dtype=np.int64)
         at[self.elimination.columns(np.arange(len(self.variable)))] = np.arange(len(at))
         return at
-
-    @cached_property
-    def entries(self) -> tuple[Index, Index]:
-        """Row of each entry of the blocks, and begin of each column, in the matrix of all variables."""
-        count, first = np.repeat(np.diff(self.row), 6), np.repeat(self.row[:-1], 6)
-        ends = np.cumsum(count)
-        block = np.repeat(first - (ends - count), count) + np.arange(ends[-1])
-        # The largest arrays of a refinement: scipy's own choice of the type saves half of them.
-        kind = get_index_dtype(maxval=max(6 * int(ends[-1]), self.elimination.size))
-        rows = self.of_cameras.astype(kind).reshape(-1, 6)[self.column[block]].ravel()
-        start = np.zeros(self.elimination.size + 1, dtype=np.int64)
-        start[self.of_cameras + 1] = 6 * count
-        return rows, np.cumsum(start).astype(kind)
 
 
 def _sorted_by(number: Index, n: int) -> tuple[Index, Index]:
@@ -203,14 +190,13 @@ class LinearSystem:
         y_lens = y_lens.reshape(3 * len(inverse), len(s.of_calibration))
         shape = 3 * len(inverse), len(s.of_cameras)
         y_cameras = bsr_array((y_pose, s.camera, first), shape=shape)
-        entries, observed = camera_system(
-            s.camera, s.observations.track, first, s.by_camera, s.at, s.row, s.column, seen.of_pose, y_pose
-        )
         size = s.elimination.size
         of_sensors = self.pose_side.T @ self.pose_side
         scale = of_sensors.diagonal() + damping
-        scale[s.of_cameras] += observed.ravel()
-        parts = [csc_array((entries, *s.entries), shape=(size, size)), csc_array(of_sensors)]
+        squares = np.sum(seen.of_pose**2, axis=1)
+        for c, columns in enumerate(s.of_cameras.reshape(-1, 6).T):
+            scale[columns] += np.bincount(s.camera, squares[:, c], minlength=len(columns))
+        parts = [csc_array(of_sensors)]
         if damping:
             parts.append(csc_array(damping * diags_array(np.ones(size))))
         if len(s.of_calibration):
@@ -218,8 +204,19 @@ class LinearSystem:
             scale[s.of_calibration] += np.sum(C**2, axis=0)
             mixed = self._of_cameras.T @ C - y_cameras.T @ y_lens
             parts.append(self._with_calibration(mixed, C.T @ C - y_lens.T @ y_lens))
-        factor = factorise(s.elimination, parts, scale)
+        factor = factorise(s.elimination, parts, scale, self._of_camera_system(y_pose))
         return ReducedSystem(s, factor, y_cameras, y_lens, inverse)
+
+    def _of_camera_system(self, y_pose: Array) -> Blocks:
+        """Return the reduced camera system, computed front by front."""
+        s = self.structure
+        seen = s.camera, s.observations.track, s.observations.first, s.by_camera, s.at, s.row, s.column
+        place = s.of_cameras[::6].copy()
+
+        def blocks(begin: int, end: int, where: Index, D: Array, B: Array) -> None:
+            add_camera_system(*seen, self.seen.of_pose, y_pose, place, begin, end, where, D, B)
+
+        return blocks
 
     def _with_calibration(self, mixed: Array, own: Array) -> csc_array:
         """Return the entries of the calibration, both triangles."""

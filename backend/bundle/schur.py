@@ -114,7 +114,7 @@ def _inverse_cholesky(V: Array, R: Array) -> None:
 
 
 @njit(cache=True)
-def camera_system(
+def add_camera_system(
     camera: Index,
     track: Index,
     first: Index,
@@ -124,39 +124,46 @@ def camera_system(
     column: Index,
     of_pose: Array,
     y_pose: Array,
-) -> tuple[Array, Array]:
-    """Return the blocks of S, and the diagonal of U (n, 6).
-
-    The blocks of row i are one matrix (6, 6 (row[i + 1] - row[i])), flat, from 36 row[i] on.
+    place: Index,
+    begin: int,
+    end: int,
+    where: Index,
+    D: Array,
+    B: Array,
+) -> None:
+    """Add the columns from ``begin`` to ``end`` of S to the transposed blocks of a front, as
+    `backend.sparse_cholesky.Blocks` does. ``place`` (n,) is the first column of each camera.
     """
     n = len(at) - 1
-    S, diagonal, place = np.empty(36 * row[n]), np.zeros((n, 6)), np.empty(n, np.int64)
-    blocks = np.empty((n, 6, 6))
-    for i in range(n):
+    number, blocks = np.empty(n, np.int64), np.empty((n, 6, 6))
+    for i in range(np.searchsorted(place, begin), np.searchsorted(place, end)):
         count = row[i + 1] - row[i]
         blocks[:count] = 0.0
         for k in range(count):
-            place[column[row[i] + k]] = k
+            number[column[row[i] + k]] = k
         for m in by_camera[at[i] : at[i + 1]]:
             for c in range(6):
                 u, v = of_pose[m, 0, c], of_pose[m, 1, c]
-                diagonal[i, c] += u * u + v * v
                 for d in range(6):
-                    blocks[place[i], c, d] += u * of_pose[m, 0, d] + v * of_pose[m, 1, d]
+                    blocks[number[i], c, d] += u * of_pose[m, 0, d] + v * of_pose[m, 1, d]
             Y = y_pose[m]
             for other in range(first[track[m]], first[track[m] + 1]):
                 if camera[other] < i:
                     continue
-                block, Z = blocks[place[camera[other]]], y_pose[other]
+                block, Z = blocks[number[camera[other]]], y_pose[other]
                 for c in range(6):
                     y0, y1, y2 = Y[0, c], Y[1, c], Y[2, c]
                     for d in range(6):
                         block[c, d] -= y0 * Z[0, d] + y1 * Z[1, d] + y2 * Z[2, d]
         for c in range(6):
+            own = place[i] + c
             for k in range(count):
-                begin = 36 * row[i] + 6 * (c * count + k)
-                S[begin : begin + 6] = blocks[k, c]
-    return S, diagonal
+                for d in range(6):
+                    other = place[column[row[i] + k]] + d
+                    if other >= end:
+                        B[own - begin, where[other]] += blocks[k, c, d]
+                    elif other >= own:
+                        D[own - begin, other - begin] += blocks[k, c, d]
 
 
 @njit(cache=True)
