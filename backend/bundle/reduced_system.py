@@ -19,7 +19,7 @@ import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
-from scipy.sparse import block_array, bsr_array, coo_array, csc_array, csr_array, diags_array
+from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, diags_array, vstack
 
 from backend.bundle.observations import FloorObservations, LinearObservations
 from backend.bundle.schur import add_camera_system, block_pattern, eliminate, transposed_product
@@ -150,12 +150,6 @@ class LinearSystem:
         entries = self.seen.of_pose, self.structure.camera, np.arange(count + 1)
         return bsr_array(entries, shape=(2 * count, len(self.structure.of_cameras)))
 
-    @cached_property
-    def _of_points(self) -> bsr_array:
-        count = len(self.structure.camera)
-        entries = self.seen.of_point, self.structure.observations.track, np.arange(count + 1)
-        return bsr_array(entries, shape=(2 * count, self.seen.prior_right.size))
-
     @property
     def _of_calibration(self) -> Array:
         return self.seen.of_calibration.reshape(
@@ -234,18 +228,30 @@ class LinearSystem:
         Rows are those of the observations, of the points' priors, and of the pose side; columns those of the
         pose side, and of the points.
         """
-        s, size = self.structure, self.structure.elimination.size
-        count, points = len(s.camera), self.seen.prior_right.size
-        cameras = coo_array(self._of_cameras)
-        lens = coo_array(self._of_calibration) if len(s.of_calibration) else coo_array((2 * count, 0))
-        values = np.concatenate([cameras.data, lens.data])
-        rows = np.concatenate([cameras.row, lens.row])
-        columns = np.concatenate([s.of_cameras[cameras.col], s.of_calibration[lens.col]])
-        seen = coo_array((values, (rows, columns)), shape=(2 * count, size))
-        prior = diags_array(np.tile(1.0 / s.observations.prior_std, points // 3))
-        whole = block_array([[seen, self._of_points], [None, prior], [self.pose_side, None]], format="csr")
-        parts = self.seen.right, self.seen.prior_right, self.pose_side_right
-        return csr_array(whole), np.concatenate([part.ravel() for part in parts])
+        s, seen, size = self.structure, self.seen, self.structure.elimination.size
+        points = seen.prior_right.size
+        lens = np.broadcast_to(s.of_calibration, (len(s.camera), len(s.of_calibration)))
+        of_point = size + 3 * s.observations.track[:, None] + np.arange(3)
+        columns = np.hstack([s.of_cameras.reshape(-1, 6)[s.camera], lens, of_point])
+        values = np.concatenate([seen.of_pose, seen.of_calibration, seen.of_point], axis=2)
+        prior, sensors = np.tile(1.0 / s.observations.prior_std, points // 3), csr_array(self.pose_side)
+        width, each = size + points, np.arange(points + 1)
+        begin = np.arange(0, values.size + 1, values.shape[2])
+        parts = (
+            _by_rows(values, np.repeat(columns, 2, axis=0), begin, width),
+            _by_rows(prior, size + each[:-1], each, width),
+            _by_rows(sensors.data, sensors.indices, sensors.indptr, width),
+        )
+        whole = vstack(parts, format="csr")
+        right = self.seen.right, self.seen.prior_right, self.pose_side_right
+        return csr_array(whole), np.concatenate([part.ravel() for part in right])
+
+
+def _by_rows(values: Array, column: Index, begin: Index, width: int) -> csr_array:
+    """Return a matrix of the values in some columns, those of each row from ``begin`` (rows + 1,) on."""
+    # Large arrays, of which scipy would keep indices of eight bytes.
+    entries = values.ravel(), column.ravel().astype(np.int32), begin.astype(np.int32)
+    return csr_array(entries, shape=(len(begin) - 1, width))
 
 
 def _transposed(blocks: Array, row: Index, column: Index, vectors: Array, count: int) -> Array:

@@ -20,6 +20,7 @@ from backend.pose_graph.solution import Solution
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.estimate import Estimate, LoopVerdict
 from slam.core.flight import Flight, Gps
+from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
 from slam.mapping.calibration.antenna import antenna_m, antenna_place, antenna_untold_warning
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
@@ -135,6 +136,7 @@ def _certificate(context: Context, map_: Map, kept: tuple[RelativePose, ...]) ->
     It is about the pairs of pictures alone: with the other measurements there is no such bound.
     """
     with context.timer("graph"):
+        trim_heap()  # its factor is as large as that of a refinement
         graph = build_pose_graph(map_.w_T_b, kept)
         everything = np.ones(len(graph.i), dtype=bool)
         return certify_poses(graph, graph.poses, map_.component[graph.ids], everything)

@@ -72,7 +72,7 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
     Raises ``SingularMatrixError`` if a direction is open.
     """
     linear = optimum.linearise()
-    reduced = linear.eliminate()
+    (jacobian, _), reduced = linear.jacobian(), linear.eliminate()
     columns = reduced.structure.columns
     k, of_pose = _farthest(optimum)
     gradient = np.zeros((reduced.size, _GROUND.stop))
@@ -89,7 +89,7 @@ def information_shares(optimum: BundleOptimum) -> Mapping[str, Mapping[str, floa
         gradient[:, _SCALE], of_points[:, _SCALE] = (each[:, 0] for each in gradients(optimum, reduced))
     else:  # What is held in place of a length says all.
         gradient[columns(WORLD).start + LOG_SCALE, _SCALE] = 1.0
-    rows = np.asarray(linear.jacobian()[0] @ np.vstack(reduced.solve(gradient, of_points)))
+    rows = np.asarray(jacobian @ np.vstack(reduced.solve(gradient, of_points)))
     pictures, floor = ["pictures"] * linear.seen.right.size, ["flat_floor"] * len(of_points)
     instrument = np.array([*pictures, *floor, *_of_pose_side(optimum)])
     names = sorted(set(instrument.tolist()))
@@ -108,8 +108,9 @@ def _height_jacobian(optimum: BundleOptimum, k: int) -> Array:
 
 def _variances(rows: Array, optimum: BundleOptimum, k: int) -> Array:
     """Return the variance of each direction by the rows (r, columns of the gradient) of one instrument."""
-    of_ground = rows[:, _GROUND] @ SeenGround.of(optimum).jacobian(k).T
-    return np.append(np.sum(rows[:, : _GROUND.start] ** 2, axis=0), np.sum(of_ground**2))
+    J, of_ground = SeenGround.of(optimum).jacobian(k), rows[:, _GROUND]
+    in_mean = np.sum(J @ (of_ground.T @ of_ground) * J)
+    return np.append(np.sum(rows[:, : _GROUND.start] ** 2, axis=0), in_mean)
 
 
 def _farthest(optimum: BundleOptimum) -> tuple[int, Array]:
