@@ -247,7 +247,7 @@ class LinearSystem:
         return csr_array(whole), np.concatenate([part.ravel() for part in right])
 
 
-def _by_rows(values: Array, column: Index, begin: Index, width: int) -> csr_array:
+def _by_rows(values: Array, column: NDArray[np.integer], begin: NDArray[np.integer], width: int) -> csr_array:
     """Return a matrix of the values in some columns, those of each row from ``begin`` (rows + 1,) on."""
     # Large arrays, of which scipy would keep indices of eight bytes.
     entries = values.ravel(), column.ravel().astype(np.int32), begin.astype(np.int32)
