@@ -197,26 +197,21 @@ def _interval(effect: Effect, k: int, half: float, parameters: FilterParameters,
 
 def decide(
     causes: Sequence[Cause],
-    found: SearchResult,
-    posterior: Posterior,
-    left: Sequence[ResidualPattern],
+    probability: Mapping[str, float],
     beyond: Sequence[Finding],
-    pattern_z: float,
-    entailed: Sequence[str] = (),
+    strongest: Sequence[ResidualPattern] = (),
 ) -> tuple[Verdict, tuple[str, ...], tuple[Finding, ...]]:
     """Return verdict, equivalence set and findings.
 
-    ``causes``: the leading one first. ``beyond``: what else is left over. ``entailed``: nuisances out of
-    range that a cause explains.
+    ``causes``: the leading one first. ``beyond``: what they leave over. ``strongest``: the greatest residual
+    pattern, which is told of something unknown that is nowhere else.
     """
-    others_left = [e for e in found.chosen if not e.is_term and e.name not in entailed]
-    remains = [*(_left_over(e, found) for e in others_left), *beyond]
-    remains += [pattern for pattern in left[:1] if pattern.z > pattern_z]
+    remains = list(beyond)
     if not causes:
         return ("unknown" if remains else "nothing_wrong"), (), tuple(remains)
     lead, others = causes[0], causes[1:]
-    if is_unknown(causes, posterior.probability):
-        return "unknown", (), tuple(remains or left[:1])
+    if is_unknown(causes, probability):
+        return "unknown", (), tuple(remains or strongest)
     for cause in others:
         if len(cause.alternatives) > 1 or cause.probability < SURE:
             remains.append(NameInDoubt(cause.alternatives[1:MOST_ALIKE], effect=cause.name))
@@ -235,7 +230,7 @@ def is_unknown(causes: Sequence[Cause], probability: Mapping[str, float]) -> boo
     return likeliest <= LIKELY < probability[SOMETHING_ELSE]
 
 
-def _left_over(effect: Effect, found: SearchResult) -> Finding:
+def left_over(effect: Effect, found: SearchResult) -> Finding:
     """Return a chosen effect that is no term as a finding."""
     if effect.relaxes:
         return OutOfRange(channel=effect.relaxes[0])

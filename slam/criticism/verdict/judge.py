@@ -15,7 +15,7 @@ from slam.criticism.residuals.reading_anomalies import ENTAILS
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds, with_misfit
 from slam.criticism.verdict.criticism import Criticism, Rank
-from slam.criticism.verdict.decision import by_importance, decide, split_by_probability
+from slam.criticism.verdict.decision import by_importance, decide, left_over, split_by_probability
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior
 from slam.criticism.verdict.power import confusable, detectable
 from slam.criticism.verdict.sentence import with_sentences
@@ -76,8 +76,9 @@ def judge(evidence: Evidence) -> Criticism:
     causes, left = judged.reported, judged.left
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     entailed = [name for o in evidence.anomalies for name in ENTAILS.get(o.name, ())]
-    beyond = evidence.findings(judged)
-    verdict, equivalents, findings = decide(causes, found, posterior, left, beyond, pattern_z, entailed)
+    beyond = [left_over(e, found) for e in found.chosen if not e.is_term and e.name not in entailed]
+    beyond += [*evidence.findings(judged), *(pattern for pattern in left[:1] if pattern.z > pattern_z)]
+    verdict, equivalents, findings = decide(causes, posterior.probability, beyond, left[:1])
     probability = posterior.probability | {c.name: c.probability for c in causes}
     criticism = evidence.completed(
         Criticism(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
+from slam.criticism.finding import ResidualPattern
 from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ScoreTest
@@ -22,6 +23,7 @@ from slam.criticism.verdict.decision import (
     confirmed_terms,
     decide,
     is_unknown,
+    left_over,
     split_by_probability,
 )
 from slam.criticism.verdict.judge import ranking
@@ -59,7 +61,8 @@ def reported(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_
     chosen = (*terms, ODD) if unknown > 0.5 else tuple(terms)
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=out_of_model), chosen=chosen)
     likely, faint = split_by_probability(causes, found, posterior, doubted)
-    verdict = decide(likely, found, posterior, [], [Remark("faint")] * len(faint), 4.5)[0]
+    odd = [left_over(e, found) for e in chosen if e is ODD]
+    verdict = decide(likely, posterior.probability, [*odd, *[Remark("faint")] * len(faint)])[0]
     return verdict, [c.probability for c in likely], [c.probability for c in faint]
 
 
@@ -81,11 +84,12 @@ def test_a_certain_cause_leads_whatever_a_doubtful_one_gains():
     gusts = replace(cause("gusts", 0.5), gain=replace(GAIN, nats=90.0))
     causes = by_importance([gusts, cause("flow_scale")])
     assert [c.name for c in causes] == ["flow_scale", "gusts"]
-    posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0})
-    found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
+    probability = {SOMETHING_ELSE: 1.0, NOTHING: 0.0}
     for order in (causes, causes[::-1]):
-        assert decide(order, found, posterior, [], [Remark("odd")], 4.5)[0] == "named_with_remainder"
-    assert decide([gusts], found, posterior, [], [Remark("odd")], 4.5)[0] == "unknown"
+        assert decide(order, probability, [Remark("odd")])[0] == "named_with_remainder"
+    assert decide([gusts], probability, [Remark("odd")])[0] == "unknown"
+    pattern = ResidualPattern.of("roll ~ pitch", 3.0)
+    assert decide([gusts], probability, [], [pattern]) == ("unknown", (), (pattern,))
 
 
 def test_a_cause_that_worsens_roll_outs_is_not_claimed_beside_something_unknown():
@@ -111,9 +115,8 @@ def test_a_cause_weaker_than_the_remainder_is_doubted():
 
 
 def test_two_reported_causes_are_not_reported_as_equivalent():
-    odd = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
-    posterior = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0})
-    verdict, alike, _ = decide((cause("sonar_lag"), cause("yaw_drag")), odd, posterior, [], [], 4.5)
+    causes = cause("sonar_lag"), cause("yaw_drag")
+    verdict, alike, _ = decide(causes, {SOMETHING_ELSE: 0.0, NOTHING: 0.0}, [])
     assert (verdict, alike) == ("named", ("sonar_lag",))
 
 
