@@ -126,6 +126,7 @@ def render(
     marks = MapMarks(unit(facts.metric), estimate.origin is not None, surveyed_marks(estimate.control))
     ground = mosaic_facts(mosaics.after, mosaics.quality, facts.gaps)
     told = not_evaluated(flight) if accuracy.evaluated == NOT_EVALUATED else accuracy.evaluated
+    unused = unused_instruments(estimate, flight)
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     page = render_page(
         "page.html.j2",
@@ -143,7 +144,7 @@ def render(
         doubted=[doubt.sentence for doubt in doubts(summary.warnings)],
         ground_missing=ground_is_missing(facts, summary),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
-        answers=pilots_answers(estimate, summary, facts, ground),
+        answers=pilots_answers(estimate, summary, facts, ground, unused),
         place=PLACE,
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
@@ -159,7 +160,7 @@ def render(
         altitude=embedded(altitude_picture(estimate, facts.gaps))
         if drawable and not facts.is_graph
         else None,
-        left_out=(*left_out_here(estimate, facts, summary), *unused_instruments(estimate, flight)),
+        left_out=(*left_out_here(estimate, facts, summary), *unused),
         rejected_loops=_rejected_loops(estimate),
         verdicts={loop.finding for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),

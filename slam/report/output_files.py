@@ -20,7 +20,10 @@ _FILES = (
         "interactive map for a browser: move, compare before and after, measure distances and areas",
     ),
     OutputFile("mosaic.png", "the map as a picture"),
-    OutputFile("mosaic.tif", "the map for GIS programs such as QGIS: a GeoTIFF with place and scale"),
+    OutputFile(
+        "mosaic.tif",
+        "the map for GIS programs such as QGIS: a GeoTIFF, on Earth with GPS or surveyed points",
+    ),
     OutputFile("mosaic_chain.png", "the map before: each picture placed by the one before it"),
     OutputFile(
         "elevation.png",

@@ -63,9 +63,9 @@ def judged(reading: GravityReading, expected: float, stated: float | None) -> Gr
     ``stated`` their standard deviation."""
     if stated is not None and expected <= stated:
         text = (
-            f"{reading.reads}; {_NO_MORE}. At rest a wrong gain looks like an offset. By the usual size of "
-            f"both, a wrong gain may make lengths of the map {percent(expected)} wrong; they are stated to "
-            f"{percent(stated)}, so that this accuracy holds"
+            f"{reading.reads}; {_NO_MORE}. Part of it may be a wrong gain, which looks alike at rest; by the "
+            f"usual size of both it makes lengths of the map {percent(expected)} wrong, and the stated "
+            f"{percent(stated)} cover that"
         )
         return GravityLine(reading.warning, Note(text))
     text = (

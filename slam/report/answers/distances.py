@@ -36,7 +36,7 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     stds = [length_std(estimate, size_m) for size_m in examples]
     told = "; ".join(
         f"{round_length(size_m)} apart: ±{SPACE}{error_length(typical_m)} "
-        f"(below ±{SPACE}{error_length(worst_m)} for 19 of 20)"
+        f"(badly placed ones: ±{SPACE}{error_length(worst_m)})"
         for size_m, (typical_m, worst_m) in zip(examples, stds, strict=True)
     )
     typical_m = stds[-1][0]
@@ -56,10 +56,10 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     )
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
     return (
-        f"Two places on the map that are {told}. This is one standard deviation of a typical "
-        f"distance.{uncounted(summary)} {why}{moves} A tape over {round_length(longest_m)} differs from the "
-        f"map by less than {error_length(2 * typical_m)} nineteen times out of twenty: if it differs more, "
-        "and does so when measured again, one of them is wrong. The area of a square, one standard "
+        f"Two places on the map that are {told}. This is one standard deviation, and one of 20 "
+        f"distances is placed worse still.{uncounted(summary)} {why}{moves} A tape over "
+        f"{round_length(longest_m)} differs from the map by less than {error_length(2 * typical_m)} nineteen "
+        "times out of twenty: if it differs more, and does so when measured again, one of them is wrong. The area of a square, one standard "
         f"deviation: {areas}. The scale counts twice in an area; the places of the corners count less on "
         "larger areas. map.html measures any distance and area with its uncertainty."
     )

@@ -17,6 +17,8 @@ _NO = "No: "
 """Beginning of an advice to do nothing."""
 _ONLY_IF = "Only if "
 """Beginning of an advice to do something in a case that the pilot knows."""
+NOT_NEEDED = "others are more accurate"
+"""Reason of readings that a map does without."""
 _VIEW, _ECHO = "view of a floor point far off", "echo from an obstacle"
 _FIX = "fix contradicts the others"
 FLY_AGAIN = "Only if that ground matters: fly it again, with more light, higher, or with marks on it."
@@ -127,10 +129,10 @@ class LeftOut:
 
     @property
     def kind(self) -> str:
-        """Kind of the data that is counted: "match", "view", "echo", "fix" or "link"."""
+        """Kind of the data that is counted: "match", "view", "echo", "fix", "reading" or "link"."""
         if self.reason.startswith(_LOOP):
             return "match"
-        kinds = {_VIEW: "view", _ECHO: "echo", _FIX: "fix"}
+        kinds = {_VIEW: "view", _ECHO: "echo", _FIX: "fix", NOT_NEEDED: "reading"}
         return next((kind for begin, kind in kinds.items() if self.reason.startswith(begin)), "link")
 
 
@@ -189,6 +191,7 @@ def counted_by_kind(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
         "view": ("single view of a point of the ground", "single views of points of the ground"),
         "echo": ("echo of the height sensor", "echoes of the height sensor"),
         "fix": ("position of the GPS", "positions of the GPS"),
+        "reading": ("reading that others replace", "readings that more accurate ones replace"),
         "link": ("edge", "edges") if is_graph else ("picture or link", "pictures or links"),
     }
     told = []

@@ -22,9 +22,8 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     names = ("loop closure", "loop closures") if facts.is_graph else ("pair of pictures", "pairs of pictures")
     if facts.loops_kept:
         text = (
-            f"Yes, by {counted(facts.loops_kept, *names)}, so errors do not add up over "
-            f"the flight. {_where_held(estimate, facts)}Each match that was kept agrees with all the others "
-            "in one map."
+            f"Yes, by {counted(facts.loops_kept, *names)}{_where_held(estimate, facts)}. Each match that was "
+            "kept agrees with all the others in one map."
         )
     elif facts.relative_to:
         text = "No, so errors add up along the path."
@@ -45,12 +44,14 @@ def loops(estimate: Estimate, facts: Facts) -> str:
 
 
 def _where_held(estimate: Estimate, facts: Facts) -> str:
-    """Return how many keyframes have such a match, in one sentence with a space behind; empty for a graph."""
+    """Return where matches keep errors from adding up, as the end of a sentence."""
     held = {end for loop in estimate.loops if loop.verdict == "kept" for end in (loop.i, loop.j)}
-    if facts.is_graph or not held:
-        return ""
-    others = "errors add up along stretches of the others alone. " if len(held) < facts.keyframes else ""
-    return f"{len(held)} of {facts.keyframes} keyframes have such a match{'; ' if others else '. '}{others}"
+    if facts.is_graph or not held or len(held) == facts.keyframes:
+        return ", so errors do not add up over the flight"
+    return (
+        f", which hold {len(held)} of {facts.keyframes} keyframes; errors add up along stretches of the "
+        "others alone"
+    )
 
 
 def another_arrangement(estimate: Estimate, facts: Facts) -> str:
@@ -67,9 +68,9 @@ def another_arrangement(estimate: Estimate, facts: Facts) -> str:
     return (
         "No: of all arrangements, the one that fits the accepted matches best is this map, to within "
         f"{facts.length(found.moved_m)} and {np.degrees(found.moved_rad):.2g}°. This is a proof, not a "
-        "search. The rest of the difference is no other arrangement: the matches alone take the ground as "
-        "flat, count as equally certain in all directions, and know of no other instrument. It does not "
-        "prove that the matches are right."
+        "search. The difference is neither another arrangement nor the error of this map: the matches alone "
+        "take the ground as flat, count as equally certain in all directions, and know of no other "
+        "instrument. It does not prove that the matches are right."
     )
 
 
@@ -130,15 +131,11 @@ def gain_of_loops(estimate: Estimate, facts: Facts) -> str:
         return f"Without them, the camera would lie {together}, place and height together.{height}{known}"
     off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
     inertial = estimate.instruments.accelerometer
-    joined = (
-        " The map without loops has its lengths without the accelerometer, which joins them in this one."
-        if inertial is not None and inertial.used
-        else ""
-    )
+    without = "without them and without the accelerometer" if inertial and inertial.used else "without them"
     return (
         f"They took out drift that would bend the map by {facts.length(found.typical_m)} typically, and by "
-        f"{facts.length(found.largest_m)} at most. Besides, without them all lengths are "
+        f"{facts.length(found.largest_m)} at most. Besides, {without} all lengths are "
         f"{percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the whole map is turned by "
         f"{abs(turn_deg):.2g}° and shifted by {facts.length(found.shift_m)}, which bends nothing. Both "
-        f"together would place the camera {together}, place and height together.{joined}{height}{known}"
+        f"together would place the camera {together}, place and height together.{height}{known}"
     )

@@ -9,7 +9,7 @@ import numpy as np
 from backend.wording import counted
 from slam.core.estimate import Estimate
 from slam.core.messages import by_kind, reasons_of
-from slam.core.units import SPACE
+from slam.core.units import SPACE, percent
 from slam.report.answers.accuracy import (
     least_certain,
     not_as_it_is,
@@ -21,10 +21,10 @@ from slam.report.answers.checked_lengths import RESULT, basis, unless_checked
 from slam.report.answers.distances import distance
 from slam.report.answers.failures import failed, missing
 from slam.report.answers.heights import heights, only_near, typical_height_std, without_heights
-from slam.report.answers.left_out import counted_by_kind
+from slam.report.answers.left_out import LeftOut, counted_by_kind
 from slam.report.answers.left_out_here import ground_is_missing, left_out_here
 from slam.report.answers.loops import another_arrangement, gain_of_loops, loops
-from slam.report.answers.streams import is_tilt_doubted
+from slam.report.answers.streams import doubts, is_tilt_doubted
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
@@ -41,10 +41,11 @@ def pilots_answers(
     summary: Summary,
     facts: Facts,
     mosaic: MosaicFacts | None = None,
+    unused: tuple[LeftOut, ...] = (),
 ) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a flight.
 
-    ``mosaic``: figures of the mosaic, where there is one.
+    ``mosaic``: figures of the mosaic, where there is one. ``unused``: readings that the map did not need.
     """
     rows = [
         Item("Can I use this map?", _usable(estimate, facts, summary)),
@@ -60,7 +61,10 @@ def pilots_answers(
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
         Item("Could the pictures fit together in another way?", another_arrangement(estimate, facts)),
         Item("What did loop closures change?", gain_of_loops(estimate, facts)),
-        Item("What was left out, and do I have to act?", _left_out(estimate, facts, summary)),
+        Item(
+            "What was left out, and do I have to act?",
+            _left_out(facts, (*left_out_here(estimate, facts, summary), *unused)),
+        ),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
         Item("Are the heights true?", *(("",) if facts.is_graph else heights(estimate, facts, summary))),
         Item("Where is the mosaic, and how big is a pixel?", _whereabouts(facts, mosaic)),
@@ -87,9 +91,10 @@ def _usable(estimate: Estimate, facts: Facts, summary: Summary) -> str:
             f"; its lengths were compared with known distances on the ground ({RESULT})",
         )
         doubt = alone if estimate.accuracy_basis else ""
+        excepted = ", except for what a warning doubts" if doubts(summary.warnings) else ""
         return (
             f"Yes, {_purpose(estimate, facts, summary)}{doubt}. The measurements that the map uses agree "
-            f"within the accuracy below.{told}"
+            f"within the accuracy below{excepted}.{told}"
         )
     return f"Only with care: “Check this first” above names what is wrong and what to do about it.{told}"
 
@@ -177,8 +182,14 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
             f" They measure no length: the scale comes from {facts.scale_source} alone, and their share in "
             "the lengths is what their scatter adds to its error."
         )
+    of_all = (
+        f"Most of it is one error that all lengths share, ±{SPACE}{percent(facts.scale_std)}."
+        if facts.mostly_scale
+        else ""
+    )
     parts = (
         f"{told[0].upper()}{told[1:]}",
+        of_all,
         further,
         meant.strip(),
         "The table of instruments below has all shares.",
@@ -190,8 +201,7 @@ def _next(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
     return next_steps(estimate, facts, summary, ground_is_missing(facts, summary), mosaic)
 
 
-def _left_out(estimate: Estimate, facts: Facts, summary: Summary) -> str:
-    rows = left_out_here(estimate, facts, summary)
+def _left_out(facts: Facts, rows: tuple[LeftOut, ...]) -> str:
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]

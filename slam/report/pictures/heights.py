@@ -11,7 +11,7 @@ from slam.core.flight import Flight
 from slam.core.units import SPACE, area, percent
 from slam.report.coordinates import at
 from slam.report.facts import Facts, whence
-from slam.report.floor_scatter import FloorScatter, floor_scatter
+from slam.report.floor_scatter import SURE, FloorScatter, floor_scatter
 from slam.report.page import embedded
 
 
@@ -72,7 +72,8 @@ def _of_echoes(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
         told += ": smaller differences are noise. " if scatter is None else ". "
     if scatter is not None:
         told += (
-            f"Echoes of the floor scatter from {scatter} (three standard deviations to either side). Heights "
+            f"Echoes of the floor scatter from {scatter} (three standard deviations to either side, of "
+            f"{facts.error((scatter.highest_m - scatter.lowest_m) / (2 * SURE))} each). Heights "
             "between have the colour of the floor, so that what stands on it can be told. "
         )
         told += _standing_out(estimate, facts, scatter)
@@ -99,7 +100,7 @@ def _standing_out(estimate: Estimate, facts: Facts, scatter: FloorScatter) -> st
             )
     if not told:
         return ""
-    return f"{'; '.join(told)}. Single cells are more likely wrong echoes than things. "
+    return f"{'; '.join(told)}. Single cells, and bars across the path, are likely wrong echoes. "
 
 
 def _signed(height_m: float, facts: Facts) -> str:

@@ -124,8 +124,8 @@ def as_stated(errors: Consistency) -> str:
     """Return how large errors are beside the stated ones, and which sizes chance alone allows."""
     size, low, high = (np.sqrt(nees / errors.dof) for nees in (errors.mean, errors.lower95, errors.upper95))
     return (
-        f"{size:.2f} times as large as stated, each weighed by what is stated of it in each direction; "
-        f"chance alone gives {low:.2f} to {high:.2f} times"
+        f"{size:.2f} times as large as stated, where each direction counts by what is stated for it (chance "
+        f"alone gives {low:.2f} to {high:.2f} times)"
     )
 
 

@@ -14,7 +14,7 @@ from slam.core.instrument import Instrument
 from slam.core.messages import by_kind
 from slam.core.units import SPACE, error_length, percent
 from slam.report.answers.advice import WORDS
-from slam.report.answers.left_out import LeftOut
+from slam.report.answers.left_out import NOT_NEEDED, LeftOut
 from slam.report.answers.streams import doubts
 from slam.report.heading import heading_doubt
 
@@ -33,7 +33,7 @@ _COLUMNS = (
     "height over the ground", "camera's x and y", "camera's z", "camera's heading",
 )  # fmt: skip
 _DIRECTIONS = (("ground",), ("scale",), ("height",), ("x", "y"), ("z",), ("yaw",))
-NOT_USED = "no: others are more accurate"
+NOT_USED = f"no: {NOT_NEEDED}"
 _NOTABLE = 0.005
 """Share that is rounded to 1 %: without readings, a smaller one is not listed."""
 
@@ -126,7 +126,7 @@ def unused_instruments(estimate: Estimate, flight: Flight | None) -> tuple[LeftO
         return ()
     counts = {name: _readings(flight, name)[0] for name in _STREAMS}
     return tuple(
-        LeftOut(f"Readings of {WORDS[name]}", "", int(count), f"No{NOT_USED.removeprefix('no')}.")
+        LeftOut(f"Readings of {WORDS[name]}", NOT_NEEDED, int(count), f"No: {NOT_NEEDED}.")
         for name, count in counts.items()
         if count and not any(name in row for row in shares.values())
     )

@@ -211,7 +211,7 @@ def test_a_distance_counts_the_scale_once():
         (5.0, 0.21 * 5 / 4, 0.25 * 5 / 4),
     ):
         std, worst = (error_length(each).replace("\N{NO-BREAK SPACE}", " ") for each in (std_m, worst_m))
-        assert f"{size_m:g} m apart: ± {std} (below ± {worst} for 19 of 20)" in told
+        assert f"{size_m:g} m apart: ± {std} (badly placed ones: ± {worst})" in told
     assert "the scale causes ± 0.25 m (5 % of any length)" in told
     rest = error_length(np.sqrt((0.21 * 5 / 4) ** 2 - 0.25**2)).replace("\N{NO-BREAK SPACE}", " ")
     assert f"the rest, ± {rest}." in told

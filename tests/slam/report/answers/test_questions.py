@@ -120,7 +120,7 @@ def test_known_distances_that_were_compared_are_not_asked_for():
     assert CHECKED_BY_ONE_DISTANCE in shown(False)
     assert "no second instrument checks its accuracy" in shown(False)
     assert CHECKED_BY_ONE_DISTANCE not in shown(True)
-    assert "Known distances on the ground have checked the lengths" in shown(True)
+    assert "known distances on the ground have checked the lengths" in shown(True)
     assert "no second instrument checks its accuracy" not in shown(True)
 
 

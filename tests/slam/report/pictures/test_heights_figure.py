@@ -124,4 +124,4 @@ def test_what_stands_out_of_the_floor_is_told_with_its_area_and_place():
     assert "lie above it, by 80.0 mm at most, around x = -0.15 m, y = 1.55 m" in words
     assert "lie below it, by 40.0 mm at most, around x = 1.05 m, y = 0.45 m" in words
     flat = replace(estimate, elevation=Elevation(-1.0, 2.0, 0.1, np.clip(height_m, -0.001, 0.001)))
-    assert "Single cells" not in heights_figure_words(flat, facts, made_flight())
+    assert "likely wrong echoes" not in heights_figure_words(flat, facts, made_flight())
