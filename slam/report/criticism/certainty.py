@@ -106,10 +106,10 @@ def look_alike(cause: Cause, result: Criticism) -> list[str]:
     well, but for what inexact equations may explain."""
     from slam.criticism.verdict.posterior import CLASS_NATS
 
-    return [name for name, _ in _doubles(cause, result) if cause.lead_nats < CLASS_NATS]
+    return [name for name, _ in doubles(cause, result) if cause.lead_nats < CLASS_NATS]
 
 
-def _doubles(cause: Cause, result: Criticism) -> list[tuple[str, float]]:
+def doubles(cause: Cause, result: Criticism) -> list[tuple[str, float]]:
     """Return the effects that explain a fair part of what a cause does, and have its course over these
     flights, with the likeness."""
     from slam.criticism.verdict.posterior import ONE_CLASS
@@ -172,7 +172,7 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
             f"it has nearly the same course over these flights as {title_of(name)} (likeness "
             f"{likeness:.3f}), but with that the flights fit worse by {cause.lead_nats:.0f} nats, more than "
             f"the {CLASS_NATS:.0f} that inexact equations explain"
-            for name, likeness in _doubles(cause, result)
+            for name, likeness in doubles(cause, result)
         ]
     if changes(cause, result):
         told.append("its size changes during the flights, so one size throughout is a mean")
