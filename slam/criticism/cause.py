@@ -16,6 +16,8 @@ LIKELY = 0.5
 """Probability above which a cause is more probable than not."""
 FAINT = 0.05
 """Probability below which a cause, with its alternatives, is reported as left over."""
+FAIR_SHARE = 0.9
+"""Share of the cause's evidence by which a rival may lag: one that lags by more explains none of it."""
 JUDGED_HORIZON_S = 2.0
 NOT_AHEAD_S = 0.0
 """Horizon of errors that no roll-out makes: those from one picture to another."""
@@ -98,6 +100,11 @@ class Cause:
     """Its own name, then terms whose evidence in its place lies within 4 nats."""
     rival: str = ""
     """The most probable other term in its place; empty where there is none."""
+
+    @property
+    def fair_rival(self) -> str:
+        """The rival; empty where it explains no fair part of what the cause does."""
+        return self.rival if 0.0 < self.lead_nats < FAIR_SHARE * 0.5 * self.z**2 else ""
 
     def with_alternatives(self, probability: Mapping[str, float]) -> float:
         """Return its probability and that of its alternatives together."""

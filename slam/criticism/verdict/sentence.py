@@ -17,8 +17,6 @@ from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S
 from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
 
-FAIR_SHARE = 0.9
-"""Share of the cause's evidence by which a rival may lag: one that lags by more explains none of it."""
 MOST_SENTENCES = 3
 """Greatest number of sentences of a headline, and of effects for which a flight is advised."""
 
@@ -224,14 +222,9 @@ def _describe(cause: Cause) -> str:
     return f"{cause.name}: {words}; {_gain_in_nats(cause.gain)}{_excluded(cause)}."
 
 
-def fair_rival(cause: Cause) -> str:
-    """Return the next best effect in the place of a cause; empty where it explains no fair part of it."""
-    return cause.rival if 0.0 < cause.lead_nats < FAIR_SHARE * 0.5 * cause.z**2 else ""
-
-
 def _excluded(cause: Cause) -> str:
     """Describe the lead over the next best explanation; empty where none explains a fair part."""
-    rival = fair_rival(cause) if len(cause.alternatives) < 2 else ""
+    rival = cause.fair_rival if len(cause.alternatives) < 2 else ""
     return f"; {rival}, the next best, fits the flights worse by {cause.lead_nats:.0f} nats" if rival else ""
 
 

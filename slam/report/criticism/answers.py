@@ -11,7 +11,7 @@ import numpy as np
 from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.criticism.cause import JUDGED_HORIZON_S
-from slam.criticism.verdict.sentence import fair_rival, indistinguishable, smallest_sizes
+from slam.criticism.verdict.sentence import indistinguishable, smallest_sizes
 from slam.report.criticism.cause_evidence import CauseEvidence, shown_in_short
 from slam.report.criticism.certainty import (
     differs,
@@ -189,8 +189,8 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
         rest = outside_of_catalogue(result)
         unknown = " A cause outside of it may." * bool(rest)
         told += doubles or [f"No other effect of the catalogue explains these flights as well.{unknown}"]
-        told += [no_other(cause) for cause in result.causes if fair_rival(cause)]
-        none = [cause.name for cause in result.causes if not fair_rival(cause)]
+        told += [no_other(cause) for cause in result.causes if cause.fair_rival]
+        none = [cause.name for cause in result.causes if not cause.fair_rival]
         if none:
             told.append(
                 f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part."

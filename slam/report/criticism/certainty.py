@@ -10,7 +10,6 @@ import numpy as np
 from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.criticism.finding import Inconsistency
-from slam.criticism.verdict.sentence import fair_rival
 from slam.report.criticism.plain_names import title_of
 from slam.simulation.terms import CATALOGUE
 
@@ -56,7 +55,7 @@ def certainty_rows(result: Criticism) -> list[CertaintyRow]:
 
 
 def _next_best(cause: Cause) -> str:
-    rival = fair_rival(cause)
+    rival = cause.fair_rival
     return f"{title_of(rival)}, {cause.lead_nats:.0f} nats worse" if rival else "none explains a fair part"
 
 
@@ -114,8 +113,8 @@ def doubles(cause: Cause, result: Criticism) -> list[tuple[str, float]]:
     flights, with the likeness."""
     from slam.criticism.verdict.posterior import ONE_CLASS
 
-    pair = {cause.name, fair_rival(cause)}
-    return [(fair_rival(cause), c) for a, b, c in result.confusable if {a, b} == pair and c > ONE_CLASS]
+    pair = {cause.name, cause.fair_rival}
+    return [(cause.fair_rival, c) for a, b, c in result.confusable if {a, b} == pair and c > ONE_CLASS]
 
 
 def doubt_of_name(cause: Cause, result: Criticism) -> str:
@@ -250,9 +249,7 @@ def _reserved(cause: Cause, result: Criticism) -> str:
 
 
 def no_other(cause: Cause) -> str:
-    """Return why the next best effect in the place of a cause is ruled out; empty where there is none."""
-    if not fair_rival(cause):
-        return ""
+    """Return why the next best effect in the place of a cause is ruled out."""
     return (
         f"The next best in place of {cause.name} is {cause.rival}: with it the flights fit worse by "
         f"{cause.lead_nats:.0f} nats."

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
 from slam.core.units import everyday
-from slam.criticism.verdict.sentence import fair_rival
 from slam.report.criticism.certainty import doubt_of_name, longer_bar
 from slam.report.criticism.plain_names import reading, title_of
 
@@ -58,7 +57,7 @@ def fair_covariate(result: Criticism) -> Covariate | None:
     so, and a panel for it would say otherwise."""
     found = result.covariate
     lead = next((c for c in result.causes if found is not None and c.name == found.cause), None)
-    if found is None or lead is None or fair_rival(lead) == found.rival:
+    if found is None or lead is None or lead.fair_rival == found.rival:
         return found
     return replace(found, against=tuple(m for m in found.against if m.cause == found.cause))
 
