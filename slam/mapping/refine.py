@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.contradicted import contradicted_keyframes
+from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
-from frontend.camera import Camera
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.core.floor_points import FloorPoints
@@ -30,7 +30,9 @@ from slam.mapping.calibration.inertial_scale import (
     AccelerometerScale,
     InertialComparison,
     compare_with_inertia,
+    velocity_contradicted,
 )
+from slam.mapping.calibration.lens import calibrated
 from slam.mapping.control_points import ControlComparison
 from slam.mapping.floor_points import refined_floor_points
 from slam.mapping.front_end import Observations
@@ -151,6 +153,7 @@ class _Refinement(NamedTuple):
     reasons: list[str]
     """Why barometer and velocity do not tell the scale."""
     remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -257,7 +260,8 @@ class _Evidence:
             agreement = used
             part = replace(part, warnings=(*part.warnings, _NOT_SETTLED))
         contradicted = part.inertial.contradiction if part.inertial else ""
-        warnings = [*([contradicted] if contradicted else []), *convergence_warnings(bundle, base.readings)]
+        contradictions = [*refined.warnings, *([contradicted] if contradicted else [])]
+        warnings = [*contradictions, *convergence_warnings(bundle, base.readings)]
         part = replace(
             part,
             warnings=(*part.warnings, *warnings),
@@ -267,9 +271,10 @@ class _Evidence:
         return part, agreement
 
     def _refined(self, setup: Setup, part: MapPart) -> _Refinement:
-        """Refine the part, with the accelerometer's scale where other sensors determine it less well.
+        """Refine the part, with velocity and accelerometer where other sensors tell the scale less well.
 
-        Without any of these the barometer determines it, or else the velocity.
+        Without any of these the barometer determines it. A velocity that the accelerometer contradicts is
+        left out: the gains of on-board velocities are off by far more.
         """
 
         def step(iteration: int, _: float) -> None:
@@ -281,6 +286,19 @@ class _Evidence:
         # Heights alone may tell no scale: a level flight must not fail for them.
         exact = setup if setup.readings.positions or setup.control else setup.without_heights()
         bundle = refine_part(exact, members, start, part.floor_z_m, tracks, step, aligned=self.aligned)
+        reasons: list[str] = []
+
+        def with_velocity(lengths: ScalePrior | None = None) -> Bundle:
+            assert self.reported is not None
+            seen = self.observations
+            found, reason = scaled_by_velocity(
+                bundle, setup, members, tracks, seen, self.reported, step, lengths
+            )
+            reasons.extend([reason] if reason else [])
+            return found
+
+        if self.reported is not None and bundle.scale_std is None:
+            bundle = with_velocity()
         compared, lengths = None, None
         if self.inertial is not None:
             camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
@@ -289,16 +307,15 @@ class _Evidence:
             )
             if not isinstance(compared.scale, NoScale) and compared.scale.helps:
                 lengths = compared.scale.lengths
-        reasons = []
+            if bundle.uses_reported_motion and (line := velocity_contradicted(compared.scale)):
+                without = replace(self, reported=None)._refined(setup, part)
+                return without._replace(warnings=(line,))
         if lengths is None and setup.readings.heights and bundle.scale_std is None:
             bundle, reason = scaled_by_heights(bundle, setup, members, tracks, step)
-            reasons += [reason] if reason else []
-        if lengths is None and self.reported is not None and bundle.scale_std is None:
-            bundle, reason = scaled_by_velocity(
-                bundle, setup, members, tracks, self.observations, self.reported, step
-            )
-            reasons += [reason] if reason else []
-        if lengths is not None:
+            reasons.extend([reason] if reason else [])
+        if lengths is not None and bundle.uses_reported_motion:
+            bundle = with_velocity(lengths)
+        elif lengths is not None:
             start[members], noise = bundle.w_T_b, bundle.noise
             bundle = refine_part(
                 setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise, self.aligned
@@ -325,21 +342,3 @@ def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
     for r in kept:
         tied[[r.i, r.j]] = True
     return tied
-
-
-def calibrated(camera: Camera, bundle: Bundle | None) -> Camera:
-    """Return the camera with the mount and the lens that a refinement has estimated, if there is one."""
-    camera = replace(camera, told=None)
-    if bundle is None:
-        return camera
-    camera = replace(camera, b_T_c=bundle.b_T_c)
-    if bundle.lens is None:
-        return camera
-    fx, fy, cx, cy, *distortion = bundle.lens.calibration.tolist()
-    return replace(
-        camera,
-        focal_px=(fx, fy),
-        center_px=(cx, cy),
-        distortion=tuple(distortion),
-        lens=bundle.lens.model,
-    )

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.barometer import read_and_mapped
-from backend.bundle.graph import BundleConfig
+from backend.bundle.graph import BundleConfig, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
@@ -63,10 +63,12 @@ def scaled_by_velocity(
     observations: Observations,
     reported: ReportedMotion,
     on_step: OnStep | None = None,
+    lengths: ScalePrior | None = None,
 ) -> tuple[Bundle, str]:
-    """Refine keyframes ``members`` (m,) again with the reported motion, from a ``bundle`` without it.
+    """Refine keyframes ``members`` (m,) again with the reported motion, from the scale of a ``bundle``.
 
-    Returns the bundle as it was, and the reason, if the velocity does not tell the scale.
+    ``lengths`` by another instrument count beside it, each by its accuracy. Returns the bundle as it was, and
+    the reason, if the velocity does not tell the scale.
     """
     measured = replace(
         part_measurements(setup, members, tracks),
@@ -81,7 +83,7 @@ def scaled_by_velocity(
             return damage
         return "" if _tells_lengths(found) else "the flight is too short or too slow for its noise"
 
-    return _scaled(bundle, measured, setup.config.bundle, "velocity0", fault, on_step)
+    return _scaled(bundle, measured, setup.config.bundle, "velocity0", fault, on_step, lengths)
 
 
 def _scaled(
@@ -91,10 +93,12 @@ def _scaled(
     name: str,
     fault: Callable[[Bundle], str],
     on_step: OnStep | None,
+    lengths: ScalePrior | None = None,
 ) -> tuple[Bundle, str]:
     """Refine again with what an instrument measured, unless it has a ``fault``."""
     try:
-        found = refine(measured, bundle.w_T_b, bundle.floor_z_m, config, on_step, noise=bundle.noise)
+        w_T_b, floor_z_m, noise = bundle.w_T_b, bundle.floor_z_m, bundle.noise
+        found = refine(measured, w_T_b, floor_z_m, config, on_step, lengths, noise)
         reason = fault(found)
     except BackendError as error:
         reason = f"the refinement with {name} failed ({error})"

@@ -79,6 +79,17 @@ class InertialComparison:
     scale: AccelerometerScale | NoScale
 
 
+def velocity_contradicted(scale: AccelerometerScale | NoScale) -> str:
+    """Return why a velocity that alone told a map's lengths cannot be right; empty if it can be."""
+    if isinstance(scale, NoScale) or not scale.contradiction:
+        return ""
+    ratio, std = 1 / scale.lengths.ratio, scale.lengths.log_std
+    return (
+        f"velocity0 reads {ratio:.2f} times the speed that the accelerometer tells, to {100 * std:.2g} %: it "
+        "is left out of the map's lengths; check its unit, and scale_std in velocity0/sensor.yaml"
+    )
+
+
 def compare_with_inertia(
     readings: InertialReadings,
     observations: Observations,

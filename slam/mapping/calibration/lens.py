@@ -1,11 +1,13 @@
-"""The numbers of the lens that a map has estimated, beside what was told of them."""
+"""The lens that a map has estimated, beside what was told of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from backend.bundle.lens import NAMES, told_calibration
 from backend.bundle.refinement import Bundle
+from frontend.camera import Camera
 from slam.core.instrument_errors import LensNumber
 
 
@@ -19,3 +21,21 @@ def lens_numbers(bundle: Bundle | None) -> Mapping[str, LensNumber] | None:
         lens.is_estimated.tolist(), strict=True,
     )  # fmt: skip
     return {name: LensNumber(*row) for name, row in zip(NAMES[lens.model], rows, strict=True)}
+
+
+def calibrated(camera: Camera, bundle: Bundle | None) -> Camera:
+    """Return the camera with the mount and the lens that a refinement has estimated, if there is one."""
+    camera = replace(camera, told=None)
+    if bundle is None:
+        return camera
+    camera = replace(camera, b_T_c=bundle.b_T_c)
+    if bundle.lens is None:
+        return camera
+    fx, fy, cx, cy, *distortion = bundle.lens.calibration.tolist()
+    return replace(
+        camera,
+        focal_px=(fx, fy),
+        center_px=(cx, cy),
+        distortion=tuple(distortion),
+        lens=bundle.lens.model,
+    )

@@ -20,10 +20,11 @@ from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
 from backend.measurements import Inertial, RelativePose, ReportedMotion
 from backend.quantiles import chi_square_limit
+from slam.mapping.calibration.lens import calibrated
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.map import Map, largest_first
-from slam.mapping.refine import calibrated, floor_tracks
+from slam.mapping.refine import floor_tracks
 from slam.mapping.refine_part import aligned_pairs, by_lines, part_measurements
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.convergence import convergence_warnings

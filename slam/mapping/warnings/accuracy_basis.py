@@ -21,7 +21,7 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     ranged = bundle is not None and bundle.range_errors is not None
     inertial = map_.inertial is not None and map_.inertial.helps
     by_barometer = bundle is not None and bundle.uses_barometer and not (map_.georeferenced or inertial)
-    by_velocity = bundle is not None and bundle.uses_reported_motion and not (ranged or inertial)
+    by_velocity = bundle is not None and bundle.uses_reported_motion and not ranged
     sources = [
         name
         for name, used in (

@@ -231,10 +231,13 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
             "measure one distance on the ground and scale the map by it"
         )
     std = 100 * map_.bundle.scale_std
-    if map_.bundle.uses_barometer and not (map_.inertial is not None and map_.inertial.helps):
-        source = "no metric scale but that of the barometer's changes of height,"
+    inertial = map_.inertial is not None and map_.inertial.helps
+    if map_.bundle.uses_reported_motion and inertial:
+        source = "lengths come from the vehicle's own velocity and the accelerometer and are"
     elif map_.bundle.uses_reported_motion:
         source = "no metric scale but that of the vehicle's own velocity,"
+    elif map_.bundle.uses_barometer and not inertial:
+        source = "no metric scale but that of the barometer's changes of height,"
     else:
         source = "lengths come from the accelerometer and are"
     check = "measure one distance on the ground to check it"

@@ -18,10 +18,11 @@ from frontend.points import Points
 from frontend.registration import Registration
 from frontend.store import FeatureStore
 from slam.core.progress import silent
+from slam.mapping.calibration.lens import calibrated
 from slam.mapping.front_end import Observations
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map
-from slam.mapping.refine import calibrated, refine_map
+from slam.mapping.refine import refine_map
 from slam.mapping.refine_part import refine_part
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph

@@ -1,12 +1,21 @@
-"""Why a barometer cannot tell the lengths of a map."""
+"""What tells the lengths of a map where neither ranges nor positions do."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from backend.bundle.graph import ScalePrior
+from backend.inertial_scale.scale import InertialScale, NoScale
 from backend.measurements import BarometerHeight
+from slam.evaluation import evaluate
 from slam.mapping.calibration.fallback_scale import falls_where_the_camera_climbs
+from slam.mapping.calibration.inertial_scale import AccelerometerScale, velocity_contradicted
+from slam.mapping.pipeline import optimize
+from slam.simulation import simulate
+from tests.benchmarks.memory import recipe
 
 
 @pytest.mark.parametrize(
@@ -21,3 +30,27 @@ def test_a_turned_sign_is_told_from_noise(sign, noise_m, falls):
     heights = [BarometerHeight(k, float(value), noise_m) for k, value in enumerate(read)]
     assert falls_where_the_camera_climbs(heights, w_T_b) is falls
     assert not falls_where_the_camera_climbs(heights[:3], w_T_b)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "map_std", "contradicts"), [(0.5, 1e-3, True), (0.5, 0.3, False), (1.05, 1e-3, False)]
+)
+def test_a_velocity_off_by_more_than_both_errors_is_contradicted(ratio, map_std, contradicts):
+    own = InertialScale(ratio, 0.0, (0.0,) * 3, (0.1,) * 3, (0.0,) * 3, (0.1,) * 3, (0.0, 0.0, 1.0))
+    found = velocity_contradicted(AccelerometerScale(own, ScalePrior(ratio, 0.03), map_std))
+    assert found.startswith(f"velocity0 reads {1 / ratio:.2f} times the speed") is contradicts
+    assert velocity_contradicted(NoScale("hovers")) == ""
+
+
+@pytest.mark.slow
+def test_a_velocity_that_is_stated_exact_tells_lengths_beside_an_imu():
+    """The accelerometer's lengths, known to 4 %, had taken its place: the map was 140 mm off instead of 5."""
+    flight = replace(simulate(recipe(1)), sonar=None)
+    assert flight.velocity.scale_std == 0.0
+    estimate = optimize(flight)
+    assert estimate.scale_std < 0.01
+    assert evaluate(estimate, flight).ate_m.rmse < 0.02
+    fast = replace(flight.velocity, v_m_s=1.5 * flight.velocity.v_m_s)
+    wrong = optimize(replace(flight, velocity=fast))
+    assert "velocity0 reads 1.4" in wrong.status or "velocity0 reads 1.5" in wrong.status
+    assert wrong.scale_std > 0.03
