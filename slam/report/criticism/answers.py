@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 _RIGHT: Mapping[str, str] = {
     "nothing_wrong": "Yes, as far as these flights can show.",
     "named": "No, but what is wrong was found, and extended.toml has it.",
-    "ambiguous": "No. Two causes or more explain what is wrong equally well; extended.toml has one of them.",
-    "named_with_remainder": "No. A part of what is wrong was found, and extended.toml has it.",
+    "ambiguous": "No: two causes or more explain what is wrong equally well; extended.toml has one of them.",
+    "named_with_remainder": "No: a part of what is wrong was found, and extended.toml has it.",
     "unknown": "No, and no effect of the catalogue explains what is wrong.",
     "unusable": "Not known: these data cannot be judged.",
 }
@@ -187,8 +187,8 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
         alike = {name: look_alike(cause, result) for cause in result.causes for name in [cause.name]}
         doubles = [f"{a} may be {' or '.join(b)}, which looks the same here." for a, b in alike.items() if b]
         rest = outside_of_catalogue(result)
-        unknown = " A cause outside of it may." * bool(rest)
-        told += doubles or [f"No other effect of the catalogue explains these flights as well.{unknown}"]
+        unknown = " A cause outside of the catalogue may." * bool(rest)
+        told += doubles or [f"No other effect that these flights can show explains them as well.{unknown}"]
         told += [no_other(cause) for cause in result.causes if cause.fair_rival]
         none = [cause.name for cause in result.causes if not cause.fair_rival]
         if none:

@@ -35,6 +35,13 @@ if TYPE_CHECKING:
 TITLE = "What shows each certain cause"
 MOST_CAUSES = 6
 """Greatest number of causes with a panel: more are higher than a page."""
+_CAPTION = (
+    "Each panel shows the readings with the clearest trace of one cause. Lines: error of the prediction of a "
+    f"reading, started anew every {RESTART_S:g} s, by the extended model without this cause alone (orange) "
+    "and with it (blue); the other causes are in both, and all are fitted to the whole flights. The numbers "
+    "above are root mean squares over the stretch."
+)
+_DOTS = " Dots: single readings."
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,7 @@ class CauseEvidence:
     rows: tuple[EvidenceRow, ...]
     picture: bytes | None
     """None where no flight shows any of them."""
+    caption: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,7 +93,8 @@ def evidence_of_causes(result: Criticism, flights: Sequence[Flight]) -> CauseEvi
         rows.append(
             EvidenceRow(title_of(cause.name), _size(cause, result), _when(cause, result), place or "–")
         )
-    return CauseEvidence(tuple(rows), _drawn(shown) if shown else None)
+    dots = _DOTS * any(stretch.pair is None for stretch in shown.values())
+    return CauseEvidence(tuple(rows), _drawn(shown) if shown else None, f"{_CAPTION}{dots}")
 
 
 def shown_in_short(evidence: CauseEvidence | None) -> list[str]:
@@ -157,12 +166,10 @@ def _pairs(flight: Flight, without: Model, model: Model) -> list[BeforeAndAfter]
 def _where_it_falls(pair: BeforeAndAfter) -> float:
     """Return the begin of the stretch in which the error falls most. A clock that is corrected moves the
     stamps."""
-    from slam.report.criticism.prediction_errors import PredictionErrors
-
     before, after = pair.before, pair.after
     left = np.interp(before.stamps_s, after.stamps_s, np.abs(after.off))
     fall = np.maximum(np.abs(before.off) - left, 0.0)
-    return PredictionErrors(before.stamps_s, fall).worst()[1]
+    return replace(before, off=fall).worst()[1]
 
 
 def _drawn(shown: dict[str, _Stretch]) -> bytes:
@@ -197,11 +204,3 @@ def _draw(axes: Axes, name: str, stretch: _Stretch) -> str:
     label, _, unit = READINGS_OF[name].label.partition(" [")
     axes.set_ylabel(f"[{unit}", fontsize=8)
     return label
-
-
-CAPTION = (
-    "Each panel shows the readings with the clearest trace of one cause. Lines: error of the prediction of a "
-    f"reading, started anew every {RESTART_S:g} s, by the extended model without this cause alone (orange) "
-    "and with it (blue); the other causes are in both, and all are fitted to the whole flights. The numbers "
-    "above are root mean squares over the stretch. Dots: single readings."
-)

@@ -143,8 +143,8 @@ def outside_of_catalogue(result: Criticism) -> str:
     if len(open_) == 1:
         return f"The {share} probability is that of a cause outside of the catalogue."
     return (
-        f"For each, the {share} probability is that of a cause outside of the catalogue; they do not exclude "
-        "each other."
+        f"For each, the {share} probability is that of a cause outside of the catalogue in its place; "
+        "several may be there at once."
     )
 
 

@@ -114,7 +114,7 @@ def promises(result: Criticism) -> list[str]:
 def _chance(result: Criticism) -> str:
     more = "; what single readings show has no such measure" if _in_readings(result) else ""
     bar = f"a cause had to stand out by {result.threshold:.1f} standard deviations beside the other causes"
-    return f"To be found, {bar}: {result.threshold_means}{more}"
+    return f"To be found, {bar} ({result.threshold_means}){more}"
 
 
 def _in_readings(result: Criticism) -> bool:

@@ -165,5 +165,5 @@ def _in_the_file(name: str, result: Criticism) -> str:
     value = own_value(name, result, result.extended)
     if value is None:
         return ""
-    has = "has that value" if size.low <= value <= size.high else f"keeps {figure(value)}"
+    has = "has that value, for no known cause" if size.low <= value <= size.high else f"keeps {figure(value)}"
     return f" (extended.toml {has})"

@@ -80,7 +80,7 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     judged = [flight for flight in flights if flight.name in result.flights]
     if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
         told.append(
-            "Record pictures as well, which these flights have not: the manoeuvre asks for the camera."
+            "Record pictures as well, which these flights have not: a manoeuvre above asks for the camera."
         )
     told.append(_how(result))
     return told

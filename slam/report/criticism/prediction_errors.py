@@ -6,7 +6,7 @@ those of the other instruments.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,11 +40,13 @@ class PredictionErrors:
     """(n,)."""
     off: Array
     """(n,) reading less prediction; NaN where there is none."""
+    restart_s: float = 0.0
+    """Time of a restart; the others lie ``RESTART_S`` apart, before and after it."""
 
     def within(self, begin_s: float, end_s: float) -> PredictionErrors:
         """Return the errors between two times."""
         inside = (self.stamps_s >= begin_s) & (self.stamps_s < end_s)
-        return PredictionErrors(self.stamps_s[inside], self.off[inside])
+        return replace(self, stamps_s=self.stamps_s[inside], off=self.off[inside])
 
     @property
     def rms(self) -> float:
@@ -60,7 +62,8 @@ class PredictionErrors:
             return -np.inf, 0.0
         size = np.where(known, np.abs(self.off), 0.0)
         size = np.minimum(size, np.quantile(size[known], 1.0 - CLIPPED_SHARE))
-        first = np.ceil(self.stamps_s[0])
+        since_s = np.ceil((self.stamps_s[0] - self.restart_s) / RESTART_S) * RESTART_S
+        first = self.restart_s + since_s
         begins = np.arange(first, max(self.stamps_s[-1] - SHOWN_S, first) + 1e-9, RESTART_S)
         found = []
         for begin_s in begins:
@@ -90,7 +93,7 @@ class BeforeAndAfter:
         shown = [errors.within(begin_s, begin_s + SHOWN_S) for errors in (self.before, self.after)]
         factor, unit = everyday(max(errors.rms for errors in shown), self.unit)
         for errors, label, colour in zip(shown, labels, (VERMILLION, BLUE), strict=True):
-            at = np.flatnonzero(np.diff((errors.stamps_s - begin_s) // RESTART_S)) + 1
+            at = np.flatnonzero(np.diff((errors.stamps_s - errors.restart_s) // RESTART_S)) + 1
             line = np.insert(errors.stamps_s, at, np.nan), factor * np.insert(errors.off, at, np.nan)
             axes.plot(*line, color=colour, linewidth=1.2, label=label)
         axes.axhline(0.0, color=GREY, linewidth=0.8)
@@ -114,14 +117,15 @@ def errors_by_channel(flight: Flight, before: Model | None, after: Model) -> lis
 def _of_replays(flight: Flight, before: Model, after: Model) -> list[BeforeAndAfter]:
     from slam.simulation.replay import replay
 
-    each = (replay(flight, model, (RESTART_S,)).channels for model in (before, after))
+    each = [replay(flight, model, (RESTART_S,)) for model in (before, after)]
+    restart_s = float(each[0].restarts_s[0]) if len(each[0].restarts_s) else 0.0
     return [
         BeforeAndAfter(
             reading(old.name),
             old.unit,
-            *(PredictionErrors(one.stamps_s, one.measured - one.restarted) for one in (old, new)),
+            *(PredictionErrors(one.stamps_s, one.measured - one.restarted, restart_s) for one in (old, new)),
         )
-        for old, new in zip(*each, strict=True)
+        for old, new in zip(*(one.channels for one in each), strict=True)
         if old.noise_std > 0.0 and not old.name.startswith("imu.")
     ]
 
@@ -137,14 +141,14 @@ def _of_integrals(flight: Flight, before: Model | None, after: Model) -> list[Be
         for model in (before, after)
     )
     return [
-        BeforeAndAfter(name, unit, _errors(old[kind], k, low_s), _errors(new[kind], k, low_s))
+        BeforeAndAfter(name, unit, integral_errors(old[kind], k, low_s), integral_errors(new[kind], k, low_s))
         for kind, channels in CHANNELS.items()
         if kind in old and kind in new
         for k, (name, unit) in enumerate(channels)
     ]
 
 
-def _errors(seen: IntegralComparison, k: int, low_s: Array) -> PredictionErrors:
+def integral_errors(seen: IntegralComparison, k: int, low_s: Array) -> PredictionErrors:
     """Return the errors from each start on; of a second integral, whose first rate nothing measures, beside
     the line through the start and the middle. Near the floor there are none."""
     from slam.data_quality.inertial_comparison import ABOUT_S
@@ -152,16 +156,22 @@ def _errors(seen: IntegralComparison, k: int, low_s: Array) -> PredictionErrors:
     stamps, off = seen.stamps_s, seen.off[:, k]
     errors = np.full(len(stamps), np.nan)
 
-    def mean(time_s: float) -> float:
-        about = off[np.searchsorted(stamps, time_s - ABOUT_S) : np.searchsorted(stamps, time_s + ABOUT_S)]
-        return float(np.mean(about)) if len(about) else np.nan
+    def at(time_s: float) -> float:
+        rows = slice(*np.searchsorted(stamps, [time_s - ABOUT_S, time_s + ABOUT_S]))
+        about, later_s = off[rows], stamps[rows] - time_s
+        if len(about) < 2:
+            return np.nan
+        # Over a flight a second integral grows to a slope of tens of metres a second: a mean of readings that
+        # lie unevenly about the moment would be off by metres.
+        slope, value = np.polynomial.polynomial.polyfit(later_s, about, 1)[::-1]
+        return float(value) if later_s[0] <= 0 <= later_s[-1] and np.isfinite(slope) else np.nan
 
-    for begin_s in np.arange(np.ceil(stamps[0]), stamps[-1] - RESTART_S, RESTART_S):
+    for begin_s in np.arange(np.ceil(stamps[0] / RESTART_S) * RESTART_S, stamps[-1] - RESTART_S, RESTART_S):
         low = np.searchsorted(low_s, begin_s + RESTART_S) > np.searchsorted(low_s, begin_s)
         rows = slice(*np.searchsorted(stamps, [begin_s, begin_s + RESTART_S]))
         if low or rows.stop - rows.start < 2:
             continue
-        ends = mean(begin_s), mean(begin_s + RESTART_S / 2)
+        ends = at(begin_s), at(begin_s + RESTART_S / 2)
         rate = (ends[1] - ends[0]) / (RESTART_S / 2) if seen.order == 2 else 0.0
         errors[rows] = off[rows] - ends[0] - rate * (stamps[rows] - begin_s)
     return PredictionErrors(stamps, errors)

@@ -209,7 +209,10 @@ def _worst(flight: str, old: Comparison, new: Comparison, restarts_s: Array) -> 
     off = np.minimum(off, np.quantile(off[known], 1.0 - CLIPPED_SHARE))
     total = np.concatenate([[0.0], np.cumsum(off)])
     error = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
-    k = int(np.argmax(error))
+    # It begins with a roll-out, at the first reading after a restart.
+    begins = np.unique(np.searchsorted(stamps_s, restarts_s))
+    begins = begins[begins < len(stamps_s)]
+    k = int(begins[np.argmax(error[begins])]) if len(begins) else int(np.argmax(error))
     # Behind the last whole roll-out there is no prediction to compare.
     shown = np.flatnonzero(known[k : end[k]])
     part = slice(k, k + int(shown[-1]) + 1)

@@ -13,7 +13,7 @@ from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
-from slam.report.criticism.cause_evidence import CAPTION, TITLE, evidence_of_causes
+from slam.report.criticism.cause_evidence import TITLE, evidence_of_causes
 from slam.report.criticism.certainty import by_certainty, certainty_rows
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.detectable import detectable_rows
@@ -122,7 +122,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         evidence=evidence,
         evidence_picture=embedded(evidence.picture) if evidence and evidence.picture else None,
         evidence_title=TITLE,
-        evidence_caption=CAPTION,
+        evidence_caption=evidence.caption if evidence else "",
         tiles=_tiles(result),
         segments=[(s.title, embedded(s.picture), s.caption) for s in segments],
         covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,
