@@ -31,7 +31,7 @@ def readings_in_words(flight: Flight) -> list[str]:
     apart, late = log_apart(flight), clock_error(flight)
     return [
         *map(str, stream_anomalies(flight)),
-        *wrong_axes(flight)[0],
+        *map(str, wrong_axes(flight)[0]),
         *larger_noise([flight]),
         *([apart] if apart else []),
         *([str(late)] if late is not None and not apart else []),

@@ -8,13 +8,14 @@ undone, are correlated with those of the imu's integral.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
+from slam.data_quality.finding import Remark
 from slam.data_quality.inertial_comparison import (
     FEWEST,
     IntegralComparison,
@@ -45,9 +46,9 @@ class Assignment:
     sign: tuple[float, ...]
 
 
-def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[list[str], list[str]]:
-    """Describe the readings that are another axis than their own, and those of which the flight cannot show
-    whether they are."""
+def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[list[Remark], list[str]]:
+    """Return the readings that are another axis than their own, and describe those of which the flight cannot
+    show whether they are."""
     wrong, unknown = [], []
     for kind, seen in comparisons(flight):
         if kind not in kinds:
@@ -59,7 +60,8 @@ def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[li
         right = Assignment(tuple(range(len(ways))), (1.0,) * len(ways))
         best = max(scores, key=lambda a: scores[a])
         if scores[best] - max(scores[right], 0.0) > CERTAIN_Z:
-            wrong += [_words(kind, k, best) for k in range(len(ways)) if _differs(best, k)]
+            differing = (k for k in range(len(ways)) if _differs(best, k))
+            wrong += [Remark(_words(kind, k, best), channel=kind) for k in differing]
             if kind == "attitude":
                 break  # the other integrals go by the attitude
             continue
@@ -70,11 +72,11 @@ def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[li
     return wrong, unknown
 
 
-def axes_of_all(flights: Sequence[Flight]) -> tuple[list[str], list[str]]:
-    """Return descriptions of wrong axes of all flights, and of axes that none of them shows."""
+def axes_of_all(flights: Sequence[Flight]) -> tuple[list[Remark], list[str]]:
+    """Return the wrong axes of all flights, and descriptions of axes that none of them shows."""
     each = [wrong_axes(flight) for flight in flights]
-    labels = [f"{flight.name}: " if len(flights) > 1 else "" for flight in flights]
-    wrong = [label + words for label, (told, _) in zip(labels, each, strict=True) for words in told]
+    names = [flight.name if len(flights) > 1 else "" for flight in flights]
+    wrong = [replace(found, flight=n) for n, (told, _) in zip(names, each, strict=True) for found in told]
     hidden = [set(unknown) for _, unknown in each]
     return wrong, sorted(set.intersection(*hidden)) if hidden else []
 

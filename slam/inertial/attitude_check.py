@@ -54,7 +54,7 @@ class _Regression:
 def attitude_contradictions(flight: Flight) -> list[str]:
     """Return a line for each kind of contradiction between the turns of ``attitude0`` and ``imu0``."""
     if axes := wrong_axes(flight, ("attitude",))[0]:
-        found = "; ".join(axes)
+        found = "; ".join(map(str, axes))
         return [f"attitude0 and imu0: {found}: {_CHECK} the axes and signs of both, and T_BS of imu0"]
     seen = dict(comparisons(flight)).get("attitude")
     regression = None if seen is None else _regression(flight, seen)

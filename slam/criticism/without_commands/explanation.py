@@ -82,8 +82,8 @@ class ComparedFlights(Evidence):
     """Rows of each flight, linear about the effects that were found."""
 
     @cached_property
-    def _axes(self) -> tuple[list[str], list[str]]:
-        """Descriptions of wrong axes, and of those that no flight shows."""
+    def _axes(self) -> tuple[list[Remark], list[str]]:
+        """Wrong axes, and descriptions of those that no flight shows."""
         return axes_of_all(self.flights)
 
     @cached_property
@@ -113,7 +113,7 @@ class ComparedFlights(Evidence):
     def findings(self, judged: JudgedCauses) -> Sequence[Finding]:
         """Return what no cause explains, residual patterns excepted."""
         return [
-            *map(Remark, self._axes[0]),
+            *self._axes[0],
             *self.readings,
             *disagreements(self.found),
             *contradiction(self.rows),

@@ -36,6 +36,7 @@ _SENSORS: Mapping[str, str] = {
     "velocity": "speed sensor",
     "range": "height sensor",
     "sonar": "height sensor",
+    "height": "height sensor",
     "gyro": "gyro",
     "accel": "accelerometer",
     "roll": "attitude",

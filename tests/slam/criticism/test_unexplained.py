@@ -51,8 +51,10 @@ def test_wrong_axes_are_told_and_right_ones_are_not():
     flight = flights()[2]
     swapped = replace(flight, velocity=replace(flight.velocity, v_m_s=flight.velocity.v_m_s[:, ::-1]))
     turned = replace(flight, velocity=replace(flight.velocity, v_m_s=-flight.velocity.v_m_s))
-    assert any("velocity ahead reads the velocity to the left" in words for words in wrong_axes(swapped)[0])
-    assert any("its sign turned over" in words for words in wrong_axes(turned)[0])
+    assert any(
+        "velocity ahead reads the velocity to the left" in found.text for found in wrong_axes(swapped)[0]
+    )
+    assert any("its sign turned over" in found.text for found in wrong_axes(turned)[0])
 
 
 @pytest.mark.slow
