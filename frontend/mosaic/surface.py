@@ -36,6 +36,8 @@ class HeightSource(IntEnum):
     """Not measured: taken from the lowest neighbours."""
     UNSEEN = 4
     """No picture of the mosaic shows the ground."""
+    LEVEL = 5
+    """Taken as the floor: no two pictures show the ground, so that nothing was compared."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,11 @@ class Surface:
     """(rows, cols) standard deviation of the height; NaN where it was filled."""
     source: NDArray[np.uint8]
     """(rows, cols) ``HeightSource`` of each height."""
+
+    @property
+    def on_floor(self) -> Mask:
+        """(rows, cols) whether the height is that of the floor, found flat or taken as level."""
+        return np.isin(self.source, (HeightSource.FLOOR, HeightSource.LEVEL))
 
     @property
     def measured(self) -> Mask:

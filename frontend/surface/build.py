@@ -51,8 +51,11 @@ def build_surface(
     relief: Mask,
     elevation: Elevation | None,
     report: Report | None = None,
+    compared: Mask | None = None,
 ) -> Surface:
     """Measure the ground in the squares with relief (rows, cols); everywhere else it is the floor.
+
+    In squares that are not ``compared`` (rows, cols), nothing shows whether it is. None: all are.
 
     ``plan`` has all pictures that may be matched. Tiles are shared among the workers; each holds the pairs of
     one tile at a time.
@@ -76,7 +79,8 @@ def build_surface(
     height[~used] = 0.0
     std[~used] = np.nan
     measured = np.where(np.isfinite(height), HeightSource.PICTURES, HeightSource.FILLED)
-    source = np.where(used, measured, HeightSource.FLOOR)
+    known = np.ones_like(used) if compared is None else _on_cells(compared, cell_px, (rows, cols))
+    source = np.where(used, measured, np.where(known, HeightSource.FLOOR, HeightSource.LEVEL))
     surface = Surface(plan.west_m, plan.north_m, cell_px * plan.gsd_m, height, std, source.astype(np.uint8))
     return filled(surface if elevation is None else _with_sonar(surface, elevation))
 

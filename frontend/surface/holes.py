@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from frontend.mosaic.surface import HeightSource, Surface
+from frontend.mosaic.surface import Surface
 
 Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -55,7 +55,7 @@ def filled(surface: Surface) -> Surface:
         known[part] = _filled(known[part], label[part] == hole, beside[part], depth[part])
     # Single wrong heights are removed; a median keeps edges.
     smooth = np.asarray(cv2.medianBlur(known, MEDIAN_CELLS))
-    return replace(surface, height_m=np.where(surface.source == HeightSource.FLOOR, known, smooth))
+    return replace(surface, height_m=np.where(surface.on_floor, known, smooth))
 
 
 def _filled(height: Float32, hole: Mask, beside: Mask, depth: Float32) -> Float32:

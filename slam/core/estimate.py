@@ -72,6 +72,8 @@ class GroundFacts:
     """Share of the map where the ground is not the floor."""
     filled_share: float = 0.0
     """Share of that ground whose height was not measured."""
+    level_share: float = 0.0
+    """Share of the map that no two pictures show, and that is taken as level."""
     lowest_m: float = 0.0
     highest_m: float = 0.0
     """Lowest and highest ground over the floor."""

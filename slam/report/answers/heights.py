@@ -67,12 +67,18 @@ def _of_ground(estimate: Estimate) -> str:
     if ground is None:
         return ""
     if ground.is_measured:
+        level = (
+            f" {percent(ground.level_share)} of the ground is taken as level: no two pictures show it."
+            if ground.level_share
+            else ""
+        )
         doubted = f", and {ground.doubt} (picture of heights)" if ground.doubt else ""
         return (
             f" {percent(ground.relief_share)} of the ground does not lie on one plane. Its height, with what "
             "stands on it such as trees, was measured from the pictures, over the floor, the level plane "
-            f"that fits best. {percent(ground.filled_share)} of it was filled in from around{doubted}. Trust "
-            "no height where elevation.tif has no standard deviation, pale in the picture of heights."
+            f"that fits best. {percent(ground.filled_share)} of it was filled in from around{doubted}."
+            f"{level} Trust no height where elevation.tif has no standard deviation: pale in the picture of "
+            "heights."
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."

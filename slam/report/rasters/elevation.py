@@ -52,7 +52,12 @@ def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None =
         corner, cell_m, shape = (surface.west_m, surface.north_m), surface.cell_m, surface.height_m.shape
         pits = doubted_pits(surface)
         bands = _surface_bands(surface, pits, elevation)
-        doubts = {"filled in": surface.source == HeightSource.FILLED, "doubted": pits}
+        level = surface.source == HeightSource.LEVEL
+        doubts = {
+            "filled in": surface.source == HeightSource.FILLED,
+            "doubted": pits,
+            "taken as level": level,
+        }
     elif elevation is not None:
         corner, cell_m, shape = (
             (elevation.west_m, elevation.north_m),

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.mosaic.surface import HeightSource, Surface
+from frontend.mosaic.surface import Surface
 from slam.report.floor_scatter import SURE
 
 Float32 = NDArray[np.float32]
@@ -34,7 +34,7 @@ def doubted_pits(surface: Surface) -> Mask:
         return found
     # What stands on the floor has gaps between, which are deeper than wide and true.
     below = np.minimum(surface.height_m, 0.0).astype(np.float32)
-    known = measured | (surface.source == HeightSource.FLOOR)
+    known = measured | surface.on_floor
     # Both the pit and its rim, the highest of many cells, are off by noise.
     depth_m = max(2 * SURE * float(np.percentile(std, _USUAL_PERCENT)), 2 * surface.cell_m)
     while depth_m <= -below[measured].min():

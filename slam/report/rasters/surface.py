@@ -50,7 +50,7 @@ class MeasuredGround:
         source, height, std = (
             of_cell[shown] for of_cell in (self.surface.source, self.surface.height_m, self.surface.std_m)
         )
-        relief = source != HeightSource.FLOOR
+        relief = ~self.surface.on_floor[shown]
         if not relief.any():
             return flat
         known, pits = std[relief & np.isfinite(std)], doubted_pits(self.surface)
@@ -58,6 +58,7 @@ class MeasuredGround:
             flat,
             relief_share=float(relief.mean()),
             filled_share=float((source == HeightSource.FILLED).sum() / relief.sum()),
+            level_share=float((source == HeightSource.LEVEL).mean()),
             lowest_m=float(height.min()),
             highest_m=float(height.max()),
             height_std_m=float(np.median(known)) if len(known) else None,
@@ -100,4 +101,6 @@ def measure_ground(
     )
     all_views = replace(plan, views=tuple(view for view in views if isinstance(view, MosaicView)))
     matched = Pictures(all_views, load, pictures.max_mb)
-    return MeasuredGround(over_floor, build_surface(all_views, matched, relief, elevation, progress))
+    return MeasuredGround(
+        over_floor, build_surface(all_views, matched, relief, elevation, progress, over_floor.compared)
+    )

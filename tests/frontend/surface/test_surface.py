@@ -359,3 +359,26 @@ def test_the_sonar_fills_what_pictures_did_not_measure(pictures):
     surface = build_surface(plan, views, np.ones((2, 2), bool), sonar)
     assert (surface.source == HeightSource.SONAR).any()
     assert surface.height_m[surface.source == HeightSource.SONAR] == pytest.approx(0.07)
+
+
+def test_ground_that_no_two_pictures_show_is_taken_as_level_and_told():
+    plan = plan_mosaic(CAMERA, POSES, FLOOR_Z_M, 0.01)
+    dark = np.zeros((240, 320, 3), np.uint8)
+    views = Pictures(plan, lambda k: dark)  # unusable: nothing matches
+    relief, compared = np.zeros((2, 2), bool), np.array([[True, True], [True, False]])
+    relief[0, 0] = True
+    surface = build_surface(plan, views, relief, None, compared=compared)
+    sources = surface.source[0, 0], surface.source[0, -1], surface.source[-1, -1]
+    assert sources == (HeightSource.FILLED, HeightSource.FLOOR, HeightSource.LEVEL)
+    assert surface.height_m[-1, -1] == 0.0
+    assert surface.on_floor[-1, -1]
+    assert not surface.on_floor[0, 0]
+    everything = build_surface(plan, views, relief, None)
+    assert not (everything.source == HeightSource.LEVEL).any()
+
+
+def test_squares_that_two_pictures_see_are_compared(pictures):
+    _, found = measured(pictures, POSES, FLOOR_Z_M)
+    assert found.compared.shape == found.shape
+    assert found.compared.sum() == len(found.square)
+    assert found.compared[tuple(found.square[0])]

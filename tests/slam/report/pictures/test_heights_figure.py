@@ -44,6 +44,10 @@ def test_heights_by_the_pictures_have_range_and_accuracy_and_what_was_filled_in(
     assert "from 1.50 m below it to 4.00 m above it" in words
     assert "typically to ± 50 mm" in words
     assert "12 % of the uneven ground" in words
+    assert "taken as level" not in words
+    alone = replace(estimate, ground=replace(MEASURED, level_share=0.25))
+    told = heights_figure_words(alone, gather(alone, made_flight()), made_flight())
+    assert "25 % of all ground, which no two pictures show" in told.replace("\xa0", " ")
 
 
 def test_doubted_heights_are_told_with_the_place_of_the_lowest():
