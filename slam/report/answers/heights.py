@@ -77,8 +77,8 @@ def _of_ground(estimate: Estimate) -> str:
             f" {percent(ground.relief_share)} of the ground does not lie on one plane. Its height, with what "
             "stands on it such as trees, was measured from the pictures, over the floor, the level plane "
             f"that fits best. {percent(ground.filled_share)} of it was filled in from around{doubted}."
-            f"{level} Trust no height where elevation.tif has no standard deviation: pale in the picture of "
-            "heights."
+            f"{level} Trust no height that is pale in the picture of heights: sources 3 and 5 in "
+            "elevation.tif, and measured heights without a standard deviation."
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."
@@ -143,6 +143,8 @@ def _of_camera(facts: Facts, over_m: float, worst_m: float, tilted: bool) -> str
         f"±{SPACE}{facts.error(worst_m)} where it is least certain. This counts the {shared} of the whole "
         f"map as far as the measurements tell{', but not the lean above' if tilted else ''}."
     )
+    if not facts.relative_to and not facts.controlled:
+        text += " It does not count a shift of all fixes together."
     if not worst_m < over_m:
         return text
     why = (

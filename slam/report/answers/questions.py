@@ -179,8 +179,8 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
     of_lengths = limit(shares, ("scale",)) if facts.metric else None
     if of_lengths is not None and of_lengths[0] == "pictures" and facts.scale_source:
         meant += (
-            f" They measure no length: the scale comes from {facts.scale_source} alone, and their share in "
-            "the lengths is what their scatter adds to its error."
+            f" They measure no length: the scale comes from {facts.scale_source} alone. Their share in the "
+            "lengths is what their inexact fit adds to the error; more overlap, or sharper pictures, lower it."
         )
     of_all = (
         f"Most of it is one error that all lengths share, ±{SPACE}{percent(facts.scale_std)}."
