@@ -180,7 +180,7 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
     if of_lengths is not None and of_lengths[0] == "pictures" and facts.scale_source:
         meant += (
             f" They measure no length: the scale comes from {facts.scale_source} alone. Their share in the "
-            "lengths is what their inexact fit adds to the error; more overlap, or sharper pictures, lower it."
+            "lengths is what their inexact fit adds to the error; more overlap or sharper pictures lower it."
         )
     of_all = (
         f"Most of it is one error that all lengths share, ±{SPACE}{percent(facts.scale_std)}."
