@@ -143,7 +143,10 @@ def _climbs(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Step
                 )
             )
     if flight.imu is not None:
-        read = _second_differences(at_s, _heights_by_acceleration(flight.imu, at_s, poses))[near, None]
+        by_acceleration = _second_differences(at_s, _heights_by_acceleration(flight.imu, at_s, poses))
+        lost = _crosses_gap(flight.imu.stamps_s, at_s[:-1], at_s[1:])
+        by_acceleration[lost | np.append(False, lost[:-1])] = np.nan
+        read = by_acceleration[near, None]
         made = _second_differences(at_s, height_m)[near, None]
         who = "imu0 (vertical acceleration)"
         motions.append(StepMotion(who, read, made, lasts_s, is_way=True, gain=1.0, by_acceleration=True))
@@ -193,23 +196,37 @@ def _second_differences(at_s: Array, height_m: Array) -> Array:
 
 
 def _at(stamps_s: Array, values: Array, at_s: Array) -> Array:
-    """(m, c) between readings (n, c); NaN beyond them."""
+    """(m, c) between readings (n, c); NaN beyond them, and within a gap."""
     known = np.isfinite(values).all(axis=1)
     if known.sum() < 2:
         return np.full((len(at_s), values.shape[1]), np.nan)
-    return np.column_stack(
+    found = np.column_stack(
         [np.interp(at_s, stamps_s[known], column, np.nan, np.nan) for column in values[known].T]
     )
+    found[_crosses_gap(stamps_s[known], at_s, at_s)] = np.nan
+    return found
 
 
 def _mean(stamps_s: Array, values: Array, begin_s: Array, end_s: Array) -> Array:
-    """(m, c) mean of readings (n, c) over each time, by trapezoids; NaN beyond them."""
+    """(m, c) mean of readings (n, c) over each time, by trapezoids; NaN beyond them and across a gap."""
     known = np.isfinite(values).all(axis=1)
     stamps_s, values = stamps_s[known], values[known]
     if len(stamps_s) < 2:
         return np.full((len(begin_s), values.shape[1]), np.nan)
     sums = _integral(stamps_s, values)
-    return (_at(stamps_s, sums, end_s) - _at(stamps_s, sums, begin_s)) / (end_s - begin_s)[:, None]
+    mean = (_at(stamps_s, sums, end_s) - _at(stamps_s, sums, begin_s)) / (end_s - begin_s)[:, None]
+    mean[_crosses_gap(stamps_s, begin_s, end_s)] = np.nan
+    return mean
+
+
+def _crosses_gap(stamps_s: Array, begin_s: Array, end_s: Array) -> NDArray[np.bool_]:
+    """Return (m,) whether a moment of each time is farther from all readings than `MAX_GAP_S`, or than a
+    usual interval between readings."""
+    lasts_s = np.diff(stamps_s)
+    far_s = max(MAX_GAP_S, float(np.median(lasts_s)) if len(lasts_s) else 0.0)
+    gap = np.flatnonzero(lasts_s > 2 * far_s)
+    lost_from_s, lost_to_s = stamps_s[gap] + far_s, stamps_s[gap + 1] - far_s
+    return np.asarray(((begin_s[:, None] < lost_to_s) & (end_s[:, None] > lost_from_s)).any(axis=1))
 
 
 def _integral(stamps_s: Array, values: Array) -> Array:

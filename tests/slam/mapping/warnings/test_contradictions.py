@@ -100,6 +100,33 @@ def test_a_gyro_that_is_stuck_is_reported(flight: Flight):
     ]
 
 
+def test_steps_across_a_gap_in_the_readings_are_not_compared(flight: Flight):
+    """A line bridged a gap of 3 s, and a good gyro seemed to turn 0.66 times as far."""
+    kept = {name: np.abs(getattr(flight, name).stamps_s - 12.0) > 1.5 for name in ("imu", "velocity")}
+    imu, velocity = flight.imu, flight.velocity
+    imu = replace(
+        imu,
+        stamps_s=imu.stamps_s[kept["imu"]],
+        gyro_rad_s=imu.gyro_rad_s[kept["imu"]],
+        accel_m_s2=imu.accel_m_s2[kept["imu"]],
+    )
+    velocity = replace(
+        velocity,
+        stamps_s=velocity.stamps_s[kept["velocity"]],
+        v_m_s=velocity.v_m_s[kept["velocity"]],
+    )
+    at = np.searchsorted(flight.truth.stamps_s, np.arange(1.0, 30.0, STEP_S))
+    stamps_s, poses = flight.truth.stamps_s[at], flight.truth.w_T_b[at]
+    steps = KeyframeSteps.of(replace(flight, imu=imu, velocity=velocity), stamps_s, poses, True)
+    within = (stamps_s[:-1] > 11.0) & (stamps_s[1:] < 13.0)
+    judged = [motion for motion in steps.motions if motion.stream in ("imu0", "velocity0")]
+    assert len(judged) == 3
+    for motion in judged:
+        assert np.isnan(motion.read[within]).all()
+        assert np.isfinite(motion.read[stamps_s[1:] < 10.0][1:]).all()
+    assert contradictions(steps) == []
+
+
 def test_a_unit_is_reported_where_lengths_are_metres(flight: Flight):
     read = replace(flight, velocity=replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s))
     (line,) = told(read)
