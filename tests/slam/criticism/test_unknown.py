@@ -90,3 +90,15 @@ def test_it_is_unknown_and_reported_with_its_channel(obeyed, read, signs):
     assert found.verdict == "unknown"
     assert any(sign in found.remainder for sign in signs)
     assert all(cause.probability <= 0.5 for cause in found.causes)
+
+
+@pytest.mark.slow
+def test_a_slow_attitude_beside_something_unknown_is_named():
+    """A lag moves the mean of the readings: unlike more noise, no unknown motion looks like it."""
+    model = at_lower_rates(load_model("nominal")).with_term("attitude_lag", tau=0.16)
+    model = replace(model, vehicle=replace(model.vehicle, gain=1.2 * model.vehicle.gain))
+    found = criticise([simulate_flight(model, stick_for(plan), seed) for seed, plan in enumerate(PLANS)])
+    (lag,) = found.causes
+    assert (found.verdict, lag.name) == ("named_with_remainder", "attitude_lag")
+    assert lag.probability > 0.95
+    assert found.remainder == "vehicle.gain out of range"
