@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Imu
 from slam.core.messages import Note
-from slam.core.stream_anomalies import clipping_anomalies, imu_axis_anomalies
+from slam.core.stream_anomalies import LEAST_GRAVITY_M_S2, clipping_anomalies, imu_axis_anomalies
 
 Array = NDArray[np.float64]
 
@@ -18,6 +18,11 @@ REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
 """The vehicle rests if the deviations of gyro (rad/s) and accelerometer (m/s^2) in a window are smaller."""
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
 """Largest deviation of a sensor at rest from gravity and from zero that is no anomaly."""
+NO_GRAVITY = (
+    "gravity was taken out of the readings (linear acceleration), or the vehicle fell freely; record the "
+    "specific force, as the sensor gives it"
+)
+"""Cause of readings that hold next to no gravity, and what to do."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +47,15 @@ class GravityReading:
         return f"imu0: the accelerometer reads {self.accel_m_s2:.2f} m/s^2 {where}, gravity is 9.81"
 
     @property
+    def is_missing(self) -> bool:
+        """Whether the readings hold next to no gravity."""
+        return self.accel_m_s2 < LEAST_GRAVITY_M_S2
+
+    @property
     def warning(self) -> str:
         """Return the line about it for a flight of which there is no map yet."""
+        if self.is_missing:
+            return f"{self.reads}: {NO_GRAVITY}"
         return f"{self.reads}: an offset, or a wrong scale, of which lengths are wrong too; calibrate it"
 
 

@@ -23,6 +23,8 @@ STUCK_S, STUCK_COUNT = 5.0, 20
 """A reading that repeats for so long and so often is stuck, or the vehicle is on the ground. In a
 shorter recording, so many readings must be all."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
+LEAST_GRAVITY_M_S2 = 0.25 * GRAVITY_M_S2
+"""Size that half of the readings of any flight exceed: in the mean over it a vehicle carries its weight."""
 _NEAR_END = 0.05
 """Share of a channel's range beside either end. A healthy sensor has more readings there than at the end."""
 
@@ -47,10 +49,15 @@ def camera_anomalies(camera: Camera) -> list[str]:
     return [f"cam0: {line}: {question}" for line in lines]
 
 
+def is_without_gravity(accel_m_s2: Array) -> bool:
+    """Return whether the readings (n, 3) of a whole flight hold next to no gravity."""
+    return bool(np.median(np.linalg.norm(accel_m_s2, axis=1)) < LEAST_GRAVITY_M_S2)
+
+
 def imu_axis_anomalies(imu: Imu) -> list[str]:
     """Return a line if gravity does not lie along the body's z: the IMU's axes or its mount are wrong."""
     known = imu.accel_m_s2[np.isfinite(imu.accel_m_s2).all(axis=1)]
-    if len(known) == 0:
+    if len(known) == 0 or is_without_gravity(known):  # what is left has any direction
         return []
     b_force = imu.b_T_s[:3, :3] @ np.median(known, axis=0)
     up, size = float(b_force[2]), float(np.linalg.norm(b_force))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from slam.core.clock_steps import clock_step_left, without_clock_steps
 from slam.core.flight import Flight
+from slam.core.imu_at_rest import gravity_reading
 from slam.core.repeated_readings import repeated_readings
 from slam.core.stream_anomalies import velocity_anomalies
 from slam.inertial.attitude_check import attitude_contradictions
@@ -33,7 +34,9 @@ def checked(flight: Flight, trust: InertialTrust) -> tuple[Flight, list[str]]:
     drag = None if changes else drag_contradiction(flight, trust)
     if drag is not None and not drag.is_wind_excluded:
         flight = flight.with_warning(drag.line)
+    gravity = None if flight.imu is None else gravity_reading(flight.imu)
     lines = [
+        gravity.warning if gravity is not None and gravity.is_missing else "",
         changes,
         drag.line if drag is not None and drag.is_wind_excluded else "",
         clock_step_left(flight),

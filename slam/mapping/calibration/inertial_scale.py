@@ -20,7 +20,9 @@ from backend.measurements import InertialReadings
 from frontend.camera import Camera
 from frontend.lift import lift
 from slam.core.estimate import over_floor
+from slam.core.imu_at_rest import NO_GRAVITY
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.core.stream_anomalies import is_without_gravity
 from slam.mapping.front_end import Observations
 
 Array = NDArray[np.float64]
@@ -119,6 +121,8 @@ def compare_with_inertia(
         stamps_s, path = stamps_s[order], path[order]
     level_T = np.eye(4)
     level_T[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
+    if is_without_gravity(readings.accel_m_s2):
+        return InertialComparison(clock, NoScale(NO_GRAVITY))
     found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances), b_p_c_m)
     if isinstance(found, NoScale):
         return InertialComparison(clock, found)

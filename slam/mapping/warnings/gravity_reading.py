@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.imu_at_rest import GravityReading, gravity_reading
+from slam.core.imu_at_rest import NO_GRAVITY, GravityReading, gravity_reading
 from slam.core.messages import Note
 from slam.core.units import percent
 from slam.mapping.context import Context
@@ -46,6 +46,9 @@ def gravity_line(context: Context, map_: Map) -> GravityLine:
     if reading is None:
         return GravityLine()
     inertial = map_.inertial
+    if reading.is_missing:
+        line = f"{reading.reads}: {NO_GRAVITY}; the map does not use it for lengths"
+        return GravityLine(reading.warning, Note(line))
     if inertial is None or not inertial.helps:
         return GravityLine(
             reading.warning, Note(f"{reading.reads}; the lengths of the map do not rest on it")

@@ -116,6 +116,9 @@ def test_imu_anomalies_at_rest_are_reported():
     assert anomalies(
         part(still, "imu", gyro_rad_s=still.imu.gyro_rad_s + 0.1), "gyro reads 0.173 rad/s at rest"
     )
+    without = part(flight, "imu", accel_m_s2=rng.normal(0, 0.05, (n, 3)))
+    (line,) = anomalies(without, "imu0")
+    assert "gravity was taken out of the readings (linear acceleration), or the vehicle fell freely" in line
     moving = part(flight, "imu", accel_m_s2=flight.imu.accel_m_s2 * 0.9)
     assert anomalies(moving, "on average")
 
