@@ -184,8 +184,11 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
             rivals = enumerated([f"{name} ({result.probability_of(name):.2f})" for name in others])
             told.append(f"Instead of {cause.name} (probability {cause.probability:.2f}) perhaps {rivals}.")
     if result.causes and not told:
-        alike = {name: look_alike(cause, result) for cause in result.causes for name in [cause.name]}
-        doubles = [f"{a} may be {' or '.join(b)}, which looks the same here." for a, b in alike.items() if b]
+        doubles = [
+            f"{cause.name} may be {name}, which has nearly the same course here (likeness {likeness:.3f})."
+            for cause in result.causes
+            for name, likeness in look_alike(cause, result).items()
+        ]
         rest = outside_of_catalogue(result)
         unknown = " A cause outside of the catalogue may." * bool(rest)
         told += doubles or [f"No other effect that these flights can show explains them as well.{unknown}"]

@@ -100,21 +100,14 @@ def drifting(result: Criticism) -> list[Cause]:
     return [cause for cause in result.causes if changes(cause, result) and differs(cause)]
 
 
-def look_alike(cause: Cause, result: Criticism) -> list[str]:
-    """Return the effects whose course over these flights is that of a cause, and that explain what it does as
-    well, but for what inexact equations may explain."""
-    from slam.criticism.verdict.posterior import CLASS_NATS
-
-    return [name for name, _ in doubles(cause, result) if cause.lead_nats < CLASS_NATS]
-
-
-def doubles(cause: Cause, result: Criticism) -> list[tuple[str, float]]:
-    """Return the effects that explain a fair part of what a cause does, and have its course over these
-    flights, with the likeness."""
+def look_alike(cause: Cause, result: Criticism) -> dict[str, float]:
+    """Return the effect that has nearly the course of a cause over these flights and explains a fair part of
+    what it does in its place, with the likeness of both; empty without one."""
     from slam.criticism.verdict.posterior import ONE_CLASS
 
-    pair = {cause.name, cause.fair_rival}
-    return [(cause.fair_rival, c) for a, b, c in result.confusable if {a, b} == pair and c > ONE_CLASS]
+    name = cause.fair_rival
+    likeness = max((c for a, b, c in result.confusable if {a, b} == {cause.name, name}), default=0.0)
+    return {name: likeness} if likeness > ONE_CLASS else {}
 
 
 def doubt_of_name(cause: Cause, result: Criticism) -> str:
@@ -124,9 +117,8 @@ def doubt_of_name(cause: Cause, result: Criticism) -> str:
     """
     if not differs(cause):
         return "not established: its size may be none"
-    if alike := look_alike(cause, result):
-        return f"not separable from {enumerated([title_of(name) for name in alike])}"
-    return ""
+    alike = [title_of(name) for name in look_alike(cause, result)]
+    return f"told from {alike[0]} only by {cause.lead_nats:.0f} nats" if alike else ""
 
 
 def outside_of_catalogue(result: Criticism) -> str:
@@ -150,8 +142,6 @@ def outside_of_catalogue(result: Criticism) -> str:
 
 def reservations(cause: Cause, result: Criticism) -> list[str]:
     """Return what speaks against a cause, or why it is not certain, in sentences without their subject."""
-    from slam.criticism.verdict.posterior import CLASS_NATS
-
     told = []
     if not differs(cause):
         told.append("no size of it differs from none, so it is not established by itself")
@@ -160,19 +150,11 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
             f"beside the other causes it stands out by {cause.z:.1f} standard deviations, less than the "
             f"{result.threshold:.1f} that it had to reach when it was chosen"
         )
-    if alike := look_alike(cause, result):
-        others = enumerated([title_of(name) for name in alike])
+    for name, likeness in look_alike(cause, result).items():
         told.append(
-            f"it has the same course over these flights as {others}, so the two can hardly be told apart: "
-            "only the fit as a whole prefers it"
-        )
-    else:
-        told += [
             f"it has nearly the same course over these flights as {title_of(name)} (likeness "
-            f"{likeness:.3f}), but with that the flights fit worse by {cause.lead_nats:.0f} nats, more than "
-            f"the {CLASS_NATS:.0f} that inexact equations explain"
-            for name, likeness in doubles(cause, result)
-        ]
+            f"{likeness:.3f}), so only the fit as a whole prefers it, by {cause.lead_nats:.0f} nats"
+        )
     if changes(cause, result):
         told.append("its size changes during the flights, so one size throughout is a mean")
     why = _why_not_certain(cause, result)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
 from slam.core.names import enumerated, listed
-from slam.report.criticism.certainty import by_certainty, differs, doubles, drifting, is_established
+from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, look_alike
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, is_of_speed
 from slam.report.criticism.instruments import is_far
@@ -90,7 +90,7 @@ def _to_separate(result: Criticism, told: str) -> list[str]:
     """Return the manoeuvre that shows the effect which looks like a cause, unless it is told already."""
     lines = []
     for cause in result.causes:
-        for other, _ in doubles(cause, result):
+        for other in look_alike(cause, result):
             manoeuvre = CATALOGUE[other].manoeuvre
             if manoeuvre not in told:
                 lines.append(f"To tell {cause.name} from {other}: {manoeuvre}, which shows {other}.")

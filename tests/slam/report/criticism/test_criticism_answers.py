@@ -14,7 +14,13 @@ from slam.criticism.finding import Inconsistency, NameInDoubt, Onset, OutOfRange
 from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
 from slam.report.criticism.cause_evidence import evidence_of_causes, shown_in_short
-from slam.report.criticism.certainty import certainty_rows, how_sure, is_established, reservations
+from slam.report.criticism.certainty import (
+    certainty_rows,
+    doubt_of_name,
+    how_sure,
+    is_established,
+    reservations,
+)
 from slam.report.criticism.detectable import detectable_rows
 from slam.report.criticism.findings import concerned, distinct_findings, findings_in_words
 from slam.report.criticism.headline import lead, promises
@@ -38,10 +44,11 @@ def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
     assert "not established by itself" in " ".join(reservations(scale, made()))
     alike = replace(made(), confusable=(("flow_scale", "quadratic_drag", 0.99),))
     assert is_established(cause, alike)  # nothing says that it explains a part
-    assert not is_established(replace(cause, rival="flow_scale", lead_nats=5.0), alike)
-    apart = replace(cause, rival="flow_scale", lead_nats=24.0)
-    assert is_established(apart, alike)
-    assert "(likeness 0.990), but with that the flights fit worse by 24 nats" in reservations(apart, alike)[0]
+    double = replace(cause, rival="flow_scale", lead_nats=24.0)
+    assert not is_established(double, alike)
+    (reservation,) = reservations(double, alike)
+    assert "(likeness 0.990), so only the fit as a whole prefers it, by 24 nats" in reservation
+    assert doubt_of_name(double, alike).endswith(" only by 24 nats")
     even = replace(cause, probability=0.5, z=5.0)
     unknown = replace(
         made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(ResidualPattern.of("roll ~ pitch", 11.0),)
