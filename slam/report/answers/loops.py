@@ -116,7 +116,7 @@ def _most_often(estimate: Estimate, loops: Sequence[LoopVerdict]) -> str:
     )
 
 
-def gain_of_loops(estimate: Estimate, facts: Facts) -> str:
+def gain_of_loops(facts: Facts) -> str:
     """Return how far loop closures moved the path; empty where there are none, and for a graph."""
     typical_m, largest_m = facts.loops_moved_m
     found = facts.loop_change
@@ -130,8 +130,7 @@ def gain_of_loops(estimate: Estimate, facts: Facts) -> str:
     if found is None:
         return f"Without them, the camera would lie {together}, place and height together.{height}{known}"
     off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
-    inertial = estimate.instruments.accelerometer
-    without = "without them and without the accelerometer" if inertial and inertial.used else "without them"
+    without = f"without them{' and without the accelerometer' if facts.lengths_by_imu else ''}"
     return (
         f"They took out drift that would bend the map by {facts.length(found.typical_m)} typically, and by "
         f"{facts.length(found.largest_m)} at most. Besides, {without} all lengths are "

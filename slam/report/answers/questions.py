@@ -60,7 +60,7 @@ def pilots_answers(
         Item("Is any of the ground missing?", missing(estimate, facts, summary, mosaic)),
         Item("Was a place recognised again, and is that right?", loops(estimate, facts)),
         Item("Could the pictures fit together in another way?", another_arrangement(estimate, facts)),
-        Item("What did loop closures change?", gain_of_loops(estimate, facts)),
+        Item("What did loop closures change?", gain_of_loops(facts)),
         Item(
             "What was left out, and do I have to act?",
             _left_out(facts, (*left_out_here(estimate, facts, summary), *unused)),
