@@ -34,11 +34,17 @@ class MosaicQuality:
 
 
 def mosaic_quality(
-    plan: MosaicPlan, exposure: Exposure, w_T_b: Array, covariances: Array, floor_z_m: float
+    plan: MosaicPlan,
+    exposure: Exposure,
+    w_T_b: Array,
+    covariances: Array,
+    floor_z_m: float,
+    height_std_m: Float32 | None = None,
 ) -> MosaicQuality:
     """Return the quality for poses (n, 4, 4) with covariances (n, 6, 6).
 
-    Covariances have the rotation first and are those of a right perturbation in body axes.
+    Covariances have the rotation first and are those of a right perturbation in body axes. ``height_std_m``:
+    standard deviation of the heights of the plan's surface, on its lattice. None: they are exact.
     """
     empty = plan.owner < 0
     pictures, std = np.zeros(plan.owner.shape, np.float32), np.full(plan.owner.shape, np.nan, np.float32)
@@ -51,7 +57,9 @@ def mosaic_quality(
         where, lattice = plan.cells_under(view)
         own = plan.owner[where] == index
         if own.any():
-            std[where][own] = ground_std(view, w_T_b[view.k], covariances[view.k], lattice, floor_z_m)[own]
+            z_m, of_height = _heights(plan, lattice, floor_z_m, height_std_m)
+            found = ground_std(view, w_T_b[view.k], covariances[view.k], lattice, z_m, of_height)
+            std[where][own] = found[own]
     # The owner of a cell shows a part of it, even if the centre lies just outside the picture.
     pictures = np.where(empty, np.nan, np.maximum(pictures, 1)).astype(np.float32)
     return MosaicQuality(CELL_PX * plan.gsd_m, pictures, std, _seam_raster(plan, exposure))
@@ -61,20 +69,39 @@ def _inside(plan: MosaicPlan, view: MosaicView, lattice: Lattice) -> NDArray[np.
     return plan.pixels(view, lattice)[2]
 
 
+def _heights(
+    plan: MosaicPlan, lattice: Lattice, floor_z_m: float, height_std_m: Float32 | None
+) -> tuple[Float32 | float, Float32 | float]:
+    """Return z of the ground at the nodes of a lattice, and the standard deviation of its height."""
+    if plan.surface is None:
+        return floor_z_m, 0.0
+    heights = plan.surface.heights(lattice)
+    z_m = floor_z_m if heights is None else np.float32(floor_z_m) + heights
+    return z_m, 0.0 if height_std_m is None else plan.surface.nearest(lattice, height_std_m)
+
+
 def ground_std(
-    view: MosaicView, w_T_b: Array, covariance: Array, lattice: Lattice, floor_z_m: float
+    view: MosaicView,
+    w_T_b: Array,
+    covariance: Array,
+    lattice: Lattice,
+    ground_z_m: Float32 | float,
+    height_std_m: Float32 | float = 0.0,
 ) -> Float32:
     """Return (rows, cols) the standard deviation in metres of the ground position at each node of a picture.
 
-    It is propagated to first order, as in Haralick 1996, Propagating covariance in computer vision.
+    It is propagated to first order, as in Haralick 1996, Propagating covariance in computer vision. An error
+    of the height of the ground displaces it along the ray.
     """
     x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
     y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
-    p = np.stack(np.broadcast_arrays(x[None], y[:, None], floor_z_m), axis=-1)
+    p = np.stack(np.broadcast_arrays(x[None], y[:, None], ground_z_m), axis=-1)
     rotation = np.kron(np.eye(2), w_T_b[:3, :3])
     C = rotation @ covariance @ rotation.T
     J = ground_jacobian(p, view.w_p_c_m, w_T_b[:3, 3])
-    return np.asarray(np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J)).astype(np.float32))
+    ray = p - view.w_p_c_m
+    by_height = (ray[..., :2] ** 2).sum(axis=-1) * (height_std_m / ray[..., 2]) ** 2
+    return np.asarray(np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J) + by_height).astype(np.float32))
 
 
 def ground_jacobian(w_p: Array, w_p_c: Array, w_p_b: Array) -> Array:

@@ -76,14 +76,21 @@ class Surface:
 
         None where all of them are 0, so that the floor's homography describes the ground.
         """
+        heights = self._on(lattice, self.height_m, cv2.INTER_LINEAR)
+        return heights if heights.any() else None
+
+    def nearest(self, lattice: Lattice, values: Float32) -> Float32:
+        """Return (rows, cols) values of the cells, on the surface's own lattice, that hold the nodes of
+        another one; 0 beyond the surface."""
+        return self._on(lattice, values, cv2.INTER_NEAREST)
+
+    def _on(self, lattice: Lattice, values: Float32, how: int) -> Float32:
         step = lattice.step_m / self.cell_m
         left = (lattice.x0_m - self.west_m) / self.cell_m - 0.5
         above = (self.north_m - lattice.y0_m) / self.cell_m - 0.5
         cell_H_node = np.array([[step, 0.0, left], [0.0, step, above]])
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         size = (lattice.cols, lattice.rows)
-        heights = np.asarray(cv2.warpAffine(self.height_m, cell_H_node, size, flags=flags))
-        return heights if heights.any() else None
+        return np.asarray(cv2.warpAffine(values, cell_H_node, size, flags=how | cv2.WARP_INVERSE_MAP))
 
     def hidden(self, view: MosaicView, lattice: Lattice) -> Mask:
         """Return (rows, cols) whether higher ground hides a node of the lattice from the camera.

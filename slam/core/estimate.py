@@ -91,6 +91,11 @@ class GroundFacts:
         return self.relief_share > 0 and self.filled_share < 1
 
     @property
+    def is_measured_in_part(self) -> bool:
+        """Whether some of that ground has no measured height."""
+        return self.is_measured and self.filled_share + self.level_share > 0
+
+    @property
     def doubt(self) -> str:
         """How many measured heights are doubted, as a clause; empty without any."""
         share = self.doubted_share

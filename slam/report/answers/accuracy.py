@@ -96,12 +96,24 @@ def least_certain(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) 
     return (
         f"The ground around {at(estimate, mosaic.x_m, mosaic.y_m)}, known to "
         f"±{SPACE}{facts.error(mosaic.worst_std_m)}, x and y together: the ring in the middle one "
-        f"of the three maps below.{_why_uncertain(facts, mosaic)} The path: {path[0].lower()}{path[1:]}"
+        f"of the three maps below.{_why_uncertain(facts, mosaic)}{_unmeasured(estimate)} "
+        f"The path: {path[0].lower()}{path[1:]}"
     )
 
 
 def _borders_gap(facts: Facts, k: int) -> bool:
     return any(k in (gap.i, gap.j) for gap in facts.gaps)
+
+
+def _unmeasured(estimate: Estimate) -> str:
+    """Return what counts where the height of uneven ground was not measured, with a space in front."""
+    ground = estimate.ground
+    if ground is None or not ground.is_measured_in_part:
+        return ""
+    return (
+        " Where its height was not measured (pale in the picture of heights), ground counts as uneven as the "
+        "rest, and a wrong height displaces it."
+    )
 
 
 def _why_uncertain(facts: Facts, mosaic: MosaicFacts) -> str:

@@ -55,8 +55,9 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         else "It is caused by the places of both ends."
     )
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
+    heights = " whose heights were measured" if facts.measured_in_part else ""
     return (
-        f"Two places on the map that are {told}. This is one standard deviation, and one of 20 "
+        f"Two places on the map{heights} that are {told}. This is one standard deviation, and one of 20 "
         f"distances is placed worse still.{uncounted(summary)} {why}{moves} A tape over "
         f"{round_length(longest_m)} differs from the map by less than {error_length(2 * typical_m)} nineteen "
         "times out of twenty: if it differs more, and does so when measured again, one of them is wrong. The "

@@ -18,6 +18,7 @@ from slam.core.units import length_unit, unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 from slam.report.gaps import Gap
+from slam.report.rasters.pits import height_stds
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -41,7 +42,10 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
     """
     of_ground = estimate.ground_covariances
     covariances = estimate.over_floor_covariances if of_ground is None else of_ground
-    quality = mosaic_quality(plan, exposure, estimate.over_floor_T_b, covariances, estimate.floor_z_m)
+    heights_std_m = None if plan.surface is None else height_stds(plan.surface)
+    quality = mosaic_quality(
+        plan, exposure, estimate.over_floor_T_b, covariances, estimate.floor_z_m, heights_std_m
+    )
     rows, cols = quality.pictures.shape
     corner = plan.west_m, plan.north_m
     grid = Grid(*corner, quality.cell_m, cols, rows, estimate.origin, estimate.metric)

@@ -42,6 +42,21 @@ def test_standard_deviation_agrees_with_sampled_poses():
         assert found[r, c] == pytest.approx(expected, rel=0.03)
 
 
+def test_an_error_of_the_height_displaces_ground_along_the_ray():
+    w_T_b = pose(0.4, -0.2, 1.1, yaw=0.7, pitch=0.15, roll=-0.1)
+    view = mosaic_view(CAMERA, 0, w_T_b, FLOOR_Z_M)
+    assert isinstance(view, MosaicView)
+    lattice, height_m = Lattice(0.1, 0.2, 0.25, 3, 4), np.float32(0.2)
+    heights = np.full((3, 4), FLOOR_Z_M + height_m, np.float32)
+    found = ground_std(view, w_T_b, np.zeros((6, 6)), lattice, heights, 0.05)
+    drawn_m = heights[0, 0] + np.random.default_rng(5).normal(0.0, 0.05, 20_000)
+    for r, c in ((0, 0), (1, 3), (2, 2)):
+        p = np.array([0.1 + 0.25 * c, 0.2 - 0.25 * r, heights[r, c]])
+        ray = p - view.w_p_c_m
+        hit = view.w_p_c_m + ray * ((drawn_m - view.w_p_c_m[2]) / ray[2])[:, None]
+        assert found[r, c] == pytest.approx(np.sqrt(hit[:, :2].var(axis=0).sum()), rel=0.03)
+
+
 def test_each_cell_counts_the_pictures_that_contain_its_centre():
     w_T_b = grid_of_poses(tilt=0.1)
     plan = plan_mosaic(CAMERA, w_T_b, FLOOR_Z_M, gsd_m=0.01)

@@ -6,7 +6,7 @@ import numpy as np
 
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.surface.misregistration import Misregistration
-from slam.report.rasters.pits import doubted_pits, lowest_place
+from slam.report.rasters.pits import doubted_pits, height_stds, lowest_place
 from slam.report.rasters.surface import MeasuredGround
 
 
@@ -47,3 +47,19 @@ def test_what_was_filled_in_is_no_measurement_to_doubt():
     given = surface(height)
     given.source[height < -1] = HeightSource.FILLED
     assert not doubted_pits(given).any()
+
+
+def test_heights_that_nothing_measured_are_as_uncertain_as_the_ground_is_uneven():
+    height = np.zeros((200, 300))
+    height[:, 150:] = 4.0
+    height[50:70, 100:130] = -6.0
+    given = surface(height)
+    given.source[0, :4] = HeightSource.FILLED, HeightSource.LEVEL, HeightSource.FLOOR, HeightSource.SONAR
+    given.std_m[0, 3] = np.nan
+    std_m = height_stds(given)
+    uneven_m = 4.0 / np.sqrt(2.0)  # half of the ground is 4 m high
+    assert np.allclose(std_m[0, :2], uneven_m, rtol=0.02)
+    assert std_m[0, 2] == 0.0, "found flat"
+    assert std_m[0, 3] == np.float32(0.1), "the usual one"
+    assert np.allclose(std_m[height < -1], uneven_m, rtol=0.02), "doubted"
+    assert (std_m[100:] == np.float32(0.1)).all()
