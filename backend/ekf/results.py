@@ -31,8 +31,13 @@ class InstrumentInnovations:
     """(m, d) predicted standard deviation of the innovations."""
     status: NDArray[np.int64]
     """(m, d) see `backend.ekf.records`; 0 for a missing component."""
-    log_likelihood: float
-    """Log likelihood of all readings, each given the previous ones; innovations are clipped at the gate."""
+    log_likelihoods: Array
+    """(m,) log likelihood of each reading, given the previous ones; innovations are clipped at the gate."""
+
+    @property
+    def log_likelihood(self) -> float:
+        """Log likelihood of all readings."""
+        return float(self.log_likelihoods.sum())
 
     def count(self, status: int) -> int:
         """Return the number of components with a status."""
@@ -173,6 +178,6 @@ def build_channels(
                 innovation,
                 np.sqrt(variance),
                 log.status[mine, :width],
-                float(-0.5 * np.nansum(nats)),
+                -0.5 * np.nansum(nats, axis=1),
             )
     return channels

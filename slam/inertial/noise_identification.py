@@ -114,11 +114,12 @@ def _best_candidate(
     """Return ``found`` with the most likely value of one channel, if its gain is significant."""
     if getattr(trial.nominal, READINGS[name]) is None:
         return found
-    before, best, gain, worse = trial.likelihood(trust, found), found, 0.0, 0
+    score = trial.likelihood_at_any_delay if kind == "delay_s" else trial.likelihood
+    before, best, gain, worse = score(trust, found), found, 0.0, 0
     for value in candidates:
         tried = {**getattr(found, kind), name: value}
         candidate = replace(found, delay_s=tried) if kind == "delay_s" else replace(found, noise_factor=tried)
-        likelihood = trial.likelihood(trust, candidate)
+        likelihood = score(trust, candidate)
         if likelihood - before > gain:
             best, gain, worse = candidate, likelihood - before, 0
         elif (worse := worse + 1) == _GIVE_UP:
@@ -170,6 +171,23 @@ class _Trial:
     def likelihood(self, trust: InertialTrust, adjustments: Adjustments) -> float:
         channels = self.run(trust, adjustments).channels
         return sum(channels[name].log_likelihood for name in _SCORED if name in channels)
+
+    def likelihood_at_any_delay(self, trust: InertialTrust, adjustments: Adjustments) -> float:
+        """Return the likelihood of the readings that no delay moves out of the filter's time.
+
+        Delays take the first readings out. Each one would count by its density: a coarse position costs, and
+        an exact attitude pays, whatever the delay.
+        """
+        found = self.run(trust, adjustments).channels
+        inputs = filter_input(self.flight, trust, adjustments)
+        first_s = inputs.start_s + max(_DELAYS_S)
+        last_s = min(inputs.end_s, inputs.start_s + MAX_DURATION_S)
+        total = 0.0
+        for name in (name for name in _SCORED if name in found):
+            read_s = found[name].stamps_s + adjustments.delay_s.get(name, 0.0)
+            kept = (read_s > first_s) & (read_s < last_s) if name in _DELAYED else slice(None)
+            total += float(found[name].log_likelihoods[kept].sum())
+        return total
 
 
 def _inflated(trial: _Trial, trust: InertialTrust, adjustments: Adjustments) -> Adjustments:

@@ -29,8 +29,9 @@ Array = NDArray[np.float64]
 
 _REFINED_RAD = 1e-3
 """Roll and pitch of a keyframe that was refined."""
-_CONTRADICTED = 4.0
-"""Standard deviations by which two instruments may differ on lengths."""
+_CONTRADICTED = 3.3
+"""Standard deviations by which two instruments may differ on lengths: good ones do by more once in a thousand
+flights."""
 _HELPFUL = 3.0
 """Largest ratio to the map's own scale deviation at which the accelerometer is used: at this ratio it
 sharpens the scale by a twentieth."""

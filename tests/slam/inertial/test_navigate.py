@@ -122,6 +122,13 @@ def test_delay_is_identified(navigation):
     assert set(navigation.inputs.adjustments.delay_s) == set()
 
 
+def test_readings_that_a_delay_takes_out_do_not_count(flight):
+    """Each exact attitude that it took out had cost more than the delay was worth: half of it was found."""
+    late = replace(flight.attitude, stamps_s=flight.attitude.stamps_s + 0.04)
+    found = identify_noise(replace(flight, attitude=late)).adjustments.delay_s
+    assert found == {"attitude": pytest.approx(0.04)}
+
+
 def test_instruments_without_correlated_errors_are_modelled_ideal(flight, navigation):
     model = navigation.inputs.model
     assert model.tilt_error_rad == 0
