@@ -17,8 +17,8 @@ _HINTS = {
     SAME_PICTURE: ("cam0", "did the camera freeze? What it passed then is missing from the map"),
     TOO_FEW: (
         BARE_GROUND,
-        "is the floor without texture or light there? What lies there is missing from the map, unless the "
-        "drone passes it again; if that ground matters, fly over it again higher, or lay out marks",
+        "is the floor without texture or light there? What lies there is missing from the map, unless other "
+        "pictures show it; if that ground matters, fly over it again higher, or lay out marks",
     ),
 }
 """Reason -> what is at fault, an instrument or the ground, and what to ask."""

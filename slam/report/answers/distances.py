@@ -59,10 +59,10 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     return (
         f"Two places on the map{heights} that are {told}. This is one standard deviation, and one of 20 "
         f"distances is placed worse still.{uncounted(summary)} {why}{moves} A tape over "
-        f"{round_length(longest_m)} differs from the map by less than {error_length(2 * typical_m)} nineteen "
-        "times out of twenty: if it differs more, and does so when measured again, one of them is wrong. The "
-        f"area of a square, one standard deviation: {areas}. The scale counts twice in an area; the places "
-        "of the corners count less on larger areas. map.html measures any distance and area with its "
+        f"{round_length(longest_m)} differs from the map by less than {error_length(2 * typical_m)} (badly "
+        f"placed: {error_length(2 * stds[-1][1])}) nineteen times out of twenty: if several do by more, the "
+        f"map or the tape is wrong. The area of a square, one standard deviation: {areas}. The scale counts "
+        "twice in an area; the places of the corners count less on larger areas. map.html measures any distance and area with its "
         "uncertainty."
     )
 

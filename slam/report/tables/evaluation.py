@@ -113,9 +113,9 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         else:
             text += (
                 " The errors of places and angles together are no larger than the stated uncertainty allows. "
-                "On one flight they may be far smaller, because an error that all lengths share is drawn "
-                f"once. Those of places alone are {as_stated(evaluation.nees.position)}: "
-                "plan with the stated uncertainty as it is."
+                "Plan with it as it is. On one flight they may be far smaller, because an error that all "
+                "lengths share is drawn once. Those of places alone are "
+                f"{as_stated(evaluation.nees.position)}."
             )
     return text
 
