@@ -62,8 +62,8 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         f"{round_length(longest_m)} differs from the map by less than {error_length(2 * typical_m)} (badly "
         f"placed: {error_length(2 * stds[-1][1])}) nineteen times out of twenty: if several do by more, the "
         f"map or the tape is wrong. The area of a square, one standard deviation: {areas}. The scale counts "
-        "twice in an area; the places of the corners count less on larger areas. map.html measures any distance and area with its "
-        "uncertainty."
+        "twice in an area; the places of the corners count less on larger areas. map.html measures any "
+        "distance and area with its uncertainty."
     )
 
 
