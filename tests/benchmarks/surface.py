@@ -21,6 +21,7 @@ from slam.core.flight import Flight
 from slam.evaluation.association import poses_at
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import MosaicFiles, write_mosaic
+from slam.report.rasters.pits import height_stds
 from slam.simulation import simulate
 from slam.simulation.camera.optics import expose
 from slam.simulation.place.obstacles import ROUND, TAPER_WIDTH, TOP, corners
@@ -132,6 +133,8 @@ def surface_errors(made: MosaicFiles, world: World) -> list[Metric]:
     away = off_px[known & ~steep]
     with np.errstate(divide="ignore"):
         whitened = (off_px * GSD_M / surface.std_m)[known & ~steep]
+    unmeasured = inside & ~surface.measured & (surface.source != HeightSource.FLOOR)
+    over_std = (GSD_M * off_px / height_stds(surface))[unmeasured]
     filled = 100 * float((surface.source == HeightSource.FILLED)[inside].mean())
     return [
         at_most(
@@ -146,6 +149,10 @@ def surface_errors(made: MosaicFiles, world: World) -> list[Metric]:
         reported(
             "village: height errors within one stated standard deviation",
             100 * float(np.mean(np.abs(whitened[np.isfinite(whitened)]) < 1)), "%", "68 % are expected",
+        ),
+        reported(
+            "village: heights that nothing measured, within one stated standard deviation",
+            100 * float(np.mean(np.abs(over_std) < 1)), "%", f"RMS {rms(over_std):.2g} of it",
         ),
     ]  # fmt: skip
 
