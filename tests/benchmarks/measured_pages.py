@@ -141,7 +141,7 @@ def _ranking(home: Path, found: Criticism) -> list[str]:
     return [
         _image(home, "ranking", "Probability and strength of each hypothesis", ranking_picture(found)),
         "Left: probability. Right: significance of each cause alone, added to the nominal model; "
-        f"{ranking_caption(found)}.",
+        f"{ranking_caption(found)}",
     ]
 
 

@@ -33,10 +33,11 @@ CLIPPED_SHARE = 0.02
 STICK_SAMPLES = 2000
 """Samples of the drawn stick: more than the picture has columns."""
 _STICKS = {
-    "attitude.roll": (1, "to the left"), "attitude.pitch": (0, "ahead"), "attitude.yaw": (3, "that turns"),
-    "velocity.v_x": (0, "ahead"), "velocity.v_y": (1, "to the left"), "sonar.range": (2, "up"),
+    **dict.fromkeys(("pitch", "x", "v_x"), (0, "ahead")),
+    **dict.fromkeys(("roll", "y", "v_y"), (1, "to the left")),
+    **dict.fromkeys(("range", "z", "v_z"), (2, "up")), "yaw": (3, "that turns"),
 }  # fmt: skip
-"""Channel of a replay -> the stick that moves it."""
+"""Quantity of a replay's channel -> the stick that moves it."""
 MOST_FLIGHTS = 20
 """Number of flights that are searched for the worst segment."""
 
@@ -183,7 +184,7 @@ def _drawn_misfit(best: _Misfit, model: str, flights: Sequence[Flight], is_unsee
 
 def _draw_stick(axes: Axes, best: _Misfit, flight: Flight) -> None:
     """Draw the stick that moves a channel, as a share of full deflection."""
-    k, way = _STICKS[best.channel]
+    k, way = _STICKS[best.channel.rpartition(".")[2]]
     command = flight.command
     assert command is not None
     time = np.linspace(best.stamps_s[0], best.stamps_s[-1], STICK_SAMPLES)
