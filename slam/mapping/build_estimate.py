@@ -24,7 +24,7 @@ from slam.core.heap import trim_heap
 from slam.core.instrument_errors import InstrumentErrors
 from slam.mapping.calibration.antenna import antenna_m, antenna_place, antenna_untold_warning
 from slam.mapping.calibration.attitude_floor_tilt import attitude_floor_tilt
-from slam.mapping.calibration.barometer_errors import barometer_errors
+from slam.mapping.calibration.barometer_errors import barometer_errors, barometer_warning
 from slam.mapping.calibration.camera_mount import mount_tilt
 from slam.mapping.calibration.clock_offset import (
     NO_CORRECTION,
@@ -77,7 +77,8 @@ def build_estimate(
     mount, clock = mount_tilt(flight.camera, map_.bundle), clock_errors(map_.clock, context.clock)
     velocity = velocity_errors(map_.bundle)
     kept = _kept_edges(map_)
-    said = messages(context, map_, not_placed, shared, mount, [*untested, velocity_warning(velocity)])
+    by_instruments = [velocity_warning(velocity), barometer_warning(map_.bundle)]
+    said = messages(context, map_, not_placed, shared, mount, [*untested, *by_instruments])
     return Estimate(
         name=flight.name,
         status=said.status,
