@@ -35,6 +35,9 @@ _PREDICTED = ("attitude", "range", "velocity", "position", "barometer")
 _SCORED = (*_PREDICTED, "pictures")
 _DELAYED = ("attitude", "range", "velocity", "position")
 _DELAYS_S = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
+_ROUNDING_S = 1e-6
+"""More than a stamp changes by rounding when a delay is taken out and added again: seconds since 1970 have
+steps of 2.4e-7 s."""
 _GIVE_UP = 2
 """Number of successive candidates without gain after which the search stops; one may be chance."""
 _QUANTILES = (0.5, 0.9)
@@ -180,8 +183,8 @@ class _Trial:
         """
         found = self.run(trust, adjustments).channels
         inputs = filter_input(self.flight, trust, adjustments)
-        first_s = inputs.start_s + max(_DELAYS_S)
-        last_s = min(inputs.end_s, inputs.start_s + MAX_DURATION_S)
+        first_s = inputs.start_s + max(_DELAYS_S) + _ROUNDING_S
+        last_s = min(inputs.end_s, inputs.start_s + MAX_DURATION_S) - _ROUNDING_S
         total = 0.0
         for name in (name for name in _SCORED if name in found):
             read_s = found[name].stamps_s + adjustments.delay_s.get(name, 0.0)

@@ -144,7 +144,8 @@ def _climbs(flight: Flight, at_s: Array, poses: Array, near: Index) -> list[Step
             )
     if flight.imu is not None:
         by_acceleration = _second_differences(at_s, _heights_by_acceleration(flight.imu, at_s, poses))
-        lost = _crosses_gap(flight.imu.stamps_s, at_s[:-1], at_s[1:])
+        known = np.isfinite(flight.imu.accel_m_s2).all(axis=1)
+        lost = _crosses_gap(flight.imu.stamps_s[known], at_s[:-1], at_s[1:])
         by_acceleration[lost | np.append(False, lost[:-1])] = np.nan
         read = by_acceleration[near, None]
         made = _second_differences(at_s, height_m)[near, None]

@@ -172,3 +172,16 @@ def test_heights_that_alternate_contradict_the_accelerometer(flight: Flight):
     (line,) = contradictions(KeyframeSteps.of(flight, stamps_s, poses, True))
     assert line.startswith("imu0 (vertical acceleration): ")
     assert contradictions(KeyframeSteps.of(flight, stamps_s, poses, False)) == [], "no metres, no heights"
+
+
+def test_a_step_over_a_gap_of_the_accelerometer_alone_tells_no_climb(flight: Flight):
+    """Its readings are missing between two keyframes, those of the gyro are not."""
+    truth, imu = flight.truth, flight.imu
+    at = np.searchsorted(truth.stamps_s, np.arange(1.0, 12.0, 0.9))
+    begin_s = truth.stamps_s[at][:-1]
+    lost = (imu.stamps_s > begin_s[4] + 0.05) & (imu.stamps_s < begin_s[5] - 0.05)
+    accel_m_s2 = np.where(lost[:, None], np.nan, imu.accel_m_s2)
+    gappy = replace(flight, imu=replace(imu, accel_m_s2=accel_m_s2))
+    motions = KeyframeSteps.of(gappy, truth.stamps_s[at], truth.w_T_b[at], True).motions
+    (climbs,) = (motion for motion in motions if motion.by_acceleration)
+    assert np.flatnonzero(np.isnan(climbs.read[:, 0])).tolist() == [0, 4, 5]

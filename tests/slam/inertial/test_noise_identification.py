@@ -1,0 +1,35 @@
+"""Identification of noise and delays of the instruments."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from slam.inertial import noise_identification
+from slam.inertial.filter_input import Adjustments
+from slam.inertial.instruments import InertialTrust
+
+
+@pytest.mark.parametrize("start_s", [0.0, 0.5, 1.7e9 + 0.7])
+def test_each_delay_is_scored_by_the_same_readings(start_s: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readings at both limits of the time had counted or not by the rounding of their stamps."""
+    at_s = start_s + 0.1 * np.arange(60)
+
+    def run(_: InertialTrust, adjustments: Adjustments) -> SimpleNamespace:
+        stamps_s = at_s - adjustments.delay_s["velocity"]
+        kept = (stamps_s >= start_s) & (stamps_s < start_s + 5.0)
+        found = SimpleNamespace(stamps_s=stamps_s[kept], log_likelihoods=np.ones(int(kept.sum())))
+        return SimpleNamespace(channels={"velocity": found})
+
+    limits = SimpleNamespace(start_s=start_s, end_s=start_s + 5.0)
+    monkeypatch.setattr(noise_identification, "filter_input", lambda *_: limits)
+    trial = object.__new__(noise_identification._Trial)
+    trial.flight, trial.run = None, run  # type: ignore[assignment, method-assign]
+    delays_s = (0.0, *noise_identification._DELAYS_S)
+    counts = {
+        trial.likelihood_at_any_delay(InertialTrust(), Adjustments(delay_s={"velocity": delay_s}))
+        for delay_s in delays_s
+    }
+    assert counts == {45.0}
