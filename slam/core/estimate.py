@@ -92,8 +92,8 @@ class GroundFacts:
 
     @property
     def is_measured_in_part(self) -> bool:
-        """Whether some of that ground has no measured height."""
-        return self.is_measured and self.filled_share + self.level_share > 0
+        """Whether some of that ground has no measured height, or a doubted one."""
+        return self.is_measured and self.filled_share + self.level_share + self.doubted_share > 0
 
     @property
     def doubt(self) -> str:

@@ -81,7 +81,7 @@ class Facts:
     heading_doubt: str = ""
     """The drift of the recorded heading beyond its stated accuracy, in words; empty where both agree."""
     measured_in_part: bool = False
-    """Whether the ground is uneven, and some of it has no measured height."""
+    """Whether the ground is uneven, and some of it has no measured height, or a doubted one."""
     lengths_by_imu: bool = False
     """Whether the accelerometer takes part in the lengths of the map; it does not in those without loops."""
     has_truth: bool = False

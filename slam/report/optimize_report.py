@@ -183,10 +183,9 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
         Item(f"typical uncertainty of a {of} (1σ)", facts.error(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
-    if mosaic is not None and mosaic.gap_area_m2 + mosaic.hole_area_m2 > 0:
-        tiles.append(
-            Item("of ground are missing", area(mosaic.gap_area_m2 + mosaic.hole_area_m2, facts.metric))
-        )
+    # A hole may be a part of a gap.
+    if mosaic is not None and (missing_m2 := max(mosaic.gap_area_m2, mosaic.hole_area_m2)) > 0:
+        tiles.append(Item("of ground are missing, at least", area(missing_m2, facts.metric)))
     if not facts.is_graph and facts.loops_kept and (change := facts.loop_change) is not None:
         tiles.append(Item("drift that loop closures took out, at most", facts.length(change.largest_m)))
     return tuple(tiles)

@@ -138,7 +138,7 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     if estimate.accuracy_basis:
         first = "" if summary.status == "ok" else "Only after you have checked “Check this first” above. "
         alone = basis(estimate.accuracy_basis)
-        return f"{first}{upper}, {facts.condition}. {_IF_WRONG} {alone}{_too_vague(estimate)}"
+        return f"{first}{upper}, {facts.condition}. {_IF_WRONG} {alone}{_too_vague(estimate, facts)}"
     if summary.status != "ok":
         return f"By {facts.scale_source}, {known}; but read “Check this first” above."
     if " and " not in facts.scale_source:
@@ -158,13 +158,15 @@ def scale(estimate: Estimate, facts: Facts, summary: Summary) -> str:
     return f"Yes, {known}: {facts.scale_source} tell it, and they agree.{checked}{_beside(estimate)}"
 
 
-def _too_vague(estimate: Estimate) -> str:
+def _too_vague(estimate: Estimate, facts: Facts) -> str:
     """Return that the accelerometer agrees with lengths that it checks badly, with a space in front; empty
-    where it does not tell."""
+    where it does not tell, and where known distances have checked them."""
     found = estimate.instruments.accelerometer
     if found is None or found.used or not abs(found.scale - 1) < 2 * found.scale_std:
         return ""
-    return (
+    if not found.scale_std > facts.scale_std / _MAINLY:
+        return ""
+    return unless_checked(
         f" The accelerometer agrees with the lengths, but tells them only to ±{SPACE}"
         f"{percent(found.scale_std)}, which is no check of this accuracy."
     )

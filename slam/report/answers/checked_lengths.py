@@ -16,7 +16,7 @@ from slam.core.messages import CHECKED_BY_ONE_DISTANCE
 
 RESULT = "“How far is it from the truth?” under “In short”"
 """Name of the answer that compares lengths with known distances; figures further down name it too."""
-CHECKED = f"In its place, known distances on the ground have checked the lengths ({RESULT})."
+CHECKED = f"Known distances on the ground have checked the lengths ({RESULT})."
 _BEGIN, _OR, _END = "\ue000", "\ue001", "\ue002"
 _IN_TEXT = re.compile(f"{_BEGIN}([^{_OR}]*){_OR}([^{_END}]*){_END}")
 _OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]*")
@@ -32,7 +32,9 @@ def basis(text: str) -> str:
     """Return what an accuracy rests on, whose end asks for a distance unless one was measured."""
     if not text.endswith(CHECKED_BY_ONE_DISTANCE):
         return text
-    return text.removesuffix(CHECKED_BY_ONE_DISTANCE) + unless_checked(CHECKED_BY_ONE_DISTANCE, CHECKED)
+    return text.removesuffix(CHECKED_BY_ONE_DISTANCE) + unless_checked(
+        CHECKED_BY_ONE_DISTANCE, f"In its place, {CHECKED[0].lower()}{CHECKED[1:]}"
+    )
 
 
 def as_asked(text: str) -> str:

@@ -35,9 +35,8 @@ def sentence(facts: Facts, status: str, mosaic: MosaicFacts | None = None) -> st
         ground_std_m if ground_std_m is not None and on_ground else (facts.sigma_median_m, facts.sigma_max_m)
     )
     if np.isfinite(typical_m):
-        unmeasured = ", its height not being measured there" if on_ground and facts.measured_in_part else ""
         worst = (
-            f"and to ±{SPACE}{facts.error(worst_m)} where it is least certain{unmeasured}"
+            f"and to ±{SPACE}{facts.error(worst_m)} where it is least certain"
             if np.isfinite(worst_m)
             else "and others are not known"
         )

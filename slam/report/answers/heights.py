@@ -78,7 +78,7 @@ def _of_ground(estimate: Estimate) -> str:
             "stands on it such as trees, was measured from the pictures, over the floor, the level plane "
             f"that fits best. {percent(ground.filled_share)} of it was filled in from around{doubted}."
             f"{level} Trust no height that is pale in the picture of heights: sources 3 and 5 in "
-            "elevation.tif, and measured heights without a standard deviation."
+            "elevation.tif, and heights by pictures (source 1) without a standard deviation."
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."

@@ -22,8 +22,8 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     names = ("loop closure", "loop closures") if facts.is_graph else ("pair of pictures", "pairs of pictures")
     if facts.loops_kept:
         text = (
-            f"Yes, by {counted(facts.loops_kept, *names)}{_where_held(estimate, facts)}. Each match that was "
-            "kept agrees with all the others in one map."
+            f"Yes, by {counted(facts.loops_kept, *names)}, so errors do not add up over the flight."
+            f"{_ends(estimate, facts)} Each match that was kept agrees with all the others in one map."
         )
     elif facts.relative_to:
         text = "No, so errors add up along the path."
@@ -43,15 +43,14 @@ def loops(estimate: Estimate, facts: Facts) -> str:
     return text
 
 
-def _where_held(estimate: Estimate, facts: Facts) -> str:
-    """Return where matches keep errors from adding up, as the end of a sentence."""
-    held = {end for loop in estimate.loops if loop.verdict == "kept" for end in (loop.i, loop.j)}
-    if facts.is_graph or not held or len(held) == facts.keyframes:
-        return ", so errors do not add up over the flight"
-    return (
-        f", which hold {len(held)} of {facts.keyframes} keyframes; errors add up along stretches of the "
-        "others alone"
-    )
+def _ends(estimate: Estimate, facts: Facts) -> str:
+    """Return how many keyframes have a match, in one sentence with a space in front; empty for a graph, and
+    where all have one."""
+    ends = {end for loop in estimate.loops if loop.verdict == "kept" for end in (loop.i, loop.j)}
+    if facts.is_graph or not 0 < len(ends) < facts.placed:
+        return ""
+    grow = ": along a stretch without, errors grow until the next one" if facts.relative_to else ""
+    return f" {len(ends)} of {facts.placed} keyframes have one{grow}."
 
 
 def another_arrangement(estimate: Estimate, facts: Facts) -> str:

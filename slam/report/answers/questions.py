@@ -183,7 +183,8 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
             "lengths is what their inexact fit adds to the error; more overlap or sharper pictures lower it."
         )
     of_all = (
-        f"Most of it is one error that all lengths share, ±{SPACE}{percent(facts.scale_std)}."
+        "Most of the uncertainty of a camera's place is one error that all lengths share, "
+        f"±{SPACE}{percent(facts.scale_std)}."
         if facts.mostly_scale
         else ""
     )

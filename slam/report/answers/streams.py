@@ -32,7 +32,12 @@ class Doubt(NamedTuple):
     def sentence(self) -> str:
         """The stream and what was found of it, without the causes."""
         joint = ": " if self.line.startswith(f"{self.stream}:") else " "
-        return f"{self.stream}{joint}{self.found.split(': ')[0]}"
+        return f"{self.stream}{joint}{self.verdict}"
+
+    @property
+    def verdict(self) -> str:
+        """The finding up to its first colon, behind which causes stand."""
+        return self.found.split(": ")[0]
 
     def concerns(self, stream: str) -> bool:
         """Return whether what was found is about a stream; what to do about it may name others."""

@@ -38,8 +38,8 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
     )
     if ground.level_share:
         filled += (
-            f" Pale as well: {percent(ground.level_share)} of all ground, which no two pictures show. It is "
-            "taken as level."
+            f" Pale{' as well' if filled else ''}: {percent(ground.level_share)} of all ground, which no two "
+            "pictures show. It is taken as level."
         )
     doubted = _doubted(ground, facts, estimate)
     doubtful = " (doubted)" if ground.doubted_at_m and ground.doubted_at_m[2] <= ground.lowest_m else ""

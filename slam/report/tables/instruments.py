@@ -114,31 +114,41 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
         used = any(name in row for row in shares.values())
         cells = _cells(shares, name) if used else ("",) * len(_DIRECTIONS)
         weighed = _weighed(estimate, name) if used and count else ""
-        use = "" if name not in _STREAMS else "yes" if used else NOT_USED
-        rows.append((words, count, f"{stated}{weighed}", use, _doubted(estimate, flight, name), *cells))
+        doubted = _doubted(estimate, flight, name)
+        use = _use(estimate, flight, name)
+        rows.append((words, str(count or ""), f"{stated}{weighed}", use, doubted, *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
 
 
 def unused_instruments(estimate: Estimate, flight: Flight | None) -> tuple[LeftOut, ...]:
-    """Return the instruments whose readings the refinement did not need; none without a refinement."""
-    shares = estimate.information_shares
-    if flight is None or not shares:
+    """Return the instruments that the refinement did without, as others are more accurate; none without a
+    refinement."""
+    if flight is None or not estimate.information_shares:
         return ()
     counts = {name: _readings(flight, name)[0] for name in _STREAMS}
     return tuple(
-        LeftOut(f"Readings of {WORDS[name]}", NOT_NEEDED, int(count), f"No: {NOT_NEEDED}.")
+        LeftOut(f"Readings of {WORDS[name]}", NOT_NEEDED, count, f"No: {NOT_NEEDED}.")
         for name, count in counts.items()
-        if count and not any(name in row for row in shares.values())
+        if count and _use(estimate, flight, name) == NOT_USED
     )
 
 
-def _readings(flight: Flight, name: str) -> tuple[str, str]:
+def _use(estimate: Estimate, flight: Flight, name: str) -> str:
+    """Return whether the map rests on a stream, and why not; empty for what is none."""
+    if name not in _STREAMS:
+        return ""
+    if any(name in row for row in estimate.information_shares.values()):
+        return "yes"
+    if _doubted(estimate, flight, name).startswith("yes") or _STREAMS[name].name in estimate.status:
+        return "no: it is doubted"
+    return NOT_USED if estimate.metric else "no: it tells no length here"
+
+
+def _readings(flight: Flight, name: str) -> tuple[int, str]:
     """Return the number of readings, and how accurate one of them is, as stated or assumed."""
     stream = _STREAMS.get(name)
     series = getattr(flight, stream.field) if stream else None
-    return (
-        ("", "") if stream is None or series is None else (str(len(series.stamps_s)), stream.stated(series))
-    )
+    return (0, "") if stream is None or series is None else (len(series.stamps_s), stream.stated(series))
 
 
 def _weighed(estimate: Estimate, name: str) -> str:
@@ -165,8 +175,7 @@ def _doubted(estimate: Estimate, flight: Flight, name: str) -> str:
     stream = _STREAMS.get(name)
     if stream is None:
         return ""
-    found = [doubt.found for doubt in doubts(estimate.warnings) if doubt.concerns(stream.name)]
-    told = [text.split(": ")[0] for text in found]
+    told = [doubt.verdict for doubt in doubts(estimate.warnings) if doubt.concerns(stream.name)]
     if name == "attitude" and (drift := heading_doubt(estimate, flight)):
         told.append(drift)
     if told:

@@ -344,9 +344,12 @@ def test_words_are_explained_where_the_page_has_them():
     for word in ("sensor.yaml, T_BS", "Inertial measurement unit"):
         found = [word in page(estimate, made_flight()).text for estimate in (without, named)]
         assert found == [False, True]
+    reason = "velocity0 reads 3.28 times the speed; check scale_std in velocity0/sensor.yaml"
+    in_status = replace(without, status=reason, warnings=(reason,))
+    assert "sensor.yaml, T_BS" in page(in_status, made_flight()).text, "the status stands above the rest"
 
 
 def test_the_status_names_the_doubt_that_it_excepts():
     estimate = replace(made_estimate(), status="ok", warnings=("attitude0 is tilted by 5°: a slope; check",))
     told = page(estimate, made_flight()).text
-    assert "agree with each other, except that attitude0 is tilted by 5°; see the warning below" in told
+    assert "agree with each other, with one exception: attitude0 is tilted by 5°; see the warning" in told

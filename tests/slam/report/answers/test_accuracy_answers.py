@@ -19,7 +19,7 @@ from slam.report.answers.questions import pilots_answers
 from slam.report.facts import gather
 from slam.report.mosaic_facts import MosaicFacts
 from tests.slam.made_estimate import made_estimate, made_flight
-from tests.slam.report.answers.asked import answers
+from tests.slam.report.answers.asked import answers, by_accelerometer
 
 
 def test_instruments_that_tell_the_scale_agree_unless_a_warning_names_one():
@@ -250,3 +250,32 @@ def test_what_limits_the_ground_is_named_where_the_ground_is_told():
     assert "For the place of a camera, the GPS" in rows["What limits the accuracy?"]
     assert "comes from how uneven the ground is" in rows["How accurate is a place on it?"]
     assert answers(by_ground, flight)["What limits the accuracy?"].startswith("The GPS")
+
+
+def test_an_accelerometer_that_agrees_but_is_vague_is_no_check():
+    estimate, flight = made_estimate(), made_flight()
+    question = "Is the scale right, and by which instrument?"
+    estimate = replace(estimate, scale_std=0.01, accuracy_basis="lengths rest on one height sensor alone")
+
+    def told(scale_std):
+        found = replace(estimate.instruments, accelerometer=by_accelerometer(1.01, scale_std, used=False))
+        return answers(replace(estimate, instruments=found), flight)[question]
+
+    assert "The accelerometer agrees with the lengths, but" in told(0.05)
+    assert "The accelerometer agrees" not in told(0.01), "it is as good as the rest"
+    assert "The accelerometer agrees" not in told(0.004), "it contradicts them"
+
+
+def test_heights_that_nothing_measured_are_told_where_a_place_is_least_certain():
+    estimate, flight = made_estimate(), made_flight()
+    mosaic = MosaicFacts(0.004, 800, 600, 0.011, 0.02, 3.0, -1.5, 0.56, 2.0, 1.25)
+    hilly = GroundFacts(misregistration_px=(0.3, 0.9), over_floor_px=(2.0, 9.0), relief_share=0.4)
+    for ground, is_told in (
+        (hilly, False),
+        (replace(hilly, level_share=0.1), True),
+        (replace(hilly, doubted_share=0.1), True),
+    ):
+        uneven = replace(estimate, ground=ground)
+        rows = pilots_answers(uneven, summarise(uneven), gather(uneven, flight), mosaic)
+        told = next(row.value for row in rows if row.label == "Where is it least certain?")
+        assert ("Where its height was not measured" in told) is is_told

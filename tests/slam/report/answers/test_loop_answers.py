@@ -16,7 +16,7 @@ from slam.core.units import length
 from slam.report.facts import median_height_m
 from slam.report.optimize_report import render
 from tests.slam.made_estimate import made_estimate, made_flight
-from tests.slam.report.answers.asked import AGAIN, answers
+from tests.slam.report.answers.asked import AGAIN, answers, by_accelerometer
 
 
 def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
@@ -112,3 +112,25 @@ def test_the_gain_of_loop_closures_is_told_where_there_are_any():
     )
     none = replace(estimate, odometry_w_T_b=moved, loops=(), relative_poses=())
     assert "What did loop closures change?" not in answers(none, flight)
+
+
+def test_errors_grow_between_matches_only_where_nothing_else_holds_the_path():
+    estimate, flight = made_estimate(), made_flight()
+    kept = [loop for loop in estimate.loops if loop.verdict == "kept"]
+    ends = len({end for loop in kept for end in (loop.i, loop.j)})
+    assert ends < estimate.placed.sum()
+    told = answers(estimate, flight)[AGAIN]
+    assert (
+        f"{ends} of {estimate.placed.sum()} keyframes have one: along a stretch without, errors grow" in told
+    )
+    on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
+    assert "errors grow" not in answers(on_earth, flight)[AGAIN], "fixes hold the others"
+
+
+def test_the_change_by_loops_tells_whose_lengths_differ():
+    estimate, flight = made_estimate(), made_flight()
+    question = "What did loop closures change?"
+    inertial = replace(estimate.instruments, accelerometer=by_accelerometer(1.01, 0.02, used=True))
+    joined = replace(estimate, instruments=inertial)
+    found = [answers(each, flight)[question] for each in (estimate, joined)]
+    assert ["without the accelerometer all lengths" in text for text in found] == [False, True]

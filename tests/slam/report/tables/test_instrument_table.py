@@ -68,7 +68,7 @@ def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names
     found = rows_of(estimate, flown())
     assert found["the GPS"]["doubted?"] == "yes: far off"
     assert found["the barometer"]["doubted?"] == "yes: falls where the camera climbs"
-    assert found["the barometer"]["used?"] == NOT_USED
+    assert found["the barometer"]["used?"] == "no: it is doubted"
     assert (
         found["the height sensor"]["doubted?"] == "no; a note above tells an error that the accuracy counts"
     )
@@ -87,3 +87,6 @@ def test_readings_that_the_map_does_not_need_count_as_left_out():
     assert found["Readings of the barometer"].no_need_to_act
     assert not any("GPS" in what or "height sensor" in what for what in found), "these are used"
     assert unused_instruments(replace(estimate, information_shares={}), flown()) == ()
+    doubted = replace(estimate, warnings=("barometer0: climbs 3.28 times as far; check its unit",))
+    assert unused_instruments(doubted, flown()) == (), "it is left out for another reason"
+    assert rows_of(doubted, flown())["the barometer"]["used?"] == "no: it is doubted"
