@@ -81,16 +81,18 @@ class Surface:
 
     def nearest(self, lattice: Lattice, values: Float32) -> Float32:
         """Return (rows, cols) values of the cells, on the surface's own lattice, that hold the nodes of
-        another one; 0 beyond the surface."""
-        return self._on(lattice, values, cv2.INTER_NEAREST)
+        another one; NaN beyond the surface."""
+        return self._on(lattice, values, cv2.INTER_NEAREST, np.nan)
 
-    def _on(self, lattice: Lattice, values: Float32, how: int) -> Float32:
+    def _on(self, lattice: Lattice, values: Float32, how: int, beyond: float = 0.0) -> Float32:
         step = lattice.step_m / self.cell_m
         left = (lattice.x0_m - self.west_m) / self.cell_m - 0.5
         above = (self.north_m - lattice.y0_m) / self.cell_m - 0.5
         cell_H_node = np.array([[step, 0.0, left], [0.0, step, above]])
         size = (lattice.cols, lattice.rows)
-        return np.asarray(cv2.warpAffine(values, cell_H_node, size, flags=how | cv2.WARP_INVERSE_MAP))
+        return np.asarray(
+            cv2.warpAffine(values, cell_H_node, size, flags=how | cv2.WARP_INVERSE_MAP, borderValue=beyond)
+        )
 
     def hidden(self, view: MosaicView, lattice: Lattice) -> Mask:
         """Return (rows, cols) whether higher ground hides a node of the lattice from the camera.

@@ -51,13 +51,6 @@ class Misregistration:
         return np.asarray(np.isfinite(self.shift_px).all(axis=1))
 
     @property
-    def compared(self) -> NDArray[np.bool_]:
-        """(rows, columns) whether two pictures see a square whole."""
-        seen = np.zeros(self.shape, bool)
-        seen[tuple(self.square.T)] = True
-        return seen
-
-    @property
     def along_px(self) -> Array:
         """(n,) displacement along the parallax."""
         return np.asarray((self.shift_px * self._direction).sum(axis=1))
@@ -82,7 +75,7 @@ def measure_misregistration(
     plan: MosaicPlan, pictures: Pictures, report: Report | None = None
 ) -> Misregistration:
     """Measure the displacement in every square that two of the plan's pictures see whole."""
-    squares = SquareGrid(SQUARE_PX, 0, 0, plan.height // SQUARE_PX, plan.width // SQUARE_PX)
+    squares = _squares(plan)
     best = _two_best(plan, squares)
     r, c = np.nonzero(best[1] >= 0)
     pair = best[:, r, c]
@@ -98,6 +91,15 @@ def measure_misregistration(
         parallax[k] = _parallax(plan, plan.views[a], plan.views[b], lattice)
         shift[k] = _displacement(plan, pictures, a, b, lattice, window)
     return Misregistration((squares.rows, squares.cols), np.column_stack([r, c]), shift, parallax)
+
+
+def seen_by_two(plan: MosaicPlan) -> NDArray[np.bool_]:
+    """Return (rows, columns) whether two of the plan's pictures see a square whole."""
+    return np.asarray(_two_best(plan, _squares(plan))[1] >= 0)
+
+
+def _squares(plan: MosaicPlan) -> SquareGrid:
+    return SquareGrid(SQUARE_PX, 0, 0, plan.height // SQUARE_PX, plan.width // SQUARE_PX)
 
 
 def _two_best(plan: MosaicPlan, squares: SquareGrid) -> NDArray[np.int32]:

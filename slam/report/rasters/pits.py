@@ -75,12 +75,13 @@ def height_stds(surface: Surface) -> NDArray[np.float32]:
     """Return (rows, cols) the standard deviation of each height in metres.
 
     Where nothing measured it, or where it is doubted, it is the root mean square of the measured ones over
-    the floor: such ground may be as uneven as the rest. Ground that was found flat is exact.
+    the floor: such ground may be as uneven as the rest (NaN where nothing was measured at all). Ground that
+    was found flat is exact.
     """
     believed = surface.measured & ~doubted_pits(surface)
     known = believed & np.isfinite(surface.std_m)
     usual_m = float(np.median(surface.std_m[known])) if known.any() else 0.0  # the sonar's have none
-    spread_m = np.sqrt(np.mean(surface.height_m[believed] ** 2, dtype=float)) if believed.any() else 0.0
+    spread_m = np.sqrt(np.mean(surface.height_m[believed] ** 2, dtype=float)) if believed.any() else np.nan
     std_m = np.where(surface.source == HeightSource.FLOOR, 0.0, spread_m)
     std_m[believed] = usual_m
     std_m[known] = surface.std_m[known]

@@ -15,7 +15,7 @@ from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.mosaic.view import MosaicView, mosaic_view
 from frontend.surface.build import build_surface
-from frontend.surface.misregistration import Misregistration, measure_misregistration
+from frontend.surface.misregistration import Misregistration, measure_misregistration, seen_by_two
 from frontend.surface.relief import relief_squares
 from frontend.views import Load
 from slam.core.estimate import GroundFacts
@@ -101,6 +101,5 @@ def measure_ground(
     )
     all_views = replace(plan, views=tuple(view for view in views if isinstance(view, MosaicView)))
     matched = Pictures(all_views, load, pictures.max_mb)
-    return MeasuredGround(
-        over_floor, build_surface(all_views, matched, relief, elevation, progress, over_floor.compared)
-    )
+    surface = build_surface(all_views, matched, relief, elevation, progress, seen_by_two(all_views))
+    return MeasuredGround(over_floor, surface)

@@ -15,7 +15,7 @@ from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, raised_maps
 from frontend.surface.build import build_surface
 from frontend.surface.dense import _agreed, dense_heights
 from frontend.surface.holes import filled, without_specks
-from frontend.surface.misregistration import Misregistration, measure_misregistration
+from frontend.surface.misregistration import Misregistration, measure_misregistration, seen_by_two
 from frontend.surface.relief import relief_squares, relief_threshold_px
 from frontend.surface.stereo import Placed, ground_points, rectified
 from frontend.workers import Workers, share_with
@@ -377,8 +377,8 @@ def test_ground_that_no_two_pictures_show_is_taken_as_level_and_told():
     assert not (everything.source == HeightSource.LEVEL).any()
 
 
-def test_squares_that_two_pictures_see_are_compared(pictures):
-    _, found = measured(pictures, POSES, FLOOR_Z_M)
-    assert found.compared.shape == found.shape
-    assert found.compared.sum() == len(found.square)
-    assert found.compared[tuple(found.square[0])]
+def test_squares_that_two_pictures_see_are_those_that_are_compared(pictures):
+    plan, found = measured(pictures, POSES, FLOOR_Z_M)
+    seen = seen_by_two(plan)
+    assert seen.shape == found.shape
+    assert np.array_equal(np.argwhere(seen), found.square[np.lexsort(found.square.T[::-1])])

@@ -63,3 +63,6 @@ def test_heights_that_nothing_measured_are_as_uncertain_as_the_ground_is_uneven(
     assert std_m[0, 3] == np.float32(0.1), "the usual one"
     assert np.allclose(std_m[height < -1], uneven_m, rtol=0.02), "doubted"
     assert (std_m[100:] == np.float32(0.1)).all()
+    nothing = surface(np.zeros((10, 10)))
+    nothing.source[:] = HeightSource.FILLED
+    assert np.isnan(height_stds(nothing)).all(), "how uneven the ground is, is not known"
