@@ -4,44 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.contradicted import contradicted_keyframes
-from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.inertial_scale.scale import NoScale
-from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
+from backend.measurements import FloorTracks, InertialReadings, ReportedMotion
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.core.floor_points import FloorPoints
 from slam.core.heap import trim_heap
+from slam.core.imu_at_rest import GravityReading
 from slam.core.progress import Progress
-from slam.mapping.calibration.fallback_scale import (
-    WRONG_SIGN,
-    falls_where_the_camera_climbs,
-    scaled_by_heights,
-    scaled_by_velocity,
-)
-from slam.mapping.calibration.inertial_scale import (
-    AccelerometerScale,
-    InertialComparison,
-    compare_with_inertia,
-    velocity_contradicted,
-)
+from slam.mapping.calibration.inertial_scale import AccelerometerScale
 from slam.mapping.calibration.lens import calibrated
 from slam.mapping.control_points import ControlComparison
 from slam.mapping.floor_points import refined_floor_points
-from slam.mapping.front_end import Observations
 from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
+from slam.mapping.part_refinement import PartRefinement
 from slam.mapping.place_part import aligned_part, aligned_with_control, headed
-from slam.mapping.refine_part import LEAST_SEEN, aligned_pairs, by_lines, refine_part
+from slam.mapping.refine_part import LEAST_SEEN, aligned_pairs, by_lines
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
@@ -67,20 +55,21 @@ def refine_map(
     progress: Progress,
     inertial: InertialReadings | None = None,
     reported: ReportedMotion | None = None,
+    gravity: GravityReading | None = None,
 ) -> Map:
     """Place each connected part of a solved graph and refine it on its floor points.
 
     With ``inertial`` readings the accelerometer takes part in the scale, and with ``reported`` motion the
-    velocity, if nothing else measures lengths. Measurements are those of ``setup``.
+    velocity, if nothing else measures lengths. Measurements are those of ``setup``. ``gravity``: the
+    accelerometer's reading of it, where that is off.
     """
     observations, edges, solution = solved.observations, solved.edges, solved.graph
     n = len(setup.readings.stamps_s)
     tracks = floor_tracks(solved, setup)
     component = largest_first(np.where(_tied(n, solved.kept_registrations), solution.component, -1))
     aligned = aligned_pairs(solved, setup.camera)
-    evidence = _Evidence(
-        setup, observations, edges.heights.metric, tracks, inertial, reported, progress, aligned
-    )
+    refinement = PartRefinement(observations, tracks, inertial, reported, progress, aligned, gravity)
+    evidence = _Evidence(setup, edges.heights.metric, refinement)
     is_tied = np.bincount(tracks.keyframe, minlength=n) >= LEAST_SEEN
     is_tied |= by_lines(aligned, n)
     parts = []
@@ -145,30 +134,14 @@ class _Used:
     """(p,) control points."""
 
 
-class _Refinement(NamedTuple):
-    """A refinement of a part."""
-
-    bundle: Bundle
-    compared: InertialComparison | None
-    reasons: list[str]
-    """Why barometer and velocity do not tell the scale."""
-    remarks: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True)
 class _Evidence:
-    """Inputs of the refinement that all parts share."""
+    """Inputs of placement and refinement that all parts share."""
 
     setup: Setup
-    observations: Observations
     metric: NDArray[np.bool_]
     """(n,) which keyframes have a height in metres."""
-    tracks: FloorTracks
-    inertial: InertialReadings | None
-    reported: ReportedMotion | None
-    progress: Progress
-    aligned: tuple[AlignedPair, ...] = ()
+    refinement: PartRefinement
 
     def part(self, members: NDArray[np.int64], w_T_b: Array) -> MapPart:
         """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""
@@ -232,7 +205,7 @@ class _Evidence:
         doubted = np.zeros(len(agreement.used) if agreement else 0, bool)
         for _ in range(_MOST_SELECTIONS):
             setup = base.with_fixes(agreement).with_control(used_points)
-            refined = self._refined(setup, part)
+            refined = self.refinement.of(setup, part)
             bundle, compared = refined.bundle, refined.compared
             verdict = control.judge(bundle, used_points)
             by_inertia = compared.scale if compared else None
@@ -270,71 +243,16 @@ class _Evidence:
         )
         return part, agreement
 
-    def _refined(self, setup: Setup, part: MapPart) -> _Refinement:
-        """Refine the part, with velocity and accelerometer where other sensors tell the scale less well.
-
-        Without any of these the barometer determines it. A velocity that the accelerometer contradicts is
-        left out: the gains of on-board velocities are off by far more.
-        """
-
-        def step(iteration: int, _: float) -> None:
-            self.progress("refine", iteration, 0)
-
-        members, tracks = part.members, self.tracks
-        start = np.full((len(self.metric), 4, 4), np.nan)
-        start[members] = part.w_T_b
-        # Heights alone may tell no scale: a level flight must not fail for them.
-        exact = setup if setup.readings.positions or setup.control else setup.without_heights()
-        bundle = refine_part(exact, members, start, part.floor_z_m, tracks, step, aligned=self.aligned)
-        reasons: list[str] = []
-
-        def with_velocity(lengths: ScalePrior | None = None) -> Bundle:
-            assert self.reported is not None
-            seen = self.observations
-            found, reason = scaled_by_velocity(
-                bundle, setup, members, tracks, seen, self.reported, step, lengths
-            )
-            reasons.extend([reason] if reason else [])
-            return found
-
-        if self.reported is not None and bundle.scale_std is None:
-            bundle = with_velocity()
-        compared, lengths = None, None
-        if self.inertial is not None:
-            camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
-            compared = compare_with_inertia(
-                self.inertial, self.observations, members, bundle, camera, gain_std
-            )
-            if not isinstance(compared.scale, NoScale) and compared.scale.helps:
-                lengths = compared.scale.lengths
-            if bundle.uses_reported_motion and (line := velocity_contradicted(compared.scale)):
-                without = replace(self, reported=None)._refined(setup, part)
-                return without._replace(warnings=(line,))
-        if lengths is None and setup.readings.heights and bundle.scale_std is None:
-            bundle, reason = scaled_by_heights(bundle, setup, members, tracks, step)
-            reasons.extend([reason] if reason else [])
-        if lengths is not None and bundle.uses_reported_motion:
-            bundle = with_velocity(lengths)
-        elif lengths is not None:
-            start[members], noise = bundle.w_T_b, bundle.noise
-            bundle = refine_part(
-                setup, members, start, bundle.floor_z_m, tracks, step, lengths, noise, self.aligned
-            )
-        if falls_where_the_camera_climbs(bundle.optimum.problem.measurements.heights, bundle.w_T_b):
-            without = self._refined(setup.without_heights(), part)
-            return without._replace(remarks=(f"barometer0 is left out of the map: {WRONG_SIGN}",))
-        return _Refinement(bundle, compared, reasons)
-
 
 def _no_scale(
-    by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_others: list[str]
+    by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle, by_others: tuple[str, ...]
 ) -> tuple[str, ...]:
     """Return why a scale that was needed was not found."""
     if bundle.scale_std is not None:
         return ()
     if not by_others and isinstance(by_inertia, NoScale):
         return (f"imu0 could not determine the metric scale: {by_inertia.reason}",)
-    return tuple(by_others)
+    return by_others
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

@@ -14,6 +14,7 @@ from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.heap import large_blocks_kept
+from slam.core.imu_at_rest import gravity_reading
 from slam.core.instrument_readings import inertial_readings
 from slam.core.lens_priors import as_assumed, as_nominal
 from slam.core.progress import show_compilation
@@ -144,7 +145,8 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
     inertial = inertial_readings(flight.imu) if with_inertia else None
     reported = reported_motion(flight, context.job.config) if with_inertia else None
     with context.timer("refine"), show_compilation(context.job.progress):
-        parts = refine_map(solved, context.setup, context.job.progress, inertial, reported)
+        gravity = gravity_reading(flight.imu) if flight.imu is not None else None
+        parts = refine_map(solved, context.setup, context.job.progress, inertial, reported, gravity)
         refined = context.bridges.join(parts)
         if with_inertia:
             measured = inertial_measurements(flight.imu, context.job.config)

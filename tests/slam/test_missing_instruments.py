@@ -102,8 +102,8 @@ def test_a_velocity_of_the_wrong_sign_tells_no_lengths():
 
 
 @pytest.mark.slow
-def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
-    flight = replace(flown(0), sonar=None)
+def test_without_sonar_and_velocity_the_accelerometer_tells_how_long_a_metre_is():
+    flight = replace(flown(0), sonar=None, velocity=None)
     estimate = optimize(flight)
     assert_whole(estimate)
     assert "lengths come from the accelerometer" in estimate.status

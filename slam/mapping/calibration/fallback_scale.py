@@ -13,7 +13,7 @@ from backend.bundle.graph import BundleConfig, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.verdict import reported_damage
 from backend.errors import BackendError
-from backend.measurements import BarometerHeight, FloorTracks, Measurements, ReportedMotion
+from backend.measurements import AlignedPair, BarometerHeight, FloorTracks, Measurements, ReportedMotion
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.refine_part import part_measurements
@@ -37,18 +37,22 @@ def scaled_by_heights(
     setup: Setup,
     members: NDArray[np.int64],
     tracks: FloorTracks,
+    aligned: tuple[AlignedPair, ...],
     on_step: OnStep | None = None,
 ) -> tuple[Bundle, str]:
     """Refine keyframes ``members`` (m,) again with heights by the barometer, from a ``bundle`` without them.
 
-    Returns the bundle as it was, and the reason, if the heights do not tell the scale.
+    ``aligned``: pairs of all keyframes that lines register. Returns the bundle as it was, and the reason, if
+    the heights do not tell the scale.
     """
-    measured = part_measurements(setup, members, tracks)
+
+    def measured() -> Measurements:
+        return part_measurements(setup, members, tracks, aligned)
 
     def fault(found: Bundle) -> str:
         if not found.uses_barometer:
             return _NOT_COVERED
-        if falls_where_the_camera_climbs(measured.heights, bundle.w_T_b):
+        if falls_where_the_camera_climbs(found.optimum.problem.measurements.heights, bundle.w_T_b):
             return WRONG_SIGN
         return "" if _tells_lengths(found) else "the flight climbs and descends too little for its noise"
 
@@ -62,19 +66,23 @@ def scaled_by_velocity(
     tracks: FloorTracks,
     observations: Observations,
     reported: ReportedMotion,
+    aligned: tuple[AlignedPair, ...],
     on_step: OnStep | None = None,
     lengths: ScalePrior | None = None,
 ) -> tuple[Bundle, str]:
     """Refine keyframes ``members`` (m,) again with the reported motion, from the scale of a ``bundle``.
 
-    ``lengths`` by another instrument count beside it, each by its accuracy. Returns the bundle as it was, and
-    the reason, if the velocity does not tell the scale.
+    ``aligned``: pairs of all keyframes that lines register. ``lengths`` by another instrument count beside
+    the motion, each by its accuracy. Returns the bundle as it was, and the reason, if the velocity does not
+    tell the scale.
     """
-    measured = replace(
-        part_measurements(setup, members, tracks),
-        reported=reported,
-        frames=tracked_frames(observations, members, setup.camera),
-    )
+
+    def measured() -> Measurements:
+        return replace(
+            part_measurements(setup, members, tracks, aligned),
+            reported=reported,
+            frames=tracked_frames(observations, members, setup.camera),
+        )
 
     def fault(found: Bundle) -> str:
         if not found.uses_reported_motion:
@@ -88,17 +96,17 @@ def scaled_by_velocity(
 
 def _scaled(
     bundle: Bundle,
-    measured: Measurements,
+    measured: Callable[[], Measurements],
     config: BundleConfig,
     name: str,
     fault: Callable[[Bundle], str],
     on_step: OnStep | None,
     lengths: ScalePrior | None = None,
 ) -> tuple[Bundle, str]:
-    """Refine again with what an instrument measured, unless it has a ``fault``."""
+    """Refine again with what an instrument measured, unless it has a ``fault`` or the refinement fails."""
     try:
         w_T_b, floor_z_m, noise = bundle.w_T_b, bundle.floor_z_m, bundle.noise
-        found = refine(measured, w_T_b, floor_z_m, config, on_step, lengths, noise)
+        found = refine(measured(), w_T_b, floor_z_m, config, on_step, lengths, noise)
         reason = fault(found)
     except BackendError as error:
         reason = f"the refinement with {name} failed ({error})"

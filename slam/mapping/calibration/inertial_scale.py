@@ -20,7 +20,7 @@ from backend.measurements import InertialReadings
 from frontend.camera import Camera
 from frontend.lift import lift
 from slam.core.estimate import over_floor
-from slam.core.imu_at_rest import NO_GRAVITY
+from slam.core.imu_at_rest import NO_GRAVITY, GravityReading
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.core.stream_anomalies import is_without_gravity
 from slam.mapping.front_end import Observations
@@ -82,14 +82,18 @@ class InertialComparison:
     scale: AccelerometerScale | NoScale
 
 
-def velocity_contradicted(scale: AccelerometerScale | NoScale) -> str:
-    """Return why a velocity that alone told a map's lengths cannot be right; empty if it can be."""
-    if isinstance(scale, NoScale) or not scale.contradiction:
+def velocity_contradicted(scale: AccelerometerScale | NoScale, gravity: GravityReading | None = None) -> str:
+    """Return why a velocity that alone told a map's lengths cannot be right; empty if it can be.
+
+    An accelerometer whose reading of ``gravity`` is off may be the wrong one itself: it proves nothing.
+    """
+    if isinstance(scale, NoScale) or not scale.contradiction or gravity is not None:
         return ""
     ratio, std = 1 / scale.lengths.ratio, scale.lengths.log_std
     return (
         f"velocity0 reads {ratio:.2f} times the speed that the accelerometer tells, to {100 * std:.2g} %: it "
-        "is left out of the map's lengths; check its unit, and scale_std in velocity0/sensor.yaml"
+        "is left out of the map's lengths; check its unit, scale_std in velocity0/sensor.yaml, and the unit "
+        "and calibration of imu0"
     )
 
 

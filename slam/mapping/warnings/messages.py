@@ -232,8 +232,9 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
         )
     std = 100 * map_.bundle.scale_std
     inertial = map_.inertial is not None and map_.inertial.helps
-    if map_.bundle.uses_reported_motion and inertial:
-        source = "lengths come from the vehicle's own velocity and the accelerometer and are"
+    beside = "accelerometer" if inertial else "barometer" if map_.bundle.uses_barometer else ""
+    if map_.bundle.uses_reported_motion and beside:
+        source = f"lengths come from the vehicle's own velocity and the {beside} and are"
     elif map_.bundle.uses_reported_motion:
         source = "no metric scale but that of the vehicle's own velocity,"
     elif map_.bundle.uses_barometer and not inertial:

@@ -118,7 +118,7 @@ def test_a_refinement_that_did_not_converge_is_a_warning_of_its_part(monkeypatch
     def stopped(*given: object, **named: object) -> Bundle:
         return replace(refine_part(*given, **named), not_converged="30 iterations done")
 
-    monkeypatch.setattr("slam.mapping.refine.refine_part", stopped)
+    monkeypatch.setattr("slam.mapping.part_refinement.refine_part", stopped)
     warnings = refined(setup_of(w_T_b), w_T_b).warnings
     assert [line.split(":")[0] for line in warnings] == [
         f"the refinement of {count} keyframes did not converge (30 iterations done)" for count in (5, 4, 3)

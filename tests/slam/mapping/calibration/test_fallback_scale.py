@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from backend.bundle.graph import ScalePrior
+from backend.errors import BackendError
 from backend.inertial_scale.scale import InertialScale, NoScale
-from backend.measurements import BarometerHeight
+from backend.measurements import BarometerHeight, Measurements
 from slam.evaluation import evaluate
-from slam.mapping.calibration.fallback_scale import falls_where_the_camera_climbs
+from slam.mapping.calibration.fallback_scale import (
+    falls_where_the_camera_climbs,
+    scaled_by_heights,
+    scaled_by_velocity,
+)
 from slam.mapping.calibration.inertial_scale import AccelerometerScale, velocity_contradicted
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
@@ -40,6 +46,25 @@ def test_a_velocity_off_by_more_than_both_errors_is_contradicted(ratio, map_std,
     found = velocity_contradicted(AccelerometerScale(own, ScalePrior(ratio, 0.03), map_std))
     assert found.startswith(f"velocity0 reads {1 / ratio:.2f} times the speed") is contradicts
     assert velocity_contradicted(NoScale("hovers")) == ""
+
+
+@pytest.mark.parametrize("scaled", [scaled_by_heights, scaled_by_velocity])
+def test_a_part_tied_by_too_little_keeps_its_bundle(scaled, monkeypatch):
+    """Pairs by lines count as ties; a refusal is a reason, and no error of the part."""
+    seen = []
+
+    def refuses(*given: object) -> Measurements:
+        seen.append(given[3])
+        raise BackendError("too few points")
+
+    monkeypatch.setattr("slam.mapping.calibration.fallback_scale.part_measurements", refuses)
+    bundle = SimpleNamespace(w_T_b=np.eye(4)[None], floor_z_m=0.0, noise=None)
+    setup = SimpleNamespace(config=SimpleNamespace(bundle=None), camera=None)
+    motion = (None, None) if scaled is scaled_by_velocity else ()
+    kept, reason = scaled(bundle, setup, np.arange(1), None, *motion, ("pair",))
+    assert kept is bundle
+    assert "too few points" in reason
+    assert seen == [("pair",)]
 
 
 @pytest.mark.slow

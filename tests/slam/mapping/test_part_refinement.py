@@ -1,0 +1,110 @@
+"""Which instruments tell the lengths of one part, in which order, and what is said if one fails."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from backend.bundle.graph import ScalePrior
+from backend.inertial_scale.scale import InertialScale, NoScale
+from slam.core.imu_at_rest import GravityReading
+from slam.core.progress import silent
+from slam.mapping import part_refinement
+from slam.mapping.calibration.inertial_scale import AccelerometerScale, InertialComparison
+from slam.mapping.part_refinement import PartRefinement
+
+PAIRS = ("aligned by lines",)
+PART = SimpleNamespace(members=np.arange(3), w_T_b=np.tile(np.eye(4), (3, 1, 1)), floor_z_m=0.0)
+OWN = InertialScale(1.0, 0.0, (0.0,) * 3, (0.1,) * 3, (0.0,) * 3, (0.1,) * 3, (0.0, 0.0, 1.0))
+
+
+def setup_with(heights: tuple[object, ...]) -> Any:
+    readings = SimpleNamespace(positions=(), heights=heights, stamps_s=np.arange(3.0))
+    config = SimpleNamespace(trust=SimpleNamespace(accel_gain_std=0.02))
+    return SimpleNamespace(
+        readings=readings, control=(), camera=None, config=config, without_heights=lambda: setup_with(())
+    )
+
+
+def bundle_of(scale_std: float | None, by_velocity: bool) -> SimpleNamespace:
+    optimum = SimpleNamespace(problem=SimpleNamespace(measurements=SimpleNamespace(heights=())))
+    return SimpleNamespace(
+        scale_std=scale_std,
+        uses_reported_motion=by_velocity,
+        optimum=optimum,
+        w_T_b=PART.w_T_b,
+        floor_z_m=0.0,
+        noise=None,
+    )
+
+
+class Calls:
+    """Refinements in place of the real ones, which note what they are given."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, ratio: float = 1.0, last_fails: bool = False) -> None:
+        self.by_velocity: list[tuple[int, ScalePrior | None]] = []
+        self.aligned: list[object] = []
+        self.last_fails = last_fails
+        compared = InertialComparison(None, AccelerometerScale(OWN, ScalePrior(ratio, 0.03), 0.02))
+        for name, stub in (
+            ("refine_part", lambda *_: bundle_of(None, by_velocity=False)),
+            ("scaled_by_velocity", self.velocity),
+            ("scaled_by_heights", self.heights),
+            ("compare_with_inertia", lambda *_: compared),
+            ("calibrated", lambda *_: None),
+        ):
+            monkeypatch.setattr(part_refinement, name, stub)
+
+    def velocity(self, bundle: object, setup: Any, *given: Any) -> tuple[object, str]:
+        *_, aligned, _, lengths = given
+        self.by_velocity.append((len(setup.readings.heights), lengths))
+        self.aligned.append(aligned)
+        if self.last_fails and len(self.by_velocity) > 1:
+            return bundle, "the refinement with velocity0 failed"
+        return bundle_of(0.02, by_velocity=True), ""
+
+    def heights(self, *given: Any) -> tuple[object, str]:
+        *_, aligned, _ = given
+        self.aligned.append(aligned)
+        return bundle_of(0.1, by_velocity=False), ""
+
+
+def refinement(velocity: bool = True, gravity: GravityReading | None = None) -> PartRefinement:
+    given: Any = SimpleNamespace()
+    return PartRefinement(given, given, given, given if velocity else None, silent, PAIRS, gravity)  # type: ignore[arg-type]
+
+
+def test_the_accelerometer_is_compared_with_a_velocity_without_the_barometer(monkeypatch) -> None:
+    calls = Calls(monkeypatch)
+    found = refinement().of(setup_with((1, 2)), PART)
+    assert calls.by_velocity == [(0, None), (2, ScalePrior(1.0, 0.03))]
+    assert calls.aligned == [PAIRS, PAIRS]
+    assert isinstance(found.compared.scale, AccelerometerScale)
+
+
+def test_pairs_by_lines_are_given_to_a_scale_by_the_barometer(monkeypatch) -> None:
+    calls = Calls(monkeypatch, ratio=2.0)
+    refinement(velocity=False).of(setup_with((1, 2)), PART)
+    assert calls.aligned == [PAIRS]
+
+
+def test_an_accelerometer_whose_refinement_fails_is_not_said_to_be_used(monkeypatch) -> None:
+    Calls(monkeypatch, last_fails=True)
+    found = refinement().of(setup_with(()), PART)
+    assert isinstance(found.compared.scale, NoScale)
+    assert found.bundle.scale_std == 0.02
+    assert found.remarks[0].endswith("the refinement with velocity0 failed")
+
+
+@pytest.mark.parametrize("is_off", [False, True])
+def test_an_accelerometer_that_is_off_at_rest_takes_no_velocity_out(monkeypatch, is_off: bool) -> None:
+    Calls(monkeypatch, ratio=0.7)
+    gravity = GravityReading(9.04, np.array([0.0, 0.0, 1.0]), at_rest=True) if is_off else None
+    found = refinement(gravity=gravity).of(setup_with(()), PART)
+    assert found.bundle.uses_reported_motion is is_off
+    assert any("velocity0 reads" in line and "imu0" in line for line in found.warnings) is not is_off
+    if is_off:
+        assert "lengths by the accelerometer differ" in found.compared.scale.contradiction
