@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Imu
 from slam.core.messages import Note
-from slam.core.stream_anomalies import LEAST_GRAVITY_M_S2, clipping_anomalies, imu_axis_anomalies
+from slam.core.stream_anomalies import (
+    clipping_anomalies,
+    imu_axis_anomalies,
+    is_without_gravity,
+    mean_force_m_s2,
+)
 
 Array = NDArray[np.float64]
 
@@ -34,6 +39,8 @@ class GravityReading:
     """(3,) unit vector of the reading in body axes."""
     at_rest: bool
     """Whether it was read at rest; else it is that of the whole flight."""
+    is_missing: bool = False
+    """Whether the readings of the whole flight hold next to no gravity."""
 
     @property
     def off_m_s2(self) -> float:
@@ -45,11 +52,6 @@ class GravityReading:
         """Return the reading in words."""
         where = "at rest" if self.at_rest else "on average"
         return f"imu0: the accelerometer reads {self.accel_m_s2:.2f} m/s^2 {where}, gravity is 9.81"
-
-    @property
-    def is_missing(self) -> bool:
-        """Whether the readings hold next to no gravity."""
-        return self.accel_m_s2 < LEAST_GRAVITY_M_S2
 
     @property
     def warning(self) -> str:
@@ -78,12 +80,18 @@ def imu_anomalies(imu: Imu) -> list[str]:
 def gravity_reading(imu: Imu) -> GravityReading | None:
     """Return a reading of gravity that is off; None where it is right."""
     at_rest = _rows_at_rest(imu)
-    rows = at_rest if len(at_rest) else np.arange(len(imu.stamps_s))
+    rows = at_rest if len(at_rest) else np.flatnonzero(np.isfinite(imu.accel_m_s2).all(axis=1))
+    if len(rows) == 0:
+        return None
+    is_missing = is_without_gravity(imu.stamps_s, imu.accel_m_s2)
     accel = float(np.median(np.linalg.norm(imu.accel_m_s2[rows], axis=1)))
+    if is_missing:  # the size of a single reading is that of vibration
+        accel = mean_force_m_s2(imu.stamps_s, imu.accel_m_s2)
     if not abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
         return None
     b_force = imu.b_T_s[:3, :3] @ np.median(imu.accel_m_s2[rows], axis=0)
-    return GravityReading(accel, b_force / max(float(np.linalg.norm(b_force)), 1e-9), len(at_rest) > 0)
+    b_up = b_force / max(float(np.linalg.norm(b_force)), 1e-9)
+    return GravityReading(accel, b_up, len(at_rest) > 0 and not is_missing, is_missing)
 
 
 def _rows_at_rest(imu: Imu) -> NDArray[np.int64]:

@@ -24,7 +24,10 @@ STUCK_S, STUCK_COUNT = 5.0, 20
 shorter recording, so many readings must be all."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
 LEAST_GRAVITY_M_S2 = 0.25 * GRAVITY_M_S2
-"""Size that half of the readings of any flight exceed: in the mean over it a vehicle carries its weight."""
+"""Size that half of the means of any flight's readings over a second exceed: in the mean over a flight, a
+vehicle carries its weight."""
+_MEAN_S = 1.0
+"""Duration of a mean: vibration averages out, and gravity does not."""
 _NEAR_END = 0.05
 """Share of a channel's range beside either end. A healthy sensor has more readings there than at the end."""
 
@@ -49,15 +52,27 @@ def camera_anomalies(camera: Camera) -> list[str]:
     return [f"cam0: {line}: {question}" for line in lines]
 
 
-def is_without_gravity(accel_m_s2: Array) -> bool:
+def mean_force_m_s2(stamps_s: Array, accel_m_s2: Array) -> float:
+    """Return the median size of the means over a second of readings (n, 3); NaN where none is finite."""
+    known = np.isfinite(accel_m_s2).all(axis=1)
+    if not known.any():
+        return float("nan")
+    _, second = np.unique(np.floor(stamps_s[known] / _MEAN_S), return_inverse=True)
+    count = np.bincount(second)[:, None]
+    sums = np.column_stack([np.bincount(second, column) for column in accel_m_s2[known].T])
+    return float(np.median(np.linalg.norm(sums / count, axis=1)))
+
+
+def is_without_gravity(stamps_s: Array, accel_m_s2: Array) -> bool:
     """Return whether the readings (n, 3) of a whole flight hold next to no gravity."""
-    return bool(np.median(np.linalg.norm(accel_m_s2, axis=1)) < LEAST_GRAVITY_M_S2)
+    return mean_force_m_s2(stamps_s, accel_m_s2) < LEAST_GRAVITY_M_S2
 
 
 def imu_axis_anomalies(imu: Imu) -> list[str]:
     """Return a line if gravity does not lie along the body's z: the IMU's axes or its mount are wrong."""
     known = imu.accel_m_s2[np.isfinite(imu.accel_m_s2).all(axis=1)]
-    if len(known) == 0 or is_without_gravity(known):  # what is left has any direction
+    # Without gravity, what is left has any direction.
+    if len(known) == 0 or is_without_gravity(imu.stamps_s, imu.accel_m_s2):
         return []
     b_force = imu.b_T_s[:3, :3] @ np.median(known, axis=0)
     up, size = float(b_force[2]), float(np.linalg.norm(b_force))

@@ -126,7 +126,7 @@ def compare_with_inertia(
         stamps_s, path = stamps_s[order], path[order]
     level_T = np.eye(4)
     level_T[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
-    if is_without_gravity(readings.accel_m_s2):
+    if is_without_gravity(readings.stamps_s, readings.accel_m_s2):
         return InertialComparison(clock, NoScale(NO_GRAVITY))
     found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances), b_p_c_m)
     if isinstance(found, NoScale):

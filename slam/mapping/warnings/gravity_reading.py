@@ -46,12 +46,10 @@ def gravity_line(context: Context, map_: Map) -> GravityLine:
     if reading is None:
         return GravityLine()
     inertial = map_.inertial
-    if reading.is_missing:
-        line = f"{reading.reads}: {NO_GRAVITY}; the map does not use it for lengths"
-        return GravityLine(reading.warning, Note(line))
     if inertial is None or not inertial.helps:
+        cause = f": {NO_GRAVITY}" if reading.is_missing else ""
         return GravityLine(
-            reading.warning, Note(f"{reading.reads}; the lengths of the map do not rest on it")
+            reading.warning, Note(f"{reading.reads}{cause}; the lengths of the map do not rest on it")
         )
     by_accelerometer = expected_length_error(
         reading, inertial.found.gain_slopes, config.trust.accel_gain_std, config.inertial.accel_offset_m_s2
