@@ -12,9 +12,16 @@ from slam.core.instrument_errors import BarometerErrors
 from slam.core.messages import Note
 
 _LEAST_HEIGHTS = 15
-_MOST_GAIN, _SURE = 1.5, 4.0
-"""Ratio of changes of height that no air temperature makes, and standard deviations from which on it is no
-chance."""
+"""The scatter of so many residuals is known to a fifth (1 / sqrt(2 (n - 2))): `_SURE` deviations are more
+than three."""
+_MOST_GAIN = 1.5
+"""Ratio of changes of height that no air temperature makes. A height is proportional to it (see
+`backend.bundle.barometer`): from 1 / 1.5 to 1.5 times 288 K are 192 to 432 K. Feet are 3.3 or 0.3 times."""
+_SURE = 4.0
+"""Standard deviations from which on a ratio is no chance."""
+_CLEAR = 3.0
+"""Least ratio of the spread of the map's heights to their standard deviation. Their noise lowers the slope by
+the square of its inverse, a ninth, which is far from 1 / `_MOST_GAIN` (Fuller 1987, section 1.1.1)."""
 
 
 def barometer_errors(bundle: Bundle | None) -> BarometerErrors | None:
@@ -35,7 +42,8 @@ def barometer_errors(bundle: Bundle | None) -> BarometerErrors | None:
 def barometer_warning(bundle: Bundle | None) -> str:
     """Return a line about heights that change by another factor than the map's; empty where none do.
 
-    The refinement takes such heights as noisy ones. The factor follows by least squares.
+    The refinement takes such heights as noisy ones. The factor follows by least squares. Residuals are at
+    least as large as the stated noise. Rounding is no noise: at a hover it has one sign for long.
     """
     if bundle is None or not bundle.uses_barometer:
         return ""
@@ -43,12 +51,25 @@ def barometer_warning(bundle: Bundle | None) -> str:
     if len(heights) < _LEAST_HEIGHTS:
         return ""
     read, z = (values - values.mean() for values in read_and_mapped(heights, bundle.w_T_b))
+    steps_m = np.diff(np.unique(np.round(read, 3)))
+    if not len(steps_m) or not z.std() > _CLEAR * _height_std_m(bundle, [height.k for height in heights]):
+        return ""
     squares = float(z @ z)
-    gain = float(read @ z) / max(squares, 1e-12)
-    std = autocorrelated_std((read - gain * z)[:, None]) / np.sqrt(max(squares, 1e-12))
-    if 1 / _MOST_GAIN < gain < _MOST_GAIN or abs(gain - 1) < _SURE * std:
+    gain = float(read @ z) / squares
+    stated_m = float(np.median([height.std_m for height in heights]))
+    std = max(autocorrelated_std((read - gain * z)[:, None]), stated_m) / np.sqrt(squares)
+    # Each reading is off by half of a step at most: the largest error of the slope.
+    by_rounding = 0.5 * float(np.median(steps_m)) * float(np.abs(z).sum()) / squares
+    if 1 / _MOST_GAIN < gain < _MOST_GAIN or abs(gain - 1) < _SURE * std + by_rounding:
         return ""
     return Note(
         f"barometer0: its heights change {gain:.2g} ± {std:.1g} times as much as those of the map, which "
         "takes this as noise; check its unit (m)"
     )
+
+
+def _height_std_m(bundle: Bundle, keyframes: list[int]) -> float:
+    """Return the usual standard deviation of the heights of keyframes over the floor."""
+    up_b = bundle.w_T_b[keyframes, 2, :3]
+    covariances = bundle.over_floor_covariances[keyframes, 3:, 3:]
+    return float(np.sqrt(np.median(np.einsum("ni,nij,nj->n", up_b, covariances, up_b))))
