@@ -96,6 +96,12 @@ class GroundFacts:
         return self.is_measured and self.filled_share + self.level_share + self.doubted_share > 0
 
     @property
+    def trusted_share(self) -> float:
+        """Share of the map whose heights were measured and are not doubted, or that was found flat."""
+        measured = self.relief_share * (1.0 - self.filled_share)
+        return 1.0 - self.level_share - (self.relief_share - measured) - self.doubted_share * measured
+
+    @property
     def doubt(self) -> str:
         """How many measured heights are doubted, as a clause; empty without any."""
         share = self.doubted_share

@@ -201,7 +201,11 @@ def _verdict(estimate: Estimate, facts: Facts, status: str, over_m: float | None
     if not std_m or not np.isfinite(over_m):
         return f"{over}, within the figures that follow.{altitudes}"
     beside = " and an error in proportion to them (below)" if _shared(estimate, facts) else ""
+    where, rest, uneven = "", "", estimate.ground
+    if uneven is not None and uneven.is_measured_in_part:
+        where = f" on {percent(uneven.trusted_share)} of the ground"
+        rest = "; trust none on the rest, pale in the picture of heights"
     return (
-        f"{over}: those of the ground typically to ±{SPACE}{facts.error(std_m)}{beside}, those of the "
-        f"camera over it to ±{SPACE}{facts.error(over_m)}.{altitudes}"
+        f"{over}{where}: those of the ground typically to ±{SPACE}{facts.error(std_m)}{beside}, those of the "
+        f"camera over it to ±{SPACE}{facts.error(over_m)}{rest}.{altitudes}"
     )

@@ -112,6 +112,7 @@ def _purpose(estimate: Estimate, facts: Facts, summary: Summary) -> str:
         return f"{good}; {flat}; {near}" if without_heights(estimate) else f"{good}; {near}"
     if ground is not None and ground.is_measured:
         good = "to find things, and to measure distances, areas and differences in height"
+        good += " where the ground was measured" if ground.is_measured_in_part else ""
     elif ground is not None:
         uneven = "not for heights, which no two pictures show"
         good = f"{good}; {uneven if ground.relief_share else flat}"
