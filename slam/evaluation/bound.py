@@ -39,7 +39,7 @@ from slam.evaluation.landmarks import seen_at
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import Observations
 from slam.mapping.keyframe_readings import KeyframeReadings
-from slam.mapping.refine_part import part_measurements
+from slam.mapping.part_measurements import part_measurements
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]

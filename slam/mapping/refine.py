@@ -27,9 +27,9 @@ from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
-from slam.mapping.part_refinement import PartRefinement
+from slam.mapping.metric_refinement import MetricRefinement
+from slam.mapping.part_measurements import LEAST_SEEN, aligned_pairs, by_lines
 from slam.mapping.place_part import aligned_part, aligned_with_control, headed
-from slam.mapping.refine_part import LEAST_SEEN, aligned_pairs, by_lines
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.control_points import control_warnings
 from slam.mapping.warnings.convergence import convergence_warnings
@@ -68,7 +68,7 @@ def refine_map(
     tracks = floor_tracks(solved, setup)
     component = largest_first(np.where(_tied(n, solved.kept_registrations), solution.component, -1))
     aligned = aligned_pairs(solved, setup.camera)
-    refinement = PartRefinement(observations, tracks, inertial, reported, progress, aligned, gravity)
+    refinement = MetricRefinement(observations, tracks, inertial, reported, progress, aligned, gravity)
     evidence = _Evidence(setup, edges.heights.metric, refinement)
     is_tied = np.bincount(tracks.keyframe, minlength=n) >= LEAST_SEEN
     is_tied |= by_lines(aligned, n)
@@ -141,7 +141,7 @@ class _Evidence:
     setup: Setup
     metric: NDArray[np.bool_]
     """(n,) which keyframes have a height in metres."""
-    refinement: PartRefinement
+    refinement: MetricRefinement
 
     def part(self, members: NDArray[np.int64], w_T_b: Array) -> MapPart:
         """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""

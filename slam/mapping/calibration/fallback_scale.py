@@ -16,7 +16,7 @@ from backend.errors import BackendError
 from backend.measurements import AlignedPair, BarometerHeight, FloorTracks, Measurements, ReportedMotion
 from slam.mapping.front_end import Observations
 from slam.mapping.inertial.measurements import tracked_frames
-from slam.mapping.refine_part import part_measurements
+from slam.mapping.part_measurements import part_measurements
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]

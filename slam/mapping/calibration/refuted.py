@@ -25,7 +25,7 @@ from slam.core.flight import Gps
 from slam.core.lens_priors import PLAUSIBLE_FOCAL, as_assumed, as_nominal
 from slam.mapping.calibration.antenna import FARTHEST, NOMINAL_ANTENNA_STD_M, refusal_of_antenna
 from slam.mapping.map import Map
-from slam.mapping.refine_part import pinhole_model
+from slam.mapping.part_measurements import pinhole_model
 from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]

@@ -24,8 +24,8 @@ from slam.mapping.calibration.lens import calibrated
 from slam.mapping.inertial.bridges import bridge_warning, doubted_bridge_warning
 from slam.mapping.inertial.measurements import tracked_frames
 from slam.mapping.map import Map, largest_first
+from slam.mapping.part_measurements import aligned_pairs, by_lines, part_measurements
 from slam.mapping.refine import floor_tracks
-from slam.mapping.refine_part import aligned_pairs, by_lines, part_measurements
 from slam.mapping.setup import Setup
 from slam.mapping.warnings.convergence import convergence_warnings
 

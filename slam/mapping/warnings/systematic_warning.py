@@ -15,7 +15,7 @@ from slam.core.lens_priors import as_nominal
 from slam.core.units import length, percent
 from slam.mapping.gps.stated_accuracy import Contradiction
 from slam.mapping.map import Map
-from slam.mapping.refine_part import pinhole_model
+from slam.mapping.part_measurements import pinhole_model
 
 _CERTAIN = 3.0
 """Standard deviations from zero above which a component is reported."""

@@ -19,7 +19,7 @@ from slam.core.flight import AttitudeSeries, Flight, Sonar, Truth
 from slam.mapping.config import PipelineConfig
 from slam.mapping.keyframe_readings import KeyframeReadings
 from slam.mapping.lift_edges import Edges, lift_edges
-from slam.mapping.refine_part import refine_part
+from slam.mapping.part_measurements import refine_part
 from slam.mapping.search_radius import KnownPoses, implausible_edges
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph

@@ -22,8 +22,8 @@ from slam.mapping.calibration.lens import calibrated
 from slam.mapping.front_end import Observations
 from slam.mapping.lift_edges import lift_edges
 from slam.mapping.map import Map
+from slam.mapping.part_measurements import refine_part
 from slam.mapping.refine import refine_map
-from slam.mapping.refine_part import refine_part
 from slam.mapping.setup import Setup
 from slam.mapping.solve_pose_graph import solve_pose_graph
 from tests.slam.mapping.made_map import made_map
@@ -118,7 +118,7 @@ def test_a_refinement_that_did_not_converge_is_a_warning_of_its_part(monkeypatch
     def stopped(*given: object, **named: object) -> Bundle:
         return replace(refine_part(*given, **named), not_converged="30 iterations done")
 
-    monkeypatch.setattr("slam.mapping.part_refinement.refine_part", stopped)
+    monkeypatch.setattr("slam.mapping.metric_refinement.refine_part", stopped)
     warnings = refined(setup_of(w_T_b), w_T_b).warnings
     assert [line.split(":")[0] for line in warnings] == [
         f"the refinement of {count} keyframes did not converge (30 iterations done)" for count in (5, 4, 3)

@@ -12,9 +12,9 @@ from backend.bundle.graph import ScalePrior
 from backend.inertial_scale.scale import InertialScale, NoScale
 from slam.core.imu_at_rest import GravityReading
 from slam.core.progress import silent
-from slam.mapping import part_refinement
+from slam.mapping import metric_refinement
 from slam.mapping.calibration.inertial_scale import AccelerometerScale, InertialComparison
-from slam.mapping.part_refinement import PartRefinement
+from slam.mapping.metric_refinement import MetricRefinement
 
 PAIRS = ("aligned by lines",)
 PART = SimpleNamespace(members=np.arange(3), w_T_b=np.tile(np.eye(4), (3, 1, 1)), floor_z_m=0.0)
@@ -56,7 +56,7 @@ class Calls:
             ("compare_with_inertia", lambda *_: compared),
             ("calibrated", lambda *_: None),
         ):
-            monkeypatch.setattr(part_refinement, name, stub)
+            monkeypatch.setattr(metric_refinement, name, stub)
 
     def velocity(self, bundle: object, setup: Any, *given: Any) -> tuple[object, str]:
         *_, aligned, _, lengths = given
@@ -72,9 +72,9 @@ class Calls:
         return bundle_of(0.1, by_velocity=False), ""
 
 
-def refinement(velocity: bool = True, gravity: GravityReading | None = None) -> PartRefinement:
+def refinement(velocity: bool = True, gravity: GravityReading | None = None) -> MetricRefinement:
     given: Any = SimpleNamespace()
-    return PartRefinement(given, given, given, given if velocity else None, silent, PAIRS, gravity)  # type: ignore[arg-type]
+    return MetricRefinement(given, given, given, given if velocity else None, silent, PAIRS, gravity)  # type: ignore[arg-type]
 
 
 def test_the_accelerometer_is_compared_with_a_velocity_without_the_barometer(monkeypatch) -> None:

@@ -1,4 +1,4 @@
-"""Planar bundle adjustment of one connected part of a map."""
+"""Measurements of one connected part of a map, and its planar bundle adjustment with them."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ from slam.mapping.calibration.inertial_scale import (
 from slam.mapping.calibration.lens import calibrated
 from slam.mapping.front_end import Observations
 from slam.mapping.map_part import MapPart
-from slam.mapping.refine_part import refine_part
+from slam.mapping.part_measurements import refine_part
 from slam.mapping.setup import Setup
 
 
@@ -44,7 +44,7 @@ class RefinedPart:
 
 
 @dataclass(frozen=True)
-class PartRefinement:
+class MetricRefinement:
     """Measurements beside those of a set-up that the refinement of each part uses."""
 
     observations: Observations
