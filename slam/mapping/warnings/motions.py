@@ -201,11 +201,14 @@ def _at(stamps_s: Array, values: Array, at_s: Array) -> Array:
     known = np.isfinite(values).all(axis=1)
     if known.sum() < 2:
         return np.full((len(at_s), values.shape[1]), np.nan)
-    found = np.column_stack(
-        [np.interp(at_s, stamps_s[known], column, np.nan, np.nan) for column in values[known].T]
-    )
+    found = _interpolated(stamps_s[known], values[known], at_s)
     found[_crosses_gap(stamps_s[known], at_s, at_s)] = np.nan
     return found
+
+
+def _interpolated(stamps_s: Array, values: Array, at_s: Array) -> Array:
+    """(m, c) between finite readings (n, c); NaN beyond them."""
+    return np.column_stack([np.interp(at_s, stamps_s, column, np.nan, np.nan) for column in values.T])
 
 
 def _mean(stamps_s: Array, values: Array, begin_s: Array, end_s: Array) -> Array:
@@ -215,14 +218,15 @@ def _mean(stamps_s: Array, values: Array, begin_s: Array, end_s: Array) -> Array
     if len(stamps_s) < 2:
         return np.full((len(begin_s), values.shape[1]), np.nan)
     sums = _integral(stamps_s, values)
-    mean = (_at(stamps_s, sums, end_s) - _at(stamps_s, sums, begin_s)) / (end_s - begin_s)[:, None]
+    begin, end = (_interpolated(stamps_s, sums, at_s) for at_s in (begin_s, end_s))
+    mean = (end - begin) / (end_s - begin_s)[:, None]
     mean[_crosses_gap(stamps_s, begin_s, end_s)] = np.nan
     return mean
 
 
 def _crosses_gap(stamps_s: Array, begin_s: Array, end_s: Array) -> NDArray[np.bool_]:
-    """Return (m,) whether a moment of each time is farther from all readings than `MAX_GAP_S`, or than a
-    usual interval between readings."""
+    """Return (m,) whether a moment of each time is farther from all readings than `MAX_GAP_S` and than the
+    usual interval between them."""
     lasts_s = np.diff(stamps_s)
     far_s = max(MAX_GAP_S, float(np.median(lasts_s)) if len(lasts_s) else 0.0)
     gap = np.flatnonzero(lasts_s > 2 * far_s)
