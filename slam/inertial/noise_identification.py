@@ -151,14 +151,16 @@ class _Trial:
         self.stamps_s, self.steps = stamps_s, steps
         self.nominal: Readings = filter_input(flight).readings
 
-    def run(self, trust: InertialTrust, adjustments: Adjustments) -> Track:
+    def inputs(self, trust: InertialTrust, adjustments: Adjustments) -> FilterInput:
+        return filter_input(self.flight, trust, adjustments)
+
+    def run(self, inputs: FilterInput) -> Track:
         from backend.ekf.track import track
 
-        inputs = filter_input(self.flight, trust, adjustments)
-        until_s = min(inputs.end_s, inputs.start_s + MAX_DURATION_S)
-        inside = (self.stamps_s >= inputs.start_s) & (self.stamps_s < until_s)
+        start_s, until_s = _limits_s(inputs)
+        inside = (self.stamps_s >= start_s) & (self.stamps_s < until_s)
         steps = renumber_steps(self.steps, inside)
-        readings = replace(inputs.readings.between(inputs.start_s, until_s), steps=steps)
+        readings = replace(inputs.readings.between(start_s, until_s), steps=steps)
         self.done += 1
         self.progress("instruments", self.done, 0)
         return track(
@@ -172,25 +174,29 @@ class _Trial:
         return float(np.nanmax(np.nanstd(series.values, axis=0) / series.std))
 
     def likelihood(self, trust: InertialTrust, adjustments: Adjustments) -> float:
-        channels = self.run(trust, adjustments).channels
+        channels = self.run(self.inputs(trust, adjustments)).channels
         return sum(channels[name].log_likelihood for name in _SCORED if name in channels)
 
     def likelihood_at_any_delay(self, trust: InertialTrust, adjustments: Adjustments) -> float:
         """Return the likelihood of the readings that no delay moves out of the filter's time.
 
-        Delays take the first readings out. Each one would count by its density: a coarse position costs, and
-        an exact attitude pays, whatever the delay.
+        Otherwise a delay would gain or lose likelihood only because it leaves readings out.
         """
-        found = self.run(trust, adjustments).channels
-        inputs = filter_input(self.flight, trust, adjustments)
-        first_s = inputs.start_s + max(_DELAYS_S) + _ROUNDING_S
-        last_s = min(inputs.end_s, inputs.start_s + MAX_DURATION_S) - _ROUNDING_S
+        inputs = self.inputs(trust, adjustments)
+        found = self.run(inputs).channels
+        start_s, until_s = _limits_s(inputs)
+        first_s, last_s = start_s + max(_DELAYS_S) + _ROUNDING_S, until_s - _ROUNDING_S
         total = 0.0
         for name in (name for name in _SCORED if name in found):
             read_s = found[name].stamps_s + adjustments.delay_s.get(name, 0.0)
             kept = (read_s > first_s) & (read_s < last_s) if name in _DELAYED else slice(None)
             total += float(found[name].log_likelihoods[kept].sum())
         return total
+
+
+def _limits_s(inputs: FilterInput) -> tuple[float, float]:
+    """Return start and end of the time over which candidates are compared."""
+    return inputs.start_s, min(inputs.end_s, inputs.start_s + MAX_DURATION_S)
 
 
 def _inflated(trial: _Trial, trust: InertialTrust, adjustments: Adjustments) -> Adjustments:
@@ -212,7 +218,8 @@ def _inflated_over(
     """
     noise_factor = dict(adjustments.noise_factor)
     for _ in range(rounds):
-        channels = trial.run(trust, replace(adjustments, noise_factor=noise_factor)).channels
+        inputs = trial.inputs(trust, replace(adjustments, noise_factor=noise_factor))
+        channels = trial.run(inputs).channels
         before = dict(noise_factor)
         for name in _PREDICTED:
             if name in channels and (excess := _excess(channels[name], over_s)) > _MIN_EXCESS:

@@ -17,14 +17,16 @@ def test_each_delay_is_scored_by_the_same_readings(start_s: float, monkeypatch: 
     """Readings at both limits of the time had counted or not by the rounding of their stamps."""
     at_s = start_s + 0.1 * np.arange(60)
 
-    def run(_: InertialTrust, adjustments: Adjustments) -> SimpleNamespace:
-        stamps_s = at_s - adjustments.delay_s["velocity"]
+    def inputs(flight: None, trust: InertialTrust, adjustments: Adjustments) -> SimpleNamespace:
+        return SimpleNamespace(start_s=start_s, end_s=start_s + 5.0, adjustments=adjustments)
+
+    def run(inputs: SimpleNamespace) -> SimpleNamespace:
+        stamps_s = at_s - inputs.adjustments.delay_s["velocity"]
         kept = (stamps_s >= start_s) & (stamps_s < start_s + 5.0)
         found = SimpleNamespace(stamps_s=stamps_s[kept], log_likelihoods=np.ones(int(kept.sum())))
         return SimpleNamespace(channels={"velocity": found})
 
-    limits = SimpleNamespace(start_s=start_s, end_s=start_s + 5.0)
-    monkeypatch.setattr(noise_identification, "filter_input", lambda *_: limits)
+    monkeypatch.setattr(noise_identification, "filter_input", inputs)
     trial = object.__new__(noise_identification._Trial)
     trial.flight, trial.run = None, run  # type: ignore[assignment, method-assign]
     delays_s = (0.0, *noise_identification._DELAYS_S)
