@@ -59,6 +59,15 @@ def read_and_mapped(heights: Sequence[BarometerHeight], w_T_b: Array) -> tuple[A
     return read, w_T_b[[height.k for height in heights], 2, 3]
 
 
+def height_gain(read: Array, z: Array) -> float:
+    """Return the slope of heights (h,) that were read over those of the poses ``z`` (h,); 0 for equal ones.
+
+    It is that of least squares, as if all noise were in the readings.
+    """
+    off = z - z.mean()
+    return float(off @ (read - read.mean())) / max(float(off @ off), 1e-12)
+
+
 def start_heights(
     heights: tuple[BarometerHeight, ...], w_T_b: Array, world: Array, tells_scale: bool
 ) -> tuple[Array, Array]:
@@ -71,8 +80,7 @@ def start_heights(
     ratio = 1.0
     if tells_scale and len(heights) > 1:
         # The poses' changes of height have hardly any noise beside those of the barometer.
-        off = z - z.mean()
-        slope = float(off @ read) / max(float(off @ off), 1e-12)
+        slope = height_gain(read, z)
         ratio = slope if slope > 0 else 1.0
         world[LOG_SCALE] += np.log(ratio)
     return world, np.array([1.0, float(np.median(read - ratio * z))])

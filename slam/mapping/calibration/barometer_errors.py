@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.bundle.barometer import GAIN, HEIGHTS, read_and_mapped
+from backend.bundle.barometer import GAIN, HEIGHTS, height_gain, read_and_mapped
 from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
@@ -52,10 +52,10 @@ def barometer_warning(bundle: Bundle | None) -> str:
         return ""
     read, z = (values - values.mean() for values in read_and_mapped(heights, bundle.w_T_b))
     steps_m = np.diff(np.unique(np.round(read, 3)))
-    if not len(steps_m) or not z.std() > _CLEAR * _height_std_m(bundle, [height.k for height in heights]):
+    z_std_m = _typical_height_std_m(bundle, [height.k for height in heights])
+    if not len(steps_m) or not z.std() > _CLEAR * z_std_m:
         return ""
-    squares = float(z @ z)
-    gain = float(read @ z) / squares
+    gain, squares = height_gain(read, z), float(z @ z)
     stated_m = float(np.median([height.std_m for height in heights]))
     std = max(autocorrelated_std((read - gain * z)[:, None]), stated_m) / np.sqrt(squares)
     # Each reading is off by half of a step at most: the largest error of the slope.
@@ -68,7 +68,7 @@ def barometer_warning(bundle: Bundle | None) -> str:
     )
 
 
-def _height_std_m(bundle: Bundle, keyframes: list[int]) -> float:
+def _typical_height_std_m(bundle: Bundle, keyframes: list[int]) -> float:
     """Return the usual standard deviation of the heights of keyframes over the floor."""
     up_b = bundle.w_T_b[keyframes, 2, :3]
     covariances = bundle.over_floor_covariances[keyframes, 3:, 3:]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.barometer import read_and_mapped
+from backend.bundle.barometer import height_gain, read_and_mapped
 from backend.bundle.graph import BundleConfig, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.bundle.reported.verdict import reported_damage
@@ -127,6 +127,5 @@ def falls_where_the_camera_climbs(heights: Sequence[BarometerHeight], w_T_b: Arr
     if len(heights) < 4:
         return False
     read, z = read_and_mapped(heights, w_T_b)
-    correlation = float(np.sum((read - read.mean()) * (z - z.mean())))
-    correlation /= max(len(z) * float(read.std() * z.std()), 1e-12)
+    correlation = height_gain(read, z) * float(z.std()) / max(float(read.std()), 1e-12)
     return bool(np.arctanh(np.clip(correlation, -0.999, 0.999)) * np.sqrt(len(z) - 3) < -_SURE)
