@@ -9,7 +9,6 @@ from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
 from slam.core.instrument_errors import BarometerErrors
-from slam.core.messages import Note
 
 _LEAST_HEIGHTS = 15
 """The scatter of so many residuals is known to a fifth (1 / sqrt(2 (n - 2))): `_SURE` deviations are more
@@ -62,9 +61,9 @@ def barometer_warning(bundle: Bundle | None) -> str:
     by_rounding = 0.5 * float(np.median(steps_m)) * float(np.abs(z).sum()) / squares
     if 1 / _MOST_GAIN < gain < _MOST_GAIN or abs(gain - 1) < _SURE * std + by_rounding:
         return ""
-    return Note(
-        f"barometer0: its heights change {gain:.2g} ± {std:.1g} times as much as those of the map, which "
-        "takes this as noise; check its unit (m)"
+    return (
+        f"barometer0: its heights change {gain:.2g} ± {std:.1g} times as much as those of the map; the map "
+        "takes the difference as noise; check that its unit is metres"
     )
 
 

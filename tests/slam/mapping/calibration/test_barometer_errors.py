@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from backend.measurements import BarometerHeight
+from slam.core.messages import is_note
 from slam.mapping.calibration.barometer_errors import barometer_warning
 
 N = 60
@@ -35,6 +36,7 @@ def test_heights_in_feet_are_told(gain, noise_m, told):
     line = warning(read_m)
     assert line.startswith("barometer0: its heights change 3.3 ±") is told
     assert bool(line) is told
+    assert not is_note(line), "somebody has to look at the unit"
     assert barometer_warning(None) == ""
 
 
