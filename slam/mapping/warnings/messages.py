@@ -15,7 +15,7 @@ from slam.core.flight_info import describe, fix_anomalies, missing_for_map
 from slam.core.instrument_errors import MountTilt
 from slam.core.lost_pictures import NOTABLE_SHARE
 from slam.core.messages import Note, by_kind
-from slam.core.names import listed
+from slam.core.names import enumerated, listed
 from slam.core.stream_anomalies import camera_anomalies, imu_axis_anomalies, stuck_ranges
 from slam.mapping.calibration.antenna import antenna_place
 from slam.mapping.calibration.attitude_floor_tilt import (
@@ -230,19 +230,19 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
             f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor; "
             "measure one distance on the ground and scale the map by it"
         )
-    std = 100 * map_.bundle.scale_std
-    inertial = map_.inertial is not None and map_.inertial.helps
-    beside = "accelerometer" if inertial else "barometer" if map_.bundle.uses_barometer else ""
-    if map_.bundle.uses_reported_motion and beside:
-        source = f"lengths come from the vehicle's own velocity and the {beside} and are"
-    elif map_.bundle.uses_reported_motion:
-        source = "no metric scale but that of the vehicle's own velocity,"
-    elif map_.bundle.uses_barometer and not inertial:
-        source = "no metric scale but that of the barometer's changes of height,"
+    used = {
+        "the vehicle's own velocity": map_.bundle.uses_reported_motion,
+        "the accelerometer": map_.inertial is not None and map_.inertial.helps,
+        "the barometer's changes of height": map_.bundle.uses_barometer,
+    }
+    # Parts that the readings of an IMU join have their lengths from these.
+    sources = [name for name, is_used in used.items() if is_used] or ["the accelerometer"]
+    if len(sources) > 1 or "the accelerometer" in sources:
+        source = f"lengths come from {enumerated(sources)} and are"
     else:
-        source = "lengths come from the accelerometer and are"
+        source = f"no metric scale but that of {sources[0]},"
     check = "measure one distance on the ground to check it"
-    return f"{lacking}: {source} known to {std:.2g} %; {check}"
+    return f"{lacking}: {source} known to {100 * map_.bundle.scale_std:.2g} %; {check}"
 
 
 def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:

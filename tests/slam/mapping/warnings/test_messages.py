@@ -14,7 +14,7 @@ from slam.core.flight import Gps, Sonar
 from slam.core.messages import is_note
 from slam.core.stream_anomalies import stuck_ranges
 from slam.mapping.calibration.attitude_floor_tilt import AttitudeFloorTilt
-from slam.mapping.warnings.messages import MOST_STUCK, anomalies
+from slam.mapping.warnings.messages import MOST_STUCK, _scale_warning, anomalies
 from tests.slam.small_flight import flown
 
 
@@ -58,6 +58,21 @@ def test_a_suspect_fix_that_the_map_leaves_out_needs_no_action() -> None:
     assert warning.endswith("check them")
     assert is_note(note)
     assert note == warning
+
+
+@pytest.mark.parametrize(
+    ("velocity", "accelerometer", "barometer", "told"),
+    [
+        (True, True, True, "the vehicle's own velocity, the accelerometer and the barometer's changes"),
+        (False, True, True, "the accelerometer and the barometer's changes of height and are known to"),
+        (True, False, False, "no metric scale but that of the vehicle's own velocity, known to 3 %"),
+        (False, True, False, "lengths come from the accelerometer and are known to 3 %"),
+    ],
+)
+def test_all_instruments_that_tell_lengths_are_named(velocity, accelerometer, barometer, told) -> None:
+    bundle = SimpleNamespace(scale_std=0.03, uses_reported_motion=velocity, uses_barometer=barometer)
+    map_ = SimpleNamespace(bundle=bundle, inertial=SimpleNamespace(helps=accelerometer))
+    assert told in _scale_warning(SimpleNamespace(sonar=None), map_)
 
 
 @pytest.mark.slow
