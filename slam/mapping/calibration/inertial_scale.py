@@ -49,15 +49,21 @@ class AccelerometerScale:
 
     @property
     def contradiction(self) -> str:
-        """In words, where ranges or positions and the accelerometer cannot all be right; else empty."""
+        """In words, where the accelerometer contradicts the ranges, positions or velocity that tell the map's
+        lengths; else empty."""
         ratio, std = self.lengths.ratio, self.lengths.log_std
-        if self.map_std is None or not abs(np.log(ratio)) > _CONTRADICTED * np.hypot(std, self.map_std):
+        if self.map_std is None or not abs(np.log(ratio)) > _CONTRADICTED * self.ratio_std:
             return ""
         return (
             f"lengths by the accelerometer differ from the map's by {100 * (ratio - 1):+.0f} ± "
             f"{100 * std:.2g} %, though the map's are known to {100 * self.map_std:.2g} %: "
             "one of the instruments has a wrong scale; the map's lengths are kept"
         )
+
+    @property
+    def ratio_std(self) -> float:
+        """Relative deviation of the ratio of both lengths."""
+        return float(np.hypot(self.lengths.log_std, self.map_std or 0.0))
 
     @property
     def share(self) -> float:
@@ -89,9 +95,9 @@ def velocity_contradicted(scale: AccelerometerScale | NoScale, gravity: GravityR
     """
     if isinstance(scale, NoScale) or not scale.contradiction or gravity is not None:
         return ""
-    ratio, std = 1 / scale.lengths.ratio, scale.lengths.log_std
+    ratio, std = 1 / scale.lengths.ratio, scale.ratio_std
     return (
-        f"velocity0 reads {ratio:.2f} times the speed that the accelerometer tells, to {100 * std:.2g} %: it "
+        f"velocity0 reads {ratio:.2f} (± {100 * std:.2g} %) times the speed that the accelerometer tells: it "
         "is left out of the map's lengths; check its unit, scale_std in velocity0/sensor.yaml, and the unit "
         "and calibration of imu0"
     )
