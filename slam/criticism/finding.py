@@ -33,8 +33,8 @@ class ResidualPattern(Finding):
         parts = (part.partition(_ACTS_BY) for part in self.name.split(", "))
         return [(target, signal) for target, _, signal in parts if signal]
 
-    def __str__(self) -> str:
-        return f"{self.name}{self._by}"
+    def _text(self) -> str:
+        return self.name
 
 
 @dataclass(frozen=True)
@@ -47,8 +47,8 @@ class Inconsistency(Finding):
     """Excess of the chi-square of the parts' differences over its expectation."""
     is_cause: bool = True
 
-    def __str__(self) -> str:
-        return f"{'' if self.is_cause else 'what looks like '}{self.effect} changes {self.between}{self._by}"
+    def _text(self) -> str:
+        return f"{'' if self.is_cause else 'what looks like '}{self.effect} changes {self.between}"
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class NameInDoubt(Finding):
     """Terms that may be in its place; none for what the catalogue does not hold."""
     is_cause: bool = True
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         if not self.is_cause:
             return f"what looks like {self.effect} is something else"
         return f"{self.effect} may be {' or '.join(self.others) or 'something else'}"
@@ -73,7 +73,7 @@ class OutOfRange(Finding):
     unit: str = ""
     healthy: tuple[float, float] | None = None
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         if self.value is None or self.healthy is None:
             return f"{self.channel} out of range"
         low, high = self.healthy
@@ -88,7 +88,7 @@ class LateReadings(Finding):
 
     late_s: float
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         return f"{self.channel} {'late' if self.late_s > 0.0 else 'early'} by {1e3 * abs(self.late_s):.1f} ms"
 
 
@@ -103,7 +103,7 @@ class VaryingSize(Finding):
     like_attitude_deg: float = 0.0
     """Error of the attitude that would look the same; 0 where none would."""
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         sizes = f"{self.least:.2g} to {self.most:.2g}{spaced(self.unit)} by segments of {self.segment_s:g} s"
         return f"{self.column} is {sizes}{self.like}"
 
@@ -122,6 +122,5 @@ class Onset(Finding):
     change: float
     unit: str
 
-    def __str__(self) -> str:
-        by = f"{self.change:.2g}{spaced(self.unit)} at about {self.time_s:.0f} s"
-        return f"{self.column} changes by {by}{self._by}"
+    def _text(self) -> str:
+        return f"{self.column} changes by {self.change:.2g}{spaced(self.unit)} at about {self.time_s:.0f} s"

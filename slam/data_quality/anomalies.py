@@ -12,7 +12,7 @@ from slam.data_quality.axes import wrong_axes
 from slam.data_quality.channels import larger_noise, streams_of
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import log_apart
-from slam.data_quality.finding import Finding
+from slam.data_quality.finding import Finding, flights_to_name
 from slam.data_quality.frozen import Frozen, frozen
 from slam.data_quality.oscillation import strongest_line
 from slam.data_quality.rounding import rounding
@@ -42,10 +42,9 @@ def without_frozen(flights: Sequence[Flight]) -> tuple[list[Flight], list[Findin
     """Return the flights without repeated ranges and speeds of frozen instruments, and all anomalies of their
     streams."""
     clean, anomalies = [], []
-    for flight in flights:
+    for flight, name in zip(flights, flights_to_name([f.name for f in flights]), strict=True):
         found = stream_anomalies(flight)
         clean.append(_without_repeated(flight, found))
-        name = flight.name if len(flights) > 1 else ""
         anomalies += [replace(anomaly, flight=name) for anomaly in found]
     return clean, anomalies
 

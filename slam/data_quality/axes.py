@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
-from slam.data_quality.finding import Remark
+from slam.data_quality.finding import Remark, flights_to_name
 from slam.data_quality.inertial_comparison import (
     FEWEST,
     IntegralComparison,
@@ -75,7 +75,7 @@ def wrong_axes(flight: Flight, kinds: Collection[str] = tuple(WAYS)) -> tuple[li
 def axes_of_all(flights: Sequence[Flight]) -> tuple[list[Remark], list[str]]:
     """Return the wrong axes of all flights, and descriptions of axes that none of them shows."""
     each = [wrong_axes(flight) for flight in flights]
-    names = [flight.name if len(flights) > 1 else "" for flight in flights]
+    names = flights_to_name([flight.name for flight in flights])
     wrong = [replace(found, flight=n) for n, (told, _) in zip(names, each, strict=True) for found in told]
     hidden = [set(unknown) for _, unknown in each]
     return wrong, sorted(set.intersection(*hidden)) if hidden else []

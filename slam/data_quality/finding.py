@@ -6,6 +6,7 @@ As a string, a finding is a part of a sentence: the text that verdict.json has.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -24,21 +25,18 @@ class Finding(ABC):
     z: float = 0.0
     """Standard deviations by which it stands out; 0 where it has no such measure."""
 
+    def __str__(self) -> str:
+        where, by = f"{self.flight}: " if self.flight else "", f" (z = {self.z:.1f})" if self.z else ""
+        return f"{where}{self._text()}{by}"
+
     @abstractmethod
-    def __str__(self) -> str: ...
+    def _text(self) -> str:
+        """Return the text without the flight and the significance."""
 
     @property
     def column(self) -> str:
         """TERM.PARAMETER that it concerns."""
         return f"{self.effect}.{self.parameter}"
-
-    @property
-    def _label(self) -> str:
-        return f"{self.flight}: " if self.flight else ""
-
-    @property
-    def _by(self) -> str:
-        return f" (z = {self.z:.1f})" if self.z else ""
 
 
 @dataclass(frozen=True)
@@ -47,5 +45,10 @@ class Remark(Finding):
 
     text: str
 
-    def __str__(self) -> str:
-        return f"{self._label}{self.text}"
+    def _text(self) -> str:
+        return self.text
+
+
+def flights_to_name(names: Sequence[str]) -> list[str]:
+    """Return what each flight of some names is called in its findings: nothing where there is but one."""
+    return list(names) if len(names) > 1 else [""] * len(names)

@@ -34,9 +34,9 @@ class Frozen(Finding):
     repeated: NDArray[np.bool_]
     """(n,) readings that repeat the one before within a frozen run."""
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         return (
-            f"{self._label}the {self.channel} repeats its reading {len(self.begin_s)} times for about "
+            f"the {self.channel} repeats its reading {len(self.begin_s)} times for about "
             f"{np.median(self.lasts_s):.2g} s, first at {self.begin_s[0]:.0f} s ({100 * self.share:.0f} % of "
             "its readings)"
         )

@@ -38,9 +38,9 @@ class Line(Finding):
     amplitude: float
     unit: str
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         by = f"by {self.amplitude:.2g} {self.unit}"
-        return f"{self._label}{self.channel} oscillates at {self.frequency_hz:.1f} Hz {by}"
+        return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz {by}"
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Vibration(Finding):
     log10_chance: float
     """Common logarithm of the probability that noise makes such a line at this frequency."""
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         chance = f"by chance in 10^{self.log10_chance:.0f}"
         return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz ({chance})"
 

@@ -23,9 +23,9 @@ class Rounding(Finding):
     step: float
     unit: str
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         degrees = f" ({np.degrees(self.step):.2g} deg)" if self.unit == "rad" else ""
-        return f"{self._label}{self.channel} is rounded to steps of {self.step:.3g} {self.unit}{degrees}"
+        return f"{self.channel} is rounded to steps of {self.step:.3g} {self.unit}{degrees}"
 
 
 def rounding(stream: InstrumentReadings) -> Rounding | None:

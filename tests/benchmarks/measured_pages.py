@@ -140,9 +140,7 @@ def _why(home: Path, found: Criticism) -> list[str]:
 def _ranking(home: Path, found: Criticism) -> list[str]:
     return [
         _image(home, "ranking", "Probability and strength of each hypothesis", ranking_picture(found)),
-        "Left: probability. Right: by how many standard deviations it stands out, each cause beside the "
-        "others, and any other effect alone; "
-        f"{ranking_caption(found)}",
+        f"Left: probability. {ranking_caption(found)}",
     ]
 
 

@@ -120,12 +120,7 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
     For an out-of-model vehicle delayed readings and pure process noise are left out.
     """
     seen = any(r.matches is not None for r in records)
-    found = [
-        effect
-        for term in CATALOGUE.values()
-        if seen or term.stream not in PICTURES
-        for effect in _plain(term)
-    ]
+    found = [e for term in CATALOGUE.values() if seen or term.stream not in PICTURES for e in _plain(term)]
     if parameters.latency_s == 0.0:
         found += _at_values("control_latency.T", LATENCIES_S, 0.0)
     if any_holds_heading(records) or not any_turns(records):

@@ -104,9 +104,8 @@ def with_term_replaced(
     fits = []
     for others in candidates:
         nats, parameters = refit(found.records, found.model, bare, [*rest, *others])
-        cost = sum(parameter_cost(len(e.columns)) for e in others) + (len(others) - 1) * np.log(
-            len(CATALOGUE)
-        )
+        cost = sum(parameter_cost(len(e.columns)) for e in others)
+        cost += (len(others) - 1) * np.log(len(CATALOGUE))
         fits.append((nats - cost, others, parameters))
     best, others, parameters = max(fits, key=lambda fit: fit[0])
     gained = best - old
@@ -129,14 +128,17 @@ def search(
     records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress = silent
 ) -> SearchResult:
     """Find terms that exceed the thresholds beside each other, best first."""
-    now = _SequentialSearch(records, model, limits, progress)
-    while (parameters := now.next_parameters()) is not None:
-        now.expand_about(parameters)
-    first, most = now.healthy(), len(now.chosen)
-    now.drop_superfluous()
+    search_state = _SequentialSearch(records, model, limits, progress)
+    while (parameters := search_state.next_parameters()) is not None:
+        search_state.expand_about(parameters)
+    first, most = search_state.healthy(), len(search_state.chosen)
+    search_state.drop_superfluous()
     # The leads hold beside the same terms only.
-    leads = now.leads if len(now.chosen) == most else {}
-    return SearchResult(model, first, now.expansion, tuple(now.chosen), now.rivals, leads, tuple(now.records))
+    leads = search_state.leads if len(search_state.chosen) == most else {}
+    return SearchResult(
+        model=model, first=first, last=search_state.expansion, chosen=tuple(search_state.chosen),
+        rivals=search_state.rivals, leads=leads, records=tuple(search_state.records),
+    )  # fmt: skip
 
 
 class _SequentialSearch:
@@ -235,9 +237,8 @@ class _SequentialSearch:
         return deviate(2.0 * max(known - open_way, 0.0), len(saturation.columns))
 
     def _significant(self) -> list[ScoreTest]:
-        threshold = (
-            with_misfit(self._limits.second, self._greatest_z) if self.chosen else self._limits.effects
-        )
+        limits = self._limits
+        threshold = with_misfit(limits.second, self._greatest_z) if self.chosen else limits.effects
         return beyond(self.expansion.score_tests(self.chosen, self.expansion.effects), threshold)
 
     def _hidden(self, significant: Sequence[ScoreTest]) -> Sequence[Effect] | None:

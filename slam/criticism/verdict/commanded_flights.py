@@ -118,7 +118,8 @@ class CommandedFlights(Evidence):
         passes = self.found.last.fisher.passes
         return [
             # Nothing else shows frozen readings, and rounded ones other than ranges.
-            *(f for f in self.readings if isinstance(f, Frozen | Rounding) and f.channel != "range"),
+            *(f for f in self.readings if isinstance(f, Frozen)),
+            *(f for f in self.readings if isinstance(f, Rounding) and f.channel != "range"),
             *(replace(doubt, is_cause=name in reported) for name, doubt in doubts.items()),
             *(self.best.unhealthy if self.best is not None else ()),
             *vibration_of(passes),

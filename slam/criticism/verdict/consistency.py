@@ -9,7 +9,6 @@ differences are significant: there only a size that varies by half of itself cou
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -50,9 +49,9 @@ _BETWEEN = "from flight to flight", "during a flight", "from channel to channel"
 
 def inconsistencies(
     records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
-) -> list[tuple[Inconsistency, ...]]:
-    """Return how much each chosen effect that moves the mean of the readings disagrees between parts of each
-    kind; none for the others.
+) -> list[list[Inconsistency]]:
+    """Return how much each chosen effect that moves the mean of the readings disagrees between parts, of each
+    kind where that is more than chance; none for the others.
 
     ``parameters`` include the effects at their sizes.
     """
@@ -60,7 +59,7 @@ def inconsistencies(
     precision = _precision(model, parts[0][1].fisher.columns)
     ends = np.cumsum([len(MEAN_NUISANCES), *(len(e.perturbations) for e in chosen)])
     return [
-        tuple(_inconsistency(effect, by, p.fisher, own, precision) for by, p in parts if len(own))
+        [x for by, p in parts if len(own) and (x := _inconsistency(effect, by, p.fisher, own, precision))]
         for effect, own in zip(chosen, np.split(np.arange(ends[-1]), ends)[1:-1], strict=True)
     ]
 
@@ -104,8 +103,8 @@ def _most_probable(fisher: FisherInformation, precision: Array) -> tuple[Array, 
 
 def _inconsistency(
     effect: Effect, between: str, fisher: FisherInformation, own: Ints, precision: Array
-) -> Inconsistency:
-    """Return how much the columns ``own`` of an effect disagree between the segments of ``fisher``."""
+) -> Inconsistency | None:
+    """Return by how much more than chance an effect's columns ``own`` disagree between segments, or None."""
     step, total = _most_probable(fisher, precision)
     cross = fisher.information[:, own].reshape(-1, len(total))
     left = block_diag(*fisher.information[:, own[:, None], own]) - cross @ np.linalg.solve(total, cross.T)
@@ -117,7 +116,7 @@ def _inconsistency(
     chi2 = float(np.sum(along**2 / values[strong]))
     degrees = int(strong.sum())
     z = deviate(chi2, degrees) if chi2 > degrees else 0.0
-    return Inconsistency(between, chi2 - degrees, effect=effect.name, z=z)
+    return Inconsistency(between, chi2 - degrees, effect=effect.name, z=z) if z > 0.0 else None
 
 
 def contradictions(
@@ -151,11 +150,11 @@ def disagreements(found: SearchResult) -> list[VaryingSize]:
             k = effect.columns.index(name)
             parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
             off_deg = float(np.degrees(np.arctan(np.ptp(sizes) / GRAVITY_M_S2))) * (name in LEVEL)
-            least, most = (
-                effect.in_catalogue_units(k, x, found.last.parameters) for x in (sizes.min(), sizes.max())
-            )
-            of = VaryingSize(least, most, parameter.unit, SEGMENT_S, off_deg)
-            varying.append(replace(of, effect=effect.name, parameter=parameter.name))
+            at = found.last.parameters
+            least, most = (effect.in_catalogue_units(k, x, at) for x in (sizes.min(), sizes.max()))
+            varying.append(VaryingSize(
+                least, most, parameter.unit, SEGMENT_S, off_deg, effect=effect.name, parameter=parameter.name
+            ))  # fmt: skip
     return varying
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
@@ -163,11 +163,12 @@ def _cause(cause: Cause) -> dict[str, Any]:
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    """Return kind, text, and the fields that are not empty."""
+    """Return kind, text, ``is_cause``, and the fields that differ from their defaults; arrays excepted."""
     kind = re.sub("(?<=.)(?=[A-Z])", "_", type(finding).__name__).lower()
-    plain = {n: x for n, x in asdict(finding).items() if isinstance(x, str | float | bool | tuple)}
-    short = {n: _short(x) if isinstance(x, float) else x for n, x in plain.items() if x or x is False}
-    return {"kind": kind, "text": str(finding)} | short
+    known = ((f, getattr(finding, f.name)) for f in fields(finding))
+    plain = ((f, x) for f, x in known if isinstance(x, str | float | bool | tuple))
+    told = {f.name: _short(x) for f, x in plain if f.name == "is_cause" or x != f.default}
+    return {"kind": kind} | told | {"text": str(finding)}
 
 
 def _interval(p: Interval) -> dict[str, Any]:
@@ -191,5 +192,8 @@ def _before_after(error: ChannelError) -> dict[str, Any]:
     return {"before": _short(error.before), "after": _short(error.after), "unit": error.unit}
 
 
-def _short(value: float) -> float:
-    return float(f"{value:.5g}")
+def _short(value: Any) -> Any:
+    """Return a number, or each of a tuple, with five digits."""
+    if isinstance(value, str | bool):
+        return value
+    return [_short(x) for x in value] if isinstance(value, tuple) else float(f"{value:.5g}")

@@ -65,8 +65,7 @@ def errors_of(
     found: SearchResult, all_together: HeldOut, best: RolloutFit | None = None
 ) -> tuple[ChannelError, ...]:
     """Return errors of roll-outs and pictures without the chosen terms, and with ``all_together`` of them."""
-    after = all_together.after if best is None else best.left_out
-    fitted_by_others = (all_together.before, after)
+    fitted_by_others = all_together.before, all_together.after if best is None else best.left_out
     channels = rollout_errors(found.records, *fitted_by_others)
     perturbations = [d for e in found.chosen if e.is_term for d in e.perturbations]
     if any(d.kind == "camera" and d.entry < POINTS for d in perturbations):

@@ -19,6 +19,7 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.search import SearchResult
+from slam.data_quality.finding import flights_to_name
 from slam.simulation.terms import CATALOGUE
 
 PART_S = 5.0
@@ -109,10 +110,12 @@ def _changes(found: SearchResult, parts: Parts, effect: Effect, k: int) -> list[
     score = fisher.left_at(step) @ along
     known = (fisher.information @ along) @ along
     for flight in np.unique(fisher.flight).tolist():
-        inside = fisher.flight == flight
+        inside, name = fisher.flight == flight, flights_to_name(parts.names)[flight]
         after, change, z = _break(score[inside], known[inside], effect.tolerance)
-        of = {"flight": parts.names[flight], "effect": effect.name, "parameter": parameter.name}
-        onsets.append(Onset(float(parts.begin_s[inside][after]), change, parameter.unit, z=z, **of))
+        onsets.append(Onset(
+            float(parts.begin_s[inside][after]), change, parameter.unit,
+            flight=name, effect=effect.name, parameter=parameter.name, z=z,
+        ))  # fmt: skip
     return onsets
 
 

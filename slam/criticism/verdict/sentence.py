@@ -219,13 +219,9 @@ def _gain_in_nats(gain: Gain) -> str:
 def _describe(cause: Cause) -> str:
     """Describe a cause with its probability, its gain and its lead; its sizes are in a table of their own."""
     words = f"{CATALOGUE[cause.name].meaning} (probability {cause.probability:.2f})"
-    return f"{cause.name}: {words}; {_gain_in_nats(cause.gain)}{_excluded(cause)}."
-
-
-def _excluded(cause: Cause) -> str:
-    """Describe the lead over the next best explanation; empty where none explains a fair part."""
     rival = cause.fair_rival if len(cause.alternatives) < 2 else ""
-    return f"; {rival}, the next best, fits the flights worse by {cause.lead_nats:.0f} nats" if rival else ""
+    lead = f"; {rival}, the next best, fits the flights worse by {cause.lead_nats:.0f} nats" if rival else ""
+    return f"{cause.name}: {words}; {_gain_in_nats(cause.gain)}{lead}."
 
 
 def _listed_causes(causes: Sequence[Cause]) -> str:

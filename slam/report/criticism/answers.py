@@ -16,7 +16,7 @@ from slam.report.criticism.cause_evidence import CauseEvidence, shown_in_short
 from slam.report.criticism.certainty import (
     differs,
     how_sure,
-    look_alike,
+    likeness_of_rival,
     no_other,
     outside_of_catalogue,
     uncertain,
@@ -185,9 +185,10 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
             told.append(f"Instead of {cause.name} (probability {cause.probability:.2f}) perhaps {rivals}.")
     if result.causes and not told:
         doubles = [
-            f"{cause.name} may be {name}, which has nearly the same course here (likeness {likeness:.3f})."
+            f"{cause.name} may be {cause.fair_rival}, which has nearly the same course here (likeness "
+            f"{likeness:.3f})."
             for cause in result.causes
-            for name, likeness in look_alike(cause, result).items()
+            if (likeness := likeness_of_rival(cause, result))
         ]
         rest = outside_of_catalogue(result)
         unknown = " A cause outside of the catalogue may." * bool(rest)

@@ -11,6 +11,7 @@ from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.criticism.finding import Inconsistency
 from slam.report.criticism.plain_names import title_of
+from slam.report.criticism.values import ONLY_THE_MEAN
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def is_established(cause: Cause, result: Criticism) -> bool:
     """Return whether a cause is certain, has a size that is not none, and no other looks the same."""
     from slam.criticism.cause import SURE
 
-    alone = len(cause.alternatives) < 2 and not look_alike(cause, result)
+    alone = len(cause.alternatives) < 2 and not likeness_of_rival(cause, result)
     return cause.probability >= SURE and alone and differs(cause)
 
 
@@ -100,14 +101,14 @@ def drifting(result: Criticism) -> list[Cause]:
     return [cause for cause in result.causes if changes(cause, result) and differs(cause)]
 
 
-def look_alike(cause: Cause, result: Criticism) -> dict[str, float]:
-    """Return the effect that has nearly the course of a cause over these flights and explains a fair part of
-    what it does in its place, with the likeness of both; empty without one."""
+def likeness_of_rival(cause: Cause, result: Criticism) -> float:
+    """Return the likeness of a cause and its fair rival where both have nearly the same course over these
+    flights; else 0."""
     from slam.criticism.verdict.posterior import ONE_CLASS
 
-    name = cause.fair_rival
-    likeness = max((c for a, b, c in result.confusable if {a, b} == {cause.name, name}), default=0.0)
-    return {name: likeness} if likeness > ONE_CLASS else {}
+    pair = {cause.name, cause.fair_rival}
+    likeness = max((c for a, b, c in result.confusable if {a, b} == pair), default=0.0)
+    return likeness if likeness > ONE_CLASS else 0.0
 
 
 def doubt_of_name(cause: Cause, result: Criticism) -> str:
@@ -117,8 +118,9 @@ def doubt_of_name(cause: Cause, result: Criticism) -> str:
     """
     if not differs(cause):
         return "not established: its size may be none"
-    alike = [title_of(name) for name in look_alike(cause, result)]
-    return f"told from {alike[0]} only by {cause.lead_nats:.0f} nats" if alike else ""
+    if not likeness_of_rival(cause, result):
+        return ""
+    return f"distinguished from {title_of(cause.fair_rival)} by {cause.lead_nats:.0f} nats only"
 
 
 def outside_of_catalogue(result: Criticism) -> str:
@@ -150,13 +152,13 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
             f"beside the other causes it stands out by {cause.z:.1f} standard deviations, less than the "
             f"{result.threshold:.1f} that it had to reach when it was chosen"
         )
-    for name, likeness in look_alike(cause, result).items():
+    if likeness := likeness_of_rival(cause, result):
         told.append(
-            f"it has nearly the same course over these flights as {title_of(name)} (likeness "
+            f"it has nearly the same course over these flights as {title_of(cause.fair_rival)} (likeness "
             f"{likeness:.3f}), so only the fit as a whole prefers it, by {cause.lead_nats:.0f} nats"
         )
     if changes(cause, result):
-        told.append("its size changes during the flights, so one size throughout is a mean")
+        told.append(f"its size changes during the flights: {ONLY_THE_MEAN}")
     why = _why_not_certain(cause, result)
     return [*told, why] if why else told
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.core.units import everyday
-from slam.report.criticism.certainty import differs, look_alike
+from slam.report.criticism.certainty import differs, likeness_of_rival
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import title_of
 from slam.report.criticism.values import sized_one, usual
@@ -54,7 +54,8 @@ def detectable_rows(result: Criticism) -> list[DetectableRow]:
     from slam.criticism.verdict.power import within_reach
 
     found, reached = {cause.name for cause in result.causes}, within_reach(result.detectable)
-    doubles = {other for c in result.causes for other in (*c.alternatives, *look_alike(c, result))}
+    doubles = {other for c in result.causes for other in c.alternatives}
+    doubles |= {c.fair_rival for c in result.causes if likeness_of_rival(c, result)}
     alone, none = {r.name: r.z for r in result.ranking}, [c.name for c in result.causes if not differs(c)]
     rows = []
     for name, (size, unit) in result.detectable.items():

@@ -184,7 +184,8 @@ def _change(found: Onset, by: str, result: Criticism) -> str:
         return f"{_named(found)} is {before_and_after(change)} (a change {by})"
     factor, unit = everyday(found.change, found.unit)
     size = f"{figure(factor * found.change)}{spaced(unit)}"
-    return f"{_named(found)} changes by {size} at about {found.time_s:.0f} s ({by})"
+    of = f" of {found.flight}" if found.flight else ""
+    return f"{_named(found)} changes by {size} at about {found.time_s:.0f} s{of} ({by})"
 
 
 def _named(found: Finding) -> str:

@@ -17,6 +17,7 @@ from slam.report.criticism.values import (
     ABOUT,
     MORE,
     NO_DIFFERENCE,
+    ONLY_THE_MEAN,
     before_and_after,
     change_of_size,
     compared,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from slam.criticism.cause import Cause, Interval
 
 _CALIBRATE = "slam optimize --model extended.toml corrects it, and nothing needs a repair"
-_MEAN = "slam optimize --model extended.toml corrects its mean, not its change, and nothing needs a repair"
+_CALIBRATE_MEAN = f"slam optimize --model {ONLY_THE_MEAN}, and nothing needs a repair"
 _KEEP = "nothing needs a repair, and nothing can be corrected afterwards"
 _CHECK = "look at its mounting and wiring, and replace it if the same comes back after a calibration"
 _STAMPS = "look at how the log gets its stamps: a calibration does not remove it"
@@ -124,7 +125,7 @@ def _advice(cause: Cause, result: Criticism) -> str:
     size = (
         "a little more than usual, with an interval that reaches into it" if ABOUT in _verdicts(cause) else ""
     )
-    correct = _MEAN if changes(cause, result) else _CALIBRATE
+    correct = _CALIBRATE_MEAN if changes(cause, result) else _CALIBRATE
     return f"{size or 'of usual size'}{named}; {_KEEP if term.undo is None else correct}"
 
 

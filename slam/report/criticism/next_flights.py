@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
 from slam.core.names import enumerated, listed
-from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, look_alike
+from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, likeness_of_rival
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, is_of_speed
 from slam.report.criticism.instruments import is_far
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import constant, title_of
+from slam.report.criticism.values import ONLY_THE_MEAN
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -36,10 +37,7 @@ def to_use(result: Criticism, usable: str) -> list[str]:
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f"Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
     advice = what_to_do(result, check, repair)
-    means = [
-        f"The size of {cause.name} changes in flight: extended.toml has the mean, and corrects no more."
-        for cause in drifting(result)
-    ]
+    means = [f"The size of {c.name} changes in flight: {ONLY_THE_MEAN}." for c in drifting(result)]
     none = [cause.name for cause in result.causes if not differs(cause)]
     if not none:
         return [f"{usable}: {advice}", *means]
@@ -89,11 +87,10 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
 def _to_separate(result: Criticism, told: str) -> list[str]:
     """Return the manoeuvre that shows the effect which looks like a cause, unless it is told already."""
     lines = []
-    for cause in result.causes:
-        for other in look_alike(cause, result):
-            manoeuvre = CATALOGUE[other].manoeuvre
-            if manoeuvre not in told:
-                lines.append(f"To tell {cause.name} from {other}: {manoeuvre}, which shows {other}.")
+    for cause in (c for c in result.causes if likeness_of_rival(c, result)):
+        other, manoeuvre = cause.fair_rival, CATALOGUE[cause.fair_rival].manoeuvre
+        if manoeuvre not in told:
+            lines.append(f"To tell {cause.name} from {other}: {manoeuvre}, which shows {other}.")
     return lines
 
 

@@ -178,12 +178,16 @@ def ranking_picture(result: Criticism) -> bytes:
 
 
 def ranking_caption(result: Criticism) -> str:
-    """Caption of the line in the figure of the ranking, and of bars that are none of a name alone."""
+    """Caption of the right side of the ranking, with its line, and of bars that are none of a name alone."""
     why = longer_bar(result)
     doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
     if doubts:
         why = f"{why} An open bar is no probability of the name alone ({'; '.join(doubts)}).".strip()
-    return f"the line ({result.threshold:.1f}) is {result.threshold_means}.{' ' if why else ''}{why}"
+    return (
+        "Right: significance in standard deviations: of a cause that was found, beside the other causes; of "
+        "any other effect alone, added to the original model; "
+        f"the line ({result.threshold:.1f}) is {result.threshold_means}.{' ' if why else ''}{why}"
+    )
 
 
 def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:

@@ -28,7 +28,8 @@ ABOUT = "more than usual, or usual"
 """A value beyond the usual range, with an interval that reaches into it."""
 HEALTHY, UNHEALTHY = "healthy", "outside of healthy"
 _ONE_SIZE = "one size throughout, as in extended.toml"
-_MEAN = "; a mean, because its size changes"
+ONLY_THE_MEAN = "extended.toml corrects the mean of its size, not the change"
+"""Clause on a size that changes during the flights."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
                 (f"{words}: {_ONE_SIZE}", found, "a mean of both"),
             ]
         elif changes_in_time(cause.name, name, result):
-            told = [(words, found, f"{compared(parameter, found)}{_MEAN}")]
+            told = [(words, found, f"{compared(parameter, found)}; {ONLY_THE_MEAN}")]
         for of, size, verdict in told:
             rows.append(
                 ValueRow(

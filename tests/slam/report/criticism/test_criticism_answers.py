@@ -48,7 +48,7 @@ def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
     assert not is_established(double, alike)
     (reservation,) = reservations(double, alike)
     assert "(likeness 0.990), so only the fit as a whole prefers it, by 24 nats" in reservation
-    assert doubt_of_name(double, alike).endswith(" only by 24 nats")
+    assert doubt_of_name(double, alike).endswith(" by 24 nats only")
     even = replace(cause, probability=0.5, z=5.0)
     unknown = replace(
         made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(ResidualPattern.of("roll ~ pitch", 11.0),)
@@ -216,8 +216,8 @@ def test_a_size_that_changes_at_a_moment_is_told_before_and_after_it() -> None:
     assert rows["axis to the left, y: after about 20 s"].startswith("0.115 ")
     told = " ".join(instruments_doubted(result))
     assert "gyro bias 0.229 (0.224 to 0.235) deg/s before about 20 s and 0.115" in told
-    assert "corrects its mean, not its change" in told
-    assert to_use(result, "Yes")[1].endswith("extended.toml has the mean, and corrects no more.")
+    assert "slam optimize --model extended.toml corrects the mean of its size, not the change" in told
+    assert to_use(result, "Yes")[1].endswith("extended.toml corrects the mean of its size, not the change.")
     assert change_of_size(replace(result, findings=()), "gyro_bias", "y") is None
 
 

@@ -13,27 +13,15 @@ from PIL import Image
 
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
-from slam.criticism.finding import (
-    Inconsistency,
-    LateReadings,
-    NameInDoubt,
-    Onset,
-    OutOfRange,
-    ResidualPattern,
-    VaryingSize,
-)
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
-from slam.data_quality.finding import Finding
-from slam.data_quality.oscillation import Vibration
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight
 from slam.report.criticism.certainty import longer_bar
 from slam.report.criticism.changes import size_over_time
-from slam.report.criticism.findings import in_words
 from slam.report.criticism.pictures import (
     covariate_caption,
     covariate_picture,
@@ -308,36 +296,6 @@ def test_sizes_are_told_in_everyday_units() -> None:
     answers = {row.label: row for row in criticism_answers(replace(made(), causes=(tilted,)))}
     told = answers["What is wrong, and how large is it?"].value
     assert told.endswith("axis ahead, x 1.7 (1.1 to 2.3) deg; axis to the left, y 1.7 (1.1 to 2.3) deg.")
-
-
-@pytest.mark.parametrize(
-    ("finding", "words"),
-    [
-        (OutOfRange(channel="velocity_std_m_s"), "speed that nobody commands: the best value lies outside"),
-        (NameInDoubt(("control_latency",), effect="attitude_lag"), "may be control_latency instead"),
-        (NameInDoubt(effect="timestamp_jitter"), "an effect that the catalogue does not hold."),
-        (LateReadings(-0.0491, channel="velocity"), "velocity come 49.1 ms too early by their stamps."),
-        (
-            VaryingSize(-0.1, 0.2, "rad/s", 10.0, effect="gyro_bias", parameter="x"),
-            "-6 to 11 deg/s in stretches of 10 s",
-        ),
-        (
-            Onset(490.0, -0.0023, "rad/s", effect="gyro_bias", parameter="y", z=10.2),
-            "by -0.132 deg/s at about 490 s",
-        ),
-        (
-            ResidualPattern.of("velocity_x ~ ahead", 11.0),
-            "error of the speed ahead in proportion to the speed ahead",
-        ),
-        (
-            Inconsistency("during a flight", 120.0, is_cause=False, effect="flow_scale", z=11.0),
-            "it is something else",
-        ),
-        (Vibration(7.0, -20.0, channel="accel_z"), "acceleration up oscillates at 7.0 Hz"),
-    ],
-)
-def test_what_is_left_over_is_told_in_plain_words(finding: Finding, words: str) -> None:
-    assert words in in_words(finding, made())
 
 
 def test_every_reading_and_every_fitted_constant_has_plain_words():

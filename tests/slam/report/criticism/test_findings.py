@@ -17,54 +17,178 @@ from slam.criticism.finding import (
     VaryingSize,
 )
 from slam.criticism.verdict.criticism import Criticism
-from slam.data_quality.finding import Finding, Remark
+from slam.data_quality.finding import Finding, Remark, flights_to_name
 from slam.data_quality.frozen import Frozen
 from slam.data_quality.oscillation import Line, Vibration
 from slam.data_quality.rounding import Rounding
 from slam.report.criticism.findings import concerned, in_words
 from slam.simulation.model import load_model
 
-EACH = (
-    Remark("the floor shines", channel="pictures"),
-    Frozen(np.array([1.0, 4.0]), np.array([0.5, 0.7]), 0.1, np.ones(9, dtype=bool), channel="sonar"),
-    Rounding(0.0175, "rad", channel="pitch", flight="second"),
-    Line(7.0, 0.3, "m/s^2", channel="accel_z"),
-    Vibration(7.0, -20.0, channel="gyro_x"),
-    ResidualPattern.of("velocity_x ~ ahead, velocity_y ~ left", 11.0),
-    Inconsistency("during a flight", 120.0, effect="sonar_lag", z=5.0),
-    NameInDoubt(("control_latency",), effect="attitude_lag"),
-    OutOfRange(0.42, "1", (0.95, 1.05), channel="vehicle.gain"),
-    LateReadings(-0.049, channel="velocity"),
-    VaryingSize(-0.1, 0.2, "m/s^2", 10.0, 9.0, effect="accel_bias", parameter="y"),
-    Onset(490.0, -0.0023, "rad/s", flight="first", effect="gyro_bias", parameter="y", z=10.2),
-)
+EACH: tuple[tuple[Finding, str, str, str], ...] = (
+    (
+        Remark("the floor shines", channel="pictures"),
+        "the floor shines", "the floor shines.", "the camera",
+    ),
+    (
+        Remark("the floor shines", channel="pictures", flight="second"),
+        "second: the floor shines", "second: the floor shines.", "the camera",
+    ),
+    (
+        Frozen(np.array([1.0, 4.0]), np.array([0.5, 0.7]), 0.1, np.ones(9, dtype=bool), channel="sonar"),
+        "the sonar repeats its reading 2 times for about 0.6 s, first at 1 s (10 % of its readings)",
+        "the sonar repeats its reading 2 times", "the height sensor",
+    ),
+    (
+        Rounding(0.0175, "rad", channel="pitch", flight="second"),
+        "second: pitch is rounded to steps of 0.0175 rad (1 deg)",
+        "second: pitch is rounded to steps", "the attitude",
+    ),
+    (
+        Line(7.0, 0.3, "m/s^2", channel="accel_z"),
+        "accel_z oscillates at 7.0 Hz by 0.3 m/s^2",
+        "acceleration up oscillates at 7.0 Hz", "the accelerometer",
+    ),
+    (
+        Vibration(7.0, -20.0, channel="accel_z"),
+        "accel_z oscillates at 7.0 Hz (by chance in 10^-20)",
+        "acceleration up oscillates at 7.0 Hz", "the accelerometer",
+    ),
+    (
+        ResidualPattern.of("velocity_x ~ ahead, velocity_y ~ left", 11.0),
+        "velocity_x ~ ahead, velocity_y ~ left (z = 11.0)",
+        "error of the speed ahead in proportion to the speed ahead and an error of the speed to the left",
+        "the speed sensor",
+    ),
+    (
+        Inconsistency("during a flight", 120.0, effect="sonar_lag", z=5.0),
+        "sonar_lag changes during a flight (z = 5.0)",
+        "sonar_lag changes during a flight (by 5.0 standard deviations).", "the height sensor",
+    ),
+    (
+        Inconsistency("during a flight", 120.0, is_cause=False, effect="flow_scale", z=11.0),
+        "what looks like flow_scale changes during a flight (z = 11.0)",
+        "it is something else", "the speed sensor",
+    ),
+    (
+        NameInDoubt(("control_latency",), effect="attitude_lag"),
+        "attitude_lag may be control_latency",
+        "may be control_latency instead", "",
+    ),
+    (
+        NameInDoubt(effect="timestamp_jitter"),
+        "timestamp_jitter may be something else",
+        "an effect that the catalogue does not hold.", "the clock of the log",
+    ),
+    (
+        OutOfRange(0.0, "1", (0.95, 1.0512345), channel="vehicle.gain"),
+        "vehicle.gain is 0 (healthy: 0.95 to 1.05)",
+        "tilt per stick over the model's is 0", "the scaling of the sticks in the autopilot",
+    ),
+    (
+        OutOfRange(channel="velocity_std_m_s"),
+        "velocity_std_m_s out of range",
+        "speed that nobody commands: the best value lies outside", "",
+    ),
+    (
+        LateReadings(-0.0491, channel="velocity"),
+        "velocity early by 49.1 ms",
+        "velocity come 49.1 ms too early by their stamps.", "the speed sensor",
+    ),
+    (
+        VaryingSize(0.0, 0.2, "m/s^2", 10.0, 9.0, effect="accel_bias", parameter="y"),
+        "accel_bias.y is 0 to 0.2 m/s^2 by segments of 10 s, like an attitude error of 9 deg",
+        "0.00 to 0.20 m/s^2 in stretches of 10 s, like an attitude error of 9 deg", "the accelerometer",
+    ),
+    (
+        VaryingSize(-0.1, 0.2, "rad/s", 10.0, effect="gyro_bias", parameter="x"),
+        "gyro_bias.x is -0.1 to 0.2 rad/s by segments of 10 s",
+        "-6 to 11 deg/s in stretches of 10 s", "the gyro",
+    ),
+    (
+        Onset(490.0, -0.0023, "rad/s", effect="gyro_bias", parameter="y", z=10.2),
+        "gyro_bias.y changes by -0.0023 rad/s at about 490 s (z = 10.2)",
+        "by -0.132 deg/s at about 490 s (by", "the gyro",
+    ),
+    (
+        Onset(0.0, -0.0023, "rad/s", flight="first", effect="gyro_bias", parameter="y", z=10.2),
+        "first: gyro_bias.y changes by -0.0023 rad/s at about 0 s (z = 10.2)",
+        "by -0.132 deg/s at about 0 s of first (by", "the gyro",
+    ),
+)  # fmt: skip
+"""Findings, with their texts in verdict.json, a part of their words for a pilot, and the sensor concerned."""
 
 
 def kinds(of: type[Finding]) -> set[type[Finding]]:
     return {kind for own in of.__subclasses__() for kind in (own, *kinds(own))}
 
 
+def rows_of(*findings: Finding) -> list[dict[str, object]]:
+    written = json.dumps(Criticism("unknown", findings=findings).to_json(), allow_nan=False)
+    return json.loads(written)["findings"]
+
+
 def test_each_kind_is_here():
-    assert {type(finding) for finding in EACH} == kinds(Finding)
+    assert {type(finding) for finding, *_ in EACH} == kinds(Finding)
 
 
-def test_verdict_json_has_each_finding_with_its_text_and_fields():
-    found = Criticism("unknown", findings=EACH)
-    rows = json.loads(json.dumps(found.to_json(), allow_nan=False))["findings"]
-    assert [row["text"] for row in rows] == [str(finding) for finding in EACH]
-    assert len({row["kind"] for row in rows}) == len(EACH)
-    assert found.remainder == "; ".join(row["text"] for row in rows)
-    frozen, rounding = rows[1:3]
-    assert frozen == {"kind": "frozen", "text": str(EACH[1]), "channel": "sonar", "share": 0.1}
-    assert rounding["text"] == "second: pitch is rounded to steps of 0.0175 rad (1 deg)"
-    assert rows[-1]["time_s"] == 490.0
-    assert rows[-1]["flight"] == "first"
+def test_verdict_json_has_each_finding_with_its_text():
+    findings, texts, *_ = zip(*EACH, strict=True)
+    rows = rows_of(*findings)
+    assert [row["text"] for row in rows] == list(texts)
+    assert len({row["kind"] for row in rows}) == len(kinds(Finding))
+    assert Criticism("unknown", findings=findings).remainder == "; ".join(texts)
 
 
-@pytest.mark.parametrize("finding", EACH, ids=lambda finding: type(finding).__name__)
-def test_each_kind_has_words_and_a_sensor(finding: Finding):
+@pytest.mark.parametrize(
+    ("finding", "fields"),
+    [
+        (EACH[1][0], {"kind": "remark", "channel": "pictures", "flight": "second"}),
+        (EACH[2][0], {"kind": "frozen", "channel": "sonar", "share": 0.1}),
+        (NameInDoubt(effect="gusts"), {"kind": "name_in_doubt", "effect": "gusts", "is_cause": True}),
+        (
+            NameInDoubt(("gusts",), is_cause=False),
+            {"kind": "name_in_doubt", "others": ["gusts"], "is_cause": False},
+        ),
+        (OutOfRange(channel="a"), {"kind": "out_of_range", "channel": "a"}),
+        (
+            OutOfRange(0.0, "s", (0.1234567, 0.2), channel="a"),
+            {"kind": "out_of_range", "channel": "a", "value": 0.0, "unit": "s", "healthy": [0.12346, 0.2]},
+        ),
+        (
+            VaryingSize(0.0, 0.2, "1", 10.0, effect="a", parameter="b"),
+            {
+                "kind": "varying_size", "effect": "a", "parameter": "b",
+                "least": 0.0, "most": 0.2, "unit": "1", "segment_s": 10.0,
+            },
+        ),
+        (
+            Onset(0.0, 0.1234567, "s", effect="a", parameter="b", z=9.0),
+            {
+                "kind": "onset", "effect": "a", "parameter": "b", "z": 9.0,
+                "time_s": 0.0, "change": 0.12346, "unit": "s",
+            },
+        ),
+    ],
+)  # fmt: skip
+def test_a_row_has_the_fields_that_differ_from_their_defaults(
+    finding: Finding, fields: dict[str, object]
+) -> None:
+    assert rows_of(finding) == [fields | {"text": str(finding)}]
+
+
+@pytest.mark.parametrize(
+    ("finding", "words", "sensor"), [(finding, words, sensor) for finding, _, words, sensor in EACH]
+)
+def test_each_kind_has_words_and_a_sensor(finding: Finding, words: str, sensor: str) -> None:
     result = Criticism("unknown", findings=(finding,), model=load_model("nominal"))
     told = in_words(finding, result)
+    assert words in told
     assert told.endswith(".")
     assert " ~ " not in told
-    assert len(concerned(result)) == (finding.effect != "attitude_lag"), "a lag is no instrument's"
+    assert concerned(result) == [sensor] * bool(sensor)
+
+
+def test_a_flight_is_named_where_there_are_several():
+    assert flights_to_name(["first", "second"]) == ["first", "second"]
+    assert flights_to_name(["first"]) == [""]
+    assert flights_to_name([]) == []
