@@ -51,6 +51,13 @@ class Misregistration:
         return np.asarray(np.isfinite(self.shift_px).all(axis=1))
 
     @property
+    def compared(self) -> NDArray[np.bool_]:
+        """(rows, columns) whether two pictures were compared in a square."""
+        found = np.zeros(self.shape, bool)
+        found[tuple(self.square.T)] = True
+        return found
+
+    @property
     def along_px(self) -> Array:
         """(n,) displacement along the parallax."""
         return np.asarray((self.shift_px * self._direction).sum(axis=1))

@@ -23,6 +23,8 @@ from slam.core.progress import Progress
 from slam.report.rasters.pits import doubted_pits, lowest_place
 
 Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 PERCENTS = (50, 95)
 """Percentiles of the misregistration that are reported."""
 
@@ -35,6 +37,17 @@ class MeasuredGround:
     surface: Surface | None
     """None where nothing shows that the ground is not flat."""
     over_surface: Misregistration | None = None
+
+    @cached_property
+    def pits(self) -> Mask:
+        """(rows, cols) measured heights of the surface that are doubted."""
+        assert self.surface is not None
+        return doubted_pits(self.surface)
+
+    @cached_property
+    def height_std_m(self) -> Float32 | None:
+        """(rows, cols) standard deviation of the heights of the surface; None without one."""
+        return None if self.surface is None else height_stds(self.surface, self.pits)
 
     @cached_property
     def facts(self) -> GroundFacts:
@@ -53,7 +66,7 @@ class MeasuredGround:
         relief = ~self.surface.on_floor[shown]
         if not relief.any():
             return flat
-        known, pits = std[relief & np.isfinite(std)], doubted_pits(self.surface)
+        known, pits = std[relief & np.isfinite(std)], self.pits
         return replace(
             flat,
             relief_share=float(relief.mean()),
@@ -65,6 +78,23 @@ class MeasuredGround:
             doubted_share=float(pits.sum() / max(self.surface.measured.sum(), 1)),
             doubted_at_m=lowest_place(self.surface, pits),
         )
+
+
+def height_stds(surface: Surface, pits: Mask) -> Float32:
+    """Return (rows, cols) the standard deviation of each height in metres.
+
+    Where nothing measured it, or where it is one of the doubted ``pits``, it is the root mean square of the
+    measured ones over the floor: such ground may be as uneven as the rest (NaN where nothing was measured at
+    all). Ground that was found flat is exact.
+    """
+    believed = surface.measured & ~pits
+    known = believed & np.isfinite(surface.std_m)
+    usual_m = float(np.median(surface.std_m[known])) if known.any() else 0.0  # the sonar's have none
+    spread_m = np.sqrt(np.mean(surface.height_m[believed] ** 2, dtype=float)) if believed.any() else np.nan
+    std_m = np.where(surface.source == HeightSource.FLOOR, 0.0, spread_m)
+    std_m[believed] = usual_m
+    std_m[known] = surface.std_m[known]
+    return std_m.astype(np.float32)
 
 
 def without_unseen(surface: Surface, plan: MosaicPlan) -> Surface:
@@ -101,5 +131,8 @@ def measure_ground(
     )
     all_views = replace(plan, views=tuple(view for view in views if isinstance(view, MosaicView)))
     matched = Pictures(all_views, load, pictures.max_mb)
-    surface = build_surface(all_views, matched, relief, elevation, progress, seen_by_two(all_views))
+    # Where the mosaic needs one picture alone, others may show the ground as well: none was compared there.
+    seen = seen_by_two(all_views)
+    relief |= seen & ~over_floor.compared
+    surface = build_surface(all_views, matched, relief, elevation, progress, seen)
     return MeasuredGround(over_floor, surface)

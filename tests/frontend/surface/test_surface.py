@@ -15,11 +15,17 @@ from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, raised_maps
 from frontend.surface.build import build_surface
 from frontend.surface.dense import _agreed, dense_heights
 from frontend.surface.holes import filled, without_specks
-from frontend.surface.misregistration import Misregistration, measure_misregistration, seen_by_two
+from frontend.surface.misregistration import (
+    SQUARE_PX,
+    Misregistration,
+    measure_misregistration,
+    seen_by_two,
+)
 from frontend.surface.relief import relief_squares, relief_threshold_px
 from frontend.surface.stereo import Placed, ground_points, rectified
 from frontend.workers import Workers, share_with
-from slam.report.rasters.surface import without_unseen
+from slam.core.progress import silent
+from slam.report.rasters.surface import measure_ground, without_unseen
 from tests.frontend.mosaic.scene import FLOOR_Z_M, photograph, pose, smooth_floor
 from tests.frontend.sent_workers import SentWorkers
 
@@ -377,8 +383,35 @@ def test_ground_that_no_two_pictures_show_is_taken_as_level_and_told():
     assert not (everything.source == HeightSource.LEVEL).any()
 
 
-def test_squares_that_two_pictures_see_are_those_that_are_compared(pictures):
-    plan, found = measured(pictures, POSES, FLOOR_Z_M)
+def test_a_square_is_seen_by_two_where_two_pictures_contain_its_corners():
+    plan = plan_mosaic(CAMERA, POSES, FLOOR_Z_M, 0.01)
     seen = seen_by_two(plan)
-    assert seen.shape == found.shape
-    assert np.array_equal(np.argwhere(seen), found.square[np.lexsort(found.square.T[::-1])])
+    assert seen.any()
+    assert not seen.all()
+    for row, column in np.ndindex(*seen.shape):
+        corners = np.array([(column + i, row + j) for i in (0, 1) for j in (0, 1)]) * SQUARE_PX * plan.gsd_m
+        x_m, y_m = plan.west_m + corners[:, 0], plan.north_m - corners[:, 1]
+        containing = 0
+        for w_T_b in POSES:
+            image_H_floor = np.linalg.inv(CAMERA.floor_H_image(w_T_b, FLOOR_Z_M))
+            u, v, w = image_H_floor @ np.array([x_m, y_m, np.ones(4)])
+            inside = (
+                (u / w > 0) & (u / w < CAMERA.size_px[0] - 1) & (v / w > 0) & (v / w < CAMERA.size_px[1] - 1)
+            )
+            containing += bool(inside.all())
+        assert containing >= 2 or not seen[row, column]
+
+
+@pytest.mark.slow
+def test_ground_that_the_mosaic_shows_once_is_measured_where_other_pictures_show_it(pictures):
+    floor_z_m = FLOOR_Z_M - HEIGHT_M
+    whole = plan_mosaic(CAMERA, POSES, floor_z_m, GSD_M / 2)  # enough squares for a decision
+    fewer = replace(whole, views=whole.views[:4])
+    load = pictures.__getitem__
+    found = measure_ground(fewer, Pictures(fewer, load), load, np.array(POSES), floor_z_m, None, silent)
+    compared = found.over_floor.compared
+    assert (seen_by_two(whole) & ~compared).any()
+    source = found.surface.source
+    cells = SQUARE_PX * whole.gsd_m / found.surface.cell_m  # along a square
+    for row, column in ((np.argwhere(seen_by_two(whole) & ~compared) + 0.5) * cells).astype(int):
+        assert source[row, column] != HeightSource.FLOOR
