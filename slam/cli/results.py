@@ -72,7 +72,7 @@ def write_results(
     write_solution(folder, estimate, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     start = time.perf_counter()
     mosaics, warning, made = _write_mosaics(folder, estimate, flight, options, progress)
-    heights = write_elevation(estimate, folder, made.ground.surface if made else None)
+    heights = write_elevation(estimate, folder, made.ground if made else None)
     if mcap:
         _write_map_mcap(folder, estimate, flight, progress)
     if options.wanted:

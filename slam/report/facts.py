@@ -80,8 +80,6 @@ class Facts:
     """The datum of heights, in words; empty for a graph."""
     heading_doubt: str = ""
     """The drift of the recorded heading beyond its stated accuracy, in words; empty where both agree."""
-    measured_in_part: bool = False
-    """Whether the ground is uneven, and some of it has no measured height, or a doubted one."""
     lengths_by_imu: bool = False
     """Whether the accelerometer takes part in the lengths of the map; it does not in those without loops."""
     has_truth: bool = False
@@ -166,7 +164,6 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         plane="" if flight is None else plane_text(estimate),
         datum="" if flight is None else datum_text(estimate),
         heading_doubt=doubt,
-        measured_in_part=estimate.ground is not None and estimate.ground.is_measured_in_part,
         lengths_by_imu=inertial is not None and inertial.used,
         has_truth=flight is not None and flight.truth is not None,
         metric=estimate.metric,

@@ -29,6 +29,11 @@ class FloorScatter(NamedTuple):
         """The height of the floor among them."""
         return (self.lowest_m + self.highest_m) / 2
 
+    @property
+    def std_m(self) -> float:
+        """Their standard deviation."""
+        return (self.highest_m - self.lowest_m) / (2 * SURE)
+
     def __str__(self) -> str:
         return f"{1e3 * self.lowest_m:+.0f} to {1e3 * self.highest_m:+.0f}{SPACE}mm"
 

@@ -44,6 +44,13 @@ class MosaicFacts:
     """Number of pictures that show the ground with the largest standard deviation; 0 where not known."""
     gap_area_m2: float = 0.0
     """Ground that no picture shows, below the stretches of the path without usable pictures."""
+    hole_beside_m2: float = 0.0
+    """Area of the holes that is not below such a stretch."""
+
+    @property
+    def missing_m2(self) -> float:
+        """Area of all missing ground inside of the map."""
+        return self.gap_area_m2 + self.hole_beside_m2
 
     @property
     def ground_std_m(self) -> tuple[float, float]:
@@ -61,10 +68,10 @@ def mosaic_facts(picture: Path | None, quality: Path | None, gaps: Sequence[Gap]
         return None
     import rasterio
 
-    from slam.report.rasters.quality import gap_area_m2, quality_figures  # rasters load OpenCV and GDAL
+    from slam.report.rasters.quality import missing_ground_m2, quality_figures  # rasters load OpenCV and GDAL
 
     with rasterio.open(files[0]) as source:
         size, pixel_m = (source.width, source.height), float(source.transform.a)
     found = quality_figures(files[1])
-    missing_m2 = gap_area_m2(files[1], gaps)
-    return MosaicFacts(pixel_m, *size, **found._asdict(), gap_area_m2=missing_m2)
+    below_m2, beside_m2 = missing_ground_m2(files[1], gaps)
+    return MosaicFacts(pixel_m, *size, **found._asdict(), gap_area_m2=below_m2, hole_beside_m2=beside_m2)

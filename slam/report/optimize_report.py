@@ -17,11 +17,11 @@ from slam.core.units import area, percent, unit
 from slam.core.version import VERSION
 from slam.report.answers.advice import limit_sentence
 from slam.report.answers.checked_lengths import basis, settled
-from slam.report.answers.headline import sentence
+from slam.report.answers.headline import sentence, what_ok_means
 from slam.report.answers.left_out import check_in_words, figures_in_words
 from slam.report.answers.left_out_here import ground_is_missing, left_out_here
 from slam.report.answers.questions import PLACE, pilots_answers
-from slam.report.answers.streams import STREAM_WORDS, doubts
+from slam.report.answers.streams import STREAM_WORDS
 from slam.report.facts import Facts, gather, median_height_m
 from slam.report.mosaic_facts import MosaicFacts, mosaic_facts
 from slam.report.output_files import output_files
@@ -126,7 +126,7 @@ def render(
     marks = MapMarks(unit(facts.metric), estimate.origin is not None, surveyed_marks(estimate.control))
     ground = mosaic_facts(mosaics.after, mosaics.quality, facts.gaps)
     told = not_evaluated(flight) if accuracy.evaluated == NOT_EVALUATED else accuracy.evaluated
-    unused = unused_instruments(estimate, flight)
+    left_out = (*left_out_here(estimate, facts, summary), *unused_instruments(estimate, flight))
     reasons, kinds = reasons_of(summary.status, summary.warnings), by_kind(summary.warnings)
     page = render_page(
         "page.html.j2",
@@ -141,10 +141,9 @@ def render(
         reasons=tuple(map(sentences, reasons)),
         warnings=tuple(sentences(line) for line in kinds.warnings if line not in reasons),
         notes=tuple(map(sentences, kinds.notes)),
-        doubted=[doubt.sentence for doubt in doubts(summary.warnings)],
-        ground_missing=ground_is_missing(facts, summary),
+        ok_means=what_ok_means(summary.warnings, ground_is_missing(facts, summary)),
         limit=limit_sentence(estimate.information_shares, facts.metric, ground is not None),
-        answers=pilots_answers(estimate, summary, facts, ground, unused),
+        answers=pilots_answers(estimate, summary, facts, ground, left_out),
         place=PLACE,
         tiles=_tiles(facts, ground),
         chain_drift=facts.length(facts.chain_moved_m) if np.isfinite(facts.chain_moved_m) else "",
@@ -160,7 +159,7 @@ def render(
         altitude=embedded(altitude_picture(estimate, facts.gaps))
         if drawable and not facts.is_graph
         else None,
-        left_out=(*left_out_here(estimate, facts, summary), *unused),
+        left_out=left_out,
         rejected_loops=_rejected_loops(estimate),
         verdicts={loop.finding for loop in estimate.loops if loop.verdict == "rejected"},
         figures=_figures(estimate, summary, facts),
@@ -183,9 +182,8 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
         Item(f"typical uncertainty of a {of} (1σ)", facts.error(std_m)),
         Item("length of the path", facts.length(facts.path_m)),
     ]
-    # A hole may be a part of a gap.
-    if mosaic is not None and (missing_m2 := max(mosaic.gap_area_m2, mosaic.hole_area_m2)) > 0:
-        tiles.append(Item("of ground are missing, at least", area(missing_m2, facts.metric)))
+    if mosaic is not None and mosaic.missing_m2 > 0:
+        tiles.append(Item("of ground are missing", area(mosaic.missing_m2, facts.metric)))
     if not facts.is_graph and facts.loops_kept and (change := facts.loop_change) is not None:
         tiles.append(Item("drift that loop closures took out, at most", facts.length(change.largest_m)))
     return tuple(tiles)

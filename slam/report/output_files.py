@@ -27,7 +27,7 @@ _FILES = (
     OutputFile("mosaic_chain.png", "the map before: each picture placed by the one before it"),
     OutputFile(
         "elevation.png",
-        "heights, of the ground where the pictures show them or of what stands on it, as a picture",
+        "heights over the floor, as far as they were measured, as a picture",
     ),
     OutputFile("elevation.tif", "the same heights for GIS programs"),
     OutputFile("mosaic_quality.png", "how reliable each piece of the map is, as a picture"),

@@ -21,7 +21,6 @@ from slam.core.flight import Flight
 from slam.evaluation.association import poses_at
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import MosaicFiles, write_mosaic
-from slam.report.rasters.pits import height_stds
 from slam.simulation import simulate
 from slam.simulation.camera.optics import expose
 from slam.simulation.place.obstacles import ROUND, TAPER_WIDTH, TOP, corners
@@ -134,7 +133,7 @@ def surface_errors(made: MosaicFiles, world: World) -> list[Metric]:
     with np.errstate(divide="ignore"):
         whitened = (off_px * GSD_M / surface.std_m)[known & ~steep]
     unmeasured = inside & ~surface.measured & (surface.source != HeightSource.FLOOR)
-    over_std = (GSD_M * off_px / height_stds(surface))[unmeasured]
+    over_std = (GSD_M * off_px / made.ground.height_std_m)[unmeasured]
     filled = 100 * float((surface.source == HeightSource.FILLED)[inside].mean())
     return [
         at_most(

@@ -111,8 +111,8 @@ def _unmeasured(estimate: Estimate) -> str:
     if ground is None or not ground.is_measured_in_part:
         return ""
     return (
-        " Where its height was not measured (pale in the picture of heights), ground counts as uneven as the "
-        "rest, and a wrong height displaces it."
+        " Where no height was measured (pale in the picture of heights), the map assumes that the ground is "
+        "as uneven as the rest, so its place is less certain."
     )
 
 

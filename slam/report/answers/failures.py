@@ -166,7 +166,7 @@ def _bare(facts: Facts, summary: Summary, mosaic: MosaicFacts | None) -> list[st
     """Return that pictures showed nothing usable, and how much ground is missing; empty for a few of many."""
     if not (bare := too_bare(facts, summary)):
         return []
-    missing_m2 = 0.0 if mosaic is None else mosaic.gap_area_m2 + mosaic.hole_area_m2
+    missing_m2 = 0.0 if mosaic is None else mosaic.missing_m2
     lost = f", and {area(missing_m2, facts.metric)} of ground are missing" if missing_m2 else ""
     return [f"{bare} of {facts.frames} pictures showed too little to be used{lost}"]
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from backend.wording import counted, either
+from slam.core.messages import by_kind
 from slam.core.units import SPACE, area, percent
+from slam.report.answers.streams import doubts
 from slam.report.facts import Facts
 from slam.report.mosaic_facts import MosaicFacts
 
@@ -78,7 +82,7 @@ def _missing(facts: Facts, mosaic: MosaicFacts | None) -> str:
     """Return how much ground the map lacks, in one sentence with a space in front; empty where none is
     missing."""
     long = [gap for gap in facts.gaps if gap.shows_nothing]
-    holes_m2 = 0.0 if mosaic is None else mosaic.hole_area_m2
+    holes_m2 = 0.0 if mosaic is None else mosaic.hole_beside_m2
     told = []
     if long:
         path = facts.length(sum(gap.length_m for gap in long))
@@ -91,3 +95,15 @@ def _missing(facts: Facts, mosaic: MosaicFacts | None) -> str:
         told.append(f"{area(holes_m2, facts.metric)} {'more ' if long else ''}inside the map are missing")
     text = " and ".join(told)
     return f" Ground is missing: {text}." if told else ""
+
+
+def what_ok_means(warnings: Sequence[str], ground_is_missing: bool) -> str:
+    """Return what the status ok says of a map, except for what its ``warnings`` doubt."""
+    doubted = [doubt.sentence for doubt in doubts(warnings)]
+    text = "all measurements that this map uses agree with each other"
+    if doubted:
+        text += f", with {either(len(doubted), 'one exception', 'exceptions')}: {'; '.join(doubted)}"
+    if count := len(by_kind(warnings).warnings):
+        text += f"; see the {either(count, 'warning', 'warnings')} below “In short”"
+        text += ": ground is missing" if ground_is_missing else ""
+    return f"{text}."

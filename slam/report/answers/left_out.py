@@ -191,6 +191,7 @@ def counted_by_kind(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
         "view": ("single view of a point of the ground", "single views of points of the ground"),
         "echo": ("echo of the height sensor", "echoes of the height sensor"),
         "fix": ("position of the GPS", "positions of the GPS"),
+        "reading": ("reading of an instrument", "readings of instruments"),
         "link": ("edge", "edges") if is_graph else ("picture or link", "pictures or links"),
     }
     told = []
@@ -204,7 +205,6 @@ def counted_by_kind(rows: Sequence[LeftOut], is_graph: bool = False) -> str:
         if of_kind:
             bracket = f" ({', '.join(verdicts)})" if verdicts else ""
             told.append(f"{counted(sum(row.count for row in of_kind), *name)}{bracket}")
-    told += [f"{row.count} {row.what[0].lower()}{row.what[1:]}" for row in rows if row.kind == "reading"]
     return ", ".join(told)
 
 

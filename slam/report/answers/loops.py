@@ -49,8 +49,8 @@ def _ends(estimate: Estimate, facts: Facts) -> str:
     ends = {end for loop in estimate.loops if loop.verdict == "kept" for end in (loop.i, loop.j)}
     if facts.is_graph or not 0 < len(ends) < facts.placed:
         return ""
-    grow = ": along a stretch without, errors grow until the next one" if facts.relative_to else ""
-    return f" {len(ends)} of {facts.placed} keyframes have one{grow}."
+    grow = " Between them errors grow, up to the next pair." if facts.relative_to else ""
+    return f" {len(ends)} of {facts.placed} keyframes belong to such a pair.{grow}"
 
 
 def another_arrangement(estimate: Estimate, facts: Facts) -> str:

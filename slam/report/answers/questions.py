@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,12 +42,14 @@ def pilots_answers(
     summary: Summary,
     facts: Facts,
     mosaic: MosaicFacts | None = None,
-    unused: tuple[LeftOut, ...] = (),
+    left_out: Sequence[LeftOut] | None = None,
 ) -> tuple[Item, ...]:
     """Return questions and answers; only those that apply to a flight.
 
-    ``mosaic``: figures of the mosaic, where there is one. ``unused``: readings that the map did not need.
+    ``mosaic``: figures of the mosaic, where there is one. ``left_out``: rows of the table of what the
+    map was made without; None: those that the summary counts.
     """
+    rows_left_out = left_out_here(estimate, facts, summary) if left_out is None else left_out
     rows = [
         Item("Can I use this map?", _usable(estimate, facts, summary)),
         Item("What does the status promise, and what not?", _promise(estimate, summary, facts)),
@@ -63,7 +66,7 @@ def pilots_answers(
         Item("What did loop closures change?", gain_of_loops(facts)),
         Item(
             "What was left out, and do I have to act?",
-            _left_out(facts, (*left_out_here(estimate, facts, summary), *unused)),
+            _left_out(facts, rows_left_out),
         ),
         Item("What on the mosaic may not be as it is on the ground?", not_as_it_is(estimate, mosaic)),
         Item("Are the heights true?", *(("",) if facts.is_graph else heights(estimate, facts, summary))),
@@ -203,7 +206,7 @@ def _next(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFact
     return next_steps(estimate, facts, summary, ground_is_missing(facts, summary), mosaic)
 
 
-def _left_out(facts: Facts, rows: tuple[LeftOut, ...]) -> str:
+def _left_out(facts: Facts, rows: Sequence[LeftOut]) -> str:
     if not rows:
         return "Nothing."
     act = [row for row in rows if not row.no_need_to_act]
@@ -217,10 +220,11 @@ def _left_out(facts: Facts, rows: tuple[LeftOut, ...]) -> str:
 
 
 def _axes(estimate: Estimate, facts: Facts) -> str:
-    unknown = "" if estimate.origin is not None or facts.is_graph else "Where north is, is not known; "
+    unknown = "" if estimate.origin is not None or facts.is_graph else "North is not known; "
     doubt = (
-        f" Zero is what the attitude sensor read so at the first keyframe, but {facts.heading_doubt}: on the "
-        "map all fits together, but do not take x for a direction of a compass."
+        f" Zero is the heading that the attitude sensor called zero at the first keyframe, but "
+        f"{facts.heading_doubt}: on the map all fits together, but do not take x for a direction of a "
+        "compass."
         if facts.heading_doubt and estimate.origin is None
         else ""
     )

@@ -11,7 +11,7 @@ from slam.core.flight import Flight
 from slam.core.units import SPACE, area, percent
 from slam.report.coordinates import at
 from slam.report.facts import Facts, whence
-from slam.report.floor_scatter import SURE, FloorScatter, floor_scatter
+from slam.report.floor_scatter import FloorScatter, floor_scatter
 from slam.report.page import embedded
 
 
@@ -78,7 +78,7 @@ def _of_echoes(estimate: Estimate, facts: Facts, flight: Flight | None) -> str:
     if scatter is not None:
         told += (
             f"Echoes of the floor scatter from {scatter} (three standard deviations to either side, of "
-            f"{facts.error((scatter.highest_m - scatter.lowest_m) / (2 * SURE))} each). Heights "
+            f"{facts.error(scatter.std_m)} each). Heights "
             "between have the colour of the floor, so that what stands on it can be told. "
         )
         told += _standing_out(estimate, facts, scatter)

@@ -17,7 +17,7 @@ from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 from slam.report.floor_scatter import LEAST_SPAN_M, floor_scatter
-from slam.report.rasters.pits import doubted_pits
+from slam.report.rasters.surface import MeasuredGround
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,24 +39,22 @@ _SHOWN = (0.5, 99.5)
 thing may be a few cells of echoes, the colours span all of them."""
 
 
-def write_elevation(estimate: Estimate, out_dir: Path, surface: Surface | None = None) -> Path | None:
+def write_elevation(estimate: Estimate, out_dir: Path, ground: MeasuredGround | None = None) -> Path | None:
     """Write ``elevation.tif`` and ``elevation.png``; return None where nothing measured the ground.
 
-    With a surface, it is the first band, and the sonar's heights are a further one.
+    With a measured surface, that is the first band, and the sonar's heights are a further one.
 
     Raises ``InputError`` where the disk refuses.
     """
     elevation = estimate.elevation
-    doubts = None
-    if surface is not None:
+    doubts, surface = None, ground.surface if ground is not None else None
+    if ground is not None and surface is not None:
         corner, cell_m, shape = (surface.west_m, surface.north_m), surface.cell_m, surface.height_m.shape
-        pits = doubted_pits(surface)
-        bands = _surface_bands(surface, pits, elevation)
-        level = surface.source == HeightSource.LEVEL
+        bands = _surface_bands(surface, ground.pits, elevation)
         doubts = {
             "filled in": surface.source == HeightSource.FILLED,
-            "doubted": pits,
-            "taken as level": level,
+            "doubted": ground.pits,
+            "taken as level": surface.source == HeightSource.LEVEL,
         }
     elif elevation is not None:
         corner, cell_m, shape = (

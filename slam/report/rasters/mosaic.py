@@ -108,7 +108,7 @@ def write_mosaic(
             tiles = _Tiles(made, known)
             write_geotiff(tif, made.grid, tiles.blocks(), height_tags(estimate))
         png_gsd_m = write_png(tif, work / "mosaic.png", MAX_PNG_PIXELS)
-        write_quality(plan, made.exposure, estimate, work / "mosaic_quality.tif")
+        write_quality(plan, made.exposure, estimate, work / "mosaic_quality.tif", ground.height_std_m)
     return MosaicFiles(
         geotiff=out_dir / "mosaic.tif",
         png=out_dir / "mosaic.png",

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.mosaic.surface import HeightSource, Surface
+from frontend.mosaic.surface import Surface
 from slam.report.floor_scatter import SURE
 
 Float32 = NDArray[np.float32]
@@ -69,20 +69,3 @@ def _closed(height_m: Float32, known: Mask, width_cells: float) -> Float32:
     closed = np.where(np.isfinite(closed), closed, -np.inf)
     fine = np.repeat(np.repeat(closed, block, axis=0), block, axis=1)
     return np.asarray(fine[: height_m.shape[0], : height_m.shape[1]], np.float32)
-
-
-def height_stds(surface: Surface) -> NDArray[np.float32]:
-    """Return (rows, cols) the standard deviation of each height in metres.
-
-    Where nothing measured it, or where it is doubted, it is the root mean square of the measured ones over
-    the floor: such ground may be as uneven as the rest (NaN where nothing was measured at all). Ground that
-    was found flat is exact.
-    """
-    believed = surface.measured & ~doubted_pits(surface)
-    known = believed & np.isfinite(surface.std_m)
-    usual_m = float(np.median(surface.std_m[known])) if known.any() else 0.0  # the sonar's have none
-    spread_m = np.sqrt(np.mean(surface.height_m[believed] ** 2, dtype=float)) if believed.any() else np.nan
-    std_m = np.where(surface.source == HeightSource.FLOOR, 0.0, spread_m)
-    std_m[believed] = usual_m
-    std_m[known] = surface.std_m[known]
-    return std_m.astype(np.float32)

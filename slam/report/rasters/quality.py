@@ -18,7 +18,6 @@ from slam.core.units import length_unit, unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, height_tags, write_bands
 from slam.report.gaps import Gap
-from slam.report.rasters.pits import height_stds
 
 if TYPE_CHECKING:
     from affine import Affine
@@ -35,16 +34,23 @@ _WIDTH_IN, _LETTERS_PT = 9.0, 10
 """Width of the picture: letters are as large on a page of 18 cm as small print, and larger on a screen."""
 
 
-def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path: Path) -> None:
+def write_quality(
+    plan: MosaicPlan,
+    exposure: Exposure,
+    estimate: Estimate,
+    path: Path,
+    height_std_m: NDArray[np.float32] | None = None,
+) -> None:
     """Write ``path`` (.tif) and the picture beside it (.png).
+
+    ``height_std_m``: standard deviation of the heights of the plan's surface, on its lattice.
 
     Raises ``InputError`` where the disk refuses.
     """
     of_ground = estimate.ground_covariances
     covariances = estimate.over_floor_covariances if of_ground is None else of_ground
-    heights_std_m = None if plan.surface is None else height_stds(plan.surface)
     quality = mosaic_quality(
-        plan, exposure, estimate.over_floor_T_b, covariances, estimate.floor_z_m, heights_std_m
+        plan, exposure, estimate.over_floor_T_b, covariances, estimate.floor_z_m, height_std_m
     )
     rows, cols = quality.pictures.shape
     corner = plan.west_m, plan.north_m
@@ -102,36 +108,39 @@ def quality_figures(path: Path) -> QualityFigures:
     return QualityFigures(_median(std_m), *largest, _median(seam), covered, count, area_m2, x_m, y_m)
 
 
-def gap_area_m2(path: Path, gaps: Sequence[Gap]) -> float:
-    """Return the ground that no picture shows below ``gaps``, in strips as wide as a picture.
+def missing_ground_m2(path: Path, gaps: Sequence[Gap]) -> tuple[float, float]:
+    """Return the area that no picture shows below ``gaps``, in strips as wide as a picture, and that of the
+    holes beside these.
 
     Ground beyond the raster is missing as well.
     """
     import rasterio
+    from scipy.ndimage import binary_fill_holes
 
-    strips = [gap for gap in gaps if gap.shows_nothing and gap.width_m > 0]
-    if not strips:
-        return 0.0
     with rasterio.open(path) as source:
         shown, at = np.isfinite(source.read(_PICTURES_BAND)), source.transform
-    # Cells beyond the raster hold the whole strips.
-    ends = np.array([gap.ends_m for gap in strips]).reshape(-1, 2)
-    far_m = max(gap.width_m for gap in strips)
-    cells = [~at @ tuple(corner) for corner in (*(ends - far_m), *(ends + far_m))]
-    low, high = np.floor(np.min(cells, axis=0)).astype(int), np.ceil(np.max(cells, axis=0)).astype(int)
-    before = tuple(max(0, -int(start)) for start in low[::-1])
-    behind = tuple(max(0, int(end) - size) for end, size in zip(high[::-1], shown.shape, strict=True))
-    shown = np.pad(shown, tuple(zip(before, behind, strict=True)))
+    strips = [gap for gap in gaps if gap.shows_nothing and gap.width_m > 0]
+    before = (0, 0)
+    if strips:  # cells beyond the raster hold the whole strips
+        ends = np.array([gap.ends_m for gap in strips]).reshape(-1, 2)
+        far_m = max(gap.width_m for gap in strips)
+        cells = [~at @ tuple(corner) for corner in (*(ends - far_m), *(ends + far_m))]
+        low, high = np.floor(np.min(cells, axis=0)).astype(int), np.ceil(np.max(cells, axis=0)).astype(int)
+        before = (max(0, -int(low[1])), max(0, -int(low[0])))
+        behind = tuple(max(0, int(end) - size) for end, size in zip(high[::-1], shown.shape, strict=True))
+        shown = np.pad(shown, tuple(zip(before, behind, strict=True)))
     row, col = np.nonzero(~shown)
     x, y = at @ (col - before[1] + 0.5, row - before[0] + 0.5)
-    missing = np.zeros(len(row), dtype=bool)
+    below = np.zeros(len(row), dtype=bool)
     for gap in strips:
         (x0, y0), (x1, y1) = gap.ends_m
         along = np.array([x1 - x0, y1 - y0]) / max(np.hypot(x1 - x0, y1 - y0), 1e-9)
         ahead, aside = (x - x0) * along[0] + (y - y0) * along[1], (y - y0) * along[0] - (x - x0) * along[1]
         inside = (ahead > 0) & (ahead < np.hypot(x1 - x0, y1 - y0))
-        missing |= inside & (np.abs(aside) < gap.width_m / 2)
-    return float(np.count_nonzero(missing) * abs(at.a * at.e))
+        below |= inside & (np.abs(aside) < gap.width_m / 2)
+    in_hole = binary_fill_holes(shown)[row, col]
+    cell_m2 = abs(at.a * at.e)
+    return float(np.count_nonzero(below) * cell_m2), float(np.count_nonzero(in_hole & ~below) * cell_m2)
 
 
 def _holes(shown: NDArray[np.bool_], at: Affine) -> tuple[int, float, float, float]:

@@ -110,13 +110,13 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
         count, stated = _readings(flight, name)
         if not count and max((row.get(name, 0.0) for row in shares.values()), default=0.0) < _NOTABLE:
             continue
-        words = WORDS.get(name, name.replace("_", " "))
-        used = any(name in row for row in shares.values())
-        cells = _cells(shares, name) if used else ("",) * len(_DIRECTIONS)
-        weighed = _weighed(estimate, name) if used and count else ""
-        doubted = _doubted(estimate, flight, name)
-        use = _use(estimate, flight, name)
-        rows.append((words, str(count or ""), f"{stated}{weighed}", use, doubted, *cells))
+        words, found = WORDS.get(name, name.replace("_", " ")), _doubts(estimate, flight, name)
+        is_used = _is_used(estimate, name)
+        cells = _cells(shares, name) if is_used else ("",) * len(_DIRECTIONS)
+        weighed = _weighed(estimate, name) if is_used and count else ""
+        of_stream = (_use(estimate, name, found), _doubted(estimate, name, found))
+        of_stream = of_stream if name in _STREAMS else ("", "")
+        rows.append((words, str(count or ""), f"{stated}{weighed}", *of_stream, *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
 
 
@@ -129,17 +129,19 @@ def unused_instruments(estimate: Estimate, flight: Flight | None) -> tuple[LeftO
     return tuple(
         LeftOut(f"Readings of {WORDS[name]}", NOT_NEEDED, count, f"No: {NOT_NEEDED}.")
         for name, count in counts.items()
-        if count and _use(estimate, flight, name) == NOT_USED
+        if count and _use(estimate, name, _doubts(estimate, flight, name)) == NOT_USED
     )
 
 
-def _use(estimate: Estimate, flight: Flight, name: str) -> str:
-    """Return whether the map rests on a stream, and why not; empty for what is none."""
-    if name not in _STREAMS:
-        return ""
-    if any(name in row for row in estimate.information_shares.values()):
+def _is_used(estimate: Estimate, name: str) -> bool:
+    return any(name in row for row in estimate.information_shares.values())
+
+
+def _use(estimate: Estimate, name: str, found: list[str]) -> str:
+    """Return whether the map rests on a stream, and why not; ``found`` are the doubts about it."""
+    if _is_used(estimate, name):
         return "yes"
-    if _doubted(estimate, flight, name).startswith("yes") or _STREAMS[name].name in estimate.status:
+    if found or _STREAMS[name].name in estimate.status:
         return "no: it is doubted"
     return NOT_USED if estimate.metric else "no: it tells no length here"
 
@@ -167,21 +169,24 @@ def _weighed(estimate: Estimate, name: str) -> str:
     )
 
 
-def _doubted(estimate: Estimate, flight: Flight, name: str) -> str:
-    """Return whether a warning doubts an instrument, and what it found, up to the first colon.
-
-    A note names what the accuracy counts. The heading is doubted by its drift.
-    """
-    stream = _STREAMS.get(name)
-    if stream is None:
-        return ""
-    told = [doubt.verdict for doubt in doubts(estimate.warnings) if doubt.concerns(stream.name)]
+def _doubts(estimate: Estimate, flight: Flight, name: str) -> list[str]:
+    """Return what warnings find of a stream, each up to its first colon, and the drift of the heading."""
+    if name not in _STREAMS:
+        return []
+    stream = _STREAMS[name].name
+    found = [doubt.verdict for doubt in doubts(estimate.warnings) if doubt.concerns(stream)]
     if name == "attitude" and (drift := heading_doubt(estimate, flight)):
-        told.append(drift)
-    if told:
-        return f"yes: {'; '.join(told)}"
-    noted = any(line.startswith(f"{stream.name}:") for line in by_kind(estimate.warnings).notes)
-    return "no; a note above tells an error that the accuracy counts" if noted else "no"
+        found.append(drift)
+    return found
+
+
+def _doubted(estimate: Estimate, name: str, found: list[str]) -> str:
+    """Return whether a stream is doubted, and why; a note names what the accuracy counts."""
+    if found:
+        return f"yes: {'; '.join(found)}"
+    notes = by_kind(estimate.warnings).notes
+    noted = any(line.startswith(f"{_STREAMS[name].name}:") for line in notes)
+    return "no; a note above names an error, which the stated accuracy includes" if noted else "no"
 
 
 def _cells(shares: Mapping[str, Mapping[str, float]], name: str) -> tuple[str, ...]:

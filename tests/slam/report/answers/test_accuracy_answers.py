@@ -278,4 +278,4 @@ def test_heights_that_nothing_measured_are_told_where_a_place_is_least_certain()
         uneven = replace(estimate, ground=ground)
         rows = pilots_answers(uneven, summarise(uneven), gather(uneven, flight), mosaic)
         told = next(row.value for row in rows if row.label == "Where is it least certain?")
-        assert ("Where its height was not measured" in told) is is_told
+        assert ("Where no height was measured" in told) is is_told

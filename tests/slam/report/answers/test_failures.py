@@ -157,7 +157,7 @@ def test_a_hole_in_a_mosaic_is_missing_ground_and_its_edge_is_told():
     assert told(whole).startswith("No: all")
     assert "the mosaic has no hole" in told(whole)
     assert "70 % of the rectangle" in told(whole)
-    torn = replace(whole, holes=2, hole_area_m2=0.25, hole_x_m=1.5, hole_y_m=-2.0)
+    torn = replace(whole, holes=2, hole_area_m2=0.25, hole_beside_m2=0.25, hole_x_m=1.5, hole_y_m=-2.0)
     assert told(torn).startswith(
         "Yes: the mosaic has 2 holes, 0.25 m² in all, the largest around x = 1.50 m, y"
     )

@@ -121,7 +121,7 @@ def test_errors_grow_between_matches_only_where_nothing_else_holds_the_path():
     assert ends < estimate.placed.sum()
     told = answers(estimate, flight)[AGAIN]
     assert (
-        f"{ends} of {estimate.placed.sum()} keyframes have one: along a stretch without, errors grow" in told
+        f"{ends} of {estimate.placed.sum()} keyframes belong to such a pair. Between them errors grow" in told
     )
     on_earth = replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0))
     assert "errors grow" not in answers(on_earth, flight)[AGAIN], "fixes hold the others"

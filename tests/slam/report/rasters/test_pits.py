@@ -6,8 +6,8 @@ import numpy as np
 
 from frontend.mosaic.surface import HeightSource, Surface
 from frontend.surface.misregistration import Misregistration
-from slam.report.rasters.pits import doubted_pits, height_stds, lowest_place
-from slam.report.rasters.surface import MeasuredGround
+from slam.report.rasters.pits import doubted_pits, lowest_place
+from slam.report.rasters.surface import MeasuredGround, height_stds
 
 
 def surface(height: np.ndarray, std_m: float = 0.1) -> Surface:
@@ -56,7 +56,7 @@ def test_heights_that_nothing_measured_are_as_uncertain_as_the_ground_is_uneven(
     given = surface(height)
     given.source[0, :4] = HeightSource.FILLED, HeightSource.LEVEL, HeightSource.FLOOR, HeightSource.SONAR
     given.std_m[0, 3] = np.nan
-    std_m = height_stds(given)
+    std_m = height_stds(given, doubted_pits(given))
     uneven_m = 4.0 / np.sqrt(2.0)  # half of the ground is 4 m high
     assert np.allclose(std_m[0, :2], uneven_m, rtol=0.02)
     assert std_m[0, 2] == 0.0, "found flat"
@@ -65,4 +65,6 @@ def test_heights_that_nothing_measured_are_as_uncertain_as_the_ground_is_uneven(
     assert (std_m[100:] == np.float32(0.1)).all()
     nothing = surface(np.zeros((10, 10)))
     nothing.source[:] = HeightSource.FILLED
-    assert np.isnan(height_stds(nothing)).all(), "how uneven the ground is, is not known"
+    assert np.isnan(height_stds(nothing, doubted_pits(nothing))).all(), (
+        "how uneven the ground is, is not known"
+    )

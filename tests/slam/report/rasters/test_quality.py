@@ -8,7 +8,7 @@ import pytest
 from frontend.mosaic.quality import MosaicQuality
 from slam.io.geotiff import Grid, write_bands
 from slam.report.gaps import Gap
-from slam.report.rasters.quality import gap_area_m2, quality_figure, quality_figures
+from slam.report.rasters.quality import missing_ground_m2, quality_figure, quality_figures
 
 
 def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
@@ -48,11 +48,23 @@ def test_ground_below_a_stretch_without_pictures_is_missing_as_wide_as_a_picture
     path, grid = tmp_path / "mosaic_quality.tif", Grid(-1.0, 4.0, 0.1, 60, 40)
     write_bands(path, grid, {"pictures": pictures, "position": pictures, "seam": pictures})
     across = Gap(3, 4, 3.0, True, ((0.5, 2.0), (3.5, 2.0)), 1.0)
-    assert gap_area_m2(path, (across,)) == pytest.approx(2.0 * 1.0, rel=0.1)
+    assert missing_ground_m2(path, (across,))[0] == pytest.approx(2.0 * 1.0, rel=0.1)
     at_the_edge = Gap(3, 4, 3.0, True, ((0.5, 4.0), (3.5, 4.0)), 1.0)
-    assert gap_area_m2(path, (at_the_edge,)) == pytest.approx(2.0 * 1.0 + 1.0 * 0.5, rel=0.1)
-    assert gap_area_m2(path, (across, across)) == gap_area_m2(path, (across,))
-    assert gap_area_m2(path, (Gap(3, 4, 3.0, False, across.ends_m, 1.0),)) == 0.0
+    assert missing_ground_m2(path, (at_the_edge,))[0] == pytest.approx(2.0 * 1.0 + 1.0 * 0.5, rel=0.1)
+    assert missing_ground_m2(path, (across, across)) == missing_ground_m2(path, (across,))
+    assert missing_ground_m2(path, (Gap(3, 4, 3.0, False, across.ends_m, 1.0),)) == (0.0, 0.0)
+
+
+def test_a_hole_below_a_stretch_without_pictures_is_missing_once(tmp_path):
+    pictures = np.full((40, 60), 3.0, np.float32)
+    pictures[10:30, 20:40] = np.nan  # 2 m x 2 m, between rows of pictures
+    path, grid = tmp_path / "mosaic_quality.tif", Grid(-1.0, 4.0, 0.1, 60, 40)
+    write_bands(path, grid, {"pictures": pictures, "position": pictures, "seam": pictures})
+    across = Gap(3, 4, 3.0, True, ((0.5, 2.0), (3.5, 2.0)), 1.0)
+    below_m2, beside_m2 = missing_ground_m2(path, (across,))
+    assert below_m2 == pytest.approx(2.0 * 1.0, rel=0.1)
+    assert below_m2 + beside_m2 == pytest.approx(4.0)
+    assert missing_ground_m2(path, ()) == (0.0, pytest.approx(4.0))
 
 
 def test_the_darkest_ground_is_the_one_that_the_report_states():

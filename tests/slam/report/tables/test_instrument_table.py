@@ -70,7 +70,8 @@ def test_an_instrument_that_a_warning_names_is_doubted_and_one_that_a_note_names
     assert found["the barometer"]["doubted?"] == "yes: falls where the camera climbs"
     assert found["the barometer"]["used?"] == "no: it is doubted"
     assert (
-        found["the height sensor"]["doubted?"] == "no; a note above tells an error that the accuracy counts"
+        found["the height sensor"]["doubted?"]
+        == "no; a note above names an error, which the stated accuracy includes"
     )
     assert found["the pictures themselves"]["doubted?"] == "no", "the ground is at fault"
 
