@@ -11,10 +11,10 @@ from backend.measurements import GRAVITY_M_S2
 from slam.core.flight import Imu
 from slam.core.messages import Note
 from slam.core.stream_anomalies import (
+    LEAST_GRAVITY_M_S2,
     clipping_anomalies,
     imu_axis_anomalies,
-    is_without_gravity,
-    mean_force_m_s2,
+    mean_specific_force_m_s2,
 )
 
 Array = NDArray[np.float64]
@@ -83,10 +83,10 @@ def gravity_reading(imu: Imu) -> GravityReading | None:
     rows = at_rest if len(at_rest) else np.flatnonzero(np.isfinite(imu.accel_m_s2).all(axis=1))
     if len(rows) == 0:
         return None
-    is_missing = is_without_gravity(imu.stamps_s, imu.accel_m_s2)
-    accel = float(np.median(np.linalg.norm(imu.accel_m_s2[rows], axis=1)))
-    if is_missing:  # the size of a single reading is that of vibration
-        accel = mean_force_m_s2(imu.stamps_s, imu.accel_m_s2)
+    mean = mean_specific_force_m_s2(imu.stamps_s, imu.accel_m_s2)
+    is_missing = mean < LEAST_GRAVITY_M_S2
+    # Without gravity, the size of a single reading is that of vibration.
+    accel = mean if is_missing else float(np.median(np.linalg.norm(imu.accel_m_s2[rows], axis=1)))
     if not abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
         return None
     b_force = imu.b_T_s[:3, :3] @ np.median(imu.accel_m_s2[rows], axis=0)

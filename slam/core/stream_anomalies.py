@@ -24,8 +24,8 @@ STUCK_S, STUCK_COUNT = 5.0, 20
 shorter recording, so many readings must be all."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
 LEAST_GRAVITY_M_S2 = 0.25 * GRAVITY_M_S2
-"""Size that half of the means of any flight's readings over a second exceed: in the mean over a flight, a
-vehicle carries its weight."""
+"""In every flight the median of the one-second means of the specific force is larger than this, because a
+vehicle carries its weight in the mean."""
 _MEAN_S = 1.0
 """Duration of a mean: vibration averages out, and gravity does not."""
 _NEAR_END = 0.05
@@ -52,7 +52,7 @@ def camera_anomalies(camera: Camera) -> list[str]:
     return [f"cam0: {line}: {question}" for line in lines]
 
 
-def mean_force_m_s2(stamps_s: Array, accel_m_s2: Array) -> float:
+def mean_specific_force_m_s2(stamps_s: Array, accel_m_s2: Array) -> float:
     """Return the median size of the means over a second of readings (n, 3); NaN where none is finite."""
     known = np.isfinite(accel_m_s2).all(axis=1)
     if not known.any():
@@ -63,16 +63,11 @@ def mean_force_m_s2(stamps_s: Array, accel_m_s2: Array) -> float:
     return float(np.median(np.linalg.norm(sums / count, axis=1)))
 
 
-def is_without_gravity(stamps_s: Array, accel_m_s2: Array) -> bool:
-    """Return whether the readings (n, 3) of a whole flight hold next to no gravity."""
-    return mean_force_m_s2(stamps_s, accel_m_s2) < LEAST_GRAVITY_M_S2
-
-
 def imu_axis_anomalies(imu: Imu) -> list[str]:
     """Return a line if gravity does not lie along the body's z: the IMU's axes or its mount are wrong."""
     known = imu.accel_m_s2[np.isfinite(imu.accel_m_s2).all(axis=1)]
     # Without gravity, what is left has any direction.
-    if len(known) == 0 or is_without_gravity(imu.stamps_s, imu.accel_m_s2):
+    if len(known) == 0 or mean_specific_force_m_s2(imu.stamps_s, imu.accel_m_s2) < LEAST_GRAVITY_M_S2:
         return []
     b_force = imu.b_T_s[:3, :3] @ np.median(known, axis=0)
     up, size = float(b_force[2]), float(np.linalg.norm(b_force))

@@ -147,7 +147,9 @@ class MetricRefinement:
         if self.inertial is None:
             return None
         camera, gain_std = calibrated(setup.camera, bundle), setup.config.trust.accel_gain_std
-        return compare_with_inertia(self.inertial, self.observations, members, bundle, camera, gain_std)
+        return compare_with_inertia(
+            self.inertial, self.observations, members, bundle, camera, gain_std, self.gravity
+        )
 
 
 def _helpful(compared: InertialComparison | None) -> ScalePrior | None:

@@ -145,7 +145,7 @@ def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
     inertial = inertial_readings(flight.imu) if with_inertia else None
     reported = reported_motion(flight, context.job.config) if with_inertia else None
     with context.timer("refine"), show_compilation(context.job.progress):
-        gravity = gravity_reading(flight.imu) if flight.imu is not None else None
+        gravity = gravity_reading(flight.imu) if with_inertia and flight.imu is not None else None
         parts = refine_map(solved, context.setup, context.job.progress, inertial, reported, gravity)
         refined = context.bridges.join(parts)
         if with_inertia:

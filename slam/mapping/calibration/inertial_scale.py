@@ -22,7 +22,6 @@ from frontend.lift import lift
 from slam.core.estimate import over_floor
 from slam.core.imu_at_rest import NO_GRAVITY, GravityReading
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.core.stream_anomalies import is_without_gravity
 from slam.mapping.front_end import Observations
 
 Array = NDArray[np.float64]
@@ -110,11 +109,13 @@ def compare_with_inertia(
     bundle: Bundle,
     camera: Camera,
     gain_std: float,
+    gravity: GravityReading | None,
 ) -> InertialComparison:
     """Compare refined keyframes ``members`` with gyro and accelerometer.
 
     The accelerometer is read at the times of the pictures on the gyro's clock, as far as that is known. The
     path is that of the camera: its unit is not the metre, in which the camera's place on the body is told.
+    Readings in which ``gravity`` is missing tell no lengths.
     """
     mount, b_p_c_m = camera.b_T_c.copy(), camera.b_T_c[:3, 3]
     mount[:3, 3] = 0.0
@@ -132,7 +133,7 @@ def compare_with_inertia(
         stamps_s, path = stamps_s[order], path[order]
     level_T = np.eye(4)
     level_T[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
-    if is_without_gravity(readings.stamps_s, readings.accel_m_s2):
+    if gravity is not None and gravity.is_missing:
         return InertialComparison(clock, NoScale(NO_GRAVITY))
     found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances), b_p_c_m)
     if isinstance(found, NoScale):

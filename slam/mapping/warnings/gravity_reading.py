@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
-from slam.core.imu_at_rest import NO_GRAVITY, GravityReading, gravity_reading
+from slam.core.imu_at_rest import GravityReading, gravity_reading
 from slam.core.messages import Note
 from slam.core.units import percent
 from slam.mapping.context import Context
@@ -47,10 +47,8 @@ def gravity_line(context: Context, map_: Map) -> GravityLine:
         return GravityLine()
     inertial = map_.inertial
     if inertial is None or not inertial.helps:
-        cause = f": {NO_GRAVITY}" if reading.is_missing else ""
-        return GravityLine(
-            reading.warning, Note(f"{reading.reads}{cause}; the lengths of the map do not rest on it")
-        )
+        read = reading.warning if reading.is_missing else reading.reads
+        return GravityLine(reading.warning, Note(f"{read}; the lengths of the map do not rest on it"))
     by_accelerometer = expected_length_error(
         reading, inertial.found.gain_slopes, config.trust.accel_gain_std, config.inertial.accel_offset_m_s2
     )

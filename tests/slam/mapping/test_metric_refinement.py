@@ -47,16 +47,21 @@ class Calls:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, ratio: float = 1.0, last_fails: bool = False) -> None:
         self.by_velocity: list[tuple[int, ScalePrior | None]] = []
         self.aligned: list[object] = []
+        self.gravity: list[object] = []
         self.last_fails = last_fails
-        compared = InertialComparison(None, AccelerometerScale(OWN, ScalePrior(ratio, 0.03), 0.02))
+        self.by_inertia = InertialComparison(None, AccelerometerScale(OWN, ScalePrior(ratio, 0.03), 0.02))
         for name, stub in (
             ("refine_part", lambda *_: bundle_of(None, by_velocity=False)),
             ("scaled_by_velocity", self.velocity),
             ("scaled_by_heights", self.heights),
-            ("compare_with_inertia", lambda *_: compared),
+            ("compare_with_inertia", self.compared),
             ("calibrated", lambda *_: None),
         ):
             monkeypatch.setattr(metric_refinement, name, stub)
+
+    def compared(self, *given: object) -> InertialComparison:
+        self.gravity.append(given[-1])
+        return self.by_inertia
 
     def velocity(self, bundle: object, setup: Any, *given: Any) -> tuple[object, str]:
         *_, aligned, _, lengths = given
@@ -101,9 +106,10 @@ def test_an_accelerometer_whose_refinement_fails_is_not_said_to_be_used(monkeypa
 
 @pytest.mark.parametrize("is_off", [False, True])
 def test_an_accelerometer_that_is_off_at_rest_takes_no_velocity_out(monkeypatch, is_off: bool) -> None:
-    Calls(monkeypatch, ratio=0.7)
+    calls = Calls(monkeypatch, ratio=0.7)
     gravity = GravityReading(9.04, np.array([0.0, 0.0, 1.0]), at_rest=True) if is_off else None
     found = refinement(gravity=gravity).of(setup_with(()), PART)
+    assert all(given is gravity for given in calls.gravity)
     assert found.bundle.uses_reported_motion is is_off
     assert any("velocity0 reads" in line and "imu0" in line for line in found.warnings) is not is_off
     if is_off:
