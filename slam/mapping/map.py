@@ -56,6 +56,8 @@ class Map:
     """Measurements that were left out without harm to the result."""
     no_scale: tuple[str, ...] = ()
     """Why no instrument determined the lengths of a part in metres; the status is not ok."""
+    velocity_left_out: bool = False
+    """Whether the accelerometer contradicts the velocity in a part; then it tells no lengths of the whole."""
     fixes_left_out: tuple[str, ...] = ()
     """Names of the GPS fixes that contradict the pictures and the other fixes, and are not used."""
     stated_accuracy: tuple[Contradiction, ...] = ()

@@ -39,6 +39,8 @@ class MapPart:
     remarks: tuple[str, ...] = ()
     no_scale: tuple[str, ...] = ()
     """Why no instrument determined its lengths in metres."""
+    velocity_left_out: bool = False
+    """Whether the accelerometer contradicts the velocity, which tells no lengths then."""
     fixes_left_out: tuple[str, ...] = ()
     """Names of the GPS fixes that contradict the pictures and the other fixes, and are not used."""
     stated_accuracy: tuple[Contradiction, ...] = ()

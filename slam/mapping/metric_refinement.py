@@ -12,6 +12,7 @@ from backend.bundle.refinement import Bundle
 from backend.inertial_scale.scale import NoScale
 from backend.measurements import AlignedPair, FloorTracks, InertialReadings, ReportedMotion
 from slam.core.imu_at_rest import GravityReading
+from slam.core.names import enumerated
 from slam.core.progress import Progress
 from slam.mapping.calibration.fallback_scale import (
     WRONG_SIGN,
@@ -41,6 +42,8 @@ class RefinedPart:
     """Why barometer and velocity do not tell the scale."""
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    velocity_left_out: bool = False
+    """Whether the accelerometer contradicts the velocity, which tells no lengths then."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class MetricRefinement:
     gravity: GravityReading | None = None
     """The accelerometer's reading of gravity, where that is off."""
 
-    def of(self, setup: Setup, part: MapPart) -> RefinedPart:
+    def of(self, setup: Setup, part: MapPart, first: Bundle | None = None) -> RefinedPart:
         """Refine the part, with velocity and accelerometer where other sensors tell the scale less well.
 
         The velocity comes first, without the barometer: the accelerometer is compared with it alone. A
@@ -65,28 +68,34 @@ class MetricRefinement:
         far more. Then accelerometer and barometer count beside the velocity. Without both, the barometer
         determines the scale.
 
+        ``first``: the part as the other sensors alone refine it, where that is known already.
+
         Raises ``BackendError`` if the part cannot be refined.
         """
         members = part.members
         # Heights alone may tell no scale: a level flight must not fail for them.
         exact = setup if setup.readings.positions or setup.control else setup.without_heights()
-        bundle = self._refined(exact, members, part.w_T_b, part.floor_z_m)
+        first = first or self._refined(exact, members, part.w_T_b, part.floor_z_m)
+        bundle = first
         reasons: list[str] = []
         remarks: list[str] = []
         if self.reported is not None and bundle.scale_std is None:
             bundle, reason = self._with_velocity(bundle, exact, members, self.reported)
-            reasons += [reason] if reason else []
+            reasons += [no_scale_line("velocity0", reason)] if reason else []
         compared = self._compared(setup, members, bundle)
         lengths = _helpful(compared)
         by_velocity = self.reported if bundle.uses_reported_motion else None
         line = velocity_contradicted(compared.scale, self.gravity) if by_velocity and compared else ""
         if line:
-            without = replace(self, reported=None).of(setup, part)
-            return replace(without, warnings=(line,))
+            without = replace(self, reported=None).of(setup, part, first)
+            return replace(without, warnings=(line, *without.warnings), velocity_left_out=True)
         if by_velocity is not None and (lengths is not None or setup.readings.heights):
             bundle, reason = self._with_velocity(bundle, setup, members, by_velocity, lengths)
             if reason:
-                remarks.append(f"lengths of the map are those by velocity0 alone: beside others, {reason}")
+                others = {"the accelerometer": lengths, "the barometer": setup.readings.heights}
+                names = enumerated([name for name, measured in others.items() if measured])
+                failed = f"the refinement with {names} as well failed: {reason}"
+                remarks.append(f"lengths come from velocity0 alone; {failed}")
             if reason and compared is not None and lengths is not None:
                 compared = replace(compared, scale=NoScale(reason))
         elif lengths is not None:
@@ -95,10 +104,11 @@ class MetricRefinement:
             bundle, reason = scaled_by_heights(
                 bundle, setup, members, self.tracks, self.aligned, self._on_step
             )
-            reasons += [reason] if reason else []
+            reasons += [no_scale_line("barometer0", reason)] if reason else []
         if falls_where_the_camera_climbs(bundle.optimum.problem.measurements.heights, bundle.w_T_b):
-            without = self.of(setup.without_heights(), part)
-            return replace(without, remarks=(f"barometer0 is left out of the map: {WRONG_SIGN}",))
+            without = self.of(setup.without_heights(), part, None if first.uses_barometer else first)
+            line = f"barometer0 is left out of the map: {WRONG_SIGN}"
+            return replace(without, remarks=(*without.remarks, line))
         return RefinedPart(bundle, compared, tuple(reasons), tuple(remarks))
 
     def _on_step(self, iteration: int, _: float) -> None:
@@ -150,6 +160,11 @@ class MetricRefinement:
         return compare_with_inertia(
             self.inertial, self.observations, members, bundle, camera, gain_std, self.gravity
         )
+
+
+def no_scale_line(instrument: str, reason: str) -> str:
+    """Return the line about an ``instrument`` that does not tell lengths in metres."""
+    return f"{instrument} could not determine the metric scale: {reason}"
 
 
 def _helpful(compared: InertialComparison | None) -> ScalePrior | None:

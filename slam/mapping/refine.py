@@ -27,7 +27,7 @@ from slam.mapping.gps.comparison import FixComparison
 from slam.mapping.gps.consensus import Agreement
 from slam.mapping.map import Map, largest_first
 from slam.mapping.map_part import MapPart
-from slam.mapping.metric_refinement import MetricRefinement
+from slam.mapping.metric_refinement import MetricRefinement, no_scale_line
 from slam.mapping.part_measurements import LEAST_SEEN, aligned_pairs, by_lines
 from slam.mapping.place_part import aligned_part, aligned_with_control, headed
 from slam.mapping.setup import Setup
@@ -103,6 +103,7 @@ def refine_map(
         ),
         remarks=tuple(line for part in parts for line in part.remarks),
         no_scale=tuple(line for part in parts for line in part.no_scale),
+        velocity_left_out=any(part.velocity_left_out for part in parts),
         fixes_left_out=tuple(name for part in parts for name in part.fixes_left_out),
         stated_accuracy=tuple(found for part in parts for found in part.stated_accuracy),
         control=main.control if main else None,
@@ -240,6 +241,7 @@ class _Evidence:
             warnings=(*part.warnings, *warnings),
             remarks=refined.remarks,
             no_scale=_no_scale(by_inertia, bundle, refined.reasons),
+            velocity_left_out=refined.velocity_left_out,
         )
         return part, agreement
 
@@ -251,7 +253,7 @@ def _no_scale(
     if bundle.scale_std is not None:
         return ()
     if not by_others and isinstance(by_inertia, NoScale):
-        return (f"imu0 could not determine the metric scale: {by_inertia.reason}",)
+        return (no_scale_line("imu0", by_inertia.reason),)
     return by_others
 
 

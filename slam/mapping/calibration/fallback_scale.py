@@ -56,7 +56,7 @@ def scaled_by_heights(
             return WRONG_SIGN
         return "" if _tells_lengths(found) else "the flight climbs and descends too little for its noise"
 
-    return _scaled(bundle, measured, setup.config.bundle, "barometer0", fault, on_step)
+    return _scaled(bundle, measured, setup.config.bundle, fault, on_step)
 
 
 def scaled_by_velocity(
@@ -91,28 +91,28 @@ def scaled_by_velocity(
             return damage
         return "" if _tells_lengths(found) else "the flight is too short or too slow for its noise"
 
-    return _scaled(bundle, measured, setup.config.bundle, "velocity0", fault, on_step, lengths)
+    return _scaled(bundle, measured, setup.config.bundle, fault, on_step, lengths)
 
 
 def _scaled(
     bundle: Bundle,
     measured: Callable[[], Measurements],
     config: BundleConfig,
-    name: str,
     fault: Callable[[Bundle], str],
     on_step: OnStep | None,
     lengths: ScalePrior | None = None,
 ) -> tuple[Bundle, str]:
-    """Refine again with what an instrument measured, unless it has a ``fault`` or the refinement fails."""
+    """Refine again with what an instrument measured, unless it has a ``fault`` or the refinement fails.
+
+    Returns the bundle as it was, and the reason, in these cases.
+    """
     try:
         w_T_b, floor_z_m, noise = bundle.w_T_b, bundle.floor_z_m, bundle.noise
         found = refine(measured(), w_T_b, floor_z_m, config, on_step, lengths, noise)
         reason = fault(found)
     except BackendError as error:
-        reason = f"the refinement with {name} failed ({error})"
-    if reason:
-        return bundle, f"{name} could not determine the metric scale: {reason}"
-    return found, ""
+        return bundle, f"no solution ({error})"
+    return (bundle if reason else found), reason
 
 
 def _tells_lengths(bundle: Bundle) -> bool:

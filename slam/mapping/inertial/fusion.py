@@ -63,7 +63,8 @@ def fuse_parts(
     that contradict the pictures are left out, with a warning. If none is left, parts that an IMU joined stay
     as they are, with unknown covariances behind the bridges; without an IMU they are taken apart.
     """
-    motion = _Motion(inertial, reported)
+    # A velocity that a part could not use must not act on the whole either.
+    motion = _Motion(inertial, None if parts.velocity_left_out else reported)
     aligned = aligned_pairs(joined, setup.camera)
     if not motion.name or not (joined.bridges or aligned):
         return joined

@@ -29,11 +29,14 @@ def setup_with(heights: tuple[object, ...]) -> Any:
     )
 
 
-def bundle_of(scale_std: float | None, by_velocity: bool) -> SimpleNamespace:
-    optimum = SimpleNamespace(problem=SimpleNamespace(measurements=SimpleNamespace(heights=())))
+def bundle_of(
+    scale_std: float | None, by_velocity: bool, heights: tuple[object, ...] = ()
+) -> SimpleNamespace:
+    optimum = SimpleNamespace(problem=SimpleNamespace(measurements=SimpleNamespace(heights=heights)))
     return SimpleNamespace(
         scale_std=scale_std,
         uses_reported_motion=by_velocity,
+        uses_barometer=bool(heights),
         optimum=optimum,
         w_T_b=PART.w_T_b,
         floor_z_m=0.0,
@@ -44,20 +47,29 @@ def bundle_of(scale_std: float | None, by_velocity: bool) -> SimpleNamespace:
 class Calls:
     """Refinements in place of the real ones, which note what they are given."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, ratio: float = 1.0, last_fails: bool = False) -> None:
+    def __init__(
+        self, monkeypatch: pytest.MonkeyPatch, ratio: float = 1.0, failing: int | None = None
+    ) -> None:
+        """The accelerometer's lengths have this ``ratio`` to the others; ``failing``: the number of the
+        refinement with the velocity that fails."""
+        self.first = 0
         self.by_velocity: list[tuple[int, ScalePrior | None]] = []
         self.aligned: list[object] = []
         self.gravity: list[object] = []
-        self.last_fails = last_fails
+        self.failing = failing
         self.by_inertia = InertialComparison(None, AccelerometerScale(OWN, ScalePrior(ratio, 0.03), 0.02))
         for name, stub in (
-            ("refine_part", lambda *_: bundle_of(None, by_velocity=False)),
+            ("refine_part", self.refine),
             ("scaled_by_velocity", self.velocity),
             ("scaled_by_heights", self.heights),
             ("compare_with_inertia", self.compared),
             ("calibrated", lambda *_: None),
         ):
             monkeypatch.setattr(metric_refinement, name, stub)
+
+    def refine(self, *_: object) -> object:
+        self.first += 1
+        return bundle_of(None, by_velocity=False)
 
     def compared(self, *given: object) -> InertialComparison:
         self.gravity.append(given[-1])
@@ -67,9 +79,9 @@ class Calls:
         *_, aligned, _, lengths = given
         self.by_velocity.append((len(setup.readings.heights), lengths))
         self.aligned.append(aligned)
-        if self.last_fails and len(self.by_velocity) > 1:
-            return bundle, "the refinement with velocity0 failed"
-        return bundle_of(0.02, by_velocity=True), ""
+        if len(self.by_velocity) == self.failing:
+            return bundle, "no solution (too few points)"
+        return bundle_of(0.02, by_velocity=True, heights=setup.readings.heights), ""
 
     def heights(self, *given: Any) -> tuple[object, str]:
         *_, aligned, _ = given
@@ -96,12 +108,35 @@ def test_pairs_by_lines_are_given_to_a_scale_by_the_barometer(monkeypatch) -> No
     assert calls.aligned == [PAIRS]
 
 
-def test_an_accelerometer_whose_refinement_fails_is_not_said_to_be_used(monkeypatch) -> None:
-    Calls(monkeypatch, last_fails=True)
-    found = refinement().of(setup_with(()), PART)
+@pytest.mark.parametrize(
+    ("heights", "others"), [((), "the accelerometer"), ((1, 2), "the accelerometer and the barometer")]
+)
+def test_an_accelerometer_whose_refinement_fails_is_not_said_to_be_used(monkeypatch, heights, others) -> None:
+    Calls(monkeypatch, failing=2)
+    found = refinement().of(setup_with(heights), PART)
     assert isinstance(found.compared.scale, NoScale)
     assert found.bundle.scale_std == 0.02
-    assert found.remarks[0].endswith("the refinement with velocity0 failed")
+    assert found.remarks == (
+        f"lengths come from velocity0 alone; the refinement with {others} as well failed: no solution "
+        "(too few points)",
+    )
+
+
+def test_a_velocity_that_tells_no_lengths_is_told_with_its_reason(monkeypatch) -> None:
+    Calls(monkeypatch, failing=1)
+    found = refinement().of(setup_with(()), PART)
+    assert found.reasons == ("velocity0 could not determine the metric scale: no solution (too few points)",)
+
+
+def test_what_the_refinement_without_a_wrong_barometer_tells_is_kept(monkeypatch) -> None:
+    calls = Calls(monkeypatch, failing=4)
+    monkeypatch.setattr(metric_refinement, "falls_where_the_camera_climbs", lambda heights, _: bool(heights))
+    found = refinement().of(setup_with((1, 2)), PART)
+    assert [heights for heights, _ in calls.by_velocity] == [0, 2, 0, 0]
+    assert calls.first == 1, "the part without the barometer is known already"
+    failed, left_out = found.remarks
+    assert failed.startswith("lengths come from velocity0 alone; the refinement with the accelerometer")
+    assert left_out.startswith("barometer0 is left out of the map: it falls")
 
 
 @pytest.mark.parametrize("is_off", [False, True])
@@ -110,6 +145,8 @@ def test_an_accelerometer_that_is_off_at_rest_takes_no_velocity_out(monkeypatch,
     gravity = GravityReading(9.04, np.array([0.0, 0.0, 1.0]), at_rest=True) if is_off else None
     found = refinement(gravity=gravity).of(setup_with(()), PART)
     assert all(given is gravity for given in calls.gravity)
+    assert calls.first == 1, "the part without the velocity is known already"
+    assert found.velocity_left_out is not is_off
     assert found.bundle.uses_reported_motion is is_off
     assert any("velocity0 reads" in line and "imu0" in line for line in found.warnings) is not is_off
     if is_off:

@@ -78,6 +78,23 @@ def test_a_barometer_that_the_parts_could_not_use_does_not_act_on_the_whole(monk
     assert given == [()]
 
 
+@pytest.mark.parametrize("left_out", [False, True])
+def test_a_velocity_that_a_part_could_not_use_does_not_act_on_the_whole(monkeypatch, left_out):
+    _, parts, edge = made_parts(np.random.default_rng(0))
+    parts = replace(parts, velocity_left_out=left_out)
+    readings = KeyframeReadings.at(Flight("read"), np.arange(8.0), None, PipelineConfig())
+    given = []
+
+    def fused(parts, joined, members, setup, motion):
+        given.append(motion.name)
+        return joined
+
+    monkeypatch.setattr("slam.mapping.inertial.fusion._fused", fused)
+    setup = Setup(CAMERA, readings, PipelineConfig())
+    fuse_parts(parts, joined(parts, [edge]), setup, object(), object())
+    assert given == ["imu0" if left_out else "imu0 and velocity0"]
+
+
 def test_parts_that_a_wrong_velocity_joined_are_taken_apart():
     _, parts, edge = made_parts(np.random.default_rng(0))
     bridged = joined(parts, [edge])
