@@ -114,9 +114,10 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
         is_used = _is_used(estimate, name)
         cells = _cells(shares, name) if is_used else ("",) * len(_DIRECTIONS)
         weighed = _weighed(estimate, name) if is_used and count else ""
-        of_stream = (_use(estimate, name, found), _doubted(estimate, name, found))
-        of_stream = of_stream if name in _STREAMS else ("", "")
-        rows.append((words, str(count or ""), f"{stated}{weighed}", *of_stream, *cells))
+        use_and_doubt = ("", "")
+        if name in _STREAMS:
+            use_and_doubt = (_use(estimate, name, found), _doubted(estimate, name, found))
+        rows.append((words, str(count or ""), f"{stated}{weighed}", *use_and_doubt, *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
 
 

@@ -27,6 +27,13 @@ def rows_of(estimate, flight):
     return {row[0]: dict(zip(table.columns, row, strict=True)) for row in table.rows}
 
 
+def test_a_source_of_errors_that_is_no_stream_has_shares_alone():
+    shares = {**SHARES, "ground": {"flat_floor": 0.7, "position": 0.3}}
+    estimate = replace(made_estimate(), information_shares=shares, warnings=())
+    ground = rows_of(estimate, flown())["how uneven the ground is"]
+    assert (ground["place of the ground"], ground["used?"]) == ("70 %", "")
+
+
 def flown():
     zero = np.zeros(4)
     gps = Gps(np.arange(4.0), zero, zero, zero, noise_std_m=(1.0, 2.0, 4.0))
