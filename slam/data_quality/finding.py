@@ -26,12 +26,21 @@ class Finding(ABC):
     """Standard deviations by which it stands out; 0 where it has no such measure."""
 
     def __str__(self) -> str:
-        where, by = f"{self.flight}: " if self.flight else "", f" (z = {self.z:.1f})" if self.z else ""
-        return f"{where}{self._text()}{by}"
+        return f"{self.label}{self._text()}{f' (z = {self.z:.1f})' if self.z else ''}"
 
     @abstractmethod
     def _text(self) -> str:
         """Return the text without the flight and the significance."""
+
+    @property
+    def label(self) -> str:
+        """The flight that its text begins with; empty for none."""
+        return f"{self.flight}: " if self.flight else ""
+
+    @property
+    def is_shown_otherwise(self) -> bool:
+        """Whether flights with commands show it as a cause, or in the innovations of their filter, too."""
+        return False
 
     @property
     def column(self) -> str:

@@ -38,6 +38,11 @@ class Line(Finding):
     amplitude: float
     unit: str
 
+    @property
+    def is_shown_otherwise(self) -> bool:
+        """True: the innovations of a channel oscillate with it."""
+        return True
+
     def _text(self) -> str:
         by = f"by {self.amplitude:.2g} {self.unit}"
         return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz {by}"

@@ -23,6 +23,11 @@ class Rounding(Finding):
     step: float
     unit: str
 
+    @property
+    def is_shown_otherwise(self) -> bool:
+        """Whether it is the quantisation of a sonar, which is a cause."""
+        return self.channel == "range"
+
     def _text(self) -> str:
         degrees = f" ({np.degrees(self.step):.2g} deg)" if self.unit == "rad" else ""
         return f"{self.channel} is rounded to steps of {self.step:.3g} {self.unit}{degrees}"

@@ -36,9 +36,7 @@ from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.sentence import unusable
 from slam.data_quality.finding import Finding, Remark
-from slam.data_quality.frozen import Frozen
 from slam.data_quality.pictures.flicker import flicker_among
-from slam.data_quality.rounding import Rounding
 from slam.simulation.model import Model
 
 TENTHS = 10
@@ -117,9 +115,7 @@ class CommandedFlights(Evidence):
         reported, doubts = {c.name for c in judged.reported}, self.doubts
         passes = self.found.last.fisher.passes
         return [
-            # Nothing else shows frozen readings, and rounded ones other than ranges.
-            *(f for f in self.readings if isinstance(f, Frozen)),
-            *(f for f in self.readings if isinstance(f, Rounding) and f.channel != "range"),
+            *(f for f in self.readings if not f.is_shown_otherwise),
             *(replace(doubt, is_cause=name in reported) for name, doubt in doubts.items()),
             *(self.best.unhealthy if self.best is not None else ()),
             *vibration_of(passes),

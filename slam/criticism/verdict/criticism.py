@@ -6,6 +6,8 @@ import re
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
+import numpy as np
+
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import ResidualPattern
 from slam.criticism.verdict.covariate import Covariate
@@ -163,11 +165,10 @@ def _cause(cause: Cause) -> dict[str, Any]:
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    """Return kind, text, ``is_cause``, and the fields that differ from their defaults; arrays excepted."""
+    """Return kind, all fields except arrays, and text."""
     kind = re.sub("(?<=.)(?=[A-Z])", "_", type(finding).__name__).lower()
-    known = ((f, getattr(finding, f.name)) for f in fields(finding))
-    plain = ((f, x) for f, x in known if isinstance(x, str | float | bool | tuple))
-    told = {f.name: _short(x) for f, x in plain if f.name == "is_cause" or x != f.default}
+    known = {f.name: getattr(finding, f.name) for f in fields(finding)}
+    told = {name: _short(x) for name, x in known.items() if not isinstance(x, np.ndarray)}
     return {"kind": kind} | told | {"text": str(finding)}
 
 
@@ -193,7 +194,7 @@ def _before_after(error: ChannelError) -> dict[str, Any]:
 
 
 def _short(value: Any) -> Any:
-    """Return a number, or each of a tuple, with five digits."""
-    if isinstance(value, str | bool):
+    """Return a number, or each of a tuple, with five digits; what is no number as it is."""
+    if value is None or isinstance(value, str | bool):
         return value
     return [_short(x) for x in value] if isinstance(value, tuple) else float(f"{value:.5g}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from slam.core.units import everyday, spaced, to_error
@@ -125,7 +126,8 @@ def is_of_speed(result: Criticism) -> bool:
 
 def in_words(finding: Finding, result: Criticism) -> str:
     """Return a finding in plain words, as a sentence, with the sizes that the verdict has."""
-    return f"{in_plain_names(_words(finding, result))}."
+    words = in_plain_names(_words(replace(finding, flight=""), result))
+    return f"{finding.label}{words}."
 
 
 def _words(finding: Finding, result: Criticism) -> str:
@@ -184,8 +186,7 @@ def _change(found: Onset, by: str, result: Criticism) -> str:
         return f"{_named(found)} is {before_and_after(change)} (a change {by})"
     factor, unit = everyday(found.change, found.unit)
     size = f"{figure(factor * found.change)}{spaced(unit)}"
-    of = f" of {found.flight}" if found.flight else ""
-    return f"{_named(found)} changes by {size} at about {found.time_s:.0f} s{of} ({by})"
+    return f"{_named(found)} changes by {size} at about {found.time_s:.0f} s ({by})"
 
 
 def _named(found: Finding) -> str:

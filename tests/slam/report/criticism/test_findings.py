@@ -112,7 +112,7 @@ EACH: tuple[tuple[Finding, str, str, str], ...] = (
     (
         Onset(0.0, -0.0023, "rad/s", flight="first", effect="gyro_bias", parameter="y", z=10.2),
         "first: gyro_bias.y changes by -0.0023 rad/s at about 0 s (z = 10.2)",
-        "by -0.132 deg/s at about 0 s of first (by", "the gyro",
+        "first: a gyro bias (axis to the left, y) changes by -0.132 deg/s at about 0 s (by", "the gyro",
     ),
 )  # fmt: skip
 """Findings, with their texts in verdict.json, a part of their words for a pilot, and the sensor concerned."""
@@ -142,14 +142,23 @@ def test_verdict_json_has_each_finding_with_its_text():
 @pytest.mark.parametrize(
     ("finding", "fields"),
     [
-        (EACH[1][0], {"kind": "remark", "channel": "pictures", "flight": "second"}),
+        (
+            Remark("bright", flight="second", channel="pictures"),
+            {"kind": "remark", "flight": "second", "channel": "pictures", "text": "second: bright"},
+        ),
         (EACH[2][0], {"kind": "frozen", "channel": "sonar", "share": 0.1}),
-        (NameInDoubt(effect="gusts"), {"kind": "name_in_doubt", "effect": "gusts", "is_cause": True}),
+        (
+            NameInDoubt(effect="gusts"),
+            {"kind": "name_in_doubt", "effect": "gusts", "others": [], "is_cause": True},
+        ),
         (
             NameInDoubt(("gusts",), is_cause=False),
             {"kind": "name_in_doubt", "others": ["gusts"], "is_cause": False},
         ),
-        (OutOfRange(channel="a"), {"kind": "out_of_range", "channel": "a"}),
+        (
+            OutOfRange(channel="a"),
+            {"kind": "out_of_range", "channel": "a", "value": None, "unit": "", "healthy": None},
+        ),
         (
             OutOfRange(0.0, "s", (0.1234567, 0.2), channel="a"),
             {"kind": "out_of_range", "channel": "a", "value": 0.0, "unit": "s", "healthy": [0.12346, 0.2]},
@@ -158,7 +167,7 @@ def test_verdict_json_has_each_finding_with_its_text():
             VaryingSize(0.0, 0.2, "1", 10.0, effect="a", parameter="b"),
             {
                 "kind": "varying_size", "effect": "a", "parameter": "b",
-                "least": 0.0, "most": 0.2, "unit": "1", "segment_s": 10.0,
+                "least": 0.0, "most": 0.2, "unit": "1", "segment_s": 10.0, "like_attitude_deg": 0.0,
             },
         ),
         (
@@ -170,10 +179,9 @@ def test_verdict_json_has_each_finding_with_its_text():
         ),
     ],
 )  # fmt: skip
-def test_a_row_has_the_fields_that_differ_from_their_defaults(
-    finding: Finding, fields: dict[str, object]
-) -> None:
-    assert rows_of(finding) == [fields | {"text": str(finding)}]
+def test_a_row_has_all_fields_except_arrays(finding: Finding, fields: dict[str, object]) -> None:
+    shared = {"flight": "", "channel": "", "effect": "", "parameter": "", "z": 0.0, "text": str(finding)}
+    assert rows_of(finding) == [shared | fields]
 
 
 @pytest.mark.parametrize(
@@ -186,6 +194,11 @@ def test_each_kind_has_words_and_a_sensor(finding: Finding, words: str, sensor: 
     assert told.endswith(".")
     assert " ~ " not in told
     assert concerned(result) == [sensor] * bool(sensor)
+
+
+def test_what_flights_with_commands_show_otherwise_is_no_finding_of_theirs():
+    assert [type(finding) for finding, *_ in EACH if finding.is_shown_otherwise] == [Line]
+    assert Rounding(0.01, "m", channel="range").is_shown_otherwise
 
 
 def test_a_flight_is_named_where_there_are_several():
