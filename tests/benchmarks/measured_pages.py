@@ -140,7 +140,7 @@ def _why(home: Path, found: Criticism) -> list[str]:
 def _ranking(home: Path, found: Criticism) -> list[str]:
     return [
         _image(home, "ranking", "Probability and strength of each hypothesis", ranking_picture(found)),
-        f"Left: probability. {ranking_caption(found)}",
+        ranking_caption(found),
     ]
 
 

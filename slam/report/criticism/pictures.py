@@ -130,6 +130,15 @@ def covariate_caption(result: Criticism) -> str:
     return f"{text} The other panel is the same for {title_of(found.rival)}, the most probable alternative."
 
 
+_UNKNOWN_COMMANDED = (
+    "that of something unknown is that more is wrong than they explain, beside them or in place of uncertain "
+    "ones, by its size alone (its pattern is told with what is not explained)"
+)
+_UNKNOWN_COMPARED = (
+    "something unknown is weighed only as a delay, since nothing predicts the motion without commands: what "
+    "is left over is told with what is not explained"
+)
+"""Meaning of the bar of something unknown, with and without commands."""
 _IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
 """Hypotheses that are not terms of the model."""
 
@@ -178,16 +187,19 @@ def ranking_picture(result: Criticism) -> bytes:
 
 
 def ranking_caption(result: Criticism) -> str:
-    """Caption of the right side of the ranking, with its line, and of bars that are none of a name alone."""
-    why = longer_bar(result)
-    doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
-    if doubts:
-        why = f"{why} An open bar is no probability of the name alone ({'; '.join(doubts)}).".strip()
-    return (
+    """Return the caption of the ranking, with its line, and with bars that are none of a name alone."""
+    unknown = _UNKNOWN_COMPARED if result.limits else _UNKNOWN_COMMANDED
+    told = [
+        f"Left: probability of each cause given these flights, alone or in the best set; {unknown}.",
         "Right: significance in standard deviations: of a cause that was found, beside the other causes; of "
         "any other effect alone, added to the original model; "
-        f"the line ({result.threshold:.1f}) is {result.threshold_means}.{' ' if why else ''}{why}"
-    )
+        f"the line ({result.threshold:.1f}) is {result.threshold_means}.",
+        longer_bar(result),
+    ]
+    doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
+    if doubts:
+        told.append(f"An open bar is no probability of the name alone ({'; '.join(doubts)}).")
+    return " ".join(filter(None, told))
 
 
 def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:

@@ -163,8 +163,8 @@ def integral_errors(seen: IntegralComparison, k: int, low_s: Array) -> Predictio
             return np.nan
         # Over a flight a second integral grows to a slope of tens of metres a second: a mean of readings that
         # lie unevenly about the moment would be off by metres.
-        value = float(np.polynomial.polynomial.polyfit(later_s, about, 1)[0])
-        return value if later_s[0] <= 0 <= later_s[-1] else np.nan
+        at_moment, _slope = np.polynomial.polynomial.polyfit(later_s, about, 1)
+        return float(at_moment) if later_s[0] <= 0 <= later_s[-1] else np.nan
 
     for begin_s in np.arange(np.ceil(stamps[0] / RESTART_S) * RESTART_S, stamps[-1] - RESTART_S, RESTART_S):
         low = np.searchsorted(low_s, begin_s + RESTART_S) > np.searchsorted(low_s, begin_s)

@@ -59,14 +59,6 @@ STATUS_MEANS = {
     "unusable": "The data do not allow a verdict.",
 }
 """Verdict -> what its title says."""
-UNKNOWN_COMMANDED = (
-    "that of something unknown is that more is wrong than they explain, beside them or in place of uncertain "
-    "ones, by its size alone (what its pattern shows stands under “In short”)"
-)
-UNKNOWN_COMPARED = (
-    "something unknown is weighed only as a delay, since nothing predicts the motion without commands: what "
-    "is left over stands under “In short”"
-)
 
 
 @dataclass(frozen=True)
@@ -143,7 +135,6 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         noise=noise_rows(result),
         noise_caption=noise_caption(result),
         noise_answer=noise_answer(result),
-        unknown_caption=UNKNOWN_COMPARED if result.limits else UNKNOWN_COMMANDED,
         of_rotation=not any(f.attitude or f.imu for f in flights if f.name in result.flights),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
         confusable=[
