@@ -52,7 +52,7 @@ SHORT_S = 80.0
 """Duration of the flights on which candidates are compared: they are all highly significant."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SearchResult:
     """Result of the search."""
 

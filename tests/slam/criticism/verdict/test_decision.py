@@ -195,7 +195,7 @@ def searched(nats, chosen, covariance=None, **more):
             correlation=lambda one, other, beside: float(covariance[0, 1]),
         ),
     )
-    return SearchResult(None, expansion, expansion, chosen, **more)
+    return SearchResult(model=None, first=expansion, last=expansion, chosen=chosen, **more)
 
 
 def test_a_fit_of_a_rival_takes_precedence_over_an_expansion():
@@ -289,10 +289,11 @@ def test_held_out_rollouts_raise_a_set_and_do_not_choose_in_it():
 
 
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
-    assert confirmed_terms(SearchResult(None, "first", "last", ())).last == "first"
+    assert confirmed_terms(SearchResult(model=None, first="first", last="last", chosen=())).last == "first"
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
     plain = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=100.0)])
-    assert confirmed_terms(SearchResult(None, plain, "last", (limit,))).last == "last"
+    found = SearchResult(model=None, first=plain, last="last", chosen=(limit,))
+    assert confirmed_terms(found).last == "last"
 
 
 def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatch):
@@ -300,7 +301,8 @@ def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatc
     faint = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=4.0)])
     for total, chosen in ((-178.0, ()), (12.0, (limit,))):
         monkeypatch.setattr(decision, "held_out", lambda *of, total=total: SimpleNamespace(total=total))
-        assert confirmed_terms(SearchResult(None, faint, "last", (limit,))).chosen == chosen
+        found = SearchResult(model=None, first=faint, last="last", chosen=(limit,))
+        assert confirmed_terms(found).chosen == chosen
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])
