@@ -2,8 +2,7 @@
 
 If one size holds everywhere, the score of each part beside the common sizes is chance. It is a chi-square
 with as many degrees of freedom as the parts have sizes of their own. All common parameters (nuisances, sizes)
-are projected out. Where instruments are compared with each other, errors are correlated, and small
-differences are significant: there only a size that varies by half of itself counts.
+are projected out.
 """
 
 from __future__ import annotations
@@ -13,20 +12,18 @@ from collections.abc import Container, Sequence
 import numpy as np
 from scipy.linalg import block_diag
 
-from backend.measurements import GRAVITY_M_S2
 from frontend.cores import in_threads
 from slam.core.arrays import Array, Ints
-from slam.criticism.finding import Inconsistency, VaryingSize
+from slam.criticism.finding import Inconsistency
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import Run
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.effects import Effect, is_variance
+from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import MEAN_NUISANCES, MEAN_PERTURBATIONS, fitted_parameter
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import deviate, with_misfit
-from slam.criticism.verdict.over_time import PART_S, TELLING, Parts, SizeOverTime
-from slam.simulation.terms import CATALOGUE
+from slam.criticism.verdict.over_time import PART_S, RIDGE, Parts, SizeOverTime
 
 MOST_PARTS = 1000
 """Greatest number of parts of a flight."""
@@ -35,14 +32,6 @@ MOST_EXCESS = 0.5
 """Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
 WEAK = 1e-6
 """Share of the strongest part's information below which a part is no evidence for the size."""
-RIDGE = 1e-9
-FEWEST_SIZES = 5
-BEYOND_CHANCE = 4.0
-"""Mean square of the segments' deviations, in variances of white rows, beyond which a size varies."""
-LARGE = 0.5
-"""Least scatter beyond chance, as a share of the size."""
-LEVEL = ("accel_bias.x", "accel_bias.y")
-"""Columns along which an attitude error acts like an error of the accelerometer."""
 _BETWEEN = "from flight to flight", "during a flight", "from channel to channel"
 """The parts that a cause is compared between, in the order of `_parts_of`."""
 
@@ -115,8 +104,9 @@ def _inconsistency(
     along = vectors[:, strong].T @ (scale * right)
     chi2 = float(np.sum(along**2 / values[strong]))
     degrees = int(strong.sum())
-    z = deviate(chi2, degrees) if chi2 > degrees else 0.0
-    return Inconsistency(between, chi2 - degrees, effect=effect.name, z=z) if z > 0.0 else None
+    if chi2 <= degrees:
+        return None
+    return Inconsistency(between, chi2 - degrees, effect=effect.name, z=deviate(chi2, degrees))
 
 
 def contradictions(
@@ -142,49 +132,6 @@ def contradictions(
     return inconsistent, refuted
 
 
-def disagreements(found: SearchResult) -> list[VaryingSize]:
-    """Return the parameters of the chosen terms that vary between segments by half of themselves."""
-    varying = []
-    for effect in (e for e in found.chosen if e.is_term):
-        for name, sizes in varying_sizes(found, effect).items():
-            k = effect.columns.index(name)
-            parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
-            off_deg = float(np.degrees(np.arctan(np.ptp(sizes) / GRAVITY_M_S2))) * (name in LEVEL)
-            at = found.last.parameters
-            least, most = (effect.in_catalogue_units(k, x, at) for x in (sizes.min(), sizes.max()))
-            varying.append(VaryingSize(
-                least, most, parameter.unit, SEGMENT_S, off_deg, effect=effect.name, parameter=parameter.name
-            ))  # fmt: skip
-    return varying
-
-
-def varying_sizes(found: SearchResult, effect: Effect) -> dict[str, Array]:
-    """Return column -> (segments,) sizes, of the parameters of a chosen term that vary between segments by
-    half of themselves, with all other terms at their common sizes."""
-    quadratic, fisher = found.last.quadratic, found.last.fisher
-    step, own = quadratic.maximise(found.chosen).whole, quadratic.index(effect.columns)
-    others = np.where(np.isin(np.arange(len(step)), own), 0.0, step)
-    score = fisher.left_at(others)[:, own]
-    information = fisher.information[:, own[:, None], own]
-    information = information * (1.0 + RIDGE * np.eye(len(own))) + 1e-12 * np.eye(len(own))
-    sizes = np.linalg.solve(information, score[:, :, None])[:, :, 0]
-    errors = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
-    varying = {}
-    for k, (name, perturbation) in enumerate(zip(effect.columns, effect.perturbations, strict=True)):
-        if is_variance(perturbation):
-            continue  # a variance naturally differs from segment to segment
-        common = abs(float(step[own[k]]))
-        sure = errors[:, k] < TELLING * max(common, effect.tolerance)
-        if sure.sum() < FEWEST_SIZES:
-            continue
-        known, chance = sizes[sure, k], float(np.mean(errors[sure, k] ** 2))
-        variance = float(np.var(known, ddof=1))
-        scatter = float(np.sqrt(max(variance - chance, 0.0)))
-        if variance > BEYOND_CHANCE * chance and scatter > LARGE * common:
-            varying[name] = known
-    return varying
-
-
 def changing_sizes(
     records: Sequence[Record], model: FilterParameters, parameters: FilterParameters,
     chosen: Sequence[Effect], names: Container[str],
@@ -192,7 +139,8 @@ def changing_sizes(
     """Return the sizes over time of the chosen causes of some ``names``; ``parameters`` include them."""
     _, parts, _ = _parts_of(records, parameters, chosen)
     step, _ = _most_probable(parts.fisher, _precision(model, parts.fisher.columns))
-    doubted = [(e, k) for e in chosen if e.name in names for k in range(len(e.perturbations))]
-    held = [fitted_parameter(e.columns[k]).size_in(parameters) for e, k in doubted]
-    each = zip(doubted, held, strict=True)
-    return tuple(parts.sizes_over_time(e, k, step, parameters, x) for (e, k), x in each)
+    series: list[SizeOverTime] = []
+    for effect in (e for e in chosen if e.name in names):
+        held = np.array([fitted_parameter(d.name).size_in(parameters) for d in effect.perturbations])
+        series += parts.sizes_over_time(effect, step, parameters, held)
+    return tuple(series)

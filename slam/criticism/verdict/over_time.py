@@ -13,8 +13,9 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from backend.measurements import GRAVITY_M_S2
 from slam.core.arrays import Array
-from slam.criticism.finding import Onset
+from slam.criticism.finding import Onset, VaryingSize
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect, is_variance
 from slam.criticism.search.information import FisherInformation
@@ -27,6 +28,14 @@ FEWEST_PARTS = 8
 """Least number of parts of a flight in which a change has a moment."""
 TELLING = 0.5
 """Greatest standard error of a segment's size, as a share of the size, for the segment to count."""
+FEWEST_SIZES = 5
+BEYOND_CHANCE = 4.0
+"""Mean square of the segments' deviations, in variances of white rows, beyond which a size varies."""
+LARGE = 0.5
+"""Least scatter beyond chance, as a share of the size."""
+LEVEL = ("accel_bias.x", "accel_bias.y")
+"""Columns along which an attitude error acts like an error of the accelerometer."""
+RIDGE = 1e-9
 TRIMMED = 0.15
 """Least share of a parameter's information on either side of the moment of a change."""
 CERTAIN_Z = 5.0
@@ -36,7 +45,7 @@ Bonferroni)."""
 
 @dataclass(frozen=True)
 class SizeOverTime:
-    """Size of one parameter in the parts of flights that show it, with all else as fitted."""
+    """Size of one parameter in the parts of flights that show it, with all other effects as fitted."""
 
     effect: str
     parameter: str
@@ -44,17 +53,40 @@ class SizeOverTime:
     flights: tuple[str, ...]
     """Flight of each part."""
     begin_s: Array
-    """(n,) begin of each part, which lasts ``PART_S``."""
+    """(n,) begin of each part."""
     sizes: Array
     errors: Array
     """(n,) standard errors of the sizes."""
     common: float
     """Size that fits all parts together."""
 
+    @property
+    def varies(self) -> bool:
+        """Whether it varies between the parts by more than chance, and by half of itself.
+
+        Where instruments are compared with each other, errors are correlated, and small differences are
+        significant. A variance naturally differs from part to part.
+        """
+        if len(self.sizes) < FEWEST_SIZES:
+            return False
+        parameter = CATALOGUE[self.effect].parameter(self.parameter)
+        chance, variance = float(np.mean(self.errors**2)), float(np.var(self.sizes, ddof=1))
+        large = LARGE * (self.common - parameter.neutral)
+        return variance > max(BEYOND_CHANCE * chance, chance + large**2) and not parameter.squared
+
+    def finding(self, part_s: float) -> VaryingSize:
+        """Return the finding that it varies between parts of some seconds."""
+        least, most = float(self.sizes.min()), float(self.sizes.max())
+        off_deg = float(np.degrees(np.arctan((most - least) / GRAVITY_M_S2)))
+        return VaryingSize(
+            effect=self.effect, parameter=self.parameter, least=least, most=most, unit=self.unit,
+            segment_s=part_s, like_attitude_deg=off_deg * (f"{self.effect}.{self.parameter}" in LEVEL),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Parts:
-    """Flights in parts of ``PART_S``."""
+    """Flights in parts of some seconds."""
 
     fisher: FisherInformation
     """Its segments are the parts."""
@@ -64,24 +96,31 @@ class Parts:
     """(parts,)."""
 
     def sizes_over_time(
-        self, effect: Effect, k: int, step: Array, parameters: FilterParameters, held: float = 0.0
-    ) -> SizeOverTime:
-        """Return the sizes of an effect's column k beside a ``step`` (columns,) from ``parameters``, in which
-        its size is ``held``."""
-        parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
-        c = self.fisher.columns.index(effect.columns[k])
-        common = held + float(step[c])
-        errors = 1.0 / np.sqrt(np.maximum(self.fisher.information[:, c, c], 1e-300))
-        moved = self.fisher.left_at(step)[:, c] * errors**2
-        sure = np.flatnonzero(errors < TELLING * max(abs(common), effect.tolerance))
-        ends = [common + (moved + sign * errors)[sure] for sign in (0.0, 1.0, -1.0)]
-        ends.append(np.array([common]))
-        sizes, high, low, whole = (
-            np.array([effect.in_catalogue_units(k, x, parameters) for x in end]) for end in ends
-        )
-        flights = tuple(self.names[j] for j in self.fisher.flight[sure].tolist())
-        known = flights, self.begin_s[sure], sizes, 0.5 * np.abs(high - low), float(whole[0])
-        return SizeOverTime(effect.name, parameter.name, parameter.unit, *known)
+        self, effect: Effect, step: Array, parameters: FilterParameters, held: Array | float = 0.0
+    ) -> list[SizeOverTime]:
+        """Return the sizes of each column of an effect, fitted together to each part beside a ``step``
+        (columns,) of all else from ``parameters``, in which its sizes are ``held``."""
+        own = np.array([self.fisher.columns.index(d.name) for d in effect.perturbations], dtype=np.int64)
+        information = self.fisher.information[:, own[:, None], own]
+        information = information * (1.0 + RIDGE * np.eye(len(own))) + 1e-12 * np.eye(len(own))
+        moved = np.linalg.solve(information, self.fisher.left_at(step)[:, own, None])[:, :, 0]
+        errors = np.sqrt(np.diagonal(np.linalg.inv(information), axis1=1, axis2=2))
+        series = []
+        for k, common in enumerate((step[own] + held).tolist()):
+            parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
+            sure = np.flatnonzero(errors[:, k] < TELLING * max(abs(common), effect.tolerance))
+            each = [(common + moved + sign * errors)[sure, k].tolist() for sign in (0.0, 1.0, -1.0)]
+            sizes, high, low, whole = (
+                np.array([effect.in_catalogue_units(k, x, parameters) for x in of])
+                for of in (*each, [common])
+            )
+            series.append(SizeOverTime(
+                effect=effect.name, parameter=parameter.name, unit=parameter.unit,
+                flights=tuple(self.names[j] for j in self.fisher.flight[sure].tolist()),
+                begin_s=self.begin_s[sure], sizes=sizes, errors=0.5 * np.abs(high - low),
+                common=float(whole[0]),
+            ))  # fmt: skip
+        return series
 
 
 def onset(found: SearchResult, parts: Parts) -> Onset | None:
@@ -113,8 +152,8 @@ def _changes(found: SearchResult, parts: Parts, effect: Effect, k: int) -> list[
         inside, name = fisher.flight == flight, flights_to_name(parts.names)[flight]
         after, change, z = _break(score[inside], known[inside], effect.tolerance)
         onsets.append(Onset(
-            float(parts.begin_s[inside][after]), change, parameter.unit,
             flight=name, effect=effect.name, parameter=parameter.name, z=z,
+            time_s=float(parts.begin_s[inside][after]), change=change, unit=parameter.unit,
         ))  # fmt: skip
     return onsets
 

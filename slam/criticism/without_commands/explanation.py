@@ -25,10 +25,9 @@ from slam.criticism.extended import with_certainty, with_terms
 from slam.criticism.finding import NameInDoubt, Onset
 from slam.criticism.next_flight import next_motion
 from slam.criticism.search.effects import LATE, Effect
-from slam.criticism.search.information import SEGMENT_S
+from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
-from slam.criticism.verdict.consistency import disagreements, varying_sizes
 from slam.criticism.verdict.covariate import Covariate, covariate_of
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
@@ -89,9 +88,19 @@ class ComparedFlights(Evidence):
     @cached_property
     def _parts(self) -> Parts:
         """The rows in parts of some seconds."""
-        begin_s = np.asarray(PART_S * segments_of(self.rows, PART_S)[0][:, 1])
-        fisher = fisher_of(self.rows, columns_of(self.rows), PART_S)
+        return self._in_parts(fisher_of(self.rows, columns_of(self.rows), PART_S), PART_S)
+
+    def _in_parts(self, fisher: FisherInformation, part_s: float) -> Parts:
+        begin_s = np.asarray(part_s * segments_of(self.rows, part_s)[0][:, 1])
         return Parts(fisher, [flight.name for flight in self.flights], begin_s)
+
+    @cached_property
+    def _varying(self) -> list[SizeOverTime]:
+        """Sizes of the chosen terms that vary between segments by half of themselves."""
+        found, chosen, fisher = self.found.last, self.found.chosen, self.found.last.fisher
+        parts, step = self._in_parts(fisher, SEGMENT_S), found.quadratic.maximise(chosen).whole
+        each = (parts.sizes_over_time(e, step, found.parameters) for e in chosen if e.is_term)
+        return [series for of_effect in each for series in of_effect if series.varies]
 
     @cached_property
     def _onset(self) -> Onset | None:
@@ -108,14 +117,14 @@ class ComparedFlights(Evidence):
         seen = [(known, *of) for k, *of in each if (known := self.sensors.records[k]) is not None]
         errors += reprojection_errors(*zip(*seen, strict=True)) if seen else ()
         causes = causes_of(found, self.posterior, together, errors)
-        return tuple(with_varying_sizes(cause, found) for cause in causes)
+        return tuple(with_varying_sizes(cause, self._varying) for cause in causes)
 
     def findings(self, judged: JudgedCauses) -> Sequence[Finding]:
         """Return what no cause explains, residual patterns excepted."""
         return [
             *self._axes[0],
             *self.readings,
-            *disagreements(self.found),
+            *(series.finding(SEGMENT_S) for series in self._varying),
             *contradiction(self.rows),
             *([self._onset] if self._onset is not None else []),
             *(NameInDoubt(is_cause=False, effect=cause.name) for cause in judged.faint),
@@ -144,15 +153,14 @@ class ComparedFlights(Evidence):
 
     def _changes(self) -> tuple[SizeOverTime, ...]:
         """Return the sizes over time of parameters that vary, or that change at a moment."""
-        found, begun, series = self.found, self._onset, []
-        for effect in (e for e in found.last.effects if e.is_term):
-            varying = varying_sizes(found, effect) if effect in found.chosen else {}
+        found, begun = self.found, [self._onset] if self._onset is not None else []
+        told = {(s.effect, s.parameter) for of in (self._varying, begun) for s in of}
+        series: list[SizeOverTime] = []
+        for effect in (e for e in found.last.effects if e.name in {name for name, _ in told}):
             beside = [*(e for e in found.chosen if not e.repeats(effect)), effect]
-            for k, column in enumerate(effect.columns):
-                if column in varying or (begun is not None and column == begun.column):
-                    step = found.last.quadratic.maximise(beside).whole
-                    series.append(self._parts.sizes_over_time(effect, k, step, found.last.parameters))
-        return tuple(series)
+            step = found.last.quadratic.maximise(beside).whole
+            series += self._parts.sizes_over_time(effect, step, found.last.parameters)
+        return tuple(s for s in series if (s.effect, s.parameter) in told)
 
     def _not_shown(self, shown: Collection[str]) -> str:
         """Return a sentence on the errors that these flights could not show, whatever their size.
@@ -220,19 +228,17 @@ def _next(found: SearchResult) -> Effect | None:
     return None
 
 
-def with_varying_sizes(cause: Cause, found: SearchResult) -> Cause:
+def with_varying_sizes(cause: Cause, varying: Sequence[SizeOverTime]) -> Cause:
     """Widen the intervals of sizes that vary between segments.
 
     Another error comes and goes there, so the segments are no independent measurements of one size. The
     interval must hold the sizes of most segments, not their mean.
     """
-    effect = next(e for e in found.chosen if e.name == cause.name)
-    varying, parameters = varying_sizes(found, effect), dict(cause.parameters)
-    for name, column in zip(effect.parameters, effect.columns, strict=True):
-        if column in varying:
-            p, factor = parameters[name], float(np.sqrt(len(varying[column])))
-            low, high = p.value - factor * (p.value - p.low), p.value + factor * (p.high - p.value)
-            parameters[name] = replace(p, low=low, high=high)
+    parameters = dict(cause.parameters)
+    for series in (s for s in varying if s.effect == cause.name):
+        p, factor = parameters[series.parameter], float(np.sqrt(len(series.sizes)))
+        low, high = p.value - factor * (p.value - p.low), p.value + factor * (p.high - p.value)
+        parameters[series.parameter] = replace(p, low=low, high=high)
     return replace(cause, parameters=parameters)
 
 

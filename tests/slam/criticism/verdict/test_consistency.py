@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.verdict.consistency import _inconsistency
-from slam.criticism.verdict.over_time import Parts
+from slam.criticism.verdict.over_time import FEWEST_SIZES, Parts, SizeOverTime
 from slam.simulation.model import load_model
 
 ROWS, PARTS = 6000, 6
@@ -57,8 +59,29 @@ def test_a_part_that_hardly_shows_a_size_is_left_out_of_its_course():
     )
     parts = Parts(known, ["a", "b"], np.arange(3.0))
     healthy = filter_parameters_of(load_model("nominal"))
-    found = parts.sizes_over_time(scale, 0, np.array([0.1]), healthy)
+    (found,) = parts.sizes_over_time(scale, np.array([0.1]), healthy)
     assert found.flights == ("a", "a")
     assert found.sizes == pytest.approx([0.1, 0.15])
     assert found.errors == pytest.approx([0.01, 0.0316], rel=0.01)
     assert found.common == pytest.approx(0.1)
+    assert parts.sizes_over_time(Effect("timestamp_jitter"), np.array([0.1]), healthy) == []
+
+
+@pytest.mark.parametrize(
+    ("middle", "swing", "error", "varies"),
+    [(0.1, 0.1, 0.01, True), (0.1, 0.03, 0.01, False), (0.1, 0.1, 0.08, False), (0.0, 0.1, 0.01, True)],
+)
+def test_a_size_varies_by_half_of_itself_and_by_more_than_chance(middle, swing, error, varies):
+    sizes = middle + swing * np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    count = len(sizes)
+    found = SizeOverTime(
+        effect="flow_scale", parameter="eps", unit="1", flights=("a",) * count, begin_s=np.arange(count),
+        sizes=sizes, errors=np.full(count, error), common=middle,
+    )  # fmt: skip
+    assert found.varies == varies
+    assert not replace(found, effect="motion_blur", parameter="exposure").varies
+    few = replace(found, sizes=sizes[: FEWEST_SIZES - 1], errors=found.errors[: FEWEST_SIZES - 1])
+    assert not few.varies
+    told = found.finding(10.0)
+    assert (told.least, told.most) == pytest.approx((middle - swing, middle + swing))
+    assert told.like_attitude_deg == 0.0
