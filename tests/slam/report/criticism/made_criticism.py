@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import ResidualPattern
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
@@ -50,3 +52,8 @@ def made(verdict: str = "named") -> Criticism:
         flights=("flight_00", "flight_01"),
         dropped=("flight_09: never moves",),
     )
+
+
+def cause_that_may_be_none() -> Cause:
+    """Return a cause whose interval holds no effect."""
+    return replace(made().causes[0], name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})

@@ -33,13 +33,13 @@ from slam.report.criticism.values import change_of_size, value_rows
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model
-from tests.slam.report.criticism.made_criticism import made
+from tests.slam.report.criticism.made_criticism import cause_that_may_be_none, made
 
 
 def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
     (cause,) = made().causes
     assert is_established(cause, made())
-    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
+    scale = cause_that_may_be_none()
     assert not is_established(scale, made())
     assert "not established by itself" in " ".join(reservations(scale, made()))
     alike = replace(made(), confusable=(("flow_scale", "quadratic_drag", 0.99),))
@@ -146,7 +146,7 @@ def test_one_finding_that_is_told_twice_and_reservations_are_not_counted() -> No
 
 def test_a_name_that_is_not_established_has_no_probability_and_is_deleted_first() -> None:
     (cause,) = made().causes
-    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
+    scale = cause_that_may_be_none()
     result = replace(made(), causes=(cause, scale), detectable={"gyro_scale": (0.009, "1")})
     told = [row.probability for row in certainty_rows(result)]
     assert told == ["0.97", "not established: its size may be none"]
@@ -182,7 +182,7 @@ def test_a_mean_rate_that_is_not_the_usual_one_is_told_with_its_reason() -> None
 
 def test_an_effect_whose_size_may_be_none_is_not_promised_to_be_there() -> None:
     (cause,) = made().causes
-    scale = replace(cause, name="gyro_scale", parameters={"eps": Interval(0.005, "1", -0.01, 0.02)})
+    scale = cause_that_may_be_none()
     result = replace(made(), causes=(cause, scale))
     assert "Not established, because the size may be none: a gyro wrong by a factor." in lead(result)
     assert "Also there" not in lead(result)
