@@ -13,14 +13,12 @@ from slam.core.names import enumerated
 from slam.core.units import everyday, sized
 from slam.criticism.cause import FAINT, LIKELY, NOT_AHEAD_S, SURE, Cause, Gain
 from slam.criticism.verdict.criticism import Criticism, Verdict
-from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S
 from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
 
 MOST_SENTENCES = 3
 """Greatest number of sentences of a headline, and of effects for which a flight is advised."""
 
-_USE_IT = "give extended.toml to slam simulate, slam replay and slam optimize by --model."
 _CORRECT = "give extended.toml to slam optimize by --model: it corrects the instruments."
 _REPAIR = "Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
 CHECK = "check the sensor, mounting and clock that the unexplained error concerns first"
@@ -49,8 +47,10 @@ def with_sentences(found: Criticism) -> Criticism:
 def what_to_do(found: Criticism, check: str, repair: str) -> str:
     """Return what the pilot of judged flights should do; ``check`` is advice on what is not explained, and
     ``repair`` on instruments."""
-    use = _CORRECT if found.limits else _USE_IT
-    look = f"{check}, and do not rely on the model's predictions there."
+    corrects = any(CATALOGUE[cause.name].undo is not None for cause in found.causes)
+    commands = "slam simulate, slam replay and slam optimize" if corrects else "slam simulate and slam replay"
+    use = _CORRECT if found.limits else f"give extended.toml to {commands} by --model."
+    look = f"{check}: the predictions stay wrong by what is not explained."
     advice: Mapping[Verdict, str] = {
         "nothing_wrong": "simulate with the model as it is.",
         "named": use,
@@ -62,14 +62,10 @@ def what_to_do(found: Criticism, check: str, repair: str) -> str:
 
 
 def flight_after(found: Criticism) -> str:
-    """Return what to fly next: what separates causes, or shows effects that were missed; and what changes."""
+    """Return what to fly next: what separates causes, or shows effects that were missed."""
     advised = found.next_flight or _flight_for(found)
     if advised and found.verdict == "ambiguous":
         advised += " Then criticise the flights together."
-    varying = [series.effect for series in found.changes]
-    for name in [*(cause.name for cause in found.causes if cause.name in varying), *varying][:1]:
-        what = "it" if (manoeuvre := CATALOGUE[name].manoeuvre) in advised else manoeuvre
-        advised += f" To see when {name} changes, log {FEWEST_PARTS * PART_S:.0f} s or more of {what}."
     return advised.strip() or _NEXT_FLIGHT[found.verdict]
 
 

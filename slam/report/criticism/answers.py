@@ -14,7 +14,7 @@ from slam.criticism.cause import JUDGED_HORIZON_S
 from slam.criticism.verdict.sentence import indistinguishable, smallest_sizes
 from slam.report.criticism.cause_evidence import CauseEvidence, shown_in_short
 from slam.report.criticism.certainty import (
-    differs,
+    by_certainty,
     how_sure,
     likeness_of_rival,
     no_other,
@@ -35,7 +35,9 @@ from slam.report.criticism.values import (
     change_of_size,
     changes_in_time,
     compared,
+    one_unit,
     sized_interval,
+    sized_one,
 )
 from slam.report.page import Item
 from slam.simulation.terms import CATALOGUE
@@ -129,12 +131,13 @@ def _item(question: str, lines: Sequence[str]) -> Item | None:
 
 
 def _wrong(result: Criticism) -> list[str]:
-    """Return what each cause does and its size, and what the leading one moves; what is possible is told as
-    such."""
-    probable = {cause.name for cause in result.probable if differs(cause)}
+    """Return what each cause does and its size, and what the leading one moves; what is less certain is told
+    as such."""
+    words = ("", ", if it is that", ", if it is there at all")
+    doubts = {c.name: doubt for doubt, of in zip(words, by_certainty(result), strict=True) for c in of}
     told = []
     for cause in result.causes:
-        begin = f"{'' if cause.name in probable else 'perhaps '}{cause.name}{_meaning(cause)}"
+        begin = f"{cause.name}{doubts[cause.name]}{_meaning(cause)}"
         told.append(f"{begin}{': ' if cause.parameters else ''}{_size(cause, result)}.")
     if any(cause.parameters for cause in result.causes):
         told.append("In brackets: the 95 % interval. “Values” lists each beside its usual range.")
@@ -156,19 +159,26 @@ def _meaning(cause: Cause) -> str:
 
 def _size(cause: Cause, result: Criticism) -> str:
     """Return the sizes of a cause in everyday units; of those along axes the ones that differ from none."""
-    term, told, same = CATALOGUE[cause.name], [], []
+    term, told = CATALOGUE[cause.name], []
+    same: list[str] = []
+    about_none: list[str] = []
     for parameter, found in cause.parameters.items():
         words, change = quantity(cause.name, parameter), change_of_size(result, cause.name, parameter)
         if change is not None:
             mean = f"extended.toml has the mean, {sized_interval(found)}"
             told.append(f"{words} {before_and_after(change)} ({mean})")
             continue
-        mean = " (mean of a size that changes)" * changes_in_time(cause.name, parameter, result)
+        varies = changes_in_time(cause.name, parameter, result)
         is_same = compared(term.parameter(parameter), found) == NO_DIFFERENCE
         if is_same and len(cause.parameters) > 1:
-            same.append(f"{words}{mean}")
+            (about_none if varies else same).append(words)
         else:
+            mean, own = " (mean of a size that changes)" * varies, term.parameter(parameter)
+            if own.neutral != 0.0 and not own.is_limit:
+                mean = f" instead of {sized_one(own.neutral, *one_unit(found))}{mean}"
             told.append(f"{words} {sized_interval(found)}{mean}{', which may be none' * is_same}")
+    if about_none:
+        told.append(f"changing, with a mean that may be none: {enumerated(about_none)}")
     if same:
         told.append(f"not different from none: {enumerated(same)}")
     return "; ".join(told)
@@ -186,20 +196,19 @@ def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
     if result.causes and not told:
         doubles = [
             f"{cause.name} may be {cause.fair_rival}, which has nearly the same course here (likeness "
-            f"{likeness:.3f})."
+            f"{likeness:.3f}); with it the flights fit worse by {cause.lead_nats:.0f} nats."
             for cause in result.causes
             if (likeness := likeness_of_rival(cause, result))
         ]
-        rest = outside_of_catalogue(result)
-        unknown = " A cause outside of the catalogue may." * bool(rest)
-        told += doubles or [f"No other effect that these flights can show explains them as well.{unknown}"]
-        told += [no_other(cause) for cause in result.causes if cause.fair_rival]
+        told += doubles or ["No other effect that these flights can show explains them as well."]
+        ruled_out = (c for c in result.causes if c.fair_rival and not likeness_of_rival(c, result))
+        told += map(no_other, ruled_out)
         none = [cause.name for cause in result.causes if not cause.fair_rival]
         if none:
             told.append(
                 f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part."
             )
-        if rest:
+        if rest := outside_of_catalogue(result):
             open_ = enumerated([cause.name for cause in uncertain(result)])
             told.append(f"{open_}: {rest[0].lower()}{rest[1:]}")
     return told

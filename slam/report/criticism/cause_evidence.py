@@ -120,9 +120,9 @@ def _size(cause: Cause, result: Criticism) -> str:
 
 def _when(cause: Cause, result: Criticism) -> str:
     if cause.gain.by is None:
-        return "throughout, in single readings"
-    steady = "its size changes" if changes(cause, result) else "throughout"
-    return f"{steady}; it predicts {better_parts(cause.gain)} better"
+        return "in single readings"
+    steady = "; its size changes" * changes(cause, result)
+    return f"in {better_parts(cause.gain)}, which it predicts better{steady}"
 
 
 def _length_s(stretch: _Stretch) -> float:

@@ -11,7 +11,6 @@ from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.criticism.finding import Inconsistency
 from slam.report.criticism.plain_names import title_of
-from slam.report.criticism.values import ONLY_THE_MEAN
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -120,7 +119,7 @@ def doubt_of_name(cause: Cause, result: Criticism) -> str:
         return "not established: its size may be none"
     if not likeness_of_rival(cause, result):
         return ""
-    return f"distinguished from {title_of(cause.fair_rival)} by {cause.lead_nats:.0f} nats only"
+    return f"hardly distinct from {title_of(cause.fair_rival)} here"
 
 
 def outside_of_catalogue(result: Criticism) -> str:
@@ -155,10 +154,10 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
     if likeness := likeness_of_rival(cause, result):
         told.append(
             f"it has nearly the same course over these flights as {title_of(cause.fair_rival)} (likeness "
-            f"{likeness:.3f}), so only the fit as a whole prefers it, by {cause.lead_nats:.0f} nats"
+            f"{likeness:.3f}), so its name is open, though the fit prefers it by {cause.lead_nats:.0f} nats"
         )
     if changes(cause, result):
-        told.append(f"its size changes during the flights: {ONLY_THE_MEAN}")
+        told.append("its size changes during the flights")
     why = _why_not_certain(cause, result)
     return [*told, why] if why else told
 
@@ -172,7 +171,7 @@ def _why_not_certain(cause: Cause, result: Criticism) -> str:
         return ""
     if result.probability_of(SOMETHING_ELSE) <= SURE:
         return "the flights gain too little by it"
-    unknown = "these flights certainly hold something that no effect of the catalogue describes, and"
+    unknown = "these flights certainly hold something outside of the catalogue, and"
     left_z = max((pattern.z for pattern in result.patterns[:1]), default=0.0)
     changing = (f for f in result.findings if isinstance(f, Inconsistency) and f.is_cause)
     if any(finding.effect == cause.name for finding in changing):
@@ -189,7 +188,13 @@ def how_sure(result: Criticism) -> list[str]:
     without a cause, how far all effects are from standing out."""
     if result.causes:
         told = [*_by_certainty(result), *(_reserved(cause, result) for cause in result.causes)]
-        passed = f"At least {result.threshold:.1f} is asked for beside the others, {result.threshold_means}."
+        single = "; what single readings show has no such measure" * any(
+            c.gain.by is None for c in result.causes
+        )
+        passed = (
+            f"At least {result.threshold:.1f} standard deviations are asked for beside the other causes, "
+            f"{result.threshold_means}{single}."
+        )
         return [*told, passed] if result.threshold_means else told
     effects = [rank for rank in result.ranking if rank.name in CATALOGUE]
     if not effects:

@@ -27,8 +27,8 @@ _WITHOUT: Mapping[str, str] = {
     "command": "without a log of the sticks",
 }
 """Stream -> the reason why effects do not show."""
-_OTHERWISE = "by this motion at any size, or only in single readings"
-_COMPARED = "where instruments are only compared with each other, or only in single readings"
+_OTHERWISE = "by this motion, except in single readings"
+_COMPARED = "by comparing instruments with each other, except in single readings"
 _LARGER = "at usual sizes, only at the larger ones of the table"
 UNSURE, ALONE = "not established", "alone only: not in the best set"
 FOUND, PERHAPS, NOT_FOUND = "found", "perhaps, instead of what was found", "not found"
@@ -67,29 +67,24 @@ def detectable_rows(result: Criticism) -> list[DetectableRow]:
         rows.append(
             DetectableRow(
                 title_of(name), name, _smallest(parameter, size, factor, everyday_unit),
-                _usual_size(parameter, factor, everyday_unit), verdict, CATALOGUE[name].excitation,
+                usual(parameter, factor, everyday_unit), verdict, CATALOGUE[name].excitation,
             )
         )  # fmt: skip
     return rows
 
 
-def _usual_size(parameter: Parameter, factor: float, unit: str) -> str:
-    """Return the usual range of a size: the difference from no effect, or a limit itself."""
-    if parameter.neutral == 0.0 or parameter.is_limit:
-        return usual(parameter, factor, unit)
-    most = max(abs(end - parameter.neutral) for end in (parameter.low, parameter.high))
-    return f"up to {sized_one(most, factor, unit)} more or less ({usual(parameter, factor, unit)} in all)"
-
-
 def _smallest(parameter: Parameter, size: float, factor: float, unit: str) -> str:
     """Return the smallest visible size; a limit shows only below it, and a change of what is there already
-    is told with that."""
+    beyond one of two sizes, of which an invalid one is left out."""
     told = sized_one(size, factor, unit)
     if parameter.is_limit:
         return f"a limit below {told}"
     if parameter.neutral == 0.0:
         return told
-    return f"{told} more or less than {sized_one(parameter.neutral, factor, unit)}"
+    low, high = parameter.neutral - size, parameter.neutral + size
+    below = f"below {sized_one(low, factor, unit)}" if low > parameter.least else ""
+    above = f"above {sized_one(high, factor, unit)}" if high < parameter.most else ""
+    return " or ".join(filter(None, (below, above))) or "none"
 
 
 def _most(parameter: Parameter) -> float:

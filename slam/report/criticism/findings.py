@@ -26,7 +26,7 @@ from slam.report.criticism.plain_names import (
     reading,
     sized_between,
 )
-from slam.report.criticism.values import before_and_after, change_of_size, healthy_range, sized_interval
+from slam.report.criticism.values import change_of_size, healthy_range, sized_interval
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -85,15 +85,8 @@ def distinct_findings(result: Criticism) -> list[Finding]:
 
 
 def findings_in_words(result: Criticism) -> list[str]:
-    """Return the distinct findings in words; a pattern that belongs to one of them is told behind it."""
-    kept = distinct_findings(result)
-    same = {_stands_out(f): f for f in result.findings if isinstance(f, ResidualPattern) and f not in kept}
-    told = []
-    for finding in kept:
-        double = same.get(_stands_out(finding)) if isinstance(finding, Inconsistency) else None
-        more = f" The same finding as a pattern: {in_words(double, result)}" if double else ""
-        told.append(f"{in_words(finding, result)}{more}")
-    return told
+    """Return the distinct findings in words."""
+    return [in_words(finding, result) for finding in distinct_findings(result)]
 
 
 def _stands_out(finding: Finding) -> tuple[str, str]:
@@ -142,8 +135,8 @@ def _words(finding: Finding, result: Criticism) -> str:
         case Inconsistency(is_cause=True):
             return f"{finding.effect} changes {finding.between} ({by})"
         case Inconsistency():
-            what = f"a part looks like {finding.effect}, but its size would change {finding.between}"
-            return f"{what} ({by}): it is something else"
+            what = f"there is something like {finding.effect} whose size changes {finding.between}"
+            return f"{what} ({by}), so no constant one explains it"
         case ResidualPattern() if finding.proportions:
             each = [
                 f"{_target(name)} in proportion to {_SIGNALS.get(s, s)}" for name, s in finding.proportions
@@ -183,7 +176,7 @@ def _sizes(found: VaryingSize) -> str:
 def _change(found: Onset, by: str, result: Criticism) -> str:
     """Describe a change of a size, where known with the sizes before and after it."""
     if (change := change_of_size(result, found.effect, found.parameter)) is not None:
-        return f"{_named(found)} is {before_and_after(change)} (a change {by})"
+        return f"{_named(found)} changes at {change.moment} ({by}), and why is not known"
     factor, unit = everyday(found.change, found.unit)
     size = f"{figure(factor * found.change)}{spaced(unit)}"
     return f"{_named(found)} changes by {size} at about {found.time_s:.0f} s ({by})"

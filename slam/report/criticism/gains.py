@@ -102,7 +102,7 @@ def _worse(gain: Gain) -> str:
 
     worse = [change_of(error) for error in gain.judged if error.after > (1.0 + MISFIT) * error.before]
     if not worse:
-        return f"Over all flights, no judged reading is predicted worse by more than {100 * MISFIT:.0f} %."
+        return f"Over all flights, no channel's error grows by more than {100 * MISFIT:.0f} %."
     return f"{either(len(worse), 'One', 'Some')} became worse: {'; '.join(worse)}."
 
 

@@ -10,7 +10,6 @@ from slam.report.criticism.certainty import (
     by_certainty,
     changes,
     doubt_of_name,
-    outside_of_catalogue,
 )
 from slam.report.criticism.findings import distinct_findings, findings_in_words
 from slam.report.criticism.gains import change_of, together
@@ -49,8 +48,6 @@ def _found(result: Criticism) -> str:
     if none:
         each = [CATALOGUE[c.name].title for c in none]
         told.append(f"Not established, because the size may be none: {enumerated(each)}.")
-    if rest := outside_of_catalogue(result):
-        told.append(rest)
     return " ".join(told)
 
 
@@ -91,7 +88,6 @@ def promises(result: Criticism) -> list[str]:
     if sure:
         is_there = either(len(sure), "is", "are")
         told.append(f"It promises that {enumerated(sure)} {is_there} in these flights.")
-        told.append(f"{_chance(result)}.")
     if result.causes[0].gain.by:
         told.append(
             "It promises that the extended model predicts such flights better than the original one, by the "
@@ -109,13 +105,3 @@ def promises(result: Criticism) -> list[str]:
     if result.limits:
         told.append("Nothing is promised of the vehicle's motion, which was not judged.")
     return told
-
-
-def _chance(result: Criticism) -> str:
-    more = "; what single readings show has no such measure" if _in_readings(result) else ""
-    bar = f"a cause had to stand out by {result.threshold:.1f} standard deviations beside the other causes"
-    return f"To be found, {bar} ({result.threshold_means}){more}"
-
-
-def _in_readings(result: Criticism) -> bool:
-    return any(cause.gain.by is None for cause in result.causes)

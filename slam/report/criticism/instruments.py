@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from slam.criticism import Criticism
     from slam.criticism.cause import Cause, Interval
 
-_CALIBRATE = "slam optimize --model extended.toml corrects it, and nothing needs a repair"
-_CALIBRATE_MEAN = f"slam optimize --model {ONLY_THE_MEAN}, and nothing needs a repair"
+_CALIBRATE = "nothing needs a repair, and slam optimize --model extended.toml corrects it"
+_CALIBRATE_MEAN = f"nothing needs a repair now, and slam optimize --model {ONLY_THE_MEAN}"
 _KEEP = "nothing needs a repair, and nothing can be corrected afterwards"
 _CHECK = "look at its mounting and wiring, and replace it if the same comes back after a calibration"
 _STAMPS = "look at how the log gets its stamps: a calibration does not remove it"
@@ -55,10 +55,8 @@ def instruments_doubted(result: Criticism, flights: Sequence[Flight] = ()) -> li
         by_advice.setdefault(_advice(cause, result), []).append(_beside_usual(cause, result))
     told += [f"{advice[0].upper()}{advice[1:]}: {'; '.join(of)}." for advice, of in by_advice.items()]
     if of_vehicle:
-        names = enumerated([title_of(cause.name) for cause in of_vehicle])
-        told.append(f"Of the vehicle or the place, which a repair does not change: {names}.")
-    if unsteady := [f"the {title_of(c.name)}" for c in drifting(result) if c in of_instruments]:
-        told.append(f"Not of one size throughout, so watch it from flight to flight: {enumerated(unsteady)}.")
+        names = enumerated([f"{title_of(cause.name)}{_above(cause)}" for cause in of_vehicle])
+        told.append(f"Of the vehicle or the place, not of an instrument: {names}.")
     return [*told, *whose_is_it(result, flights)]
 
 
@@ -68,16 +66,23 @@ def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism)
         names = enumerated([f"the {CATALOGUE[c.name].instrument} ({title_of(c.name)})" for c in far])
         incomplete = "The model is incomplete. " if vehicle else ""
         sure = any(is_established(c, result) for c in far)
-        return f"{incomplete}{'More' if sure else 'Perhaps more'} than usual is wrong with {names}."
+        begin = "More" if sure else "Nothing certain needs a repair; perhaps more"
+        return f"{incomplete}{begin} than usual is wrong with {names}."
     if not instruments:
         return "The model is incomplete: no cause that was found is an error of an instrument."
     above = [title_of(c.name) for c in instruments if _verdicts(c) & {ABOUT}]
     size = f"usual size, or a little more ({enumerated(above)})" if above else "usual size"
     unsteady = enumerated([title_of(c.name) for c in drifting(result) if c in instruments])
-    sound = f"none looks damaged{f', but {unsteady} is not steady' if unsteady else ''}"
+    sound = f"none looks damaged{f', but watch {unsteady}, which is not steady' if unsteady else ''}"
     if vehicle:
         return f"The model is incomplete, and instruments have errors of {size}: {sound}."
     return f"Instruments have errors of {size}: {sound}."
+
+
+def _above(cause: Cause) -> str:
+    """Return in brackets that a size is more than usual, or may be; empty for a usual one."""
+    about = " (perhaps more than usual)" if ABOUT in _verdicts(cause) else ""
+    return " (more than usual)" if is_far(cause) else about
 
 
 def is_far(cause: Cause) -> bool:
@@ -94,17 +99,19 @@ def _verdicts(cause: Cause) -> set[str]:
 def _beside_usual(cause: Cause, result: Criticism) -> str:
     """Return an instrument's error beside the usual size."""
     known = [p for p in CATALOGUE[cause.name].parameters if p.name in cause.parameters]
+    title = f"{title_of(cause.name)}{'' if is_established(cause, result) else ', if it is that,'}"
     if not known:
-        return title_of(cause.name)
+        return title.removesuffix(",")
     each = [cause.parameters[p.name] for p in known]
     apart = [p.name for p, x in zip(known, each, strict=True) if compared(p, x) != NO_DIFFERENCE]
-    usual_range = usual(known[0], *one_unit(each[0]))
+    little = "a little more than usual, " if ABOUT in _verdicts(cause) else "usual: "
+    usual_range = f"({little}{usual(known[0], *one_unit(each[0]))})"
     change = change_of_size(result, cause.name, apart[0]) if len(apart) == 1 else None
     if change is not None:
-        return f"{title_of(cause.name)} {before_and_after(change)} (usual: {usual_range})"
+        return f"{title} {before_and_after(change)} {usual_range}"
     sizes = [cause.parameters[name].value for name in apart] or [each[0].value]
     size = sizes[0] if len(sizes) == 1 else float(np.hypot.reduce(sizes))
-    return f"{title_of(cause.name)} {_rounded(size, each)} (usual: {usual_range})"
+    return f"{title} {_rounded(size, each)} {usual_range}"
 
 
 def _rounded(size: float, each: Sequence[Interval]) -> str:
@@ -119,30 +126,27 @@ def _advice(cause: Cause, result: Criticism) -> str:
     term = CATALOGUE[cause.name]
     if not differs(cause):
         return "not established, so not to be repaired or corrected (“Can I use the model now” says how)"
-    named = "" if is_established(cause, result) else ", if it is that"
     if is_far(cause):
-        return f"more than usual{named}; {_STAMPS if term.acts_on == 'clock' else _CHECK}"
-    size = (
-        "a little more than usual, with an interval that reaches into it" if ABOUT in _verdicts(cause) else ""
-    )
+        return f"more than usual; {_STAMPS if term.acts_on == 'clock' else _CHECK}"
     correct = _CALIBRATE_MEAN if changes(cause, result) else _CALIBRATE
-    return f"{size or 'of usual size'}{named}; {_KEEP if term.undo is None else correct}"
+    return _KEEP if term.undo is None else correct
 
 
 def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     """Return whether what is left over is an instrument's or the vehicle's, or which log decides."""
     found = distinct_findings(result)
-    told = []
+    told, other = [], ""
     if any(finding.channel == GAIN and not finding.effect for finding in found) and (
         size := result.nuisances.get(GAIN)
     ):
+        other = "other "
         begin = f"{constant(GAIN)} is {figure(size.value)}{_in_the_file(GAIN, result)}"
         judged = [flight for flight in flights if flight.name in result.flights]
         if {"attitude", "imu"} <= {*missing_streams(judged)}:
             told.append(
                 f"{begin}: the vehicle tilts otherwise than the model, or the speed sensor is wrong "
-                "by a factor. Without an attitude these flights cannot tell. A log with the attitude "
-                "decides: then scale the sticks otherwise, or calibrate the sensor."
+                "by a constant factor. A log of the attitude, which these flights have not, decides: then "
+                "scale the sticks otherwise, or calibrate the sensor."
             )
         else:
             told.append(f"{begin}: of the vehicle, whose sticks are scaled otherwise than the model's.")
@@ -153,7 +157,7 @@ def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
         told.append("What is not explained may still be an instrument's.")
     if is_of_speed(result):
         told.append(
-            "Whether the error of the speed is the speed sensor's or a motion that is not modelled is "
+            f"Whether the {other}error of the speed is the sensor's or a motion that is not modelled is "
             f"decided by {CATALOGUE['flow_scale'].excitation}."
         )
     return told

@@ -113,7 +113,7 @@ def _rate(stamps: Sequence[NDArray[np.float64]]) -> str:
         why = f"longest gap {figure(float(gaps_s.max()))} s"
     else:
         close = 100.0 * float(np.mean(gaps_s < 0.5 * usual_s))
-        why = f"{figure(close)} % follow in less than half of the usual spacing"
+        why = f"{figure(close)} % come in between"
     return f" at {mean} Hz on average, mostly {usual} Hz; {why}"
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
 from slam.core.names import enumerated, listed
+from slam.criticism.finding import Onset
 from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, likeness_of_rival
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, is_of_speed
@@ -65,10 +66,11 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
         if names
     ]
     if settled:
-        told.append(f"What it settles: {enumerated(settled)}.")
+        told.append(f"What it settles: {enumerated(settled)}. The right cause comes back with the same size.")
     if is_of_speed(result):
         told.append(f"For the error of the speed: {CATALOGUE['flow_scale'].excitation}.")
-    varying = [c.name for c in drifting(result) if f"when {c.name} changes" not in " ".join(told)]
+    known = {finding.effect for finding in result.findings if isinstance(finding, Onset)}
+    varying = [c.name for c in drifting(result) if c.name not in known]
     if varying:
         told.append(
             f"The same at the start and at the end of a flight shows how {enumerated(varying)} "

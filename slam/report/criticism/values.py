@@ -109,8 +109,12 @@ def value_rows(result: Criticism) -> list[ValueRow]:
 
 
 def unshown_constants(result: Criticism) -> str:
-    """Return a sentence on the constants of this vehicle that the flights do not show."""
-    hidden = [constant(name) for name, _ in _own_constants(result) if not is_shown(name, result)]
+    """Return a sentence on the constants of this vehicle that the flights do not show.
+
+    The noise of an instrument shows wherever there is the instrument.
+    """
+    own = (name for name, _ in _own_constants(result) if _is_plain(name) and not is_shown(name, result))
+    hidden = [constant(name) for name in own]
     told = f"Not shown by these flights, and kept as healthy vehicles have them: {enumerated(hidden)}."
     return told if hidden else ""
 

@@ -126,6 +126,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         values=value_rows(result),
         unshown=unshown_constants(result),
         equations=equation_rows(result),
+        corrected=corrected(result),
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
         by=gain.by if gain else None,
@@ -166,6 +167,12 @@ def _tiles(result: Criticism) -> list[Item]:
         strongest = max(result.ranking, key=lambda r: r.z)
         tiles.append(Item(f"strongest of all ({title_of(strongest.name)})", f"{strongest.z:.1f} sigma"))
     return tiles
+
+
+def corrected(result: Criticism) -> str:
+    """Return which causes ``slam optimize`` corrects in a recording, as the end of a sentence."""
+    names = [title_of(c.name) for c in result.causes if CATALOGUE[c.name].undo is not None]
+    return enumerated(names) or "none of them"
 
 
 def equation_rows(result: Criticism) -> list[EquationRow]:
@@ -211,8 +218,8 @@ def noise_answer(result: Criticism) -> str:
     if not less and not more:
         return f"Yes: errors have the predicted size within {100 * MISFIT:.0f} %."
     told = [
-        f"scatter {way} than predicted: {enumerated(of)}"
-        for way, of in (("less", less), ("more", more))
+        f"errors are {way} than predicted: {enumerated(of)}"
+        for way, of in (("smaller", less), ("larger", more))
         if of
     ]
-    return f"Not quite, by more than {100 * MISFIT:.0f} %. Readings that {'; '.join(told)}."
+    return f"Not quite: by more than {100 * MISFIT:.0f} %, {'; '.join(told)}."

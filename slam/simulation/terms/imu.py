@@ -179,7 +179,7 @@ IMU = (
         ),
         equation="added to the specific force",
         confounders=("trim_offset", "accel_scale"),
-        excitation="rest on the floor with motors off, and again turned by 180 deg about the vertical",
+        excitation="rest on the floor with motors off, turned by 180 deg about the vertical, and upside down",
         tolerance=0.01,
         in_differences=True,
         stream="imu",

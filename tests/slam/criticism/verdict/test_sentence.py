@@ -7,13 +7,11 @@ import re
 from itertools import product
 from typing import get_args
 
-import numpy as np
 import pytest
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import NameInDoubt, OutOfRange, ResidualPattern
 from slam.criticism.verdict.criticism import Criticism, Rank, Verdict
-from slam.criticism.verdict.over_time import SizeOverTime
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.sentence import details, headline, unusable, with_sentences
 from slam.simulation.terms import CATALOGUE
@@ -168,17 +166,6 @@ def test_only_an_instrument_is_repaired():
     )
     assert "instrument" not in vehicle
     assert "Calibrate, or repair, the instrument" in camera
-
-
-def test_what_shows_a_cause_that_changes_is_flown_throughout_one_flight():
-    parts = SizeOverTime("attitude_lag", "tau", "s", ("a",), np.zeros(1), np.ones(1), np.ones(1), 1.0)
-    flown = with_sentences(Criticism("named_with_remainder", changes=(parts,))).details[-1]
-    assert "40 s or more" in flown
-    assert CATALOGUE["attitude_lag"].excitation in flown
-    advised = "To distinguish a from b fly 'climb' once, for 4 s: 3.6 sigma a time."
-    both = with_sentences(Criticism("ambiguous", changes=(parts,), next_flight=advised)).details[-1]
-    assert advised in both
-    assert flown.partition(": ")[2] in both
 
 
 def test_what_shows_effects_that_were_missed_is_told_with_a_healthy_verdict():

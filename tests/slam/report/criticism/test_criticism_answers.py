@@ -47,8 +47,8 @@ def test_what_is_there_and_what_it_is_are_two_certainties() -> None:
     double = replace(cause, rival="flow_scale", lead_nats=24.0)
     assert not is_established(double, alike)
     (reservation,) = reservations(double, alike)
-    assert "(likeness 0.990), so only the fit as a whole prefers it, by 24 nats" in reservation
-    assert doubt_of_name(double, alike).endswith(" by 24 nats only")
+    assert "(likeness 0.990), so its name is open, though the fit prefers it by 24 nats" in reservation
+    assert doubt_of_name(double, alike) == "hardly distinct from speed wrong by a factor here"
     even = replace(cause, probability=0.5, z=5.0)
     unknown = replace(
         made(), ranking=(Rank("unknown", 1.0, 0.0),), patterns=(ResidualPattern.of("roll ~ pitch", 11.0),)
@@ -135,7 +135,7 @@ def test_one_finding_that_is_told_twice_and_reservations_are_not_counted() -> No
         nuisances={"vehicle.gain": Interval(1.28, "1", 1.18, 1.38)},
     )
     assert len(distinct_findings(result)) == 2
-    assert "The same finding as a pattern: " in findings_in_words(result)[1]
+    assert len(findings_in_words(result)) == 2
     other = replace(result, findings=(gain, varying, replace(pattern, z=9.0), doubt))
     assert len(distinct_findings(other)) == 3
     assert concerned(result) == [
@@ -155,7 +155,7 @@ def test_a_name_that_is_not_established_has_no_probability_and_is_deleted_first(
     assert "[terms.gyro_scale] and [std.gyro_scale]" in steps[1]
     assert steps[2].startswith("2. Give extended.toml to slam simulate")
     (alone,) = to_use(made(), "Yes")
-    assert alone.startswith("Yes: give extended.toml to slam simulate, slam replay and")
+    assert alone.startswith("Yes: give extended.toml to slam simulate and slam replay")
 
 
 def test_a_visible_limit_lies_below_its_size_and_a_change_is_told_with_what_it_changes() -> None:
@@ -163,8 +163,8 @@ def test_a_visible_limit_lies_below_its_size_and_a_change_is_told_with_what_it_c
     limit, lag = detectable_rows(replace(made(), detectable=seen))
     assert limit.size == "a limit below 3.44 deg"
     assert (lag.size, lag.usual) == (
-        "0.11 s more or less than 0.1 s",
-        "up to 0.2 s more or less (0.05 to 0.3 s in all)",
+        "above 0.21 s",  # none is faster than at once
+        "0.05 to 0.3 s",
     )
 
 
@@ -255,5 +255,8 @@ def test_every_certain_cause_has_its_own_evidence() -> None:
         assert [row.title for row in evidence.rows] == ["gyro bias", "late sonar"]
         shown = {row.title: row.shown for row in evidence.rows}
         assert shown["late sonar"].startswith("panel ")
-        assert any("late sonar: throughout" in line.lower() for line in shown_in_short(evidence))
+        assert any(
+            "late sonar: in 2 of 3 flights, which it predicts better" in line.lower()
+            for line in shown_in_short(evidence)
+        )
     assert evidence_of_causes(made(), [flight]) is None  # the whole page is about one cause
