@@ -142,14 +142,13 @@ def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
             "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree only "
             f"within {after:.2g} px; take pictures that overlap by 60 to 95 %"
         ]
-    doubted = f"{ground.doubt}, in pits deeper than wide; " if ground.doubt else ""
+    untrusted = f"; of all ground, {ground.untrusted}: trust no height there" if ground.untrusted else ""
     return [
         Note(
             f"mosaic: {percent(ground.relief_share)} of the ground is not flat: its height was "
             f"measured, from {length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over "
-            f"the floor, and {percent(ground.filled_share)} of it filled in from around; pictures of "
-            f"95 % of the ground agree within {after:.2g} px, on a flat floor it would be {before:.2g} px; "
-            f"{doubted}trust no height where elevation.tif has no standard deviation"
+            f"the floor{untrusted}; pictures of 95 % of the ground agree within {after:.2g} px, on a flat "
+            f"floor it would be {before:.2g} px"
         )
     ]
 

@@ -93,19 +93,36 @@ class GroundFacts:
     @property
     def is_measured_in_part(self) -> bool:
         """Whether some of that ground has no measured height, or a doubted one."""
-        return self.is_measured and self.filled_share + self.level_share + self.doubted_share > 0
+        return self.is_measured and bool(self.untrusted)
 
     @property
     def trusted_share(self) -> float:
         """Share of the map whose heights were measured and are not doubted, or that was found flat."""
-        measured = self.relief_share * (1.0 - self.filled_share)
-        return 1.0 - self.level_share - (self.relief_share - measured) - self.doubted_share * measured
+        return 1.0 - sum(share for share, _ in self._untrusted)
+
+    @property
+    def untrusted(self) -> str:
+        """Shares of the map whose heights are not to be trusted, each with its reason; empty without any."""
+        told = [f"{percent(share)} {why}" for share, why in self._untrusted if share]
+        return ", ".join(told[:-1]) + ", and " * (len(told) > 1) + "".join(told[-1:])
+
+    @property
+    def _untrusted(self) -> tuple[tuple[float, str], ...]:
+        return (
+            (self.level_share, "is taken as level, because no two pictures show it"),
+            (self.relief_share * self.filled_share, "is filled in from the ground around it"),
+            (self._doubted_of_map, "is doubted, because it lies in deep pits"),
+        )
 
     @property
     def doubt(self) -> str:
-        """How many measured heights are doubted, as a clause; empty without any."""
-        share = self.doubted_share
-        return f"{percent(share)} of the measured heights are doubted" if share else ""
+        """On which share of the map measured heights are doubted; empty without any."""
+        share = self._doubted_of_map
+        return f"Heights of {percent(share)} of the ground are doubted" if share else ""
+
+    @property
+    def _doubted_of_map(self) -> float:
+        return self.doubted_share * self.relief_share * (1.0 - self.filled_share)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -111,8 +111,8 @@ def _unmeasured(estimate: Estimate) -> str:
     if ground is None or not ground.is_measured_in_part:
         return ""
     return (
-        " Where no height was measured (pale in the picture of heights), the map assumes that the ground is "
-        "as uneven as the rest, so its place is less certain."
+        " Where no height was measured, a place counts as less certain (pale in the picture of heights): the "
+        "ground is drawn as level or filled in, but may be as uneven as the rest."
     )
 
 

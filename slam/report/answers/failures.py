@@ -111,7 +111,7 @@ def _edge(mosaic: MosaicFacts | None) -> str:
 
 def _without_height(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
     ground = estimate.ground
-    if ground is None or not ground.is_measured or not ground.filled_share:
+    if ground is None or not ground.is_measured_in_part:
         return ""
     holes = 0 if mosaic is None else mosaic.holes
     ground_shown = (
@@ -120,8 +120,8 @@ def _without_height(estimate: Estimate, mosaic: MosaicFacts | None) -> str:
         else "All of this ground"
     )
     return (
-        f" {ground_shown} is in the picture, but the height of {percent(ground.filled_share)} of the uneven "
-        "ground was not measured (“Are the heights true?” below)."
+        f" {ground_shown} is in the picture, but not all has a height to be trusted: {ground.untrusted} "
+        "(“Are the heights true?” below)."
     )
 
 

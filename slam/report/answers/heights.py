@@ -67,18 +67,16 @@ def _of_ground(estimate: Estimate) -> str:
     if ground is None:
         return ""
     if ground.is_measured:
-        level = (
-            f" {percent(ground.level_share)} of the ground is taken as level: no two pictures show it."
-            if ground.level_share
+        untrusted = (
+            f" Of all ground, {ground.untrusted}: trust no height there. It is pale in the picture of "
+            "heights; in elevation.tif it has no standard deviation, or source 3 (filled in) or 5 (level)."
+            if ground.is_measured_in_part
             else ""
         )
-        doubted = f", and {ground.doubt} (picture of heights)" if ground.doubt else ""
         return (
-            f" {percent(ground.relief_share)} of the ground does not lie on one plane. Its height, with what "
-            "stands on it such as trees, was measured from the pictures, over the floor, the level plane "
-            f"that fits best. {percent(ground.filled_share)} of it was filled in from around{doubted}."
-            f"{level} Trust no height that is pale in the picture of heights: sources 3 and 5 in "
-            "elevation.tif, and heights by pictures (source 1) without a standard deviation."
+            f" {percent(ground.relief_share)} of the ground does not lie on one plane. The pictures measured "
+            "its height, with what stands on it such as trees, over the floor: the level plane that fits "
+            f"best.{untrusted}"
         )
     if ground.relief_share > 0:
         return " None. The ground is not flat, but no two pictures show its height: trust no height of it."
@@ -93,7 +91,8 @@ def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
     if ground is not None and ground.is_measured:
         std = ground.height_std_m
         told = (
-            f" On the ground typically to ±{SPACE}{facts.error(std)}.{_shared(estimate, facts)}"
+            f" On the ground typically to ±{SPACE}{facts.error(np.sqrt(2.0) * std)}, as each of the two is "
+            f"known to ±{SPACE}{facts.error(std)}.{_shared(estimate, facts)}"
             if std
             else ""
         )
@@ -114,16 +113,20 @@ def _near_each_other(estimate: Estimate, facts: Facts, tilted: bool) -> str:
 def _shared(estimate: Estimate, facts: Facts) -> str:
     """Return the error of heights that is proportional to them, with its size at the greatest, and a space
     in front; empty where there is none."""
-    ground, on_lens = estimate.ground, HEIGHTS in hangs_on_lens(estimate)
-    share = focal_std_ratio(estimate) if on_lens else facts.scale_std
+    ground, share = estimate.ground, _error_ratio(estimate, facts)
     if ground is None or not share:
         return ""
     greatest_m = max(abs(ground.lowest_m), abs(ground.highest_m))
-    why = "focal length" if on_lens else "scale"
+    why = "focal length" if HEIGHTS in hangs_on_lens(estimate) else "scale"
     return (
         f" The {why} adds {percent(share)} of the height: ±{SPACE}{facts.error(share * greatest_m)} at "
         f"{facts.length(greatest_m)} from the floor, the most."
     )
+
+
+def _error_ratio(estimate: Estimate, facts: Facts) -> float:
+    """Return the error of a height over the height itself, by the focal length or the scale; 0 without."""
+    return focal_std_ratio(estimate) if HEIGHTS in hangs_on_lens(estimate) else facts.scale_std
 
 
 def _cause(estimate: Estimate) -> str:
@@ -200,7 +203,8 @@ def _verdict(estimate: Estimate, facts: Facts, status: str, over_m: float | None
     std_m = None if estimate.ground is None else estimate.ground.height_std_m
     if not std_m or not np.isfinite(over_m):
         return f"{over}, within the figures that follow.{altitudes}"
-    beside = " and an error in proportion to them (below)" if _shared(estimate, facts) else ""
+    ratio = _error_ratio(estimate, facts)
+    beside = f" and {percent(ratio)} of the height" if ratio else ""
     where, rest, uneven = "", "", estimate.ground
     if uneven is not None and uneven.is_measured_in_part:
         where = f" on {percent(uneven.trusted_share)} of the ground"

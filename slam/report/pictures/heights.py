@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.core.estimate import Estimate, GroundFacts
 from slam.core.flight import Flight
-from slam.core.units import SPACE, area, percent
+from slam.core.units import SPACE, area
 from slam.report.coordinates import at
 from slam.report.facts import Facts, whence
 from slam.report.floor_scatter import FloorScatter, floor_scatter
@@ -30,24 +30,18 @@ def heights_figure_words(estimate: Estimate, facts: Facts, flight: Flight | None
             f"{_of_echoes(estimate, facts, flight)}Grey: no echo came from there. "
         )
     known = f", typically to ±{SPACE}{facts.error(ground.height_std_m)}" if ground.height_std_m else ""
-    filled = (
-        f" Pale: {percent(ground.filled_share)} of the uneven ground, filled in from around and not "
-        "measured: trust no height there."
-        if ground.filled_share
+    untrusted = (
+        f" Pale, where no height is to be trusted: of all ground, {ground.untrusted}."
+        if ground.is_measured_in_part
         else ""
     )
-    if ground.level_share:
-        filled += (
-            f" Pale{' as well' if filled else ''}: {percent(ground.level_share)} of all ground, which no two "
-            "pictures show. It is taken as level."
-        )
     doubted = _doubted(ground, facts, estimate)
     doubtful = " (doubted)" if ground.doubted_at_m and ground.doubted_at_m[2] <= ground.lowest_m else ""
     return (
         "Height of the ground, with what stands on it such as trees, over the floor, which is the level "
         "plane that fits the ground best: from "
         f"{_signed(ground.lowest_m, facts)}{doubtful} to {_signed(ground.highest_m, facts)}, measured by "
-        f"what the pictures show from different sides{known}.{filled}{doubted}"
+        f"what the pictures show from different sides{known}.{untrusted}{doubted}"
         " Grey: no picture shows it. The colours span 99 % of the heights; where the bar ends in a point, a "
         "few lie beyond. "
     )
@@ -59,9 +53,9 @@ def _doubted(ground: GroundFacts, facts: Facts, estimate: Estimate) -> str:
         return ""
     x, y, height_m = ground.doubted_at_m
     return (
-        f" Doubted, and pale too: {percent(ground.doubted_share)} of the measured heights. They lie in pits, "
-        "or strips at the edge of the map, that are deeper than wide, which wrong matches make more often "
-        f"than ground does. The lowest is {facts.length(-height_m)} below the floor, around "
+        " Doubted are heights in pits, or strips at the edge of the map, that are deeper than wide: wrong "
+        f"matches make them more often than ground does. The lowest is {facts.length(-height_m)} below the "
+        "floor, around "
         f"{at(estimate, x, y)}."
     )
 

@@ -156,7 +156,7 @@ def test_ground_whose_height_no_picture_shows_is_not_for_heights():
     )
     found = answers(replace(estimate, ground=hilly), flight)
     assert "distances, areas and differences in height" in found[use]
-    assert "10 % of it was filled in" in found[question].replace("\N{NO-BREAK SPACE}", " ")
+    assert "4 % is filled in" in found[question].replace("\N{NO-BREAK SPACE}", " ")
     found = answers(replace(estimate, ground=replace(hilly, filled_share=1.0)), flight)
     assert "not for heights" in found[use]
     assert "no two pictures show its height" in found[question]

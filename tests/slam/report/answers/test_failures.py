@@ -66,11 +66,11 @@ def test_what_failed_is_told():
 
 def test_doubted_heights_are_among_what_is_not_believed():
     ground = GroundFacts(
-        misregistration_px=(0.1, 0.4), over_floor_px=(0.4, 2.0), relief_share=0.3, doubted_share=0.02
+        misregistration_px=(0.1, 0.4), over_floor_px=(0.4, 2.0), relief_share=0.5, doubted_share=0.04
     )
     estimate = replace(made_estimate(), status="ok", warnings=(), ground=ground)
     found = answers(estimate, made_flight())["What failed?"].replace("\N{NO-BREAK SPACE}", " ")
-    assert found.startswith("No part of the map, but not all measurements are believed. 2 % of the measured")
+    assert found.startswith("No part of the map, but not all measurements are believed. Heights of 2 %")
     assert "No instrument is doubted" not in found
 
 

@@ -43,18 +43,18 @@ def test_heights_by_the_pictures_have_range_and_accuracy_and_what_was_filled_in(
     words = told.replace("\xa0", " ")
     assert "from 1.50 m below it to 4.00 m above it" in words
     assert "typically to ± 50 mm" in words
-    assert "12 % of the uneven ground" in words
+    assert "of all ground, 3.8 % is filled in" in words
     assert "taken as level" not in words
     alone = replace(estimate, ground=replace(MEASURED, level_share=0.25))
     told = heights_figure_words(alone, gather(alone, made_flight()), made_flight())
-    assert "25 % of all ground, which no two pictures show" in told.replace("\xa0", " ")
+    assert "25 % is taken as level, because no two pictures show it, and 3.8 %" in told.replace("\xa0", " ")
 
 
 def test_doubted_heights_are_told_with_the_place_of_the_lowest():
     ground = replace(MEASURED, doubted_share=0.02, doubted_at_m=(-3.0, 7.0, -1.5))
     estimate, flight = replace(made_estimate(), ground=ground), made_flight()
     words = heights_figure_words(estimate, gather(estimate, flight), flight).replace("\xa0", " ")
-    assert "Doubted, and pale too: 2 % of the measured heights" in words
+    assert "% is doubted, because it lies in deep pits" in words
     assert "1.50 m below the floor, around x = -3.00 m, y = 7.00 m" in words
     assert "Doubted" not in heights_figure_words(
         replace(estimate, ground=MEASURED), gather(estimate, flight), flight
