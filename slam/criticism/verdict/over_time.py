@@ -54,12 +54,13 @@ class SizeOverTime:
     flights: tuple[str, ...]
     """Flight of each part."""
     begin_s: Array
-    """(n,) begin of each part."""
+    """(n,) begin of each part, which lasts ``part_s``."""
     sizes: Array
     errors: Array
     """(n,) standard errors of the sizes."""
     common: float
     """Size that fits all parts together."""
+    part_s: float = PART_S
 
     @property
     def varies(self) -> bool:
@@ -75,19 +76,19 @@ class SizeOverTime:
         large = LARGE * (self.common - parameter.neutral)
         return variance > max(BEYOND_CHANCE * chance, chance + large**2) and not parameter.squared
 
-    def finding(self, part_s: float) -> VaryingSize:
-        """Return the finding that it varies between parts of some seconds."""
+    def finding(self) -> VaryingSize:
+        """Return the finding that it varies between the parts."""
         least, most = float(self.sizes.min()), float(self.sizes.max())
         off_deg = float(np.degrees(np.arctan((most - least) / GRAVITY_M_S2)))
         return VaryingSize(
             effect=self.effect, parameter=self.parameter, least=least, most=most, unit=self.unit,
-            segment_s=part_s, like_attitude_deg=off_deg * (f"{self.effect}.{self.parameter}" in LEVEL),
+            segment_s=self.part_s, like_attitude_deg=off_deg * (f"{self.effect}.{self.parameter}" in LEVEL),
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Flights in parts of some seconds."""
+    """Flights in parts of ``part_s``."""
 
     fisher: FisherInformation
     """Its segments are the parts."""
@@ -95,6 +96,7 @@ class Parts:
     """Name of each flight."""
     begin_s: Array
     """(parts,)."""
+    part_s: float = PART_S
 
     def sizes_over_time(
         self, effect: Effect, step: Array, parameters: FilterParameters, held: Array | float = 0.0
@@ -119,7 +121,7 @@ class Parts:
                 effect=effect.name, parameter=parameter.name, unit=parameter.unit,
                 flights=tuple(self.names[j] for j in self.fisher.flight[sure].tolist()),
                 begin_s=self.begin_s[sure], sizes=sizes, errors=0.5 * np.abs(high - low),
-                common=float(whole[0]),
+                common=float(whole[0]), part_s=self.part_s,
             ))  # fmt: skip
         return series
 

@@ -92,7 +92,7 @@ class ComparedFlights(Evidence):
 
     def _in_parts(self, fisher: FisherInformation, part_s: float) -> Parts:
         begin_s = np.asarray(part_s * segments_of(self.rows, part_s)[0][:, 1])
-        return Parts(fisher, [flight.name for flight in self.flights], begin_s)
+        return Parts(fisher, [flight.name for flight in self.flights], begin_s, part_s)
 
     @cached_property
     def _varying(self) -> list[SizeOverTime]:
@@ -124,7 +124,7 @@ class ComparedFlights(Evidence):
         return [
             *self._axes[0],
             *self.readings,
-            *(series.finding(SEGMENT_S) for series in self._varying),
+            *(series.finding() for series in self._varying),
             *contradiction(self.rows),
             *([self._onset] if self._onset is not None else []),
             *(NameInDoubt(is_cause=False, effect=cause.name) for cause in judged.faint),
@@ -153,14 +153,15 @@ class ComparedFlights(Evidence):
 
     def _changes(self) -> tuple[SizeOverTime, ...]:
         """Return the sizes over time of parameters that vary, or that change at a moment."""
-        found, begun = self.found, [self._onset] if self._onset is not None else []
-        told = {(s.effect, s.parameter) for of in (self._varying, begun) for s in of}
-        series: list[SizeOverTime] = []
-        for effect in (e for e in found.last.effects if e.name in {name for name, _ in told}):
-            beside = [*(e for e in found.chosen if not e.repeats(effect)), effect]
-            step = found.last.quadratic.maximise(beside).whole
-            series += self._parts.sizes_over_time(effect, step, found.last.parameters)
-        return tuple(s for s in series if (s.effect, s.parameter) in told)
+        found, begun = self.found, self._onset
+        if begun is None:
+            return tuple(self._varying)
+        effect = next(e for e in found.last.effects if begun.column in e.columns)
+        beside = [*(e for e in found.chosen if not e.repeats(effect)), effect]
+        step = found.last.quadratic.maximise(beside).whole
+        finer = self._parts.sizes_over_time(effect, step, found.last.parameters)
+        others = [s for s in self._varying if (s.effect, s.parameter) != (begun.effect, begun.parameter)]
+        return (*others, *(s for s in finer if s.parameter == begun.parameter))
 
     def _not_shown(self, shown: Collection[str]) -> str:
         """Return a sentence on the errors that these flights could not show, whatever their size.

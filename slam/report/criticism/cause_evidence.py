@@ -13,7 +13,13 @@ from slam.report.criticism.certainty import by_certainty, changes
 from slam.report.criticism.gains import better_parts
 from slam.report.criticism.plain_names import quantity, title_of
 from slam.report.criticism.prediction_errors import SHOWN_S, BeforeAndAfter, errors_by_channel
-from slam.report.criticism.segment import MOST_FLIGHTS, READINGS_OF, RESTART_S, telling_readings
+from slam.report.criticism.segment import (
+    MOST_FLIGHTS,
+    READINGS_OF,
+    RESTART_S,
+    draw_stick,
+    telling_readings,
+)
 from slam.report.criticism.values import (
     NO_DIFFERENCE,
     before_and_after,
@@ -33,15 +39,17 @@ if TYPE_CHECKING:
     from slam.simulation.model import Model
 
 TITLE = "What shows each certain cause"
+_BY_STICK = ("command", "force")
+"""What a cause acts on that shows by the stick."""
 MOST_CAUSES = 6
 """Greatest number of causes with a panel: more are higher than a page."""
 _CAPTION = (
-    "Each panel shows the readings with the clearest trace of one cause. Lines: error of the prediction of a "
-    f"reading, started anew every {RESTART_S:g} s, by the extended model without this cause alone (orange) "
-    "and with it (blue); the other causes are in both, and all are fitted to the whole flights. The numbers "
-    "above are root mean squares over the stretch."
+    "Lines: error of the prediction of the reading that shows a cause best, started anew every "
+    f"{RESTART_S:g} s, by the extended model without this cause alone (orange) and with it (blue); the other "
+    "causes are in both, and all are fitted to the whole flights. The numbers above are root mean squares "
+    "over the stretch."
 )
-_DOTS = " Dots: single readings."
+_STICK, _DOTS = " Black: the stick, as a share of full deflection.", " Dots: single readings."
 
 
 @dataclass(frozen=True)
@@ -93,16 +101,19 @@ def evidence_of_causes(result: Criticism, flights: Sequence[Flight]) -> CauseEvi
         rows.append(
             EvidenceRow(title_of(cause.name), _size(cause, result), _when(cause, result), place or "–")
         )
+    sticks = _STICK * any(_has_stick(name, stretch) for name, stretch in shown.items())
     dots = _DOTS * any(stretch.pair is None for stretch in shown.values())
-    return CauseEvidence(tuple(rows), _drawn(shown) if shown else None, f"{_CAPTION}{dots}")
+    return CauseEvidence(tuple(rows), _drawn(shown) if shown else None, f"{_CAPTION}{sticks}{dots}")
 
 
 def shown_in_short(evidence: CauseEvidence | None) -> list[str]:
     """Return a line for each certain cause: when it shows, and where the picture has it."""
-    rows = evidence.rows if evidence is not None else ()
-    return [
-        f"{row.title}: {row.when}{f' (“{TITLE}”, {row.shown})' if row.shown != '–' else ''}." for row in rows
-    ]
+    told, picture = [], f"“{TITLE}”, "
+    for row in evidence.rows if evidence is not None else ():
+        place = f" ({picture}{row.shown})" if row.shown != "–" else ""
+        told.append(f"{row.title}: {row.when}{place}.")
+        picture = "" if place else picture
+    return told
 
 
 def _size(cause: Cause, result: Criticism) -> str:
@@ -123,6 +134,11 @@ def _when(cause: Cause, result: Criticism) -> str:
         return "in single readings"
     steady = "; its size changes" * changes(cause, result)
     return f"in {better_parts(cause.gain)}, which it predicts better{steady}"
+
+
+def _has_stick(name: str, stretch: _Stretch) -> bool:
+    """Return whether a cause acts by the stick, which then stands behind the errors."""
+    return stretch.pair is not None and bool(stretch.pair.replayed) and CATALOGUE[name].acts_on in _BY_STICK
 
 
 def _length_s(stretch: _Stretch) -> float:
@@ -195,6 +211,14 @@ def _draw(axes: Axes, name: str, stretch: _Stretch) -> str:
     """Draw a stretch and return its title."""
     if stretch.pair is not None:
         sizes = stretch.pair.draw(axes, stretch.begin_s, ("without this cause, before", "with it, after"))
+        if _has_stick(name, stretch):
+            end_s, stick = stretch.begin_s + SHOWN_S, axes.twinx()
+            draw_stick(stick, stretch.pair.replayed, stretch.flight, stretch.begin_s, end_s)
+            stick.spines["top"].set_visible(False)
+            stick.tick_params(labelsize=8)
+            for of in (axes, stick):  # both are 0 at the same height
+                most = max(map(abs, of.get_ylim()))
+                of.set_ylim(-most, most)
         return f"{stretch.pair.channel}, {sizes}"
     stamps_s, values = telling_readings(name, stretch.flight)
     axes.plot(stamps_s, values, ".", color="black", markersize=2)

@@ -34,8 +34,6 @@ def size_over_time(result: Criticism) -> Segment | None:
     changes."""
     from matplotlib.figure import Figure
 
-    from slam.criticism.verdict.over_time import PART_S
-
     told = [series for series in map(_possible, result.changes) if len(series.sizes) > 1]
     if not told:
         return None
@@ -47,33 +45,35 @@ def size_over_time(result: Criticism) -> Segment | None:
     panels[-1].set_xlabel("time in the flight [s]", fontsize=9)
     longest = max(len(name) for series in shown for name in series.flights) + MARKER_LETTERS
     columns = max(1, min(4, LINE_LETTERS // longest))
-    handles, labels = panels[0].get_legend_handles_labels()
-    drawn.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=8)
+    handles = {
+        label: line for axes in panels for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    drawn.legend(
+        [*handles.values()], [*handles], loc="outside lower center", ncols=columns, frameon=False, fontsize=8
+    )
     caption = (
-        f"Each size fitted to each {PART_S:g} s that show it, with all else as in the extension. A vertical "
-        "bar is its 95 % interval. Where a bar does not meet the dashed line, one size throughout is wrong."
+        "Each size fitted to each stretch that shows it, with all else as in the extension. A vertical bar "
+        "is its 95 % interval. Where a bar does not meet the dashed line, one size throughout is wrong."
     )
     return Segment(_TITLE, png(drawn), caption, _where(shown[0], result))
 
 
 def _draw(axes: Axes, series: SizeOverTime, result: Criticism) -> None:
     """Draw one size over time, and its means on either side of the moment at which it changes."""
-    from slam.criticism.verdict.over_time import PART_S
-
     factor, unit = everyday(float(np.max(np.abs(series.sizes))), series.unit)
     of_part = np.array(series.flights)
     for k, flight in enumerate(dict.fromkeys(series.flights)):
         own = of_part == flight
         axes.errorbar(
-            series.begin_s[own] + PART_S / 2, factor * series.sizes[own],
-            factor * TWO_SIDED * series.errors[own], PART_S / 2, linestyle="none", label=flight,
+            series.begin_s[own] + series.part_s / 2, factor * series.sizes[own],
+            factor * TWO_SIDED * series.errors[own], series.part_s / 2, linestyle="none", label=flight,
             color=_COLOURS[k % len(_COLOURS)], marker=_MARKERS[k // len(_COLOURS) % len(_MARKERS)],
             linewidth=1.0, markersize=3,
         )  # fmt: skip
     whole = factor * _in_extension(result, series)
     axes.axhline(whole, color=GREY, linestyle="--", linewidth=1, label="one size throughout")
     if (change := change_of_size(result, series.effect, series.parameter)) is not None:
-        begin, end = float(series.begin_s.min()), float(series.begin_s.max()) + PART_S
+        begin, end = float(series.begin_s.min()), float(series.begin_s.max()) + series.part_s
         axes.step(
             [begin, change.time_s, end], factor * np.array([change.before.value, *2 * [change.after.value]]),
             where="post", color=VERMILLION, linewidth=1.8, zorder=5, label="mean before and after the change",
@@ -121,9 +121,7 @@ def _in_extension(result: Criticism, series: SizeOverTime) -> float:
 
 
 def _part(series: SizeOverTime, k: int) -> str:
-    from slam.criticism.verdict.over_time import PART_S
-
     factor, unit = everyday(float(series.sizes[k]), series.unit)
     begin = series.begin_s[k]
     size = f"{figure(factor * series.sizes[k])}{spaced(unit)}"
-    return f"{size} from {begin:.0f} to {begin + PART_S:.0f} s of {series.flights[k]}"
+    return f"{size} from {begin:.0f} to {begin + series.part_s:.0f} s of {series.flights[k]}"

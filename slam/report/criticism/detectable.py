@@ -11,7 +11,7 @@ from slam.core.names import enumerated
 from slam.core.units import everyday
 from slam.report.criticism.certainty import differs, likeness_of_rival
 from slam.report.criticism.judged_data import missing_streams
-from slam.report.criticism.plain_names import title_of
+from slam.report.criticism.plain_names import in_plain_names, title_of
 from slam.report.criticism.values import sized_one, usual
 from slam.simulation.terms import CATALOGUE, Parameter
 
@@ -110,7 +110,13 @@ def unseen(result: Criticism, flights: Sequence[Flight], unshown: Sequence[str])
         by_reason.setdefault(_reason(name, missing, result), []).append(title_of(name))
     for reason, names in sorted(by_reason.items(), key=lambda of: -len(of[1])):
         told.append(f"Not {reason}: {enumerated(names)}.")
-    return [*told, *unshown]
+    return [*told, *(_without_effects(line) for line in unshown)]
+
+
+def _without_effects(line: str) -> str:
+    """Return a sentence that ends with a list, without the effects of the catalogue, which are told above."""
+    parts = [part for part in line.removesuffix(".").split(", ") if part not in CATALOGUE]
+    return f"{in_plain_names(', '.join(parts))}." if line else ""
 
 
 def _unseen(result: Criticism) -> list[str]:

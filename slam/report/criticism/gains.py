@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 SHOWN_HORIZONS = {0.0: "picture to picture", 0.5: "0.5 s", 2.0: "2 s", 10.0: "10 s"}
 HELD_OUT_DOTS = (
-    "Log likelihood gained on each part when it was held out{beside}, in nats; above 0 the extension "
-    "predicts it better."
+    "Log likelihood gained on each part when it was held out{beside}, in nats; above 0, it is predicted "
+    "better."
 )
 IN_SAMPLE_DOTS = (
     "Log likelihood that each flight's odd readings tell for {cause}, in nats. Each of them tells by itself; "

@@ -70,7 +70,7 @@ def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism)
         return f"{incomplete}{begin} than usual is wrong with {names}."
     if not instruments:
         return "The model is incomplete: no cause that was found is an error of an instrument."
-    above = [title_of(c.name) for c in instruments if _verdicts(c) & {ABOUT}]
+    above = [title_of(c.name) for c in instruments if may_be_above(c)]
     size = f"usual size, or a little more ({enumerated(above)})" if above else "usual size"
     unsteady = enumerated([title_of(c.name) for c in drifting(result) if c in instruments])
     sound = f"none looks damaged{f', but watch {unsteady}, which is not steady' if unsteady else ''}"
@@ -81,8 +81,13 @@ def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism)
 
 def _above(cause: Cause) -> str:
     """Return in brackets that a size is more than usual, or may be; empty for a usual one."""
-    about = " (perhaps more than usual)" if ABOUT in _verdicts(cause) else ""
+    about = " (perhaps more than usual)" if may_be_above(cause) else ""
     return " (more than usual)" if is_far(cause) else about
+
+
+def may_be_above(cause: Cause) -> bool:
+    """Return whether a size of a cause is more than usual, with an interval that reaches into the range."""
+    return ABOUT in _verdicts(cause)
 
 
 def is_far(cause: Cause) -> bool:
@@ -104,7 +109,7 @@ def _beside_usual(cause: Cause, result: Criticism) -> str:
         return title.removesuffix(",")
     each = [cause.parameters[p.name] for p in known]
     apart = [p.name for p, x in zip(known, each, strict=True) if compared(p, x) != NO_DIFFERENCE]
-    little = "a little more than usual, " if ABOUT in _verdicts(cause) else "usual: "
+    little = "a little more than usual, " if may_be_above(cause) else "usual: "
     usual_range = f"({little}{usual(known[0], *one_unit(each[0]))})"
     change = change_of_size(result, cause.name, apart[0]) if len(apart) == 1 else None
     if change is not None:

@@ -11,7 +11,7 @@ from slam.criticism.finding import Onset
 from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, likeness_of_rival
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, is_of_speed
-from slam.report.criticism.instruments import is_far
+from slam.report.criticism.instruments import is_far, may_be_above
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import constant, title_of
 from slam.report.criticism.values import ONLY_THE_MEAN
@@ -60,6 +60,11 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     more = [name for name in (*open_, *none) if CATALOGUE[name].manoeuvre not in told[0]]
     told += [f"For {name}: {CATALOGUE[name].manoeuvre}." for name in more]
     told += _to_separate(result, " ".join(told))
+    told += [
+        f"To see whether {c.name} is more than usual: {CATALOGUE[c.name].manoeuvre}."
+        for c in result.causes
+        if may_be_above(c) and CATALOGUE[c.name].manoeuvre not in " ".join(told)
+    ]
     settled = [
         f"whether {enumerated(names)} {either(len(names), 'is', 'are')} {what}"
         for names, what in ((open_, "named rightly"), (none, "there at all"))

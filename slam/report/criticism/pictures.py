@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
 from slam.core.units import everyday
-from slam.report.criticism.certainty import doubt_of_name, longer_bar
+from slam.report.criticism.certainty import doubt_of_name, likeness_of_rival, longer_bar
 from slam.report.criticism.plain_names import reading, title_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from slam.criticism.cause import Gain
     from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
-    from slam.criticism.verdict.criticism import ChannelCheck, Criticism
+    from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,9 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
             means = [factor * float(np.mean(misses.residuals[name][bins == k])) for k in full]
             shown += means
             axes.plot(middle, means, "o-", color=colour, markersize=2 + width, linewidth=width, label=label)
-    axes.plot([low, high], [low, high], "--", color=GREY, linewidth=1, label="all of it explained")
+    axes.plot(
+        [low, high], [low, high], "--", color="black", linewidth=1, zorder=5, label="all of it explained"
+    )
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set_ylim(min(shown), max(shown))
     axes.locator_params(axis="x", nbins=4)
@@ -121,24 +123,15 @@ def covariate_caption(result: Criticism) -> str:
         else "error of the model's prediction over two seconds"
     )
     text = (
-        f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. The means without "
-        "it follow the dashed line as far as it explains the error; those with it should be flat, and a "
-        "slope of these is left unexplained."
+        f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. Grey dots: single "
+        "ones. Their means follow the dashed line as far as the cause explains the error; those with it "
+        "should be flat, and a slope of these is left unexplained."
     )
     if len(panels_of(found)) < 2:
         return text
     return f"{text} The other panel is the same for {title_of(found.rival)}, the most probable alternative."
 
 
-_UNKNOWN_COMMANDED = (
-    "that of something unknown is that more is wrong than they explain, beside them or in place of uncertain "
-    "ones, by its size alone (its pattern is told with what is not explained)"
-)
-_UNKNOWN_COMPARED = (
-    "something unknown is weighed only as a delay, since nothing predicts the motion without commands: what "
-    "is left over is told with what is not explained"
-)
-"""Meaning of the bar of something unknown, with and without commands."""
 _IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
 """Hypotheses that are not terms of the model."""
 
@@ -148,34 +141,39 @@ def ranking_picture(result: Criticism) -> bytes:
 
     The strength of a cause that was found is that beside the others, as the limit asks for.
     """
-    always = [r for r in result.ranking if r.name in _IN_WORDS]
+    always = [r for r in result.ranking if r.name in _IN_WORDS and not _is_untried(r, result)]
     chosen = {cause.name for cause in result.causes}
-    others = (r for r in result.ranking if r not in always and r.name not in chosen)
+    others = (r for r in result.ranking if r.name not in _IN_WORDS and r.name not in chosen)
     rivals = sorted(others, key=lambda r: -r.z)[:RIVALS]
     possible = [
         r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen or r in rivals
     ]
     strength = {r.name: r.z for r in result.ranking} | {c.name: c.z for c in result.causes}
     named = sorted(
-        (r for r in possible if r not in always), key=lambda r: (-r.probability, -strength[r.name])
+        (r for r in possible if r.name not in _IN_WORDS), key=lambda r: (-r.probability, -strength[r.name])
     )
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
     widths = [strength[r.name] for r in shown]
     from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
 
     figure = Figure(figsize=(7.2, 0.6 + 0.28 * len(shown)), dpi=160, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     names = [_IN_WORDS.get(r.name, title_of(r.name)) for r in shown]
     colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
-    open_ = {cause.name for cause in result.causes if doubt_of_name(cause, result)}
+    # A probability that two names share is drawn at both.
+    shared = {c.fair_rival: c.probability for c in result.causes if likeness_of_rival(c, result)}
+    open_ = {cause.name for cause in result.causes if doubt_of_name(cause, result)} | shared.keys()
     faces = ["none" if r.name in open_ else colour for r, colour in zip(shown, colours, strict=True)]
-    left.barh(names, [r.probability for r in shown], color=faces, edgecolor=colours)
+    left.barh(names, [shared.get(r.name, r.probability) for r in shown], color=faces, edgecolor=colours)
     left.set_xlim(0, 1)
     left.set_xlabel("probability")
     right.barh(names, widths, color=colours)
     right.axvline(result.threshold, color=VERMILLION, linewidth=1, label=f"asked for: {result.threshold:.1f}")
     right.set_xlabel("stands out by [sigma]")
-    right.legend(loc="lower right", frameon=False, fontsize=7)
+    kinds = ((BLUE, "beside the other causes"), (GREY, "alone")) if len(chosen) > 1 else ()
+    handles = [*right.get_legend_handles_labels()[0], *(Patch(color=c, label=label) for c, label in kinds)]
+    right.legend(handles=handles, loc="lower right", framealpha=1.0, edgecolor="none", fontsize=7)
     if max(widths, default=0.0) > 50:
         right.set_xscale("symlog", linthresh=5)
         right.set_xlabel("stands out by [sigma, log scale]")
@@ -186,19 +184,24 @@ def ranking_picture(result: Criticism) -> bytes:
     return png(figure)
 
 
+def _is_untried(rank: Rank, result: Criticism) -> bool:
+    """Return whether something unknown had no chance: without commands nothing predicts the motion, and only
+    a delay is tried."""
+    return bool(result.limits) and rank.name == "unknown" and rank.probability < SHOWN_PROBABILITY
+
+
 def ranking_caption(result: Criticism) -> str:
     """Return the caption of the ranking, with its line, and with bars that are none of a name alone."""
-    unknown = _UNKNOWN_COMPARED if result.limits else _UNKNOWN_COMMANDED
+    unknown = "" if result.limits else "; of something unknown, that more is wrong than the causes explain"
     told = [
-        f"Left: probability of each cause given these flights, alone or in the best set; {unknown}.",
-        "Right: significance in standard deviations: of a cause that was found, beside the other causes; of "
-        "any other effect alone, added to the original model; "
-        f"the line ({result.threshold:.1f}) is {result.threshold_means}.",
+        f"Left: probability of each cause given these flights, alone or in the best set{unknown}.",
+        "Right: standard deviations by which it stands out, beside the other causes or alone in the original "
+        f"model; the line ({result.threshold:.1f}) is {result.threshold_means}.",
         longer_bar(result),
     ]
     doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
     if doubts:
-        told.append(f"An open bar is no probability of the name alone ({'; '.join(doubts)}).")
+        told.append(f"An open bar is no probability of one name: {'; '.join(doubts)}.")
     return " ".join(filter(None, told))
 
 

@@ -27,6 +27,7 @@ _READINGS = {
     "attitude.roll": "roll (right side down)",
     "attitude.pitch": "pitch (nose down)",
     "attitude.yaw": "heading",
+    "velocity late": "speed late",
     "velocity.v_x": "speed ahead",
     "velocity.v_y": "speed to the left",
     "sonar.range": "height reading",
@@ -51,7 +52,7 @@ _CONSTANTS = {
     "sonar_noise": "noise of the height sensor over the stated one",
 }
 """Constants of a vehicle that are fitted together with the causes -> in words."""
-_IN_CODE = [re.escape(name) for name in (*_READINGS, *_CONSTANTS) if re.search("[_.]", name)]
+_IN_CODE = [re.escape(name) for name in (*_READINGS, *_CONSTANTS) if re.search("[_. ]", name)]
 _CODED = re.compile(rf"(?<![\w.])({'|'.join(_IN_CODE)})(?![\w])")
 
 

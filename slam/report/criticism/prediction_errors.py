@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.data_quality.inertial_comparison import IntegralComparison
     from slam.simulation.model import Model
+    from slam.simulation.replay import Comparison
 
 Array = NDArray[np.float64]
 
@@ -82,6 +83,8 @@ class BeforeAndAfter:
     unit: str
     before: PredictionErrors
     after: PredictionErrors
+    replayed: str = ""
+    """Channel of the replay; empty where instruments are compared."""
 
     @property
     def falls_to(self) -> float:
@@ -119,12 +122,12 @@ def _of_replays(flight: Flight, before: Model, after: Model) -> list[BeforeAndAf
 
     each = [replay(flight, model, (RESTART_S,)) for model in (before, after)]
     restart_s = float(each[0].restarts_s[0]) if len(each[0].restarts_s) else 0.0
+
+    def errors(one: Comparison) -> PredictionErrors:
+        return PredictionErrors(one.stamps_s, one.measured - one.restarted, restart_s)
+
     return [
-        BeforeAndAfter(
-            reading(old.name),
-            old.unit,
-            *(PredictionErrors(one.stamps_s, one.measured - one.restarted, restart_s) for one in (old, new)),
-        )
+        BeforeAndAfter(reading(old.name), old.unit, errors(old), errors(new), old.name)
         for old, new in zip(*(one.channels for one in each), strict=True)
         if old.noise_std > 0.0 and not old.name.startswith("imu.")
     ]

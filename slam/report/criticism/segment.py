@@ -67,10 +67,10 @@ class _Misfit:
     restarts_s: Array
 
     def line_of(self, predicted: Array) -> tuple[Array, Array]:
-        """Return the times from the first reading, and predictions, with a break at every restart."""
+        """Return the times, and predictions, with a break at every restart."""
         at = np.searchsorted(self.stamps_s, self.restarts_s)
         at = at[(at > 0) & (at < len(self.stamps_s))]
-        return np.insert(self.stamps_s - self.stamps_s[0], at, np.nan), np.insert(predicted, at, np.nan)
+        return np.insert(self.stamps_s, at, np.nan), np.insert(predicted, at, np.nan)
 
 
 def evidence_segment(result: Criticism, flights: Sequence[Flight]) -> Segment | None:
@@ -147,17 +147,17 @@ def _drawn_misfit(best: _Misfit, model: str, flights: Sequence[Flight], is_unsee
 
     figure = Figure(figsize=(7.2, 3.6), dpi=160, layout="constrained")
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    time = best.stamps_s - best.stamps_s[0]
     factor, unit = everyday(1.0, best.unit)
-    axes.plot(time, factor * best.measured, ".", color=GREY, markersize=5, label="measured")
+    axes.plot(best.stamps_s, factor * best.measured, ".", color=GREY, markersize=5, label="measured")
     for side, name, colour, width in (
         (best.before, f"model {model}", VERMILLION, 2.6),
         (best.after, "extended model", BLUE, 1.3),
     ):
         axes.plot(*best.line_of(factor * side), "-", color=colour, linewidth=width, label=name)
     axes.set_ylabel(f"{reading(best.channel)} [{unit}]", fontsize=9)
-    _draw_stick(below, best, next(flight for flight in flights if flight.name == best.flight))
-    below.set_xlabel(f"time from {best.stamps_s[0]:.1f} s of {best.flight} [s]", fontsize=9)
+    own = next(flight for flight in flights if flight.name == best.flight)
+    draw_stick(below, best.channel, own, best.stamps_s[0], best.stamps_s[-1])
+    below.set_xlabel(f"time in {best.flight} [s]", fontsize=9)
     for panel in (axes, below):
         panel.spines[["top", "right"]].set_visible(False)
         panel.tick_params(labelsize=8)
@@ -171,9 +171,9 @@ def _drawn_misfit(best: _Misfit, model: str, flights: Sequence[Flight], is_unsee
     caption = (
         f"{shown[0].upper()}{shown[1:]} over the {length_s:.1f} s with the model's largest error, above the "
         f"stick. The extended model has all causes; it was fitted {fitted}. Both models get the same "
-        f"commands and restart from the measured state every {RESTART_S:g} s, where the lines break; nothing "
-        "else is fed back. Where one line is seen, both predict the same. Root mean square error over the "
-        f"stretch, at all times since a restart: {rms[0]:.3g} {unit} before, {rms[1]:.3g} {unit} after."
+        f"commands and restart from the measured state every {RESTART_S:g} s, where the lines break. Where "
+        "one line is seen, both predict the same. Root mean square error over this stretch alone: "
+        f"{rms[0]:.3g} {unit} before, {rms[1]:.3g} {unit} after."
     )
     between = f"{best.stamps_s[0]:.1f} to {best.stamps_s[-1]:.1f} s of {best.flight}"
     return Segment(
@@ -182,16 +182,14 @@ def _drawn_misfit(best: _Misfit, model: str, flights: Sequence[Flight], is_unsee
     )  # fmt: skip
 
 
-def _draw_stick(axes: Axes, best: _Misfit, flight: Flight) -> None:
-    """Draw the stick that moves a channel, as a share of full deflection."""
-    k, way = _STICKS[best.channel.rpartition(".")[2]]
+def draw_stick(axes: Axes, channel: str, flight: Flight, begin_s: float, end_s: float) -> None:
+    """Draw the stick that moves a channel of the replay between two times, as a share of full deflection."""
+    k, way = _STICKS[channel.rpartition(".")[2]]
     command = flight.command
     assert command is not None
-    time = np.linspace(best.stamps_s[0], best.stamps_s[-1], STICK_SAMPLES)
+    time = np.linspace(begin_s, end_s, STICK_SAMPLES)
     place = np.searchsorted(command.stamps_s, time, side="right")
-    axes.plot(
-        time - best.stamps_s[0], np.append(0.0, command.stick[:, k])[place], color="black", linewidth=1.0
-    )
+    axes.plot(time, np.append(0.0, command.stick[:, k])[place], color="black", linewidth=1.0)
     axes.axhline(0.0, color=GREY, linewidth=0.6)
     axes.set_ylabel(f"stick {way}", fontsize=9)
 

@@ -82,6 +82,6 @@ def test_a_size_varies_by_half_of_itself_and_by_more_than_chance(middle, swing, 
     assert not replace(found, effect="motion_blur", parameter="exposure").varies
     few = replace(found, sizes=sizes[: FEWEST_SIZES - 1], errors=found.errors[: FEWEST_SIZES - 1])
     assert not few.varies
-    told = found.finding(10.0)
+    told = replace(found, part_s=10.0).finding()
     assert (told.least, told.most) == pytest.approx((middle - swing, middle + swing))
     assert told.like_attitude_deg == 0.0

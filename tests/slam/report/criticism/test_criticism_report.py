@@ -220,6 +220,19 @@ def test_the_bar_of_a_found_cause_is_its_strength_beside_the_others(monkeypatch:
     assert bars == {0.0, 1.0, made().causes[0].z}
 
 
+def test_two_names_that_share_a_probability_have_open_bars(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr("slam.report.criticism.pictures.png", lambda figure: drawn.append(figure) or b"")
+    ranking = (Rank("quadratic_drag", 1.0, 9.0), Rank("flow_scale", 0.0, 8.0), Rank("unknown", 0.0, 0.0))
+    double = replace(made().causes[0], rival="flow_scale", lead_nats=24.0, probability=1.0)
+    alike = ("flow_scale", "quadratic_drag", 0.99)
+    ranking_picture(
+        replace(made(), ranking=ranking, causes=(double,), confusable=(alike,), limits="No command log.")
+    )
+    bars = drawn[0].axes[0].patches
+    assert [(bar.get_width(), bar.get_facecolor()[3]) for bar in bars] == [(1.0, 0.0)] * 2  # nothing unknown
+
+
 @pytest.mark.parametrize(
     ("found", "verdict"),
     [
