@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 TITLE = "What shows each certain cause"
 _BY_STICK = ("command", "force")
-"""What a cause acts on that shows by the stick."""
+"""Places where a cause acts that shows by the stick."""
 MOST_CAUSES = 6
 """Greatest number of causes with a panel: more are higher than a page."""
 _CAPTION = (
