@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.core.units import everyday
+from slam.criticism.finding import Inconsistency
 from slam.report.criticism.certainty import differs, likeness_of_rival
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import in_plain_names, title_of
@@ -31,6 +32,7 @@ _OTHERWISE = "by this motion, except in single readings"
 _COMPARED = "by comparing instruments with each other, except in single readings"
 _LARGER = "at usual sizes, only at the larger ones of the table"
 UNSURE, ALONE = "not established", "alone only: not in the best set"
+UNSTEADY = "only something like it, of changing size"
 FOUND, PERHAPS, NOT_FOUND = "found", "perhaps, instead of what was found", "not found"
 TOO_LARGE = "not even at usual sizes"
 
@@ -57,12 +59,14 @@ def detectable_rows(result: Criticism) -> list[DetectableRow]:
     doubles = {other for c in result.causes for other in c.alternatives}
     doubles |= {c.fair_rival for c in result.causes if likeness_of_rival(c, result)}
     alone, none = {r.name: r.z for r in result.ranking}, [c.name for c in result.causes if not differs(c)]
+    unsteady = {f.effect for f in result.findings if isinstance(f, Inconsistency) and not f.is_cause}
     rows = []
     for name, (size, unit) in result.detectable.items():
         parameter = next(p for p in CATALOGUE[name].parameters if p.unit == unit)
         factor, everyday_unit = everyday(min(size, 0.5 * _most(parameter)), unit)
         verdict = FOUND if name in found else PERHAPS if name in doubles else NOT_FOUND
         verdict = ALONE if verdict == NOT_FOUND and alone.get(name, 0.0) > result.threshold > 0.0 else verdict
+        verdict = UNSTEADY if name in unsteady else verdict
         verdict = UNSURE if name in none else verdict if name in found | reached.keys() else TOO_LARGE
         rows.append(
             DetectableRow(

@@ -15,6 +15,7 @@ _MOST_IN_FIGURES = 999.5
 _NAMES = re.compile(rf"(?<![\w.(])({'|'.join(sorted(CATALOGUE, key=len, reverse=True))})(\.\w+)?(?![\w])")
 
 _READINGS = {
+    "velocity": "speed",
     "velocity_x": "speed ahead",
     "velocity_y": "speed to the left",
     "range": "height reading",

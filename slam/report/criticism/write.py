@@ -172,7 +172,7 @@ def _tiles(result: Criticism) -> list[Item]:
 def corrected(result: Criticism) -> str:
     """Return which causes ``slam optimize`` corrects in a recording, as the end of a sentence."""
     names = [title_of(c.name) for c in result.causes if CATALOGUE[c.name].undo is not None]
-    return enumerated(names) or "none of them"
+    return enumerated(names) or "none of the causes"
 
 
 def equation_rows(result: Criticism) -> list[EquationRow]:
