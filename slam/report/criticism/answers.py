@@ -58,7 +58,7 @@ _RIGHT: Mapping[str, str] = {
 """Verdict -> whether the model is right about the flights."""
 _MORE = " More is wrong than that explains."
 _USABLE: Mapping[str, str] = {
-    "nothing_wrong": "Yes, as it is",
+    "nothing_wrong": "Yes",
     "named": "Yes, the extended one",
     "ambiguous": "Yes, the extended one for flights like these",
     "named_with_remainder": "Yes, the extended one, but not for what is unexplained",

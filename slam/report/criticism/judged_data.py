@@ -28,8 +28,9 @@ _STREAMS = {
 _NO_SPEED_TO_THE_LEFT = "speed ahead alone"
 SAME_RATE = 0.005
 """Difference of two rates that three significant figures show at most."""
-MOST_FLIGHTS = 4
+MOST_FLIGHTS = 2
 """Greatest number of flights that are told one by one."""
+MOST_NAMES = 4
 
 
 def judged_data(result: Criticism, flights: Sequence[Flight]) -> list[str]:
@@ -40,7 +41,7 @@ def judged_data(result: Criticism, flights: Sequence[Flight]) -> list[str]:
         return [f"{enumerated(list(result.flights))}."] if result.flights else []
     if len(judged) > MOST_FLIGHTS:
         lengths = np.array([_duration_s(flight) for flight in judged])
-        names = listed([flight.name for flight in judged], MOST_FLIGHTS)
+        names = listed([flight.name for flight in judged], MOST_NAMES)
         told = [
             f"{counted(len(judged), 'flight')} ({names}), each {lengths.min():.0f} to {lengths.max():.0f} s "
             f"long, together {lengths.sum():.0f} s.",

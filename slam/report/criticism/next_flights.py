@@ -14,7 +14,6 @@ from slam.report.criticism.findings import GAIN, concerned, is_of_speed
 from slam.report.criticism.instruments import is_far, may_be_above
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import constant, title_of
-from slam.report.criticism.values import ONLY_THE_MEAN
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
@@ -38,16 +37,14 @@ def to_use(result: Criticism, usable: str) -> list[str]:
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f"Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
     advice = what_to_do(result, check, repair)
-    means = [f"The size of {c.name} changes in flight: {ONLY_THE_MEAN}." for c in drifting(result)]
     none = [cause.name for cause in result.causes if not differs(cause)]
     if not none:
-        return [f"{usable}: {advice}", *means]
+        return [f"{usable}: {advice}"]
     parts = enumerated([f"[{kind}.{name}]" for name in none for kind in ("terms", "std")])
     return [
         f"{usable}, after one change.",
         f"1. Delete the parts {parts} of extended.toml: the size of {enumerated(none)} may be none.",
         f"2. {advice[0].upper()}{advice[1:]}",
-        *means,
     ]
 
 

@@ -171,7 +171,8 @@ def _rows_of(cause: Cause, result: Criticism) -> list[ValueRow]:
                 (f"{words}: {_ONE_SIZE}", found, "a mean of both"),
             ]
         elif changes_in_time(cause.name, name, result):
-            told = [(words, found, f"{compared(parameter, found)}; {ONLY_THE_MEAN}")]
+            mean = "may be none" if told[0][2] == NO_DIFFERENCE else f"is {told[0][2]}"
+            told = [(words, found, f"changes; extended.toml has its mean, which {mean}")]
         for of, size, verdict in told:
             rows.append(
                 ValueRow(

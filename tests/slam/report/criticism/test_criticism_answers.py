@@ -217,7 +217,6 @@ def test_a_size_that_changes_at_a_moment_is_told_before_and_after_it() -> None:
     told = " ".join(instruments_doubted(result))
     assert "gyro bias 0.229 (0.224 to 0.235) deg/s before about 20 s and 0.115" in told
     assert "slam optimize --model extended.toml corrects the mean of its size, not the change" in told
-    assert to_use(result, "Yes")[1].endswith("extended.toml corrects the mean of its size, not the change.")
     assert change_of_size(replace(result, findings=()), "gyro_bias", "y") is None
 
 
