@@ -187,30 +187,29 @@ def _size(cause: Cause, result: Criticism) -> str:
 def _else(result: Criticism, ties: Sequence[str]) -> list[str]:
     """Return the causes that these flights cannot tell from those that were found, or why others are ruled
     out."""
-    told = list(ties)
+    told, ruled_out, none = list(ties), [], []
     for cause in result.causes:
         others = [name for name in cause.alternatives if name != cause.name]
         if others and not ties:
             rivals = enumerated([f"{name} ({result.probability_of(name):.2f})" for name in others])
             told.append(f"Instead of {cause.name} (probability {cause.probability:.2f}) perhaps {rivals}.")
-    if result.causes and not told:
-        doubles = [
-            f"{cause.name} may be {cause.fair_rival}, which has nearly the same course here (likeness "
-            f"{likeness:.3f}); with it the flights fit worse by {cause.lead_nats:.0f} nats."
-            for cause in result.causes
-            if (likeness := likeness_of_rival(cause, result))
-        ]
-        told += doubles or ["No other effect that these flights can show explains them as well."]
-        ruled_out = (c for c in result.causes if c.fair_rival and not likeness_of_rival(c, result))
-        told += map(no_other, ruled_out)
-        none = [cause.name for cause in result.causes if not cause.fair_rival]
-        if none:
+        elif not others and (likeness := likeness_of_rival(cause, result)):
             told.append(
-                f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part."
+                f"{cause.name} may be {cause.fair_rival}, which has nearly the same course here (likeness "
+                f"{likeness:.3f}); with it the flights fit worse by {cause.lead_nats:.0f} nats."
             )
-        if rest := outside_of_catalogue(result):
-            open_ = enumerated([cause.name for cause in uncertain(result)])
-            told.append(f"{open_}: {rest[0].lower()}{rest[1:]}")
+        elif not others and cause.fair_rival:
+            ruled_out.append(no_other(cause))
+        elif not others:
+            none.append(cause.name)
+    if result.causes and not told:
+        told = ["No other effect that these flights can show explains them as well."]
+    told += ruled_out
+    if none:
+        told.append(f"In place of {enumerated(none)} no other effect of the catalogue explains a fair part.")
+    if rest := outside_of_catalogue(result):
+        open_ = enumerated([cause.name for cause in uncertain(result)])
+        told.append(f"{open_}: {rest[0].lower()}{rest[1:]}")
     return told
 
 

@@ -96,7 +96,7 @@ def evidence_of_causes(result: Criticism, flights: Sequence[Flight]) -> CauseEvi
     for cause in sure:
         place = ""
         if (stretch := shown.get(cause.name)) is not None:
-            times = f"{stretch.begin_s:.0f} to {stretch.begin_s + _length_s(stretch):.0f} s"
+            times = f"{stretch.begin_s:.0f} to {_end_s(stretch):.0f} s"
             place = f"panel {[*shown].index(cause.name) + 1}: {times} of {stretch.flight.name}"
         rows.append(
             EvidenceRow(title_of(cause.name), _size(cause, result), _when(cause, result), place or "–")
@@ -141,10 +141,13 @@ def _has_stick(name: str, stretch: _Stretch) -> bool:
     return stretch.pair is not None and bool(stretch.pair.replayed) and CATALOGUE[name].acts_on in _BY_STICK
 
 
-def _length_s(stretch: _Stretch) -> float:
+def _end_s(stretch: _Stretch) -> float:
+    """Return the end of a stretch, which is that of a flight that is shorter."""
     from slam.report.criticism.segment import SEGMENT_S
 
-    return SEGMENT_S if stretch.pair is None else SHOWN_S
+    if stretch.pair is None:
+        return stretch.begin_s + SEGMENT_S
+    return min(stretch.begin_s + SHOWN_S, float(stretch.pair.before.stamps_s[-1]))
 
 
 def _stretch_of(name: str, model: Model, flights: Sequence[Flight]) -> _Stretch | None:
@@ -212,8 +215,8 @@ def _draw(axes: Axes, name: str, stretch: _Stretch) -> str:
     if stretch.pair is not None:
         sizes = stretch.pair.draw(axes, stretch.begin_s, ("without this cause, before", "with it, after"))
         if _has_stick(name, stretch):
-            end_s, stick = stretch.begin_s + SHOWN_S, axes.twinx()
-            draw_stick(stick, stretch.pair.replayed, stretch.flight, stretch.begin_s, end_s)
+            stick = axes.twinx()
+            draw_stick(stick, stretch.pair.replayed, stretch.flight, stretch.begin_s, _end_s(stretch))
             stick.spines["top"].set_visible(False)
             stick.tick_params(labelsize=8)
             for of in (axes, stick):  # both are 0 at the same height

@@ -126,8 +126,7 @@ def _how(result: Criticism) -> str:
     from slam.criticism.verdict.held_out import FEWEST_FLIGHTS
 
     sticks = "" if result.limits else "Sticks are told as shares of full deflection. "
-    again = (
-        f"Repeat each manoeuvre in {FEWEST_FLIGHTS} recordings or more and judge them together with these: "
-        "from then on whole flights are held out."
-    )
-    return f"{sticks}{again}"
+    by_flight = any(cause.gain.by == "flight" for cause in result.causes)
+    more = "" if by_flight else ": from then on whole flights are held out"
+    again = f"Repeat each manoeuvre in {FEWEST_FLIGHTS} recordings or more and judge them together with these"
+    return f"{sticks}{again}{more}."
