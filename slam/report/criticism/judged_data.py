@@ -41,10 +41,11 @@ def judged_data(result: Criticism, flights: Sequence[Flight]) -> list[str]:
         return [f"{enumerated(list(result.flights))}."] if result.flights else []
     if len(judged) > MOST_FLIGHTS:
         lengths = np.array([_duration_s(flight) for flight in judged])
+        least, most = (f"{end:.0f}" for end in (lengths.min(), lengths.max()))
+        each = f"{least} s" if least == most else f"{least} to {most} s"
         names = listed([flight.name for flight in judged], MOST_NAMES)
         told = [
-            f"{counted(len(judged), 'flight')} ({names}), each {lengths.min():.0f} to {lengths.max():.0f} s "
-            f"long, together {lengths.sum():.0f} s.",
+            f"{counted(len(judged), 'flight')} ({names}), each {each} long, together {lengths.sum():.0f} s.",
             f"Readings of all together: {enumerated(_streams(judged))}.",
         ]
     else:

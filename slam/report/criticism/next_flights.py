@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 
 _BY_HAND = "mounting, wiring, settings and time stamps"
+_SHARE = re.compile(r"0\.\d+\b(?! s\b)")
+"""A share of a stick: no seconds."""
 _NAMED = 4
 """Number of effects that are named of those that the sticks would show."""
 
@@ -84,7 +87,7 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
         told.append(
             "Record pictures as well, which these flights have not: a manoeuvre above asks for the camera."
         )
-    told.append(_how(result))
+    told.append(_how(result, " ".join(told)))
     return told
 
 
@@ -122,11 +125,14 @@ def _to_log(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     ]
 
 
-def _how(result: Criticism) -> str:
+def _how(result: Criticism, told: str) -> str:
+    """Return how manoeuvres are told, and how often to fly them."""
     from slam.criticism.verdict.held_out import FEWEST_FLIGHTS
 
-    sticks = "" if result.limits else "Sticks are told as shares of full deflection. "
-    by_flight = any(cause.gain.by == "flight" for cause in result.causes)
-    more = "" if by_flight else ": from then on whole flights are held out"
+    sticks = (
+        "" if result.limits or not _SHARE.search(told) else "Sticks are told as shares of full deflection. "
+    )
+    many = len(result.flights) >= FEWEST_FLIGHTS
+    more = "" if many else ": from then on whole flights are held out"
     again = f"Repeat each manoeuvre in {FEWEST_FLIGHTS} recordings or more and judge them together with these"
     return f"{sticks}{again}{more}."
