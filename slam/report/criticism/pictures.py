@@ -124,7 +124,7 @@ def covariate_caption(result: Criticism) -> str:
     )
     text = (
         f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. Grey dots: single "
-        "ones. Their means follow the dashed line as far as the cause explains the error; those with it "
+        "errors. Their means follow the dashed line as far as the cause explains the error; those with it "
         "should be flat, and a slope of these is left unexplained."
     )
     if len(panels_of(found)) < 2:
