@@ -145,12 +145,18 @@ def ranking_picture(result: Criticism) -> bytes:
     chosen = {cause.name for cause in result.causes}
     others = (r for r in result.ranking if r.name not in _IN_WORDS and r.name not in chosen)
     rivals = sorted(others, key=lambda r: -r.z)[:RIVALS]
+    # A probability that two names share is drawn at both.
+    shared = {c.fair_rival: c.probability for c in result.causes if likeness_of_rival(c, result)}
+    probability = {r.name: r.probability for r in result.ranking} | shared
     possible = [
-        r for r in result.ranking if r.probability >= SHOWN_PROBABILITY or r.name in chosen or r in rivals
+        r
+        for r in result.ranking
+        if probability[r.name] >= SHOWN_PROBABILITY or r.name in chosen or r in rivals
     ]
     strength = {r.name: r.z for r in result.ranking} | {c.name: c.z for c in result.causes}
     named = sorted(
-        (r for r in possible if r.name not in _IN_WORDS), key=lambda r: (-r.probability, -strength[r.name])
+        (r for r in possible if r.name not in _IN_WORDS),
+        key=lambda r: (-probability[r.name], -strength[r.name]),
     )
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
     widths = [strength[r.name] for r in shown]
@@ -161,11 +167,9 @@ def ranking_picture(result: Criticism) -> bytes:
     left, right = figure.subplots(1, 2, sharey=True)
     names = [_IN_WORDS.get(r.name, title_of(r.name)) for r in shown]
     colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
-    # A probability that two names share is drawn at both.
-    shared = {c.fair_rival: c.probability for c in result.causes if likeness_of_rival(c, result)}
     open_ = {cause.name for cause in result.causes if doubt_of_name(cause, result)} | shared.keys()
     faces = ["none" if r.name in open_ else colour for r, colour in zip(shown, colours, strict=True)]
-    left.barh(names, [shared.get(r.name, r.probability) for r in shown], color=faces, edgecolor=colours)
+    left.barh(names, [probability[r.name] for r in shown], color=faces, edgecolor=colours)
     left.set_xlim(0, 1)
     left.set_xlabel("probability")
     right.barh(names, widths, color=colours)
