@@ -88,7 +88,7 @@ def criticism_answers(
         _item("What does this result promise, and what not?", promises(result)),
         _item("Which flights were judged, and what was left out?", _judged(result, flights)),
         _item("What is wrong, and how large is it?", _wrong(result) if is_usable else result.details),
-        _item("How sure is that, and why?", how_sure(result)),
+        _item("How sure is that, and why?", how_sure(result, flights)),
         _item("What else could it be, and why not?", _else(result, indistinguishable(result))),
         _item(
             "In which flight does it show, and when?",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from slam.report.criticism.plain_names import title_of
 from slam.simulation.terms import CATALOGUE
 
 if TYPE_CHECKING:
+    from slam.core.flight import Flight
     from slam.criticism import Criticism
     from slam.criticism.cause import Cause
 
@@ -183,11 +185,26 @@ def _why_not_certain(cause: Cause, result: Criticism) -> str:
     return f"{unknown} any motion that is not modelled looks like more scatter"
 
 
-def how_sure(result: Criticism) -> list[str]:
+def out_of_order(cause: Cause, flights: Sequence[Flight]) -> str:
+    """Return that readings with a cause's scatter would be out of order, so that it may rather be a motion;
+    empty for another cause, a constant delay among them, or where readings are farther apart."""
+    times = [size for size in cause.parameters.values() if size.unit == "s"]
+    streams = [s for f in flights for s in (f.attitude, f.velocity, f.sonar, f.imu) if s is not None]
+    term = CATALOGUE[cause.name]
+    if term.acts_on != "clock" or term.undo is not None or not times or not streams:
+        return ""
+    apart_s = max(float(np.median(np.diff(s.stamps_s))) for s in streams)
+    if times[0].low <= apart_s:
+        return ""
+    return f"the readings are only {sized(apart_s, 's')} apart, and would be out of order by such a scatter"
+
+
+def how_sure(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     """Return how certain it is that something is there and that it is the named cause, with the reasons;
     without a cause, how far all effects are from standing out."""
     if result.causes:
-        told = [*_by_certainty(result), *(_reserved(cause, result) for cause in result.causes)]
+        judged = [flight for flight in flights if flight.name in result.flights]
+        told = [*_by_certainty(result), *(_reserved(cause, result, judged) for cause in result.causes)]
         single = "; what single readings show has no such measure" * any(
             c.gain.by is None for c in result.causes
         )
@@ -231,9 +248,9 @@ def _evidence(cause: Cause, result: Criticism) -> str:
     return f"{cause.name} ({name}; {strength})"
 
 
-def _reserved(cause: Cause, result: Criticism) -> str:
+def _reserved(cause: Cause, result: Criticism, flights: Sequence[Flight]) -> str:
     """Return the reservations about a cause in a sentence; empty without any."""
-    told = reservations(cause, result)
+    told = [*reservations(cause, result), *filter(None, [out_of_order(cause, flights)])]
     return f"{cause.name}: {'; '.join(told)}." if told else ""
 
 

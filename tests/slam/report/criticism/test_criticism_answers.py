@@ -19,6 +19,7 @@ from slam.report.criticism.certainty import (
     doubt_of_name,
     how_sure,
     is_established,
+    out_of_order,
     reservations,
 )
 from slam.report.criticism.detectable import detectable_rows
@@ -166,6 +167,16 @@ def test_a_visible_limit_lies_below_its_size_and_a_change_is_told_with_what_it_c
         "above 0.21 s",  # none is faster than at once
         "0.05 to 0.3 s",
     )
+
+
+def test_stamps_that_scatter_by_more_than_readings_are_apart_would_be_out_of_order() -> None:
+    flight = simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
+    small, large = (
+        replace(made().causes[0], name="timestamp_jitter", parameters={"sigma": Interval(s, "s", s, s)})
+        for s in (0.01, 0.06)
+    )
+    assert out_of_order(small, [flight]) == ""
+    assert "only 40 ms apart" in out_of_order(large, [flight])  # its sonar's
 
 
 def test_a_mean_rate_that_is_not_the_usual_one_is_told_with_its_reason() -> None:
