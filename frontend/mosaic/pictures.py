@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from hashlib import blake2b
+from hashlib import sha256
 from threading import Lock
 
 import cv2
@@ -93,8 +93,8 @@ class Pictures:
 
 
 def _digest(picture: Image) -> bytes:
-    digest = blake2b(repr(picture.shape).encode(), digest_size=16)
-    digest.update(picture.tobytes())
+    digest = sha256(repr(picture.shape).encode())
+    digest.update(np.ascontiguousarray(picture).data)
     return digest.digest()
 
 

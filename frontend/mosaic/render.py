@@ -97,11 +97,11 @@ def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ..
     seen = ground_seen(view, lattice, plan.surface)
     sx, sy = picture.shape[1] / camera.size_px[0], picture.shape[0] / camera.size_px[1]
     side = int(np.clip(round(squares.pitch_px * plan.gsd_m / view.gsd_m * sx / 2), 3, 63)) | 1
-    usable = ((picture > DARK) & (picture < BRIGHT)).all(axis=2).astype(np.float32)
-    mean = cv2.blur(picture.astype(np.float32), (side, side))
+    usable = cv2.inRange(picture, (DARK + 1,) * 3, (BRIGHT - 1,) * 3)
+    mean = cv2.boxFilter(picture, cv2.CV_32F, (side, side))
     at = ((u + 0.5) * sx - 0.5, (v + 0.5) * sy - 0.5)
     bgr = cv2.remap(mean, *at, cv2.INTER_LINEAR)
-    share = cv2.remap(cv2.blur(usable, (side, side)), *at, cv2.INTER_LINEAR)
+    share = cv2.remap(cv2.boxFilter(usable, cv2.CV_32F, (side, side)), *at, cv2.INTER_LINEAR) / 255
     inside = np.minimum(
         np.minimum(at[0], picture.shape[1] - 1 - at[0]), np.minimum(at[1], picture.shape[0] - 1 - at[1])
     )
@@ -181,10 +181,9 @@ def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Expo
                 r0,
                 c0,
             )
-        covered = owner[inner] >= 0
-        bgr = np.clip(np.rint(band.blend()[inner]), 0, 255)
-        rgba[covered, :3] = bgr[covered][:, ::-1]
-        rgba[covered, 3] = 255
+        bgr = cv2.convertScaleAbs(np.maximum(band.blend()[inner], 0.0))
+        cv2.cvtColor(bgr, cv2.COLOR_BGR2RGBA, rgba)
+        rgba[owner[inner] < 0] = 0
     return rgba
 
 

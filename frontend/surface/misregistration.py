@@ -21,6 +21,7 @@ from frontend.mosaic.pictures import Pictures
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.surface import ground_maps
 from frontend.mosaic.view import Lattice, MosaicView, visible
+from frontend.workers import workers
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -78,6 +79,14 @@ class Misregistration:
         return np.asarray(self.parallax_px_m / np.maximum(size, 1e-12))
 
 
+@dataclass(frozen=True)
+class _Compared:
+    """Inputs that the jobs of all squares share."""
+
+    plan: MosaicPlan
+    pictures: Pictures
+
+
 def measure_misregistration(
     plan: MosaicPlan, pictures: Pictures, report: Report | None = None
 ) -> Misregistration:
@@ -86,18 +95,33 @@ def measure_misregistration(
     best = _two_best(plan, squares)
     r, c = np.nonzero(best[1] >= 0)
     pair = best[:, r, c]
-    # Squares of one pair follow one another, so that few pictures are held at a time.
+    # Squares of one pair follow one another, and a job has one best picture, so that few pictures are held
+    # at a time.
     order = np.lexsort((pair[1], pair[0]))
     shift, parallax = np.full((len(r), 2), np.nan), np.empty((len(r), 2))
-    window = cv2.createHanningWindow((SQUARE_PX, SQUARE_PX), cv2.CV_32F)
-    for done, k in enumerate(order):
-        if report and done % 256 == 0:
+    rows = np.column_stack([pair.T, r, c])
+    runs = np.split(order, np.flatnonzero(np.diff(pair[0, order])) + 1) if len(order) else []
+    measured = workers().map(_measured, _Compared(plan, pictures), [rows[run] for run in runs])
+    done = 0
+    for run, found in zip(runs, measured, strict=True):
+        assert found is not None
+        if report:
             report("misregistration", done, len(order))
-        a, b = (int(pair[i, k]) for i in (0, 1))
-        lattice = plan.lattice(int(r[k]) * SQUARE_PX, int(c[k]) * SQUARE_PX, SQUARE_PX, SQUARE_PX)
-        parallax[k] = _parallax(plan, plan.views[a], plan.views[b], lattice)
-        shift[k] = _displacement(plan, pictures, a, b, lattice, window)
+        shift[run], parallax[run] = found[:, :2], found[:, 2:]
+        done += len(run)
     return Misregistration((squares.rows, squares.cols), np.column_stack([r, c]), shift, parallax)
+
+
+def _measured(shared: _Compared, squares: NDArray[np.int64]) -> Array | None:
+    """Return (n, 4) displacement and parallax of squares (n, 4), each two views, row and column; None if
+    another process cannot read their pictures."""
+    plan, window = shared.plan, cv2.createHanningWindow((SQUARE_PX, SQUARE_PX), cv2.CV_32F)
+    found = np.empty((len(squares), 4))
+    for k, (a, b, row, col) in enumerate(squares.tolist()):
+        lattice = plan.lattice(row * SQUARE_PX, col * SQUARE_PX, SQUARE_PX, SQUARE_PX)
+        found[k, :2] = _displacement(plan, shared.pictures, a, b, lattice, window)
+        found[k, 2:] = _parallax(plan, plan.views[a], plan.views[b], lattice)
+    return None if shared.pictures.lost else found
 
 
 def seen_by_two(plan: MosaicPlan) -> NDArray[np.bool_]:
