@@ -43,6 +43,11 @@ FINGERPRINTS_TAG = "LEMNISCATE_BLOCKS"
 _RGBA = {
     "count": 4, "dtype": "uint8", "photometric": "RGB", "alpha": "non-premultiplied", "BIGTIFF": "IF_SAFER",
 }  # fmt: skip
+_COG = {
+    "driver": "COG", "compress": "DEFLATE", "level": 2, "predictor": "YES", "blocksize": BLOCK_PX,
+    "overview_resampling": "AVERAGE", "num_threads": "ALL_CPUS",
+}  # fmt: skip
+"""Level 6 takes twice as long and saves 3 %."""
 
 
 @dataclass(frozen=True)
@@ -145,10 +150,7 @@ def write_geotiff(
                     raster.write(np.moveaxis(block.rgba, 2, 0), window=window)
                     total += block.rgba.sum(axis=(0, 1), dtype=np.uint64)
             raster.update_tags(**tags, **{FINGERPRINTS_TAG: json.dumps(fingerprints)})
-        rasterio.shutil.copy(
-            plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
-            overview_resampling="AVERAGE", bigtiff="IF_SAFER", num_threads="ALL_CPUS",
-        )  # fmt: skip
+        rasterio.shutil.copy(plain, partial, **_COG, bigtiff="IF_SAFER")
         _verify(partial, total)
 
 
@@ -204,10 +206,7 @@ def write_bands(
                 raster.write(values, number)
                 raster.set_band_description(number, description)
             raster.update_tags(**tags)
-        rasterio.shutil.copy(
-            plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
-            overview_resampling="AVERAGE", num_threads="ALL_CPUS",
-        )  # fmt: skip
+        rasterio.shutil.copy(plain, partial, **_COG)
         with rasterio.open(partial) as raster:
             if not np.array_equal(raster.read(), np.stack(list(bands.values())), equal_nan=True):
                 raise RasterioError("pixels are missing from what was written")
@@ -231,8 +230,8 @@ def write_png(geotiff: Path, path: Path, max_pixels: int) -> float:
                     strips.write(pixels, window=window)
                     total += pixels.sum(axis=(1, 2), dtype=np.uint64)
         _verify(plain, total)
-        # Level 6 takes three times as long and saves 5 %.
-        rasterio.shutil.copy(plain, partial, driver="PNG", zlevel=4)
+        # Level 6 takes three times as long and saves 4 %.
+        rasterio.shutil.copy(plain, partial, driver="PNG", zlevel=2)
     lines = (affine.a, 0.0, 0.0, affine.e, affine.c + affine.a / 2, affine.f + affine.e / 2)
     with atomic_file(path.with_suffix(".pgw")) as partial:
         partial.write_text("".join(f"{value:.12g}\n" for value in lines))
