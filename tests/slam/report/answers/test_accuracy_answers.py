@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from frontend.camera import Camera
 from slam.core.estimate import GroundFacts
 from slam.core.flight import GeoOrigin
 from slam.core.instrument_errors import AttitudeErrors, LensNumber
@@ -242,12 +243,15 @@ def test_the_area_of_a_square_is_as_uncertain_as_its_drawn_corners_say():
 def test_what_limits_the_ground_is_named_where_the_ground_is_told():
     estimate, flight = made_estimate(), made_flight()
     shares = {"x": {"position": 0.9, "flat_floor": 0.1}, "ground": {"position": 0.2, "flat_floor": 0.8}}
-    by_ground = replace(estimate, information_shares=shares)
+    by_ground = replace(
+        estimate, information_shares=shares, camera=Camera((100.0, 100.0), (159.5, 119.5), (320, 240))
+    )
     facts = gather(by_ground, flight)
     mosaic = MosaicFacts(0.004, 800, 600, 10 * facts.sigma_median_m, 1.0, 3.0, -1.5)
     rows = {row.label: row.value for row in pilots_answers(by_ground, summarise(by_ground), facts, mosaic)}
     assert rows["What limits the accuracy?"].startswith("How uneven the ground is (80")
     assert "For the place of a camera, the GPS" in rows["What limits the accuracy?"]
+    assert "at the edge of a picture by 1.2 times" in rows["What limits the accuracy?"]  # 120 px over 100 px
     assert "comes from how uneven the ground is" in rows["How accurate is a place on it?"]
     assert answers(by_ground, flight)["What limits the accuracy?"].startswith("The GPS")
 
