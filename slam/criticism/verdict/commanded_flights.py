@@ -162,13 +162,13 @@ class CommandedFlights(Evidence):
         return extended_with_causes(causes, self.anomalies, self.model, parameters, self.records)
 
     def _changes(self) -> tuple[SizeOverTime, ...]:
-        """Return the sizes over time of causes that are not the same throughout; none where there is none."""
-        found, doubts = self.found, self.doubts
-        doubted = {e.name for e in found.chosen if e.name in doubts}
-        if not doubted:
+        """Return the sizes over time of causes, and of what looks like one, that are not steady."""
+        found, doubts, known = self.found, self.doubts, {e.name for e in self.found.chosen}
+        others = {e.name: e for e in reversed(found.last.effects) if e.name in doubts and e.name not in known}
+        if not others and not known & {*doubts}:
             return ()
-        model, chosen = found.model, [e.free for e in found.chosen]
-        return changing_sizes(self.records, model, self.parameters, chosen, doubted)
+        chosen = [e.free for e in (*found.chosen, *others.values())]
+        return changing_sizes(self.records, found.model, self.parameters, chosen, {*doubts})
 
     def _models_of_others(self, causes: Sequence[Cause]) -> dict[str, Model]:
         """Return for each flight the model fitted on all others; empty where segments were held out."""

@@ -19,9 +19,10 @@ from slam.simulation.terms import CATALOGUE
 MOST_SENTENCES = 3
 """Greatest number of sentences of a headline, and of effects for which a flight is advised."""
 
-_CORRECT = "give extended.toml to slam optimize by --model: it corrects the instruments."
+_CORRECT = "give extended.toml by --model to slam optimize, which corrects the instruments."
 _REPAIR = "Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
-CHECK = "check the sensor, mounting and clock that the unexplained error concerns first"
+STAYS = "its predictions stay wrong by what is not explained"
+CHECK = f"check the sensor, mounting and clock that the unexplained error concerns first: {STAYS}"
 _AGAIN = (
     "fly the same once more. An error that comes back with the same sticks is the vehicle's, one at the same "
     "place is the floor's, and one that stays away is the weather's or an instrument's."
@@ -44,19 +45,18 @@ def with_sentences(found: Criticism) -> Criticism:
     return replace(found, sentence=headline(found), details=(*details(found), *filter(None, lines)))
 
 
-def what_to_do(found: Criticism, check: str, repair: str) -> str:
-    """Return what the pilot of judged flights should do; ``check`` is advice on what is not explained, and
+def what_to_do(found: Criticism, rest: str, repair: str) -> str:
+    """Return what the pilot of judged flights should do; ``rest`` is advice on what is not explained, and
     ``repair`` on instruments."""
     corrects = any(CATALOGUE[cause.name].undo is not None for cause in found.causes)
     commands = "slam simulate, slam replay and slam optimize" if corrects else "slam simulate and slam replay"
     use = _CORRECT if found.limits else f"give extended.toml to {commands} by --model."
-    look = f"{check}: the predictions stay wrong by what is not explained."
     advice: Mapping[Verdict, str] = {
         "nothing_wrong": "simulate with the model as it is.",
         "named": use,
         "ambiguous": f"{use} It predicts flights like these, but perhaps no others.",
-        "named_with_remainder": f"{use} For the rest, {look}",
-        "unknown": look,
+        "named_with_remainder": f"{use} For the rest, {rest}.",
+        "unknown": f"{rest}.",
     }
     return f"{advice[found.verdict]} {repair}".rstrip()
 

@@ -61,7 +61,7 @@ _USABLE: Mapping[str, str] = {
     "nothing_wrong": "Yes",
     "named": "Yes, the extended one",
     "ambiguous": "Yes, the extended one for flights like these",
-    "named_with_remainder": "Yes, the extended one, but not for what is unexplained",
+    "named_with_remainder": "Yes, the extended one, for flights like these",
     "unknown": "Only apart from what is unexplained",
 }
 """Verdict -> whether the model, or the extended one, can be used."""

@@ -46,8 +46,8 @@ MOST_CAUSES = 6
 _CAPTION = (
     "Lines: error of the prediction of the reading that shows a cause best, started anew every "
     f"{RESTART_S:g} s, by the extended model without this cause alone (orange) and with it (blue); the other "
-    "causes are in both, and all are fitted to the whole flights. The numbers above are root mean squares "
-    "over the stretch."
+    "causes are in both, and all are fitted to the whole flights. Where one line is seen, both are the same; "
+    "errors of both are not this cause's. The numbers above are root mean squares over the stretch."
 )
 _STICK, _DOTS = " Black: the stick, as a share of full deflection.", " Dots: single readings."
 
@@ -97,7 +97,8 @@ def evidence_of_causes(result: Criticism, flights: Sequence[Flight]) -> CauseEvi
         place = ""
         if (stretch := shown.get(cause.name)) is not None:
             times = f"{stretch.begin_s:.0f} to {_end_s(stretch):.0f} s"
-            place = f"panel {[*shown].index(cause.name) + 1}: {times} of {stretch.flight.name}"
+            panel = f"panel {[*shown].index(cause.name) + 1}: " * (len(shown) > 1)
+            place = f"{panel}{times} of {stretch.flight.name}"
         rows.append(
             EvidenceRow(title_of(cause.name), _size(cause, result), _when(cause, result), place or "–")
         )
@@ -132,8 +133,10 @@ def _size(cause: Cause, result: Criticism) -> str:
 def _when(cause: Cause, result: Criticism) -> str:
     if cause.gain.by is None:
         return "in single readings"
+    lost = [-nats for nats in cause.gain.parts if nats <= 0.0]
+    most = f"; the other{'s lose up to' if len(lost) > 1 else ' loses'} {max(lost):.0f} nats" if lost else ""
     steady = "; its size changes" * changes(cause, result)
-    return f"in {better_parts(cause.gain)}, which it predicts better{steady}"
+    return f"in {better_parts(cause.gain)}, which it predicts better{most}{steady}"
 
 
 def _has_stick(name: str, stretch: _Stretch) -> bool:
@@ -194,12 +197,14 @@ def _where_it_falls(pair: BeforeAndAfter) -> float:
 def _drawn(shown: dict[str, _Stretch]) -> bytes:
     from matplotlib.figure import Figure
 
-    drawn = Figure(figsize=(7.2, 0.5 + 1.15 * len(shown)), dpi=160, layout="constrained")
+    each = 1.15 if len(shown) > 1 else 1.5  # one alone may be higher
+    drawn = Figure(figsize=(7.2, 0.5 + each * len(shown)), dpi=160, layout="constrained")
     handles: dict[str, Artist] = {}
     panels = np.ravel(drawn.subplots(len(shown), 1))
     for k, (axes, (name, stretch)) in enumerate(zip(panels, shown.items(), strict=True)):
         what = _draw(axes, name, stretch)
-        axes.set_title(f"{k + 1}. {title_of(name)}: {what}", fontsize=9, loc="left")
+        number = f"{k + 1}. " * (len(shown) > 1)
+        axes.set_title(f"{number}{title_of(name)}: {what}", fontsize=9, loc="left")
         lines, labels = axes.get_legend_handles_labels()
         handles |= dict(zip(labels, lines, strict=True))
     drawn.axes[-1].set_xlabel("time in the flight [s]", fontsize=9)

@@ -156,7 +156,8 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
     if likeness := likeness_of_rival(cause, result):
         told.append(
             f"it has nearly the same course over these flights as {title_of(cause.fair_rival)} (likeness "
-            f"{likeness:.3f}), so its name is open, though the fit prefers it by {cause.lead_nats:.0f} nats"
+            f"{likeness:.3f}), so its name is open: the {cause.lead_nats:.0f} nats by which it fits better "
+            "would decide only if the model were exact"
         )
     if changes(cause, result):
         told.append("its size changes during the flights")
@@ -196,7 +197,10 @@ def out_of_order(cause: Cause, flights: Sequence[Flight]) -> str:
     apart_s = max(float(np.median(np.diff(s.stamps_s))) for s in streams)
     if times[0].low <= apart_s:
         return ""
-    return f"the readings are only {sized(apart_s, 's')} apart, and would be out of order by such a scatter"
+    return (
+        f"readings only {sized(apart_s, 's')} apart would be out of order by such a scatter: it may be such "
+        "a motion"
+    )
 
 
 def how_sure(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
@@ -205,12 +209,10 @@ def how_sure(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     if result.causes:
         judged = [flight for flight in flights if flight.name in result.flights]
         told = [*_by_certainty(result), *(_reserved(cause, result, judged) for cause in result.causes)]
-        single = "; what single readings show has no such measure" * any(
-            c.gain.by is None for c in result.causes
-        )
+        single = " (alone, of single readings)" * any(c.gain.by is None for c in result.causes)
         passed = (
-            f"At least {result.threshold:.1f} standard deviations are asked for beside the other causes, "
-            f"{result.threshold_means}{single}."
+            f"At least {result.threshold:.1f} standard deviations are asked for beside the other causes"
+            f"{single}, {result.threshold_means}."
         )
         return [*told, passed] if result.threshold_means else told
     effects = [rank for rank in result.ranking if rank.name in CATALOGUE]
@@ -241,9 +243,8 @@ def _by_certainty(result: Criticism) -> list[str]:
 
 
 def _evidence(cause: Cause, result: Criticism) -> str:
-    strength = f"{cause.gain.nats:.0f} nats of {'its readings' if cause.gain.by is None else 'held-out data'}"
-    if cause.gain.by is not None:
-        strength = f"{cause.z:.1f} standard deviations, {strength}"
+    alone, of = (" alone", "its readings") if cause.gain.by is None else ("", "held-out data")
+    strength = f"{cause.z:.1f} standard deviations{alone}, {cause.gain.nats:.0f} nats of {of}"
     name = doubt_of_name(cause, result) or f"probability {cause.probability:.2f}"
     return f"{cause.name} ({name}; {strength})"
 

@@ -66,9 +66,9 @@ def _draw(axes: Axes, series: SizeOverTime, result: Criticism) -> None:
         own = of_part == flight
         axes.errorbar(
             series.begin_s[own] + series.part_s / 2, factor * series.sizes[own],
-            factor * TWO_SIDED * series.errors[own], series.part_s / 2, linestyle="none", label=flight,
+            factor * TWO_SIDED * series.errors[own], linestyle="none", label=flight,
             color=_COLOURS[k % len(_COLOURS)], marker=_MARKERS[k // len(_COLOURS) % len(_MARKERS)],
-            linewidth=1.0, markersize=3,
+            linewidth=0.7, markersize=2,
         )  # fmt: skip
     whole = factor * _in_extension(result, series)
     axes.axhline(whole, color=GREY, linestyle="--", linewidth=1, label="one size throughout")
@@ -76,7 +76,8 @@ def _draw(axes: Axes, series: SizeOverTime, result: Criticism) -> None:
         begin, end = float(series.begin_s.min()), float(series.begin_s.max()) + series.part_s
         axes.step(
             [begin, change.time_s, end], factor * np.array([change.before.value, *2 * [change.after.value]]),
-            where="post", color=VERMILLION, linewidth=1.8, zorder=5, label="mean before and after the change",
+            where="post", color=VERMILLION, linewidth=1.8, zorder=5,
+            label=f"mean before and after {change.moment}",
         )  # fmt: skip
     title = f"{title_of(series.effect)}: {quantity(series.effect, series.parameter)}"
     axes.set_title(title, fontsize=9, loc="left")
@@ -91,9 +92,12 @@ def _where(series: SizeOverTime, result: Criticism) -> str:
     of = series.effect, series.parameter
     words, change = quantity(*of), change_of_size(result, *of)
     least, most = (_part(series, int(k)) for k in (np.argmin(series.sizes), np.argmax(series.sizes)))
+    if len(set(series.flights)) == 1:
+        least = least.removesuffix(f" of {series.flights[0]}")
     sizes = f"{words} is {least} and {most}" if change is None else f"{words} changes at {change.moment}"
-    (where,) = with_titles([f"{series.effect} does not have one size: {sizes} (“{_TITLE}” shows each part)."])
-    return where
+    like = "" if any(cause.name == series.effect for cause in result.causes) else "what looks like "
+    line = f"{like}{series.effect} does not have one size: {sizes} (“{_TITLE}” shows each part)."
+    return with_titles([line])[0]
 
 
 def _possible(series: SizeOverTime) -> SizeOverTime:

@@ -10,8 +10,8 @@ from backend.wording import counted, either
 from slam.core.names import enumerated
 from slam.core.units import everyday
 from slam.criticism.finding import Inconsistency
-from slam.report.criticism.certainty import differs, likeness_of_rival
-from slam.report.criticism.judged_data import missing_streams
+from slam.report.criticism.certainty import differs, is_established, likeness_of_rival
+from slam.report.criticism.judged_data import as_seen, missing_streams
 from slam.report.criticism.plain_names import in_plain_names, title_of
 from slam.report.criticism.values import sized_one, usual
 from slam.simulation.terms import CATALOGUE, Parameter
@@ -28,12 +28,14 @@ _WITHOUT: Mapping[str, str] = {
     "command": "without a log of the sticks",
 }
 """Stream -> the reason why effects do not show."""
-_OTHERWISE = "by this motion, except in single readings"
-_COMPARED = "by comparing instruments with each other, except in single readings"
-_LARGER = "at usual sizes, only at the larger ones of the table"
+_OTHERWISE = "by this motion"
+_COMPARED = "by comparing instruments with each other"
+_SINGLE = "except in single readings, in which none was found"
+_LARGER = "at usual sizes, only beyond them at those of the table"
 UNSURE, ALONE = "not established", "alone only: not in the best set"
-UNSTEADY = "only something like it, of changing size"
-FOUND, PERHAPS, NOT_FOUND = "found", "perhaps, instead of what was found", "not found"
+UNSTEADY = "not explained: something like it changes"
+FOUND, UNCERTAIN, NOT_FOUND = "found", "found, name uncertain", "not found"
+PERHAPS = "perhaps, instead of what was found"
 TOO_LARGE = "not even at usual sizes"
 
 
@@ -50,12 +52,13 @@ class DetectableRow:
     """Manoeuvre that shows a smaller one."""
 
 
-def detectable_rows(result: Criticism) -> list[DetectableRow]:
+def detectable_rows(result: Criticism, flights: Sequence[Flight] = ()) -> list[DetectableRow]:
     """Return the smallest visible size of each effect beside the usual one, with the manoeuvre that shows a
     smaller one."""
     from slam.criticism.verdict.power import within_reach
 
-    found, reached = {cause.name for cause in result.causes}, within_reach(result.detectable)
+    judged, reached = [f for f in flights if f.name in result.flights], within_reach(result.detectable)
+    found = {c.name: FOUND if is_established(c, result) else UNCERTAIN for c in result.causes}
     doubles = {other for c in result.causes for other in c.alternatives}
     doubles |= {c.fair_rival for c in result.causes if likeness_of_rival(c, result)}
     alone, none = {r.name: r.z for r in result.ranking}, [c.name for c in result.causes if not differs(c)]
@@ -64,14 +67,14 @@ def detectable_rows(result: Criticism) -> list[DetectableRow]:
     for name, (size, unit) in result.detectable.items():
         parameter = next(p for p in CATALOGUE[name].parameters if p.unit == unit)
         factor, everyday_unit = everyday(min(size, 0.5 * _most(parameter)), unit)
-        verdict = FOUND if name in found else PERHAPS if name in doubles else NOT_FOUND
+        verdict = found.get(name, PERHAPS if name in doubles else NOT_FOUND)
         verdict = ALONE if verdict == NOT_FOUND and alone.get(name, 0.0) > result.threshold > 0.0 else verdict
         verdict = UNSTEADY if name in unsteady else verdict
-        verdict = UNSURE if name in none else verdict if name in found | reached.keys() else TOO_LARGE
+        verdict = UNSURE if name in none else verdict if name in found.keys() | reached.keys() else TOO_LARGE
         rows.append(
             DetectableRow(
                 title_of(name), name, _smallest(parameter, size, factor, everyday_unit),
-                usual(parameter, factor, everyday_unit), verdict, CATALOGUE[name].excitation,
+                usual(parameter, factor, everyday_unit), verdict, as_seen(CATALOGUE[name].excitation, judged),
             )
         )  # fmt: skip
     return rows
@@ -147,5 +150,6 @@ def _reason(name: str, missing: Sequence[str], result: Criticism) -> str:
         "velocity": term.stream == "velocity",
         "command": term.acts_on in ("command", "force", "wind"),
     }
-    otherwise = _LARGER if name in result.detectable else _COMPARED if result.limits else _OTHERWISE
+    hidden = _SINGLE if term.in_single_readings else _COMPARED if result.limits else _OTHERWISE
+    otherwise = _LARGER if name in result.detectable else hidden
     return next((_WITHOUT[s] for s, needed in needs.items() if needed and s in missing), otherwise)

@@ -105,7 +105,7 @@ def _sensor(finding: Finding) -> str:
 
 def concerned(result: Criticism) -> list[str]:
     """Return the sensors, clocks and constants of the vehicle that are concerned by what is left over."""
-    return [f"the {sensor}" for sensor in dict.fromkeys(map(_sensor, result.findings)) if sensor]
+    return [f"the {sensor}" for sensor in dict.fromkeys(map(_sensor, distinct_findings(result))) if sensor]
 
 
 def is_of_speed(result: Criticism) -> bool:
@@ -136,7 +136,7 @@ def _words(finding: Finding, result: Criticism) -> str:
             return f"{finding.effect} changes {finding.between} ({by})"
         case Inconsistency():
             what = f"there is something like {finding.effect} whose size changes {finding.between}"
-            return f"{what} ({by}), so no constant one explains it"
+            return f"{what} ({by}): a constant one is not all of it"
         case ResidualPattern() if finding.proportions:
             each = [
                 f"{_target(name)} in proportion to {_SIGNALS.get(s, s)}" for name, s in finding.proportions

@@ -11,7 +11,6 @@ import numpy as np
 
 from backend.wording import either
 from slam.core.units import everyday
-from slam.report.criticism.judged_data import parts_in_words
 from slam.report.criticism.plain_names import figure, reading, title_of
 from slam.report.page import Item
 
@@ -62,8 +61,9 @@ def where_it_shows(result: Criticism, drawn: Sequence[str], each: Sequence[str] 
 
 def better_parts(gain: Gain) -> str:
     """Return how many of the held-out parts a cause predicts better."""
-    parts = np.array(gain.parts)
-    return f"{int(np.sum(parts > 0))} of {parts_in_words(gain.by, len(parts))}"
+    better, count = int(np.sum(np.array(gain.parts) > 0)), len(gain.parts)
+    of = f"each of the {count}" if better == count > 1 else f"{better} of {count}"
+    return f"{of} {'held-out parts' if gain.by == 'segment' else 'flights'}"
 
 
 def what_changes(result: Criticism) -> list[str]:
@@ -158,6 +158,8 @@ def gain_rows(result: Criticism) -> list[GainRow]:
 
 def gain_caption(result: Criticism) -> str:
     """Caption of the figure of the gain by part, which is that of the leading cause alone."""
+    from slam.criticism.search.information import SEGMENT_S
+
     if not result.causes:
         return ""
     first, more = result.causes[0], len(result.causes) > 1
@@ -165,4 +167,5 @@ def gain_caption(result: Criticism) -> str:
     if first.gain.by is None:
         return IN_SAMPLE_DOTS.format(cause=title)
     beside = f", by {title} alone, beside the other causes (the table is with all of them)" if more else ""
-    return HELD_OUT_DOTS.format(beside=beside)
+    begin = f" Part 2 begins {SEGMENT_S:g} s after part 1, and so on." * (first.gain.by == "segment")
+    return f"{HELD_OUT_DOTS.format(beside=beside)}{begin}"

@@ -42,9 +42,9 @@ def _found(result: Criticism) -> str:
             f"{CATALOGUE[c.name].title} ({doubt_of_name(c, result) or f'probability {c.probability:.2f}'})"
             for c in others
         ]
-        told.append(
-            f"{'Also there' if sure else 'Found'}, but named with less certainty: {enumerated(each)}."
-        )
+        what = "Something else is there too" if sure else "Something is there"
+        name = either(len(others), "a less certain name", "less certain names")
+        told.append(f"{what}, with {name}: {enumerated(each)}.")
     if none:
         each = [CATALOGUE[c.name].title for c in none]
         told.append(f"Not established, because the size may be none: {enumerated(each)}.")
@@ -68,6 +68,18 @@ def _left(result: Criticism) -> str:
     return f"{told}{'; one of them' if len(parts) > 1 else ''}: {first}"
 
 
+def _better(result: Criticism) -> str:
+    """Return what the extended model makes better on data that the fit did not use, and than what."""
+    parts = "stretches of these flights" if result.causes[0].gain.by == "segment" else "flights"
+    unused = f"{parts} that the fit did not use"
+    if result.limits:
+        return f"in {unused} the instruments agree better once the extended model corrects them"
+    return (
+        f"the extended model predicts {unused} better than the model with this vehicle's constants but "
+        "without the causes"
+    )
+
+
 def promises(result: Criticism) -> list[str]:
     """Return what the verdict promises, and what it does not."""
     if result.verdict == "unusable":
@@ -89,10 +101,7 @@ def promises(result: Criticism) -> list[str]:
         is_there = either(len(sure), "is", "are")
         told.append(f"It promises that {enumerated(sure)} {is_there} in these flights.")
     if result.causes[0].gain.by:
-        told.append(
-            "It promises that the extended model predicts such flights better than the original one, by the "
-            "changes under “Gain on held-out data”."
-        )
+        told.append(f"It promises that {_better(result)}, by the changes under “Gain on held-out data”.")
     no = []
     if open_:
         no.append(f"that {enumerated(open_)} {either(len(open_), 'is', 'are')} named rightly")

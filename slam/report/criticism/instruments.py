@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from backend.wording import either
 from slam.core.names import enumerated
 from slam.core.units import everyday, spaced, to_error
 from slam.report.criticism.certainty import changes, differs, drifting, is_established
-from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
+from slam.report.criticism.findings import GAIN, concerned, distinct_findings
 from slam.report.criticism.judged_data import missing_streams
 from slam.report.criticism.plain_names import constant, figure, title_of
 from slam.report.criticism.values import (
@@ -36,6 +37,7 @@ _CALIBRATE = "nothing needs a repair, and slam optimize --model extended.toml co
 _CALIBRATE_MEAN = f"nothing needs a repair now, and slam optimize --model {ONLY_THE_MEAN}"
 _KEEP = "nothing needs a repair, and nothing can be corrected afterwards"
 _CHECK = "look at its mounting and wiring, and replace it if the same comes back after a calibration"
+BY_HAND = "mounting, wiring, settings and time stamps"
 _STAMPS = "look at how the log gets its stamps: a calibration does not remove it"
 
 
@@ -140,40 +142,43 @@ def _advice(cause: Cause, result: Criticism) -> str:
 def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     """Return whether what is left over is an instrument's or the vehicle's, or which log decides."""
     found = distinct_findings(result)
-    told, other = [], ""
+    told = []
     if any(finding.channel == GAIN and not finding.effect for finding in found) and (
         size := result.nuisances.get(GAIN)
     ):
-        other = "other "
         begin = f"{constant(GAIN)} is {figure(size.value)}{_in_the_file(GAIN, result)}"
         judged = [flight for flight in flights if flight.name in result.flights]
         if {"attitude", "imu"} <= {*missing_streams(judged)}:
             told.append(
-                f"{begin}: the vehicle tilts otherwise than the model, or the speed sensor is wrong "
-                "by a constant factor. A log of the attitude, which these flights have not, decides: then "
-                "scale the sticks otherwise, or calibrate the sensor."
+                f"{begin}: the vehicle tilts otherwise than the model, or the speed sensor reads "
+                f"{figure(size.value)} times the speed; these flights cannot tell the two apart. A log of "
+                "the attitude, which they have not, can: then scale the sticks otherwise, or calibrate the "
+                "sensor."
             )
         else:
             told.append(f"{begin}: of the vehicle, whose sticks are scaled otherwise than the model's.")
     if sensors := concerned(result):
-        whose = "" if result.limits else ", or a motion of the vehicle that is not modelled"
-        told.append(f"What is not explained concerns {enumerated(sensors)}{whose}.")
+        whose = "" if result.limits else " It may be a motion of the vehicle that is not modelled, too."
+        first = f"check {either(len(sensors), 'it', 'them')} before the next flight ({BY_HAND})"
+        told.append(f"What is not explained concerns {enumerated(sensors)}: {first}.{whose}")
     elif found:
         told.append("What is not explained may still be an instrument's.")
-    if is_of_speed(result):
-        told.append(
-            f"Whether the {other}error of the speed is the sensor's or a motion that is not modelled is "
-            f"decided by {CATALOGUE['flow_scale'].excitation}."
-        )
     return told
 
 
 def _in_the_file(name: str, result: Criticism) -> str:
-    """Return whether extended.toml has the value that was found for a constant."""
-    if result.extended is None or (size := result.nuisances.get(name)) is None:
+    """Return in brackets whether extended.toml has the value that was found for a constant."""
+    if result.extended is None or (value := own_value(name, result, result.extended)) is None:
         return ""
+    if is_in_the_file(name, result):
+        return " (extended.toml has that value; its cause is not known)"
+    return f" (extended.toml keeps {figure(value)})"
+
+
+def is_in_the_file(name: str, result: Criticism) -> bool:
+    """Return whether extended.toml has a constant as it was found, within its interval."""
+    size = result.nuisances.get(name)
+    if result.extended is None or size is None:
+        return False
     value = own_value(name, result, result.extended)
-    if value is None:
-        return ""
-    has = "has that value, for no known cause" if size.low <= value <= size.high else f"keeps {figure(value)}"
-    return f" (extended.toml {has})"
+    return value is not None and size.low <= value <= size.high

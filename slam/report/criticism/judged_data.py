@@ -130,6 +130,13 @@ def _axes(name: str, words: str, flights: Sequence[Flight]) -> str:
     return _NO_SPEED_TO_THE_LEFT if ahead else "speed to the left alone"
 
 
+def as_seen(manoeuvre: str, flights: Sequence[Flight]) -> str:
+    """Return a manoeuvre without its part to the side where nothing measures that."""
+    tilt = {"attitude", "imu"} - {*missing_streams(flights)}
+    alone = flights and not tilt and _axes("velocity", "", flights) == _NO_SPEED_TO_THE_LEFT
+    return manoeuvre.replace(", ahead and to the side", ", ahead") if alone else manoeuvre
+
+
 def _lacking(flights: Sequence[Flight]) -> str:
     missing = [_STREAMS[name] for name in missing_streams(flights)]
     if not missing:

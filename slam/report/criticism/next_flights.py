@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
 from slam.core.names import enumerated, listed
-from slam.criticism.finding import Onset
 from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, likeness_of_rival
 from slam.report.criticism.detectable import hidden_without
-from slam.report.criticism.findings import GAIN, concerned, is_of_speed
-from slam.report.criticism.instruments import is_far, may_be_above
-from slam.report.criticism.judged_data import missing_streams
+from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
+from slam.report.criticism.instruments import BY_HAND, is_far, is_in_the_file, may_be_above
+from slam.report.criticism.judged_data import as_seen, missing_streams
 from slam.report.criticism.plain_names import constant, title_of
 from slam.simulation.terms import CATALOGUE
 
@@ -22,9 +21,9 @@ if TYPE_CHECKING:
     from slam.criticism import Criticism
 
 
-_BY_HAND = "mounting, wiring, settings and time stamps"
 _SHARE = re.compile(r"0\.\d+\b(?! s\b)")
 """A share of a stick: no seconds."""
+_RIGHT_NAME = "the right name"
 _NAMED = 4
 """Number of effects that are named of those that the sticks would show."""
 
@@ -32,14 +31,14 @@ _NAMED = 4
 def to_use(result: Criticism, usable: str) -> list[str]:
     """Return whether the model is ``usable``, and the verdict's advice with the instruments by their names;
     in numbered steps where a part of extended.toml is not established."""
-    from slam.criticism.verdict.sentence import CHECK, what_to_do
+    from slam.criticism.verdict.sentence import CHECK, STAYS, what_to_do
 
     sensors = concerned(result)
-    check = f"check {enumerated(sensors)} first ({_BY_HAND})" if sensors else CHECK
+    check = f"check {enumerated(sensors)} first ({BY_HAND}): {STAYS}" if sensors else CHECK
     far = [CATALOGUE[c.name].instrument for c in result.causes if is_established(c, result) and is_far(c)]
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f"Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
-    advice = what_to_do(result, check, repair)
+    advice = what_to_do(result, _what_stays(result) if result.causes else check, repair)
     none = [cause.name for cause in result.causes if not differs(cause)]
     if not none:
         return [f"{usable}: {advice}"]
@@ -51,44 +50,68 @@ def to_use(result: Criticism, usable: str) -> list[str]:
     ]
 
 
+def _what_stays(result: Criticism) -> str:
+    """Return what stays wrong with the extended model, apart from constants that it has as they were
+    found."""
+    from slam.criticism.verdict.sentence import STAYS
+
+    if result.limits:
+        return "what is not explained stays in the corrected readings"
+    held = [f.channel for f in distinct_findings(result) if is_in_the_file(f.channel, result)]
+    if not held:
+        return STAYS
+    has = f"it has {enumerated([constant(name) for name in held])} as found"
+    count = len(distinct_findings(result)) - len(held)
+    others = either(count, "finding that is", f"{count} findings that are")
+    return f"{has}, but stays wrong by the other {others} not explained" if count else has
+
+
 def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
-    """Return the verdict's advice, and for each cause that is not certain the manoeuvre that settles it."""
+    """Return the manoeuvres, each with the questions that it settles, or else the verdict's advice, and what
+    to log."""
     from slam.criticism.verdict.sentence import flight_after
 
-    _, open_, none = ([c.name for c in kind] for kind in by_certainty(result))
-    told = [flight_after(result)]
-    more = [name for name in (*open_, *none) if CATALOGUE[name].manoeuvre not in told[0]]
-    told += [f"For {name}: {CATALOGUE[name].manoeuvre}." for name in more]
-    told += _to_separate(result, " ".join(told))
-    told += [
-        f"To see whether {c.name} is more than usual: {CATALOGUE[c.name].manoeuvre}."
-        for c in result.causes
-        if may_be_above(c) and CATALOGUE[c.name].manoeuvre not in " ".join(told)
-    ]
-    settled = [
-        f"whether {enumerated(names)} {either(len(names), 'is', 'are')} {what}"
-        for names, what in ((open_, "named rightly"), (none, "there at all"))
-        if names
-    ]
-    if settled:
-        told.append(f"What it settles: {enumerated(settled)}. The right cause comes back with the same size.")
-    if is_of_speed(result):
-        told.append(f"For the error of the speed: {CATALOGUE['flow_scale'].excitation}.")
-    known = {finding.effect for finding in result.findings if isinstance(finding, Onset)}
-    varying = [c.name for c in drifting(result) if c.name not in known]
-    if varying:
-        told.append(
-            f"The same at the start and at the end of a flight shows how {enumerated(varying)} "
-            f"{either(len(varying), 'changes', 'change')}."
-        )
-    told += _to_log(result, flights)
     judged = [flight for flight in flights if flight.name in result.flights]
-    if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
+    asked = _manoeuvres(result)
+    told = (
+        [] if asked and not result.next_flight and len(result.equivalence_set) < 2 else [flight_after(result)]
+    )
+    told += [line for manoeuvre, line in asked.items() if manoeuvre not in " ".join(told)]
+    if any(_RIGHT_NAME in line for line in told):
+        told.append("A size in its interval again confirms a name; another size means an unknown cause.")
+    told += _to_separate(result, " ".join(told))
+    if is_of_speed(result):
         told.append(
-            "Record pictures as well, which these flights have not: a manoeuvre above asks for the camera."
+            "To see whether the unexplained error of the speed is the sensor's, or a motion that is not "
+            f"modelled: {CATALOGUE['flow_scale'].excitation}."
         )
-    told.append(_how(result, " ".join(told)))
-    return told
+    told = [as_seen(line, judged) for line in (*told, *_to_log(result, flights))]
+    if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
+        told.append("To use the camera for that, record pictures as well, which these flights have not.")
+    return [*told, _how(result, " ".join(told))]
+
+
+def _manoeuvres(result: Criticism) -> dict[str, str]:
+    """Return manoeuvre -> the sentence on it, with all questions about causes that it settles."""
+    _, open_, none = by_certainty(result)
+    questions = (
+        (open_, "whether", f"is {_RIGHT_NAME}", f"are {_RIGHT_NAME}s"),
+        (none, "whether", "is there at all", "are there at all"),
+        (drifting(result), "how", "changes", "change"),
+        (
+            [c for c in result.causes if may_be_above(c)],
+            "whether",
+            "is more than usual",
+            "are more than usual",
+        ),
+    )
+    settled: dict[str, list[str]] = {}
+    for causes, begin, one, more in questions:
+        for manoeuvre in dict.fromkeys(CATALOGUE[c.name].manoeuvre for c in causes):
+            names = [c.name for c in causes if CATALOGUE[c.name].manoeuvre == manoeuvre]
+            words = f"{begin} {enumerated(names)} {either(len(names), one, more)}"
+            settled.setdefault(manoeuvre, []).append(words)
+    return {manoeuvre: f"To see {enumerated(of)}: {manoeuvre}." for manoeuvre, of in settled.items()}
 
 
 def _to_separate(result: Criticism, told: str) -> list[str]:

@@ -79,7 +79,7 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
     factor, unit = everyday(1.0, misses.unit)
     x, plain = factor * misses.explained, factor * misses.residuals[""]
     some = np.unique(np.linspace(0, len(x) - 1, MOST_DOTS).astype(np.int64))
-    axes.plot(x[some], plain[some], ".", color=GREY, markersize=3, alpha=0.5)
+    axes.plot(x[some], plain[some], ".", color=GREY, markersize=3, alpha=0.5, label="single errors")
     low, high = np.quantile(x, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])
     bins, full = _bins_of(x)
     middle = [float(np.mean(x[bins == k])) for k in full]
@@ -123,8 +123,8 @@ def covariate_caption(result: Criticism) -> str:
         else "error of the model's prediction over two seconds"
     )
     text = (
-        f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. Grey dots: single "
-        "errors. Their means follow the dashed line as far as the cause explains the error; those with it "
+        f"Vertical axis: {what}. Horizontal axis: the error that the cause predicts. The means of single "
+        "errors follow the dashed line as far as the cause explains the error; those with it "
         "should be flat, and a slope of these is left unexplained."
     )
     if len(panels_of(found)) < 2:
@@ -154,6 +154,9 @@ def ranking_picture(result: Criticism) -> bytes:
         if probability[r.name] >= SHOWN_PROBABILITY or r.name in chosen or r in rivals
     ]
     strength = {r.name: r.z for r in result.ranking} | {c.name: c.z for c in result.causes}
+    if result.patterns:
+        strength["unknown"] = result.patterns[0].z
+    single = {c.name for c in result.causes if c.gain.by is None}
     named = sorted(
         (r for r in possible if r.name not in _IN_WORDS),
         key=lambda r: (-probability[r.name], -strength[r.name]),
@@ -163,7 +166,7 @@ def ranking_picture(result: Criticism) -> bytes:
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    figure = Figure(figsize=(7.2, 0.6 + 0.28 * len(shown)), dpi=160, layout="constrained")
+    figure = Figure(figsize=(7.2, 0.8 + 0.28 * len(shown)), dpi=160, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     names = [_IN_WORDS.get(r.name, title_of(r.name)) for r in shown]
     colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
@@ -172,12 +175,15 @@ def ranking_picture(result: Criticism) -> bytes:
     left.barh(names, [probability[r.name] for r in shown], color=faces, edgecolor=colours)
     left.set_xlim(0, 1)
     left.set_xlabel("probability")
-    right.barh(names, widths, color=colours)
+    right.barh(
+        names, widths,
+        color=[GREY if r.name in single else c for r, c in zip(shown, colours, strict=True)],
+    )  # fmt: skip
     right.axvline(result.threshold, color=VERMILLION, linewidth=1, label=f"asked for: {result.threshold:.1f}")
     right.set_xlabel("stands out by [sigma]")
     kinds = ((BLUE, "beside the other causes"), (GREY, "alone")) if len(chosen) > 1 else ()
     handles = [*right.get_legend_handles_labels()[0], *(Patch(color=c, label=label) for c, label in kinds)]
-    right.legend(handles=handles, loc="lower right", framealpha=1.0, edgecolor="none", fontsize=7)
+    figure.legend(handles=handles, loc="outside lower right", ncols=3, frameon=False, fontsize=8)
     if max(widths, default=0.0) > 50:
         right.set_xscale("symlog", linthresh=5)
         right.set_xlabel("stands out by [sigma, log scale]")
@@ -196,16 +202,24 @@ def _is_untried(rank: Rank, result: Criticism) -> bool:
 
 def ranking_caption(result: Criticism) -> str:
     """Return the caption of the ranking, with its line, and with bars that are none of a name alone."""
-    unknown = "" if result.limits else "; of something unknown, that more is wrong than the causes explain"
+    unknown = "" if result.limits else ", and that more is wrong than the causes explain (something unknown)"
+    rest = "" if result.limits else "; of something unknown, what no cause explains beside all of them"
     told = [
-        f"Left: probability of each cause given these flights, alone or in the best set{unknown}.",
+        f"Left: probability of each cause given these flights, alone or in the best set{unknown}. Several "
+        "may be there at once.",
         "Right: standard deviations by which it stands out, beside the other causes or alone in the original "
-        f"model; the line ({result.threshold:.1f}) is {result.threshold_means}.",
+        f"model{rest}; the line ({result.threshold:.1f}) is {result.threshold_means}.",
         longer_bar(result),
     ]
-    doubts = [f"{title_of(c.name)} is {doubt}" for c in result.causes if (doubt := doubt_of_name(c, result))]
+    doubts = [
+        f"{title_of(c.name)} and {title_of(c.fair_rival)} share theirs"
+        if likeness_of_rival(c, result)
+        else f"the size of {title_of(c.name)} may be none"
+        for c in result.causes
+        if doubt_of_name(c, result)
+    ]
     if doubts:
-        told.append(f"An open bar is no probability of one name: {'; '.join(doubts)}.")
+        told.append(f"Open bars are no probability of one name: {'; '.join(doubts)}.")
     return " ".join(filter(None, told))
 
 

@@ -14,7 +14,7 @@ from slam.core.names import enumerated
 from slam.core.version import VERSION
 from slam.report.criticism.answers import criticism_answers
 from slam.report.criticism.cause_evidence import TITLE, evidence_of_causes
-from slam.report.criticism.certainty import by_certainty, certainty_rows
+from slam.report.criticism.certainty import by_certainty, certainty_rows, changes
 from slam.report.criticism.changes import size_over_time
 from slam.report.criticism.detectable import detectable_rows
 from slam.report.criticism.findings import distinct_findings
@@ -95,9 +95,9 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
     gain = result.causes[0].gain if result.causes else None
     result = replace(result, covariate=fair_covariate(result))
     drawn = (
+        size_over_time(result),
         evidence_segment(result, flights),
         compared_segment(result, flights),
-        size_over_time(result),
     )
     segments = [segment for segment in drawn if segment is not None]
     evidence = evidence_of_causes(result, flights)
@@ -142,7 +142,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
             Item(f"{title_of(a)} and {title_of(b)}", f"{c:+.3f}", (f"{a}, {b}",))
             for a, b, c in result.confusable
         ],
-        detectable=detectable_rows(result),
+        detectable=detectable_rows(result, flights),
     )
 
 
@@ -171,7 +171,11 @@ def _tiles(result: Criticism) -> list[Item]:
 
 def corrected(result: Criticism) -> str:
     """Return which causes ``slam optimize`` corrects in a recording, as the end of a sentence."""
-    names = [title_of(c.name) for c in result.causes if CATALOGUE[c.name].undo is not None]
+    names = [
+        f"{title_of(c.name)}{' (the mean of its size)' * changes(c, result)}"
+        for c in result.causes
+        if CATALOGUE[c.name].undo is not None
+    ]
     return enumerated(names) or "none of the causes"
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from math import pi, radians
 
-from slam.simulation.terms.term import WORLD_AXES, Parameter, Term, signed, size
+from slam.simulation.terms.term import FAST_TILTS, WORLD_AXES, Parameter, Term, signed, size
 
 MOTION = (
     Term(
@@ -48,7 +48,7 @@ MOTION = (
         ),
         equation="theta' = (target - theta) / tau; tau is the whole time constant",
         confounders=("control_latency",),
-        excitation="pulses of 0.3 s or less at half stick, ahead and to the side",
+        excitation=FAST_TILTS,
     ),
     Term(
         name="active_braking",

@@ -36,6 +36,10 @@ Undo = Callable[[Flight, Array, "float | None"], Flight]
 is known. Returns the flight as it would have been recorded without the term."""
 
 
+FAST_TILTS = "pulses of 0.2 s at half stick, there and back three times, 1 s apart, ahead and to the side"
+"""Manoeuvre for terms that show by fast tilts, as in ``slam.simulation.healthy.manoeuvres``."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One parameter of a term."""

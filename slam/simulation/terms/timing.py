@@ -7,7 +7,7 @@ pictures.
 from __future__ import annotations
 
 from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
-from slam.simulation.terms.term import Array, Term, signed, size
+from slam.simulation.terms.term import FAST_TILTS, Array, Term, signed, size
 
 
 def _without_drift(flight: Flight, values: Array, std: float | None) -> Flight:
@@ -40,7 +40,7 @@ TIMING = (
         parameters=(size("sigma", "s", 0.001, 0.01, 0.1, quantity="scatter of the stamps"),),
         equation="each stamp of the vehicle's readings has a normally distributed error",
         confounders=("dropped_frames",),
-        excitation="pulses of 0.3 s or less at half stick, which tilt fast",
+        excitation=FAST_TILTS,
         in_single_readings=True,
     ),
 )

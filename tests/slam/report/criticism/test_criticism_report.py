@@ -171,10 +171,13 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
         "explains (by 7.0 standard deviations)."
     )
     use = found["Can I use the model now, and how?"]
-    assert "one, but not for what is unexplained: give extended.toml to" in use
-    assert "For the rest, check the gyro first (mounting, wiring, settings and time stamps)" in use
+    assert "one, for flights like these: give extended.toml to" in use
+    assert "For the rest, its predictions stay wrong by what is not explained." in use
     assert found["What do I fly next?"].startswith("Steps of three sizes")
-    assert "What is not explained concerns the gyro, or a motion of the vehicle" in found[INSTRUMENTS]
+    assert (
+        "What is not explained concerns the gyro: check it before the next flight (mounting, wiring, "
+        "settings and time stamps)." in found[INSTRUMENTS]
+    )
     assert "larger than stated: gyro 29 times." in found[INSTRUMENTS]
     assert "flight_09: never moves." in found[LEFT_OUT]
 

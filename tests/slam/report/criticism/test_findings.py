@@ -67,7 +67,7 @@ EACH: tuple[tuple[Finding, str, str, str], ...] = (
     (
         Inconsistency("during a flight", 120.0, is_cause=False, effect="flow_scale", z=11.0),
         "what looks like flow_scale changes during a flight (z = 11.0)",
-        "so no constant one explains it", "the speed sensor",
+        ": a constant one is not all of it.", "the speed sensor",
     ),
     (
         NameInDoubt(("control_latency",), effect="attitude_lag"),
