@@ -72,8 +72,9 @@ def flight_after(found: Criticism) -> str:
 def _flight_for(found: Criticism) -> str:
     """Return the manoeuvres that show effects alike, or, of a sound vehicle, effects that were missed."""
     sound, reached = found.verdict == "nothing_wrong", within_reach(found.detectable)
-    open_ = [c.name for c in found.causes if c.probability < SURE] if len(found.equivalence_set) < 2 else []
-    unsure = [n for n in found.detectable if n not in reached] if sound else open_ or found.equivalence_set
+    open_ = [c.name for c in found.causes if c.probability < SURE]
+    open_ = open_ if len(found.equivalence_set) < 2 else [*found.equivalence_set]
+    unsure = [n for n in found.detectable if n not in reached] if sound else open_
     each = "; ".join(f"for {name}: {CATALOGUE[name].manoeuvre}" for name in unsure[:MOST_SENTENCES])
     return each and f"{'none is needed. To see more, fly' if sound else 'fly'} {each}."
 

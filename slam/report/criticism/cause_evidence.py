@@ -134,7 +134,7 @@ def _when(cause: Cause, result: Criticism) -> str:
     if cause.gain.by is None:
         return "in single readings"
     lost = [-nats for nats in cause.gain.parts if nats <= 0.0]
-    most = f"; the other{'s lose up to' if len(lost) > 1 else ' loses'} {max(lost):.0f} nats" if lost else ""
+    most = f"; the other{'s lose up to' if len(lost) > 1 else ' loses'} {max(lost):.1f} nats" if lost else ""
     steady = "; its size changes" * changes(cause, result)
     return f"in {better_parts(cause.gain)}, which it predicts better{most}{steady}"
 

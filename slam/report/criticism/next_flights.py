@@ -85,9 +85,9 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
             "To see whether the unexplained error of the speed is the sensor's, or a motion that is not "
             f"modelled: {CATALOGUE['flow_scale'].excitation}."
         )
-    told = [as_seen(line, judged) for line in (*told, *_to_log(result, flights))]
     if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
         told.append("To use the camera for that, record pictures as well, which these flights have not.")
+    told = [as_seen(line, judged) for line in (*told, *_to_log(result, flights))]
     return [*told, _how(result, " ".join(told))]
 
 
