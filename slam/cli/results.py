@@ -142,10 +142,11 @@ def _ground_messages(ground: GroundFacts, metric: bool) -> list[str]:
             "its height; it is drawn as if it were flat, and pictures of 95 % of the ground agree only "
             f"within {after:.2g} px; take pictures that overlap by 60 to 95 %"
         ]
-    untrusted = f"; of all ground, {ground.untrusted}: trust no height there" if ground.untrusted else ""
+    trusted = percent(ground.trusted_share)
+    untrusted = f"; trust those of {trusted} of all ground: {ground.untrusted}" if ground.untrusted else ""
     return [
         Note(
-            f"mosaic: {percent(ground.relief_share)} of the ground is not flat: its height was "
+            f"mosaic: {percent(ground.relief_share)} of the ground is not flat: heights were "
             f"measured, from {length(ground.lowest_m, metric)} to {length(ground.highest_m, metric)} over "
             f"the floor{untrusted}; pictures of 95 % of the ground agree within {after:.2g} px, on a flat "
             f"floor it would be {before:.2g} px"

@@ -80,8 +80,8 @@ class Facts:
     """The datum of heights, in words; empty for a graph."""
     heading_doubt: str = ""
     """The drift of the recorded heading beyond its stated accuracy, in words; empty where both agree."""
-    lengths_by_imu: bool = False
-    """Whether the accelerometer takes part in the lengths of the map; it does not in those without loops."""
+    is_refined: bool = False
+    """Whether all pictures and instruments were fitted together; those of the map without loops are not."""
     has_truth: bool = False
     """Whether the flight holds a true path."""
     metric: bool = True
@@ -130,7 +130,6 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
     kinds = [edge.kind for edge in estimate.relative_poses]
     scale_std = estimate.scale_std or 0.0 if flight is not None else 0.0
     gain, zero = _height_sensor(estimate, flight)
-    inertial = estimate.instruments.accelerometer
     without_loops, doubt = odometry_on_result(estimate), heading_doubt(estimate, flight)
     return Facts(
         keyframes=len(known),
@@ -164,7 +163,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         plane="" if flight is None else plane_text(estimate),
         datum="" if flight is None else datum_text(estimate),
         heading_doubt=doubt,
-        lengths_by_imu=inertial is not None and inertial.used,
+        is_refined=bool(estimate.information_shares),
         has_truth=flight is not None and flight.truth is not None,
         metric=estimate.metric,
     )

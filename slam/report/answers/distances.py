@@ -55,20 +55,23 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         else "It is caused by the places of both ends."
     )
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
-    heights = (
-        " whose heights were measured"
-        if estimate.ground is not None and estimate.ground.is_measured_in_part
-        else ""
-    )
+    ground = estimate.ground
+    heights = " whose heights were measured" if ground is not None and ground.is_measured_in_part else ""
+    level = " Distances on the map are level ones: hold the tape level, too." if _is_uneven(estimate) else ""
+    check = f"if several differ by more, the map or the tape is wrong.{level}"
     return (
         f"Two places on the map{heights} that are {told}. This is one standard deviation; one distance "
         f"in 20 is less certain than the figure in brackets.{uncounted(summary)} {why}{moves} A tape over "
         f"{round_length(longest_m)} differs from the map by less than {error_length(2 * typical_m)} (badly "
-        f"placed: {error_length(2 * stds[-1][1])}) nineteen times out of twenty: if several differ by more, "
-        f"the map or the tape is wrong. The area of a square, one standard deviation: {areas}. The scale "
-        "counts twice in an area; the places of the corners count less on larger areas. map.html measures "
+        f"placed: {error_length(2 * stds[-1][1])}) nineteen times out of twenty: {check} "
+        f"The area of a square, one standard deviation: {areas}. The scale counts "
+        "twice in an area; the places of the corners count less on larger areas. map.html measures "
         "any distance and area with its uncertainty."
     )
+
+
+def _is_uneven(estimate: Estimate) -> bool:
+    return estimate.ground is not None and estimate.ground.relief_share > 0
 
 
 def known(estimate: Estimate) -> bool:

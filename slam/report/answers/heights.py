@@ -75,7 +75,7 @@ def _of_ground(estimate: Estimate) -> str:
         )
         return (
             f" {percent(ground.relief_share)} of the ground does not lie on one plane. The pictures measured "
-            "its height, with what stands on it such as trees, over the floor: the level plane that fits "
+            "heights, with what stands on it such as trees, over the floor: the level plane that fits "
             f"best.{untrusted}"
         )
     if ground.relief_share > 0:

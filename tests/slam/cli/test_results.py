@@ -15,7 +15,7 @@ MEASURED = GroundFacts(
 def test_measured_relief_is_a_note():
     (message,) = _ground_messages(MEASURED, True)
     assert isinstance(message, Note)
-    assert f"{percent(0.1)} of the ground is not flat: its height was measured" in message
+    assert f"{percent(0.1)} of the ground is not flat: heights were measured" in message
 
 
 def test_relief_that_no_two_pictures_show_is_a_warning():

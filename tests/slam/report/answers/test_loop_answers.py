@@ -16,7 +16,7 @@ from slam.core.units import length
 from slam.report.facts import median_height_m
 from slam.report.optimize_report import render
 from tests.slam.made_estimate import made_estimate, made_flight
-from tests.slam.report.answers.asked import AGAIN, answers, by_accelerometer
+from tests.slam.report.answers.asked import AGAIN, answers
 
 
 def test_where_positions_hold_the_path_errors_do_not_add_up_without_loops():
@@ -127,10 +127,10 @@ def test_errors_grow_between_matches_only_where_nothing_else_holds_the_path():
     assert "errors grow" not in answers(on_earth, flight)[AGAIN], "fixes hold the others"
 
 
-def test_the_change_by_loops_tells_whose_lengths_differ():
+def test_the_change_by_loops_counts_the_fit_that_follows_them():
     estimate, flight = made_estimate(), made_flight()
     question = "What did loop closures change?"
-    inertial = replace(estimate.instruments, accelerometer=by_accelerometer(1.01, 0.02, used=True))
-    joined = replace(estimate, instruments=inertial)
-    found = [answers(each, flight)[question] for each in (estimate, joined)]
-    assert ["without the accelerometer all lengths" in text for text in found] == [False, True]
+    refined = replace(estimate, information_shares={"x": {"pictures": 1.0}})
+    found = [answers(each, flight)[question] for each in (estimate, refined)]
+    assert ["without both all lengths" in text for text in found] == [False, True]
+    assert ["without them all lengths" in text for text in found] == [True, False]
