@@ -124,15 +124,21 @@ def doubt_of_name(cause: Cause, result: Criticism) -> str:
     return f"hardly distinct from {title_of(cause.fair_rival)} here"
 
 
-def outside_of_catalogue(result: Criticism) -> str:
-    """Return where the rest of the probability of uncertain causes belongs; empty where none is uncertain, or
-    where nothing outside of the catalogue is probable."""
+def certainly_more(result: Criticism) -> str:
+    """Return that something outside of the catalogue is certain, where it makes causes uncertain."""
     from slam.criticism.cause import SURE
     from slam.criticism.verdict.posterior import SOMETHING_ELSE
 
-    open_ = uncertain(result)
-    if not open_ or result.probability_of(SOMETHING_ELSE) <= SURE:
+    is_certain = uncertain(result) and result.probability_of(SOMETHING_ELSE) > SURE
+    return "These flights certainly hold something outside of the catalogue." if is_certain else ""
+
+
+def outside_of_catalogue(result: Criticism) -> str:
+    """Return where the rest of the probability of uncertain causes belongs; empty where none is uncertain, or
+    where nothing outside of the catalogue is probable."""
+    if not certainly_more(result):
         return ""
+    open_ = uncertain(result)
     rest = {f"{1.0 - c.probability:.2f}" for c in open_}
     share = f"other {rest.pop()} of the" if len(rest) == 1 else "rest of the"
     if len(open_) == 1:
@@ -159,8 +165,6 @@ def reservations(cause: Cause, result: Criticism) -> list[str]:
             f"{likeness:.3f}), so its name is open: the {cause.lead_nats:.0f} nats by which it fits better "
             "would decide only if the model were exact"
         )
-    if changes(cause, result):
-        told.append("its size changes during the flights")
     why = _why_not_certain(cause, result)
     return [*told, why] if why else told
 
@@ -174,16 +178,17 @@ def _why_not_certain(cause: Cause, result: Criticism) -> str:
         return ""
     if result.probability_of(SOMETHING_ELSE) <= SURE:
         return "the flights gain too little by it"
-    unknown = "these flights certainly hold something outside of the catalogue, and"
     left_z = max((pattern.z for pattern in result.patterns[:1]), default=0.0)
     changing = (f for f in result.findings if isinstance(f, Inconsistency) and f.is_cause)
     if any(finding.effect == cause.name for finding in changing):
-        return f"{unknown} its size differs between parts of the flights"
+        return "its size differs between parts of the flights"
     if cause.gain.flies_worse:
-        return f"{unknown} with it an error two seconds ahead becomes larger"
+        return "with it an error two seconds ahead becomes larger"
     if cause.z < left_z:
-        return f"{unknown} that stands out more ({left_z:.1f} standard deviations): this may be a part of it"
-    return f"{unknown} any motion that is not modelled looks like more scatter"
+        return (
+            f"something unknown stands out more ({left_z:.1f} standard deviations): this may be a part of it"
+        )
+    return "any motion that is not modelled looks like more scatter"
 
 
 def out_of_order(cause: Cause, flights: Sequence[Flight]) -> str:
@@ -208,7 +213,8 @@ def how_sure(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     without a cause, how far all effects are from standing out."""
     if result.causes:
         judged = [flight for flight in flights if flight.name in result.flights]
-        told = [*_by_certainty(result), *(_reserved(cause, result, judged) for cause in result.causes)]
+        told = [*_by_certainty(result), certainly_more(result)]
+        told = [*filter(None, told), *(_reserved(cause, result, judged) for cause in result.causes)]
         single = " (alone, of single readings)" * any(c.gain.by is None for c in result.causes)
         passed = (
             f"At least {result.threshold:.1f} standard deviations are asked for beside the other causes"

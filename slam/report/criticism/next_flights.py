@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from backend.wording import counted, either
-from slam.core.names import enumerated, listed
+from slam.core.names import enumerated
 from slam.report.criticism.certainty import by_certainty, differs, drifting, is_established, likeness_of_rival
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 _SHARE = re.compile(r"0\.\d+\b(?! s\b)")
 """A share of a stick: no seconds."""
 _RIGHT_NAME = "the right name"
-_NAMED = 4
-"""Number of effects that are named of those that the sticks would show."""
 
 
 def to_use(result: Criticism, usable: str) -> list[str]:
@@ -120,7 +118,7 @@ def _to_separate(result: Criticism, told: str) -> list[str]:
     for cause in (c for c in result.causes if likeness_of_rival(c, result)):
         other, manoeuvre = cause.fair_rival, CATALOGUE[cause.fair_rival].manoeuvre
         if manoeuvre not in told:
-            lines.append(f"To tell {cause.name} from {other}: {manoeuvre}, which shows {other}.")
+            lines.append(f"To tell {cause.name} from {other}: {manoeuvre}.")
     return lines
 
 
@@ -130,9 +128,8 @@ def _to_log(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     missing = missing_streams(judged) if judged else []
     if result.limits and "command" in missing and (hidden := hidden_without("command", result, missing)):
         return [
-            "Log the sticks as well, which these flights have not: then the vehicle's motion is judged too. "
-            f"That settles {counted(len(hidden), 'effect')} that the last question below lists as not shown "
-            f"without a log of the sticks, such as {listed(hidden, _NAMED)}."
+            "Log the sticks as well, which these flights have not: then the vehicle's motion is judged too, "
+            f"with {counted(len(hidden), 'effect')}, such as {hidden[0]}, that do not show without them."
         ]
     if result.limits or not {"attitude", "imu"} <= {*missing}:
         return []

@@ -154,8 +154,6 @@ def ranking_picture(result: Criticism) -> bytes:
         if probability[r.name] >= SHOWN_PROBABILITY or r.name in chosen or r in rivals
     ]
     strength = {r.name: r.z for r in result.ranking} | {c.name: c.z for c in result.causes}
-    if result.patterns:
-        strength["unknown"] = result.patterns[0].z
     single = {c.name for c in result.causes if c.gain.by is None}
     named = sorted(
         (r for r in possible if r.name not in _IN_WORDS),
@@ -202,8 +200,10 @@ def _is_untried(rank: Rank, result: Criticism) -> bool:
 
 def ranking_caption(result: Criticism) -> str:
     """Return the caption of the ranking, with its line, and with bars that are none of a name alone."""
-    unknown = "" if result.limits else ", and that more is wrong than the causes explain (something unknown)"
-    rest = "" if result.limits else "; of something unknown, what no cause explains beside all of them"
+    unknown = rest = ""
+    if any(rank.name == "unknown" and not _is_untried(rank, result) for rank in result.ranking):
+        unknown = ", and that more is wrong than the causes explain (something unknown)"
+        rest = "; something unknown is no single effect, and has no bar"
     told = [
         f"Left: probability of each cause given these flights, alone or in the best set{unknown}. Several "
         "may be there at once.",
