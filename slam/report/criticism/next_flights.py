@@ -84,7 +84,7 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
             f"modelled: {CATALOGUE['flow_scale'].excitation}."
         )
     if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
-        told.append("To use the camera for that, record pictures as well, which these flights have not.")
+        told.append("For the camera, record pictures as well.")
     told = [as_seen(line, judged) for line in (*told, *_to_log(result, flights))]
     return [*told, _how(result, " ".join(told))]
 
