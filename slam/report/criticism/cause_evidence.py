@@ -136,7 +136,8 @@ def _when(cause: Cause, result: Criticism) -> str:
     lost = [-nats for nats in cause.gain.parts if nats <= 0.0]
     most = f"; the other{'s lose up to' if len(lost) > 1 else ' loses'} {max(lost):.1f} nats" if lost else ""
     steady = "; its size changes" * changes(cause, result)
-    return f"in {better_parts(cause.gain)}, which it predicts better{most}{steady}"
+    where = f"{'mostly ' * bool(lost)}throughout, wherever it acts"
+    return f"{where}: it predicts {better_parts(cause.gain)} better{most}{steady}"
 
 
 def _has_stick(name: str, stretch: _Stretch) -> bool:

@@ -159,7 +159,8 @@ def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
             told.append(f"{begin}: of the vehicle, whose sticks are scaled otherwise than the model's.")
     if sensors := concerned(result):
         whose = "" if result.limits else " It may be a motion of the vehicle that is not modelled, too."
-        first = f"check {either(len(sensors), 'it', 'them')} before the next flight ({BY_HAND})"
+        it = either(len(sensors), "it", "them")
+        first = f"look at {it} before the next flight ({BY_HAND}), and if all is in order, fly"
         told.append(f"What is not explained concerns {enumerated(sensors)}: {first}.{whose}")
     elif found:
         told.append("What is not explained may still be an instrument's.")

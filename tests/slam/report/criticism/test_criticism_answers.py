@@ -269,7 +269,7 @@ def test_every_certain_cause_has_its_own_evidence() -> None:
         shown = {row.title: row.shown for row in evidence.rows}
         assert shown["late sonar"].startswith("panel ")
         assert any(
-            "late sonar: in 2 of 3 flights, which it predicts better" in line.lower()
+            "wherever it acts: it predicts 2 of 3 flights better" in line.lower()
             for line in shown_in_short(evidence)
         )
     assert evidence_of_causes(made(), [flight]) is None  # the whole page is about one cause

@@ -175,8 +175,8 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
     assert "For the rest, its predictions stay wrong by what is not explained." in use
     assert found["What do I fly next?"].startswith("Steps of three sizes")
     assert (
-        "What is not explained concerns the gyro: check it before the next flight (mounting, wiring, "
-        "settings and time stamps)." in found[INSTRUMENTS]
+        "What is not explained concerns the gyro: look at it before the next flight (mounting, wiring, "
+        "settings and time stamps), and if all is in order, fly." in found[INSTRUMENTS]
     )
     assert "larger than stated: gyro 29 times." in found[INSTRUMENTS]
     assert "flight_09: never moves." in found[LEFT_OUT]
