@@ -65,11 +65,11 @@ def another_arrangement(estimate: Estimate, facts: Facts) -> str:
             "It is no sign of an error: none that fits better was found."
         )
     return (
-        "No: of all arrangements, the one that fits the accepted matches best is this map, to within "
-        f"{facts.length(found.moved_m)} and {np.degrees(found.moved_rad):.2g}°. This is a proof, not a "
-        "search. The difference is neither another arrangement nor the error of this map: the matches alone "
-        "take the ground as flat, count as equally certain in all directions, and know of no other "
-        "instrument. It does not prove that the matches are right."
+        "No: no other arrangement fits the accepted matches better; this is a proof, not a search. The best "
+        f"fit of the matches alone differs from this map by up to {facts.length(found.moved_m)} and "
+        f"{np.degrees(found.moved_rad):.2g}°. That is neither another arrangement nor the error of this map: "
+        "the matches alone take the ground as flat, count as equally certain in all directions, and know of "
+        "no other instrument. It does not prove that the matches are right."
     )
 
 

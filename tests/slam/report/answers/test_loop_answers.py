@@ -34,8 +34,8 @@ def test_a_proof_tells_how_far_the_best_arrangement_of_the_pictures_is_from_the_
     assert question not in answers(estimate, flight)
     proven = Certificate(True, "", objective=50.0, lower_bound=50.0, gap=0.0, moved_m=0.002, moved_rad=0.001)
     found = answers(replace(estimate, certificate=proven), flight)[question]
-    assert found.startswith("No: of all arrangements")
-    assert "is this map, to within 2.00\N{NO-BREAK SPACE}mm and 0.057°" in found
+    assert found.startswith("No: no other arrangement")
+    assert "differs from this map by up to 2.00\N{NO-BREAK SPACE}mm and 0.057°" in found
     failed = replace(proven, certified=False, reason="no poses have less than 40, these have 50")
     found = answers(replace(estimate, certificate=failed), flight)[question]
     assert found.startswith("That is not excluded")
