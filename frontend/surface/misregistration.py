@@ -105,10 +105,10 @@ def measure_misregistration(
     done = 0
     for run, found in zip(runs, measured, strict=True):
         assert found is not None
-        if report:
-            report("misregistration", done, len(order))
         shift[run], parallax[run] = found[:, :2], found[:, 2:]
         done += len(run)
+        if report:
+            report("misregistration", done, len(order))
     return Misregistration((squares.rows, squares.cols), np.column_stack([r, c]), shift, parallax)
 
 

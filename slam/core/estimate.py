@@ -298,3 +298,10 @@ def over_floor(w_T_b: Array, slope_rad: tuple[float, float], floor_z_m: float) -
     poses[:, :3, :3] = turn @ w_T_b[:, :3, :3]
     poses[:, :3, 3] = (w_T_b[:, :3, 3] - under) @ turn.T + under
     return poses
+
+
+def up_stds(w_T_b: Array, covariances: Array) -> Array:
+    """Return the standard deviation (n,) of the height of poses (n, 4, 4) with covariances (n, 6, 6); NaN
+    where it is not known."""
+    variance = np.einsum("ni,nij,nj->n", w_T_b[:, 2, :3], covariances[:, 3:, 3:], w_T_b[:, 2, :3])
+    return np.asarray(np.sqrt(np.where(variance >= 0, variance, np.nan)))

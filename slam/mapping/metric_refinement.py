@@ -94,7 +94,7 @@ class MetricRefinement:
             if reason:
                 others = {"the accelerometer": lengths, "the barometer": setup.readings.heights}
                 names = enumerated([name for name, measured in others.items() if measured])
-                failed = f"the refinement with {names} as well failed: {reason}"
+                failed = f"a refinement that adds {names} failed: {reason}"
                 remarks.append(f"lengths come from velocity0 alone; {failed}")
             if reason and compared is not None and lengths is not None:
                 compared = replace(compared, scale=NoScale(reason))
@@ -124,11 +124,9 @@ class MetricRefinement:
         before: Bundle | None = None,
     ) -> Bundle:
         """Refine ``members`` (m,) from poses ``w_T_b`` (m, 4, 4), with the noise of a bundle ``before``."""
-        start = np.full((len(setup.readings.stamps_s), 4, 4), np.nan)
-        start[members] = w_T_b
         noise = before.noise if before is not None else None
         return refine_part(
-            setup, members, start, floor_z_m, self.tracks, self._on_step, lengths, noise, self.aligned
+            setup, members, w_T_b, floor_z_m, self.tracks, self._on_step, lengths, noise, self.aligned
         )
 
     def _with_velocity(

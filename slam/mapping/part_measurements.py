@@ -34,9 +34,9 @@ def refine_part(
     noise: NoiseLevels | None = None,
     aligned: tuple[AlignedPair, ...] = (),
 ) -> Bundle:
-    """Refine one connected set of keyframes ``members`` (m,), sorted, from the poses ``w_T_b`` (n, 4, 4)."""
+    """Refine one connected set of keyframes ``members`` (m,), sorted, from poses ``w_T_b`` (m, 4, 4)."""
     measured = part_measurements(setup, members, tracks, aligned)
-    return refine(measured, w_T_b[members], floor_z_m, setup.config.bundle, on_step, lengths, noise)
+    return refine(measured, w_T_b, floor_z_m, setup.config.bundle, on_step, lengths, noise)
 
 
 def part_measurements(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.estimate import Estimate
+from slam.core.estimate import Estimate, up_stds
 from slam.core.instrument import Instrument
 from slam.core.units import SPACE, error_length, length, with_error
 from slam.evaluation.aligned_maps import chain_on_result, odometry_on_result
@@ -206,7 +206,7 @@ def heights_over_floor(estimate: Estimate) -> tuple[Array, Array]:
     The errors that keyframes and floor share, as those of altitudes on Earth, are no part of them.
     """
     pose, covariances = estimate.over_floor_T_b, estimate.over_floor_covariances
-    return pose[:, 2, 3] - estimate.floor_z_m, _up_stds(pose, covariances)
+    return pose[:, 2, 3] - estimate.floor_z_m, up_stds(pose, covariances)
 
 
 def median_height_m(estimate: Estimate) -> float:
@@ -233,14 +233,8 @@ def largest_height_std(estimate: Estimate) -> float:
 
     The tilt and the altitude of the whole map are part of it.
     """
-    std_m = _up_stds(estimate.w_T_b, estimate.covariances)
+    std_m = up_stds(estimate.w_T_b, estimate.covariances)
     return float(np.nanmax(std_m)) if np.isfinite(std_m).any() else float("nan")
-
-
-def _up_stds(pose: Array, covariances: Array) -> Array:
-    """Standard deviation (n,) of the height of poses (n, 4, 4); NaN where it is not known."""
-    variance = np.einsum("ni,nij,nj->n", pose[:, 2, :3], covariances[:, 3:, 3:], pose[:, 2, :3])
-    return np.asarray(np.sqrt(np.where(variance >= 0, variance, np.nan)))
 
 
 def _each_sigma_m(covariances: Array) -> Array:

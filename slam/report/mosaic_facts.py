@@ -68,10 +68,8 @@ def mosaic_facts(picture: Path | None, quality: Path | None, gaps: Sequence[Gap]
         return None
     import rasterio
 
-    from slam.report.rasters.quality import missing_ground_m2, quality_figures  # rasters load OpenCV and GDAL
+    from slam.report.rasters.quality import quality_figures  # rasters load OpenCV and GDAL
 
     with rasterio.open(files[0]) as source:
         size, pixel_m = (source.width, source.height), float(source.transform.a)
-    found = quality_figures(files[1])
-    below_m2, beside_m2 = missing_ground_m2(files[1], gaps)
-    return MosaicFacts(pixel_m, *size, **found._asdict(), gap_area_m2=below_m2, hole_beside_m2=beside_m2)
+    return MosaicFacts(pixel_m, *size, **quality_figures(files[1], gaps)._asdict())

@@ -185,7 +185,8 @@ def _tiles(facts: Facts, mosaic: MosaicFacts | None) -> tuple[Item, ...]:
     if mosaic is not None and mosaic.missing_m2 > 0:
         tiles.append(Item("of ground are missing", area(mosaic.missing_m2, facts.metric)))
     if not facts.is_graph and facts.loops_kept and (change := facts.loop_change) is not None:
-        tiles.append(Item("drift that loop closures took out, at most", facts.length(change.largest_m)))
+        by = "loop closures and the fit after them" if facts.is_refined else "loop closures"
+        tiles.append(Item(f"drift that {by} took out, at most", facts.length(change.largest_m)))
     return tuple(tiles)
 
 

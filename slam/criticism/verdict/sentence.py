@@ -21,7 +21,7 @@ MOST_SENTENCES = 3
 
 _CORRECT = "give extended.toml by --model to slam optimize, which corrects the instruments."
 _REPAIR = "Calibrate, or repair, the instrument that has the error, and fly again to see it gone."
-STAYS = "its predictions stay wrong by what is not explained"
+STAYS = "the model's predictions stay wrong by what is not explained"
 CHECK = f"check the sensor, mounting and clock that the unexplained error concerns first: {STAYS}"
 _AGAIN = (
     "fly the same once more. An error that comes back with the same sticks is the vehicle's, one at the same "
@@ -46,11 +46,11 @@ def with_sentences(found: Criticism) -> Criticism:
 
 
 def what_to_do(found: Criticism, rest: str, repair: str) -> str:
-    """Return what the pilot of judged flights should do; ``rest`` is advice on what is not explained, and
-    ``repair`` on instruments."""
+    """Return what to do after judged flights; ``rest``: about the unexplained, ``repair``: on instruments."""
     corrects = any(CATALOGUE[cause.name].undo is not None for cause in found.causes)
     commands = "slam simulate, slam replay and slam optimize" if corrects else "slam simulate and slam replay"
-    use = _CORRECT if found.limits else f"give extended.toml to {commands} by --model."
+    correct = _CORRECT if corrects else "nothing can be corrected."
+    use = correct if found.limits else f"give extended.toml to {commands} by --model."
     advice: Mapping[Verdict, str] = {
         "nothing_wrong": "simulate with the model as it is.",
         "named": use,

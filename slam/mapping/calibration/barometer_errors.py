@@ -8,6 +8,7 @@ from backend.bundle.barometer import GAIN, HEIGHTS, height_gain, read_and_mapped
 from backend.bundle.noise import autocorrelated_std
 from backend.bundle.refinement import Bundle
 from backend.sparse_cholesky import SingularMatrixError
+from slam.core.estimate import up_stds
 from slam.core.instrument_errors import BarometerErrors
 
 _LEAST_HEIGHTS = 15
@@ -41,8 +42,9 @@ def barometer_errors(bundle: Bundle | None) -> BarometerErrors | None:
 def barometer_warning(bundle: Bundle | None) -> str:
     """Return a line about heights that change by another factor than the map's; empty where none do.
 
-    The refinement takes such heights as noisy ones. The factor follows by least squares. Residuals are at
-    least as large as the stated noise. Rounding is no noise: at a hover it has one sign for long.
+    The refinement takes such heights as noisy ones. The factor follows by least squares. Their noise is
+    that of the residuals, and never less than stated. Rounding counts apart, by its largest effect: at a
+    hover its error keeps one sign for long, and does not average out.
     """
     if bundle is None or not bundle.uses_barometer:
         return ""
@@ -51,7 +53,8 @@ def barometer_warning(bundle: Bundle | None) -> str:
         return ""
     read, z = (values - values.mean() for values in read_and_mapped(heights, bundle.w_T_b))
     steps_m = np.diff(np.unique(np.round(read, 3)))
-    z_std_m = _typical_height_std_m(bundle, [height.k for height in heights])
+    k = [height.k for height in heights]
+    z_std_m = float(np.median(up_stds(bundle.w_T_b[k], bundle.over_floor_covariances[k])))
     if not len(steps_m) or not z.std() > _CLEAR * z_std_m:
         return ""
     gain, squares = height_gain(read, z), float(z @ z)
@@ -65,10 +68,3 @@ def barometer_warning(bundle: Bundle | None) -> str:
         f"barometer0: its heights change {gain:.2g} ± {std:.1g} times as much as those of the map; the map "
         "takes the difference as noise; check that its unit is metres"
     )
-
-
-def _typical_height_std_m(bundle: Bundle, keyframes: list[int]) -> float:
-    """Return the usual standard deviation of the heights of keyframes over the floor."""
-    up_b = bundle.w_T_b[keyframes, 2, :3]
-    covariances = bundle.over_floor_covariances[keyframes, 3:, 3:]
-    return float(np.sqrt(np.median(np.einsum("ni,nij,nj->n", up_b, covariances, up_b))))

@@ -266,9 +266,9 @@ def _more_views(estimate: Estimate) -> str:
         else ""
     )
     return (
-        f"take more pictures of each place of the uneven ground{now}, and fly a row beyond the ground that "
-        "you need, since its edge is shown by the fewest: the more show a point from different sides, the "
-        "better they measure its height, and the less the map takes the ground as level"
+        f"take more pictures of each place of the uneven ground{now}: the more pictures show a point "
+        "from different sides, the better they measure its height, and the less the map takes the ground as "
+        "level; also fly a row beyond the ground that you need, because the fewest pictures show the edge"
     )
 
 

@@ -57,7 +57,8 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     moves = "" if facts.relative_to else " What moves the whole map on Earth does not change a distance."
     ground = estimate.ground
     heights = " whose heights were measured" if ground is not None and ground.is_measured_in_part else ""
-    level = " Distances on the map are level ones: hold the tape level, too." if _is_uneven(estimate) else ""
+    uneven = ground is not None and ground.relief_share > 0
+    level = " Distances on the map are level ones: hold the tape level, too." if uneven else ""
     check = f"if several differ by more, the map or the tape is wrong.{level}"
     return (
         f"Two places on the map{heights} that are {told}. This is one standard deviation; one distance "
@@ -68,10 +69,6 @@ def distance(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
         "twice in an area; the places of the corners count less on larger areas. map.html measures "
         "any distance and area with its uncertainty."
     )
-
-
-def _is_uneven(estimate: Estimate) -> bool:
-    return estimate.ground is not None and estimate.ground.relief_share > 0
 
 
 def known(estimate: Estimate) -> bool:

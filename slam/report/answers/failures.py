@@ -157,7 +157,8 @@ def failed(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicFac
         which = "a warning below doubts an instrument" if one else "warnings below doubt instruments"
         return f"No part of the map, but {which}.{doubted}{on_purpose}"
     if found_here:
-        return f"No part of the map, and no warning doubts an instrument.{doubted}{on_purpose}"
+        begin = "No part of the map, and no warning doubts an instrument, but some readings or heights are"
+        return f"{begin} doubted.{doubted}{on_purpose}"
     warned = by_kind(summary.warnings).warnings
     return f"Nothing{'; the warnings name what to check' if warned else ''}.{doubted}{on_purpose}"
 

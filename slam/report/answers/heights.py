@@ -69,7 +69,8 @@ def _of_ground(estimate: Estimate) -> str:
     if ground.is_measured:
         untrusted = (
             f" Of all ground, {ground.untrusted}: trust no height there. It is pale in the picture of "
-            "heights; in elevation.tif it has no standard deviation, or source 3 (filled in) or 5 (level)."
+            "heights. In elevation.tif its source is 3 (filled in) or 5 (level); doubted heights have source "
+            "1 and no standard deviation."
             if ground.is_measured_in_part
             else ""
         )

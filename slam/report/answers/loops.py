@@ -129,10 +129,9 @@ def gain_of_loops(facts: Facts) -> str:
     if found is None:
         return f"Without them, the camera would lie {together}, place and height together.{height}{known}"
     off, turn_deg = found.scale - 1, np.degrees(found.turn_rad)
-    fit = " and the fit of all pictures and instruments, lens included, which follows them"
-    together_with = fit if facts.is_refined else ""
+    with_fit = ", together with the later fit of all pictures and instruments," * facts.is_refined
     return (
-        f"They{together_with} took out drift that would bend the map by {facts.length(found.typical_m)} "
+        f"They{with_fit} took out drift that would bend the map by {facts.length(found.typical_m)} "
         f"typically, and by {facts.length(found.largest_m)} at most. Besides, without "
         f"{'both' if facts.is_refined else 'them'} all lengths are "
         f"{percent(abs(off))} {'longer' if off > 0 else 'shorter'}, and the whole map is turned by "

@@ -27,7 +27,6 @@ from slam.report.answers.left_out_here import ground_is_missing, left_out_here
 from slam.report.answers.loops import another_arrangement, gain_of_loops, loops
 from slam.report.answers.streams import doubts, is_tilt_doubted
 from slam.report.facts import Facts
-from slam.report.gaps import picture_over_height
 from slam.report.mosaic_facts import MosaicFacts
 from slam.report.page import Item
 
@@ -182,10 +181,11 @@ def _limit(estimate: Estimate, facts: Facts, mosaic: MosaicFacts | None) -> str:
         else ""
     )
     if WORDS["flat_floor"] in told and estimate.camera is not None:
-        edge = picture_over_height(estimate.camera) / 2
+        camera = estimate.camera
+        corner = float(np.hypot(*np.divide(camera.size_px, camera.focal_px))) / 2
         meant += (
-            f" A height of the ground that is wrong moves its place, at the edge of a picture by {edge:.2g} "
-            "times as much: the nearer a place lies below a camera, the truer it is."
+            " If the height of the ground is wrong, its place is wrong too: in a corner of a picture by "
+            f"{corner:.2g} times the error of the height, and straight below the camera not at all."
         )
     of_lengths = limit(shares, ("scale",)) if facts.metric else None
     if of_lengths is not None and of_lengths[0] == "pictures" and facts.scale_source:

@@ -11,6 +11,7 @@ import numpy as np
 from slam.core.plot_style import grid, png
 from slam.report.criticism.certainty import by_certainty, changes
 from slam.report.criticism.gains import better_parts
+from slam.report.criticism.judged_data import judged_of
 from slam.report.criticism.plain_names import quantity, title_of
 from slam.report.criticism.prediction_errors import SHOWN_S, BeforeAndAfter, errors_by_channel
 from slam.report.criticism.segment import (
@@ -89,7 +90,7 @@ def evidence_of_causes(result: Criticism, flights: Sequence[Flight]) -> CauseEvi
     sure = by_certainty(result)[0]
     if not sure or len(result.causes) < 2 or result.extended is None:
         return None
-    judged = [flight for flight in flights if flight.name in result.flights][:MOST_FLIGHTS]
+    judged = judged_of(result, flights)[:MOST_FLIGHTS]
     found = {cause.name: _stretch_of(cause.name, result.extended, judged) for cause in sure[:MOST_CAUSES]}
     shown = {name: stretch for name, stretch in found.items() if stretch is not None}
     rows = []
@@ -133,11 +134,11 @@ def _size(cause: Cause, result: Criticism) -> str:
 def _when(cause: Cause, result: Criticism) -> str:
     if cause.gain.by is None:
         return "in single readings"
-    lost = [-nats for nats in cause.gain.parts if nats <= 0.0]
-    most = f"; the other{'s lose up to' if len(lost) > 1 else ' loses'} {max(lost):.1f} nats" if lost else ""
+    lost = [-nats for nats in cause.gain.parts if nats < 0.0]
+    who = "others lose up to" if len(lost) > 1 else "another loses"
+    most = f"; {who} {max(lost):.1f} nats" if lost else ""
     steady = "; its size changes" * changes(cause, result)
-    where = f"{'mostly ' * bool(lost)}throughout, wherever it acts"
-    return f"{where}: it predicts {better_parts(cause.gain)} better{most}{steady}"
+    return f"wherever it acts: it predicts {better_parts(cause.gain)} better{most}{steady}"
 
 
 def _has_stick(name: str, stretch: _Stretch) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from slam.core.names import enumerated
 from slam.core.units import sized
 from slam.criticism.finding import Inconsistency
+from slam.report.criticism.judged_data import judged_of
 from slam.report.criticism.plain_names import title_of
 from slam.simulation.terms import CATALOGUE
 
@@ -195,7 +196,8 @@ def out_of_order(cause: Cause, flights: Sequence[Flight]) -> str:
     """Return that readings with a cause's scatter would be out of order, so that it may rather be a motion;
     empty for another cause, a constant delay among them, or where readings are farther apart."""
     times = [size for size in cause.parameters.values() if size.unit == "s"]
-    streams = [s for f in flights for s in (f.attitude, f.velocity, f.sonar, f.imu) if s is not None]
+    each = (s for f in flights for s in (f.attitude, f.velocity, f.sonar, f.imu) if s is not None)
+    streams = [s for s in each if len(s.stamps_s) > 1]
     term = CATALOGUE[cause.name]
     if term.acts_on != "clock" or term.undo is not None or not times or not streams:
         return ""
@@ -203,8 +205,8 @@ def out_of_order(cause: Cause, flights: Sequence[Flight]) -> str:
     if times[0].low <= apart_s:
         return ""
     return (
-        f"readings only {sized(apart_s, 's')} apart would be out of order by such a scatter: it may be such "
-        "a motion"
+        f"readings only {sized(apart_s, 's')} apart would be out of order by such a scatter: it may be a "
+        "motion that is not modelled"
     )
 
 
@@ -212,7 +214,7 @@ def how_sure(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     """Return how certain it is that something is there and that it is the named cause, with the reasons;
     without a cause, how far all effects are from standing out."""
     if result.causes:
-        judged = [flight for flight in flights if flight.name in result.flights]
+        judged = judged_of(result, flights)
         told = [*_by_certainty(result), certainly_more(result)]
         told = [*filter(None, told), *(_reserved(cause, result, judged) for cause in result.causes)]
         single = " (alone, of single readings)" * any(c.gain.by is None for c in result.causes)

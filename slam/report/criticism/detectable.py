@@ -11,7 +11,7 @@ from slam.core.names import enumerated
 from slam.core.units import everyday
 from slam.criticism.finding import Inconsistency
 from slam.report.criticism.certainty import differs, is_established, likeness_of_rival
-from slam.report.criticism.judged_data import as_seen, missing_streams
+from slam.report.criticism.judged_data import as_seen, judged_of, missing_streams
 from slam.report.criticism.plain_names import in_plain_names, title_of
 from slam.report.criticism.values import sized_one, usual
 from slam.simulation.terms import CATALOGUE, Parameter
@@ -57,7 +57,7 @@ def detectable_rows(result: Criticism, flights: Sequence[Flight] = ()) -> list[D
     smaller one."""
     from slam.criticism.verdict.power import within_reach
 
-    judged, reached = [f for f in flights if f.name in result.flights], within_reach(result.detectable)
+    judged, reached = judged_of(result, flights), within_reach(result.detectable)
     found = {c.name: FOUND if is_established(c, result) else UNCERTAIN for c in result.causes}
     doubles = {other for c in result.causes for other in c.alternatives}
     doubles |= {c.fair_rival for c in result.causes if likeness_of_rival(c, result)}
@@ -69,8 +69,8 @@ def detectable_rows(result: Criticism, flights: Sequence[Flight] = ()) -> list[D
         factor, everyday_unit = everyday(min(size, 0.5 * _most(parameter)), unit)
         verdict = found.get(name, PERHAPS if name in doubles else NOT_FOUND)
         verdict = ALONE if verdict == NOT_FOUND and alone.get(name, 0.0) > result.threshold > 0.0 else verdict
-        verdict = UNSTEADY if name in unsteady else verdict
-        verdict = UNSURE if name in none else verdict if name in found.keys() | reached.keys() else TOO_LARGE
+        verdict = verdict if name in found.keys() | reached.keys() else TOO_LARGE
+        verdict = UNSURE if name in none else UNSTEADY if name in unsteady else verdict
         rows.append(
             DetectableRow(
                 title_of(name), name, _smallest(parameter, size, factor, everyday_unit),
@@ -112,7 +112,7 @@ def unseen(result: Criticism, flights: Sequence[Flight], unshown: Sequence[str])
         "lists the smallest sizes).",
     ]
     by_reason: dict[str, list[str]] = {}
-    missing = missing_streams([f for f in flights if f.name in result.flights])
+    missing = missing_streams(judged_of(result, flights))
     for name in missed:
         by_reason.setdefault(_reason(name, missing, result), []).append(title_of(name))
     for reason, names in sorted(by_reason.items(), key=lambda of: -len(of[1])):

@@ -12,7 +12,7 @@ from slam.core.names import enumerated
 from slam.core.units import everyday, spaced, to_error
 from slam.report.criticism.certainty import changes, differs, drifting, is_established
 from slam.report.criticism.findings import GAIN, concerned, distinct_findings
-from slam.report.criticism.judged_data import missing_streams
+from slam.report.criticism.judged_data import judged_of, missing_streams
 from slam.report.criticism.plain_names import constant, figure, title_of
 from slam.report.criticism.values import (
     ABOUT,
@@ -74,8 +74,9 @@ def _in_short(instruments: list[Cause], vehicle: list[Cause], result: Criticism)
         return "The model is incomplete: no cause that was found is an error of an instrument."
     above = [title_of(c.name) for c in instruments if may_be_above(c)]
     size = f"usual size, or a little more ({enumerated(above)})" if above else "usual size"
-    unsteady = enumerated([title_of(c.name) for c in drifting(result) if c in instruments])
-    sound = f"none looks damaged{f', but watch {unsteady}, which is not steady' if unsteady else ''}"
+    unsteady = [title_of(c.name) for c in drifting(result) if c in instruments]
+    watch = f", but watch {enumerated(unsteady)}, which {either(len(unsteady), 'is', 'are')} not steady"
+    sound = f"none looks damaged{watch if unsteady else ''}"
     if vehicle:
         return f"The model is incomplete, and instruments have errors of {size}: {sound}."
     return f"Instruments have errors of {size}: {sound}."
@@ -106,7 +107,8 @@ def _verdicts(cause: Cause) -> set[str]:
 def _beside_usual(cause: Cause, result: Criticism) -> str:
     """Return an instrument's error beside the usual size."""
     known = [p for p in CATALOGUE[cause.name].parameters if p.name in cause.parameters]
-    title = f"{title_of(cause.name)}{'' if is_established(cause, result) else ', if it is that,'}"
+    is_open = differs(cause) and not is_established(cause, result)
+    title = f"{title_of(cause.name)}{', if it is that,' * is_open}"
     if not known:
         return title.removesuffix(",")
     each = [cause.parameters[p.name] for p in known]
@@ -147,7 +149,7 @@ def whose_is_it(result: Criticism, flights: Sequence[Flight]) -> list[str]:
         size := result.nuisances.get(GAIN)
     ):
         begin = f"{constant(GAIN)} is {figure(size.value)}{_in_the_file(GAIN, result)}"
-        judged = [flight for flight in flights if flight.name in result.flights]
+        judged = judged_of(result, flights)
         if {"attitude", "imu"} <= {*missing_streams(judged)}:
             told.append(
                 f"{begin}: the vehicle tilts otherwise than the model, or the speed sensor reads "

@@ -36,7 +36,7 @@ MOST_NAMES = 4
 def judged_data(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     """Return the flights with their lengths and streams, what none of them has, and how parts were held
     out."""
-    judged = [flight for flight in flights if flight.name in result.flights]
+    judged = judged_of(result, flights)
     if not judged:
         return [f"{enumerated(list(result.flights))}."] if result.flights else []
     if len(judged) > MOST_FLIGHTS:
@@ -53,9 +53,9 @@ def judged_data(result: Criticism, flights: Sequence[Flight]) -> list[str]:
     return [part for part in (*told, _lacking(judged), _held_out(result)) if part]
 
 
-def parts_in_words(by: str | None, count: int) -> str:
-    """Return a count of held-out parts: whole flights, or parts of flights."""
-    return counted(count, "part" if by == "segment" else "flight")
+def judged_of(result: Criticism, flights: Sequence[Flight]) -> list[Flight]:
+    """Return the flights that were judged."""
+    return [flight for flight in flights if flight.name in result.flights]
 
 
 def missing_streams(flights: Sequence[Flight]) -> list[str]:
@@ -115,7 +115,7 @@ def _rate(stamps: Sequence[NDArray[np.float64]]) -> str:
         why = f"longest gap {figure(float(gaps_s.max()))} s"
     else:
         close = 100.0 * float(np.mean(gaps_s < 0.5 * usual_s))
-        why = f"{figure(close)} % come in between"
+        why = f"{figure(close)} % of the gaps are shorter than half of the usual one"
     return f" at {mean} Hz on average, mostly {usual} Hz; {why}"
 
 

@@ -12,7 +12,7 @@ from slam.report.criticism.certainty import by_certainty, differs, drifting, is_
 from slam.report.criticism.detectable import hidden_without
 from slam.report.criticism.findings import GAIN, concerned, distinct_findings, is_of_speed
 from slam.report.criticism.instruments import BY_HAND, is_far, is_in_the_file, may_be_above
-from slam.report.criticism.judged_data import as_seen, missing_streams
+from slam.report.criticism.judged_data import as_seen, judged_of, missing_streams
 from slam.report.criticism.plain_names import constant, title_of
 from slam.simulation.terms import CATALOGUE
 
@@ -36,7 +36,7 @@ def to_use(result: Criticism, usable: str) -> list[str]:
     far = [CATALOGUE[c.name].instrument for c in result.causes if is_established(c, result) and is_far(c)]
     faulty = enumerated([f"the {name}" for name in dict.fromkeys(far) if name])
     repair = f"Calibrate, or repair, {faulty}, and fly again to see the error gone." if faulty else ""
-    advice = what_to_do(result, _what_stays(result) if result.causes else check, repair)
+    advice = what_to_do(result, check if result.verdict == "unknown" else _what_stays(result), repair)
     none = [cause.name for cause in result.causes if not differs(cause)]
     if not none:
         return [f"{usable}: {advice}"]
@@ -69,14 +69,16 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
     to log."""
     from slam.criticism.verdict.sentence import flight_after
 
-    judged = [flight for flight in flights if flight.name in result.flights]
+    judged = judged_of(result, flights)
     asked = _manoeuvres(result)
     told = (
         [] if asked and not result.next_flight and len(result.equivalence_set) < 2 else [flight_after(result)]
     )
     told += [line for manoeuvre, line in asked.items() if manoeuvre not in " ".join(told)]
     if any(_RIGHT_NAME in line for line in told):
-        told.append("A size in its interval again confirms a name; another size means an unknown cause.")
+        told.append(
+            "A new size in the old interval supports a name; outside of it, the cause is probably another."
+        )
     told += _to_separate(result, " ".join(told))
     if is_of_speed(result):
         told.append(
@@ -85,7 +87,7 @@ def to_fly(result: Criticism, flights: Sequence[Flight] = ()) -> list[str]:
         )
     if "camera" in " ".join(told) and judged and "frames" in missing_streams(judged):
         told.append("For the camera, record pictures as well.")
-    told = [as_seen(line, judged) for line in (*told, *_to_log(result, flights))]
+    told = [as_seen(line, judged) for line in (*told, *_to_log(result, judged))]
     return [*told, _how(result, " ".join(told))]
 
 
@@ -122,9 +124,8 @@ def _to_separate(result: Criticism, told: str) -> list[str]:
     return lines
 
 
-def _to_log(result: Criticism, flights: Sequence[Flight]) -> list[str]:
+def _to_log(result: Criticism, judged: Sequence[Flight]) -> list[str]:
     """Return what to log as well: the sticks, or the attitude where the open questions are about tilt."""
-    judged = [flight for flight in flights if flight.name in result.flights]
     missing = missing_streams(judged) if judged else []
     if result.limits and "command" in missing and (hidden := hidden_without("command", result, missing)):
         return [

@@ -90,35 +90,38 @@ class QualityFigures(NamedTuple):
     hole_x_m: float
     hole_y_m: float
     """Middle of the largest hole."""
+    gap_area_m2: float
+    """Area that no picture shows below stretches of the path without usable pictures."""
+    hole_beside_m2: float
+    """Area of the holes beside these."""
 
 
-def quality_figures(path: Path) -> QualityFigures:
-    """Return the figures of a file of `write_quality`."""
+def quality_figures(path: Path, gaps: Sequence[Gap] = ()) -> QualityFigures:
+    """Return the figures of a file of `write_quality`; ``gaps``: stretches without usable pictures."""
     import rasterio
+    from scipy.ndimage import binary_fill_holes  # a long import
 
     with rasterio.open(path) as source:
         pictures, std_m, seam = (source.read(band) for band in (_PICTURES_BAND, _POSITION_BAND, _SEAM_BAND))
         at = source.transform
     shown = np.isfinite(pictures)
     covered = float(np.mean(shown))
-    count, area_m2, x_m, y_m = _holes(shown, at)
+    hole = binary_fill_holes(shown) & ~shown
     known = np.isfinite(std_m).any()
     views = int(np.nan_to_num(pictures.ravel()[int(np.nanargmax(std_m))])) if known else 0
     largest = *_largest(std_m, at), views, *_largest(seam, at)
-    return QualityFigures(_median(std_m), *largest, _median(seam), covered, count, area_m2, x_m, y_m)
+    empty = *_holes(hole, at), *_missing_ground_m2(shown, hole, at, gaps)
+    return QualityFigures(_median(std_m), *largest, _median(seam), covered, *empty)
 
 
-def missing_ground_m2(path: Path, gaps: Sequence[Gap]) -> tuple[float, float]:
-    """Return the area that no picture shows below ``gaps``, in strips as wide as a picture, and that of the
-    holes beside these.
+def _missing_ground_m2(
+    shown: NDArray[np.bool_], hole: NDArray[np.bool_], at: Affine, gaps: Sequence[Gap]
+) -> tuple[float, float]:
+    """Return the area that no picture shows below ``gaps``, in strips as wide as a picture, and that of each
+    ``hole`` (rows, cols) beside these.
 
     Ground beyond the raster is missing as well.
     """
-    import rasterio
-    from scipy.ndimage import binary_fill_holes
-
-    with rasterio.open(path) as source:
-        shown, at = np.isfinite(source.read(_PICTURES_BAND)), source.transform
     strips = [gap for gap in gaps if gap.shows_nothing and gap.width_m > 0]
     before = (0, 0)
     if strips:  # cells beyond the raster hold the whole strips
@@ -128,9 +131,11 @@ def missing_ground_m2(path: Path, gaps: Sequence[Gap]) -> tuple[float, float]:
         low, high = np.floor(np.min(cells, axis=0)).astype(int), np.ceil(np.max(cells, axis=0)).astype(int)
         before = (max(0, -int(low[1])), max(0, -int(low[0])))
         behind = tuple(max(0, int(end) - size) for end, size in zip(high[::-1], shown.shape, strict=True))
-        shown = np.pad(shown, tuple(zip(before, behind, strict=True)))
+        around = tuple(zip(before, behind, strict=True))
+        shown, hole = np.pad(shown, around), np.pad(hole, around)
     row, col = np.nonzero(~shown)
-    x, y = at @ (col - before[1] + 0.5, row - before[0] + 0.5)
+    right, down = col - before[1] + 0.5, row - before[0] + 0.5
+    x, y = at.a * right + at.b * down + at.c, at.d * right + at.e * down + at.f
     below = np.zeros(len(row), dtype=bool)
     for gap in strips:
         (x0, y0), (x1, y1) = gap.ends_m
@@ -138,16 +143,16 @@ def missing_ground_m2(path: Path, gaps: Sequence[Gap]) -> tuple[float, float]:
         ahead, aside = (x - x0) * along[0] + (y - y0) * along[1], (y - y0) * along[0] - (x - x0) * along[1]
         inside = (ahead > 0) & (ahead < np.hypot(x1 - x0, y1 - y0))
         below |= inside & (np.abs(aside) < gap.width_m / 2)
-    in_hole = binary_fill_holes(shown)[row, col]
+    in_hole = hole[row, col]
     cell_m2 = abs(at.a * at.e)
     return float(np.count_nonzero(below) * cell_m2), float(np.count_nonzero(in_hole & ~below) * cell_m2)
 
 
-def _holes(shown: NDArray[np.bool_], at: Affine) -> tuple[int, float, float, float]:
+def _holes(hole: NDArray[np.bool_], at: Affine) -> tuple[int, float, float, float]:
     """Return number and area of the holes of (rows, cols), and x and y of the middle of the largest."""
-    from scipy.ndimage import binary_fill_holes, center_of_mass, label  # a long import, for this alone
+    from scipy.ndimage import center_of_mass, label
 
-    holes, count = label(binary_fill_holes(shown) & ~shown)
+    holes, count = label(hole)
     if not count:
         return 0, 0.0, float("nan"), float("nan")
     largest = int(np.argmax(np.bincount(holes.ravel())[1:])) + 1

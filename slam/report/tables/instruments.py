@@ -110,12 +110,13 @@ def instrument_table(estimate: Estimate, flight: Flight | None) -> tuple[FigureT
         count, stated = _readings(flight, name)
         if not count and max((row.get(name, 0.0) for row in shares.values()), default=0.0) < _NOTABLE:
             continue
-        words, found = WORDS.get(name, name.replace("_", " ")), _doubts(estimate, flight, name)
+        words = WORDS.get(name, name.replace("_", " "))
         is_used = _is_used(estimate, name)
         cells = _cells(shares, name) if is_used else ("",) * len(_DIRECTIONS)
         weighed = _weighed(estimate, name) if is_used and count else ""
         use_and_doubt = ("", "")
         if name in _STREAMS:
+            found = _doubts(estimate, flight, name)
             use_and_doubt = (_use(estimate, name, found), _doubted(estimate, name, found))
         rows.append((words, str(count or ""), f"{stated}{weighed}", *use_and_doubt, *cells))
     return (FigureTable(_TITLE, _COLUMNS, tuple(rows)),)
@@ -172,8 +173,6 @@ def _weighed(estimate: Estimate, name: str) -> str:
 
 def _doubts(estimate: Estimate, flight: Flight, name: str) -> list[str]:
     """Return what warnings find of a stream, each up to its first colon, and the drift of the heading."""
-    if name not in _STREAMS:
-        return []
     stream = _STREAMS[name].name
     found = [doubt.verdict for doubt in doubts(estimate.warnings) if doubt.concerns(stream)]
     if name == "attitude" and (drift := heading_doubt(estimate, flight)):

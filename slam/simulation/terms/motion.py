@@ -75,8 +75,8 @@ MOTION = (
         ),
         confounders=("asymmetric_drag",),
         excitation=(
-            "stick ahead from 0.25 of full to 0, to 0.10 and to -0.15, 1.5 s each: braking by itself acts "
-            "at 0 alone"
+            "stick ahead from 0.25 of full to 0, to 0.10 and to -0.15, 1.5 s each: active braking acts only "
+            "while the stick is at 0"
         ),
     ),
     Term(

@@ -140,9 +140,12 @@ def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, 
 
 
 def _runs(process: int) -> bool:
-    """Return whether a process runs; one that ended may wait until the first process takes note of it."""
-    stat = Path(f"/proc/{process}/stat")
-    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
+    """Return whether a process runs; a zombie has ended, and only waits to be reaped."""
+    try:
+        stat = Path(f"/proc/{process}/stat").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return stat.rpartition(")")[2].split()[0] != "Z"
 
 
 _RESTORE_INTERRUPTS = """

@@ -264,7 +264,7 @@ def refined(setup: Setup, w_T_b: np.ndarray, members: np.ndarray, start: np.ndar
         setup.camera,
         CONFIG.tracks,
     )
-    return refine_part(setup, members, start, 0.0, tracks)
+    return refine_part(setup, members, start[members], 0.0, tracks)
 
 
 @pytest.mark.parametrize("members", [np.arange(12), np.array([2, 3, 4, 5, 8, 9])])
@@ -320,7 +320,7 @@ def test_a_part_without_common_floor_points_is_refused():
     w_T_b = truth()
     few = FloorTracks(np.array([0, 1]), np.array([0, 0]), np.zeros((2, 2)), np.ones(2))
     with pytest.raises(BackendError, match="too few floor points"):
-        refine_part(setup_of(w_T_b), np.array([0, 1]), w_T_b, 0.0, few)
+        refine_part(setup_of(w_T_b), np.array([0, 1]), w_T_b[:2], 0.0, few)
 
 
 def placed(w_T_b: np.ndarray) -> Setup:

@@ -117,7 +117,7 @@ def test_an_accelerometer_whose_refinement_fails_is_not_said_to_be_used(monkeypa
     assert isinstance(found.compared.scale, NoScale)
     assert found.bundle.scale_std == 0.02
     assert found.remarks == (
-        f"lengths come from velocity0 alone; the refinement with {others} as well failed: no solution "
+        f"lengths come from velocity0 alone; a refinement that adds {others} failed: no solution "
         "(too few points)",
     )
 
@@ -135,7 +135,7 @@ def test_what_the_refinement_without_a_wrong_barometer_tells_is_kept(monkeypatch
     assert [heights for heights, _ in calls.by_velocity] == [0, 2, 0, 0]
     assert calls.first == 1, "the part without the barometer is known already"
     failed, left_out = found.remarks
-    assert failed.startswith("lengths come from velocity0 alone; the refinement with the accelerometer")
+    assert failed.startswith("lengths come from velocity0 alone; a refinement that adds the accelerometer")
     assert left_out.startswith("barometer0 is left out of the map: it falls")
 
 

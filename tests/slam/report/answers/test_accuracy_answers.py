@@ -251,7 +251,7 @@ def test_what_limits_the_ground_is_named_where_the_ground_is_told():
     rows = {row.label: row.value for row in pilots_answers(by_ground, summarise(by_ground), facts, mosaic)}
     assert rows["What limits the accuracy?"].startswith("How uneven the ground is (80")
     assert "For the place of a camera, the GPS" in rows["What limits the accuracy?"]
-    assert "at the edge of a picture by 1.2 times" in rows["What limits the accuracy?"]  # 120 px over 100 px
+    assert "in a corner of a picture by 2 times" in rows["What limits the accuracy?"]  # 200 px over 100 px
     assert "comes from how uneven the ground is" in rows["How accurate is a place on it?"]
     assert answers(by_ground, flight)["What limits the accuracy?"].startswith("The GPS")
 

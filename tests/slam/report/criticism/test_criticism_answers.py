@@ -22,7 +22,7 @@ from slam.report.criticism.certainty import (
     out_of_order,
     reservations,
 )
-from slam.report.criticism.detectable import detectable_rows
+from slam.report.criticism.detectable import UNSTEADY, detectable_rows
 from slam.report.criticism.findings import concerned, distinct_findings, findings_in_words
 from slam.report.criticism.headline import lead, promises
 from slam.report.criticism.inertial_segment import compared_segment
@@ -180,6 +180,21 @@ def test_stamps_that_scatter_by_more_than_readings_are_apart_would_be_out_of_ord
     )
     assert out_of_order(small, [flight]) == ""
     assert "only 40 ms apart" in out_of_order(large, [flight])  # its sonar's
+    one = replace(flight.sonar, stamps_s=flight.sonar.stamps_s[:1], range_m=flight.sonar.range_m[:1])
+    assert "nan" not in out_of_order(large, [replace(flight, sonar=one)])
+
+
+def test_an_effect_whose_size_changes_is_told_as_such_whatever_size_would_show() -> None:
+    unsteady = Inconsistency("during a flight", 120.0, is_cause=False, effect="accel_bias", z=11.0)
+    for size in (0.01, 50.0):  # m/s^2: within and beyond the usual ones
+        result = replace(made(), detectable={"accel_bias": (size, "m/s^2")}, findings=(unsteady,))
+        assert [row.verdict for row in detectable_rows(result)] == [UNSTEADY]
+
+
+def test_advice_on_an_unknown_error_is_to_check_what_it_concerns() -> None:
+    (told,) = to_use(made("unknown"), "Not as it is")
+    assert "check " in told
+    assert "the model's predictions stay wrong" in told
 
 
 def test_a_mean_rate_that_is_not_the_usual_one_is_told_with_its_reason() -> None:

@@ -172,7 +172,7 @@ def test_a_pilots_questions_are_answered_from_the_lines_of_the_verdict() -> None
     )
     use = found["Can I use the model now, and how?"]
     assert "one, for flights like these: give extended.toml to" in use
-    assert "For the rest, its predictions stay wrong by what is not explained." in use
+    assert "For the rest, the model's predictions stay wrong by what is not explained." in use
     assert found["What do I fly next?"].startswith("Steps of three sizes")
     assert (
         "What is not explained concerns the gyro: look at it before the next flight (mounting, wiring, "

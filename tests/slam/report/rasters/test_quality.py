@@ -8,7 +8,12 @@ import pytest
 from frontend.mosaic.quality import MosaicQuality
 from slam.io.geotiff import Grid, write_bands
 from slam.report.gaps import Gap
-from slam.report.rasters.quality import missing_ground_m2, quality_figure, quality_figures
+from slam.report.rasters.quality import quality_figure, quality_figures
+
+
+def missing_ground_m2(path, gaps):
+    found = quality_figures(path, gaps)
+    return found.gap_area_m2, found.hole_beside_m2
 
 
 def test_the_least_certain_ground_is_the_largest_of_the_second_band(tmp_path):
