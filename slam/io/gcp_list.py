@@ -1,8 +1,9 @@
 """Reading of OpenDroneMap's ``gcp_list.txt``: ground control points and the pixels that show them.
 
-The first line names the coordinate system: ``EPSG:n``, ``WGS84 UTM 32N`` or a PROJ string. Every other line
-is one view: ``x y z u v picture [name] [check]``. Longitude comes before latitude. Source: OpenDroneMap's
-documentation, "Ground Control Points"; the word ``check``, which holds a point out, is an addition.
+The first line names the coordinate system (`slam.io.survey_system`). Every other line is one view:
+``x y z u v picture [name] [check]``, with blanks, tabs, commas or semicolons between. Longitude comes before
+latitude. Source: OpenDroneMap's documentation, "Ground Control Points"; the word ``check``, which holds a
+point out, is an addition.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,7 @@ from slam.core.flight import Flight
 from slam.core.geodesy import GeoOrigin, enu_from_geodetic, position_fault
 from slam.core.names import listed
 from slam.io.files import brief, read_text, refusal
-
-if TYPE_CHECKING:
-    from rasterio.crs import CRS
+from slam.io.survey_system import NAME_IT, SurveySystem
 
 Array = NDArray[np.float64]
 
@@ -33,7 +31,6 @@ MAX_BYTES = 1 << 24
 FAR_M = 5000.0
 """A point farther from every fix is on no picture: flights of photographs cross some kilometres, at heights
 below one."""
-_GIVE = "write EPSG:32632 there, WGS84 UTM 32N, or a PROJ string"
 _ROW = "write x y z u v picture [name] [check]"
 
 
@@ -62,44 +59,28 @@ def read_gcp_list(path: Path, flight: Flight) -> tuple[tuple[SurveyedPoint, ...]
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
     if not lines:
-        raise refusal(path, "is empty", f"{_GIVE}, and a line for each view of a point")
+        raise refusal(path, "is empty", f"{NAME_IT}, and a line for each view of a point")
     first, header = lines[0]
-    system = _system(path, first, header)
-    rows = [_row(path, number, line) for number, line in lines[1:]]
+    if len(header.split()) >= 6 and _numbers(header.split()[:5]) is not None:
+        raise refusal(path, "has a point in its first line, not a coordinate system", NAME_IT, first)
+    system = SurveySystem.named(path, first, header)
+    if len(lines) > 1 and not any(_numbers([field]) for field in _fields(lines[1][1])[:5]):
+        del lines[1]  # titles of the columns
+    pictures = _by_ending(() if flight.frames is None else flight.frames.names)
+    rows = [_row(path, number, line, pictures, system.height_unit_m) for number, line in lines[1:]]
     if not rows:
         raise refusal(path, "holds no point", _ROW, first)
-    rows, unknown = _in_flight(path, rows, flight)
+    rows, unknown = _in_flight(path, rows, flight, pictures)
     by_name: dict[str, list[_Row]] = {}
     places = list(dict.fromkeys(row.place for row in rows))
     for row in rows:
         by_name.setdefault(row.name or f"GCP {places.index(row.place) + 1}", []).append(row)
-    degrees = _geodetic(path, first, header, system, np.array(places)[:, :2])
+    degrees = system.geodetic(np.array(places)[:, :2].astype(float))
     geodetic = {place: tuple(row) for place, row in zip(places, degrees.tolist(), strict=True)}
     points = [_point(name, of, geodetic) for name, of in by_name.items()]
     points = _with_two_names(points, by_name)
-    return _near_flight(path, points, flight, system.is_geographic), [*notes, *unknown]
-
-
-def _system(path: Path, line: int, header: str) -> CRS:
-    """Return the coordinate system of the first line."""
-    from rasterio.crs import CRS
-    from rasterio.errors import CRSError
-
-    utm = re.fullmatch(r"WGS\s?84\s+UTM\s+(\d{1,2})\s*([NS])", header, re.IGNORECASE)
-    if utm and 1 <= int(utm[1]) <= 60:
-        return CRS.from_epsg((32600 if utm[2].upper() == "N" else 32700) + int(utm[1]))
-    what = f"names {brief(header, 60)!r}, no coordinate system that is known"
-    if len(header.split()) >= 6 and _numbers(header.split()[:5]) is not None:
-        what = "has a point in its first line, not a coordinate system"
-    elif re.fullmatch(r"EPSG:\d+", header, re.IGNORECASE) or header.startswith("+"):
-        try:
-            system = CRS.from_string(header)
-            if system.is_projected or system.is_geographic:
-                return system
-            what = f"names {brief(header, 60)!r}, a system of heights, of space or of one site"
-        except CRSError:
-            pass
-    raise refusal(path, what, _GIVE, line)
+    firsts = np.array([by_name[point.name][0].place[:2] for point in points])
+    return _near_flight(path, points, flight, firsts, system), [*notes, *unknown]
 
 
 def _numbers(fields: list[str]) -> list[float] | None:
@@ -109,8 +90,19 @@ def _numbers(fields: list[str]) -> list[float] | None:
         return None
 
 
-def _row(path: Path, line: int, text: str) -> _Row:
-    fields = [f.strip() for f in text.split("\t") if f.strip()] if text.count("\t") >= 5 else text.split()
+def _fields(text: str) -> list[str]:
+    """Return the fields of a line; commas are decimal ones where semicolons or tabs divide the fields."""
+    for separator in ("\t", ";", ","):
+        if text.count(separator) >= 5:
+            fields = [field.strip() for field in text.split(separator)]
+            decimal = separator != "," and any(re.fullmatch(r"-?\d+,\d+", field) for field in fields[:5])
+            numbers = [field.replace(",", ".") if decimal else field for field in fields[:5]]
+            return [field for field in (*numbers, *fields[5:]) if field]
+    return text.split()
+
+
+def _row(path: Path, line: int, text: str, pictures: Mapping[str, str], height_unit_m: float) -> _Row:
+    fields = _fields(text)
     if len(fields) < 6:
         raise refusal(path, f"has {len(fields)} fields, fewer than 6", _ROW, line)
     numbers = _numbers(fields[:5])
@@ -118,16 +110,24 @@ def _row(path: Path, line: int, text: str) -> _Row:
         wrong = next(f for f in fields[:5] if _numbers([f]) is None or not math.isfinite(float(f)))
         raise refusal(path, f"holds {brief(wrong, 40)!r} where a number is needed", _ROW, line)
     x, y, z, u, v = numbers
-    picture, *rest = fields[5:]
+    words = fields[5:]
+    # A name of a picture may have blanks in it.
+    ends = (end for end in range(len(words), 1, -1) if " ".join(words[:end]).lower() in pictures)
+    end = next(ends, 1)
+    picture, rest = " ".join(words[:end]), words[end:]
     is_check = "check" in (word.lower() for word in rest[1:])
-    place = x, y, z if math.isfinite(z) else None
+    place = x, y, z * height_unit_m if math.isfinite(z) else None
     return _Row(line, place, PictureView(picture, u, v), rest[0] if rest else "", is_check)
 
 
-def _in_flight(path: Path, rows: list[_Row], flight: Flight) -> tuple[list[_Row], list[str]]:
-    """Return the rows of pictures of the flight, under its names of them, and a note about the others."""
-    frames, camera = flight.frames, flight.camera
-    names = _by_ending(() if frames is None else frames.names)
+def _in_flight(
+    path: Path, rows: list[_Row], flight: Flight, names: Mapping[str, str]
+) -> tuple[list[_Row], list[str]]:
+    """Return the rows of pictures of the flight, under its names of them, and a note about the others.
+
+    ``names`` are those of `_by_ending`.
+    """
+    camera = flight.camera
     known, unknown = [], []
     for row in rows:
         found = names.get(row.view.picture.lower(), names.get(_file(row.view.picture).lower()))
@@ -169,22 +169,6 @@ def _file(name: str) -> str:
     return PurePosixPath(name.replace("\\", "/")).name
 
 
-def _geodetic(path: Path, line: int, header: str, system: CRS, xy: Array) -> Array:
-    """Return longitude and latitude (n, 2) in degrees; NaN for what the system does not hold."""
-    from rasterio._err import CPLE_BaseError
-    from rasterio.errors import RasterioError
-    from rasterio.warp import transform
-
-    try:
-        degrees = np.array(transform(system, "EPSG:4326", *xy.T.tolist())).T
-    except (RasterioError, CPLE_BaseError) as error:
-        reason = brief(" ".join(str(error).split()), 120)
-        what = f"names {brief(header, 60)!r}, which cannot be brought to WGS 84 ({reason})"
-        raise refusal(path, what, _GIVE, line) from None
-    degrees[~np.isfinite(degrees).all(axis=1)] = np.nan
-    return degrees
-
-
 def _point(name: str, rows: list[_Row], geodetic: Mapping[_Place, tuple[float, ...]]) -> SurveyedPoint:
     place = rows[0].place
     longitude, latitude = geodetic[place]
@@ -223,13 +207,17 @@ def _with_two_names(points: list[SurveyedPoint], by_name: Mapping[str, list[_Row
 
 
 def _near_flight(
-    path: Path, points: list[SurveyedPoint], flight: Flight, geographic: bool
+    path: Path, points: list[SurveyedPoint], flight: Flight, xy: Array, system: SurveySystem
 ) -> tuple[SurveyedPoint, ...]:
-    """Return the points with a fault for those far from all fixes. Raises ``InputError`` if all are."""
-    away_m, swapped_m = _away_m(points, flight, False), _away_m(points, flight, True)
+    """Return the points with a fault for those far from all fixes. Raises ``InputError`` if all are.
+
+    ``xy`` (n, 2) are their coordinates as written.
+    """
+    away_m = _away_m(np.array([(p.longitude_deg, p.latitude_deg) for p in points]), flight)
     if (away_m > FAR_M).all():
-        if geographic and (swapped_m < FAR_M).any():
-            what, do = "has latitude and longitude swapped", "write the longitude before the latitude"
+        if (_away_m(system.geodetic(xy[:, ::-1]), flight) < FAR_M).any():
+            first, second = system.axes
+            what, do = f"has {first} and {second} swapped", f"write the {first} before the {second}"
         else:
             far = f"{1e-3 * away_m.min():.0f} km or more" if np.isfinite(away_m).any() else "too far"
             what, do = f"has all points {far} from the pictures", "check its coordinate system"
@@ -240,18 +228,17 @@ def _near_flight(
     )
 
 
-def _away_m(points: list[SurveyedPoint], flight: Flight, swapped: bool) -> Array:
-    """Return the distance (n,) of each point from the nearest fix; 0 without fixes."""
+def _away_m(degrees: Array, flight: Flight) -> Array:
+    """Return the distance (n,) of places (longitude, latitude) (n, 2) from all fixes; 0 without any."""
     gps, origin = flight.gps, flight.geo_origin()
     if gps is None or origin is None:
-        return np.zeros(len(points))
+        return np.zeros(len(degrees))
     level = GeoOrigin(origin.latitude_deg, origin.longitude_deg, 0.0)
     fixes = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, 0.0, level)[:, :2]
     fixes = fixes[np.isfinite(fixes).all(axis=1)]
     if not len(fixes):
-        return np.zeros(len(points))
-    degrees = np.array([(p.latitude_deg, p.longitude_deg) for p in points])
-    latitude, longitude = degrees.T[::-1] if swapped else degrees.T
+        return np.zeros(len(degrees))
+    longitude, latitude = degrees.T
     places = enu_from_geodetic(latitude, longitude, 0.0, level)[:, :2]
     away = np.linalg.norm(places[:, None] - fixes[None], axis=2).min(axis=1)
     # A place beyond the pole has no distance.

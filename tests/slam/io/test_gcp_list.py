@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rasterio.crs import CRS
 
 from frontend.camera import Camera
 from slam.core.control_points import PictureView
@@ -74,13 +75,44 @@ def test_the_middle_of_a_zone_is_where_its_meridian_lies(tmp_path):
 
 @pytest.mark.parametrize(
     "header",
-    ["EPSG:32632", "epsg:32632", "WGS84 UTM 32n", "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs"],
-)
+    [
+        "EPSG:32632", "epsg:32632", "EPSG: 32632", "EPSG 32632", "32632", "EPSG:32632+5773", "WGS84 UTM 32n",
+        "UTM 32N", "WGS 84 / UTM zone 32N", "+proj=utm +zone=32 +datum=WGS84 +units=m +no_defs",
+        CRS.from_epsg(32632).to_wkt(),
+    ],
+)  # fmt: skip
 def test_one_system_has_several_names(tmp_path, header):
     (first, _), _ = read(tmp_path, [*UTM, *ROWS])
     (same, _), _ = read(tmp_path, [header, *ROWS])
     assert same.latitude_deg == pytest.approx(first.latitude_deg, abs=1e-9)
     assert same.longitude_deg == pytest.approx(first.longitude_deg, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [(",", "."), (", ", "."), (";", "."), ("; ", ","), ("\t", "."), ("\t", ",")]
+)
+def test_fields_are_divided_as_tables_are(tmp_path, separator, decimal):
+    told = [row.rsplit(" check", 1)[0].split() for row in ROWS]
+    rows = [separator.join([*(x.replace(".", decimal) for x in of[:5]), *of[5:]]) for of in told]
+    titles = separator.join(("geo_x", "geo_y", "geo_z", "im_x", "im_y", "image_name", "gcp_name"))
+    points, notes = read(tmp_path, [*UTM, titles, *rows])
+    expected, _ = read(tmp_path, [*UTM, *(" ".join(of) for of in told)])
+    assert points == expected
+    assert not notes
+
+
+def test_a_picture_may_have_blanks_in_its_name(tmp_path):
+    names = ("my flight/north side 1.jpg", "b.jpg")
+    of = replace(flight(), frames=Frames(np.arange(2.0), names, lambda _: None))
+    rows = [f"465005.0 5249995.0 402.5 100 200 {name} gate check" for name in ("North side 1.jpg", "b.jpg")]
+    ((point,), notes) = read(tmp_path, [*UTM, *rows], of)
+    assert ([view.picture for view in point.views], point.name, point.role) == (list(names), "gate", "check")
+    assert not notes
+
+
+def test_heights_in_feet_are_read_where_the_system_has_them(tmp_path):
+    (north, _), _ = read(tmp_path, ["EPSG:32632+6360", *ROWS])
+    assert north.altitude_m == pytest.approx(402.5 * 1200 / 3937)
 
 
 def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_path):
@@ -106,6 +138,7 @@ def test_degrees_are_longitude_first_and_points_without_a_name_have_numbers(tmp_
         ([*UTM, ROWS[0].replace("100.5", "1700")], ["line 2", "1700 200", "1600 x 1300 px", "DJI_0010.JPG"]),
         ([*UTM, ROWS[0].replace("DJI_0010", "IMG_1")], ["line 2", "'IMG_1.JPG'", "no picture of the flight"]),
         (["EPSG:4326", "47.403 8.536 400 1 1 DJI_0010.JPG"], ["swapped", "longitude before the latitude"]),
+        ([*UTM, "5249995.0 465005.0 402.5 1 1 DJI_0010.JPG"], ["swapped", "easting before the northing"]),
         (["EPSG:32633", *ROWS], ["km or more from the pictures", "coordinate system"]),
         (["EPSG:5806", *ROWS], ["line 1", "EPSG:5806"]),
         (["EPSG:5800", *ROWS], ["line 1", "EPSG:5800", "of one site"]),

@@ -1,0 +1,103 @@
+"""The coordinate system of a list of surveyed points, as its first line names it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.errors import InputError
+from slam.io.files import brief, refusal
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+
+Array = NDArray[np.float64]
+
+NAME_IT = "write EPSG:32632 there, WGS84 UTM 32N, or a PROJ string"
+_UTM = re.compile(r"(?:WGS\s?84)?\s*/?\s*UTM\s+(?:zone\s+)?(\d{1,2})\s*([NS])", re.IGNORECASE)
+_CODES = re.compile(r"(?:EPSG\s*:?\s*)?(\d{4,6})(?:\s*\+\s*(?:EPSG\s*:\s*)?(\d{4,6}))?", re.IGNORECASE)
+"""One EPSG code, or one of the plane and one of the heights."""
+_WKT = re.compile(r"(PROJ|GEOG|GEOD|COMPOUND|COMPD_)(CS|CRS)\[", re.IGNORECASE)
+_HEIGHT_UNIT = re.compile(r'VERT_CS\[.*?UNIT\["[^"]*",([-+.\deE]+)', re.DOTALL)
+
+
+@dataclass(frozen=True)
+class SurveySystem:
+    """Coordinates of surveyed points."""
+
+    path: Path
+    line: int
+    header: str
+    """Text that names it."""
+    crs: CRS
+
+    @staticmethod
+    def named(path: Path, line: int, header: str) -> SurveySystem:
+        """Return the system of a first line: EPSG codes, a zone of UTM, a PROJ string or WKT.
+
+        Raises ``InputError`` for another name, and for a system that holds no places on Earth.
+        """
+        from rasterio.errors import CRSError
+
+        what = f"names {brief(header, 60)!r}, no coordinate system that is known"
+        try:
+            crs = _crs(header)
+        except CRSError:
+            crs = None
+        if crs is not None and not (crs.is_projected or crs.is_geographic):
+            what = f"names {brief(header, 60)!r}, a system of heights, of space or of one site"
+            crs = None
+        if crs is None:
+            raise refusal(path, what, NAME_IT, line)
+        return SurveySystem(path, line, header, crs)
+
+    @property
+    def axes(self) -> tuple[str, str]:
+        """Return the names of x and y."""
+        return ("longitude", "latitude") if self.crs.is_geographic else ("easting", "northing")
+
+    @property
+    def height_unit_m(self) -> float:
+        """Return the unit of heights, metres where the system has none."""
+        found = _HEIGHT_UNIT.search(self.crs.to_wkt())
+        return float(found[1]) if found else 1.0
+
+    def geodetic(self, xy: Array) -> Array:
+        """Return longitude and latitude (n, 2) in degrees of x, y (n, 2); NaN for what the system lacks.
+
+        Raises ``InputError`` where nothing leads to WGS 84.
+        """
+        from rasterio._err import CPLE_BaseError
+        from rasterio.errors import RasterioError
+        from rasterio.warp import transform
+
+        try:
+            degrees = np.array(transform(self.crs, "EPSG:4326", *xy.T.tolist())).T
+        except (RasterioError, CPLE_BaseError) as error:
+            raise self._no_way(error) from None
+        degrees[~np.isfinite(degrees).all(axis=1)] = np.nan
+        return degrees
+
+    def _no_way(self, error: Exception) -> InputError:
+        reason = brief(" ".join(str(error).split()), 120)
+        what = f"names {brief(self.header, 60)!r}, which cannot be brought to WGS 84 ({reason})"
+        return refusal(self.path, what, NAME_IT, self.line)
+
+
+def _crs(header: str) -> CRS | None:
+    """Return the system; None for a kind of name that is not known. Raises ``CRSError`` for a wrong name."""
+    from rasterio.crs import CRS
+
+    utm = _UTM.fullmatch(header)
+    if utm and 1 <= int(utm[1]) <= 60:
+        return CRS.from_epsg((32600 if utm[2].upper() == "N" else 32700) + int(utm[1]))
+    if codes := _CODES.fullmatch(header):
+        return CRS.from_string("EPSG:" + "+".join(filter(None, codes.groups())))
+    if header.startswith("+"):
+        return CRS.from_string(header)
+    return CRS.from_wkt(header) if _WKT.match(header) else None
