@@ -41,8 +41,8 @@ class SurveyedPoint:
     @property
     def origin(self) -> GeoOrigin:
         """The point as the origin of a world; an unknown altitude is 0."""
-        altitude_m = 0.0 if math.isnan(self.altitude_m) else self.altitude_m
-        return GeoOrigin(self.latitude_deg, self.longitude_deg, altitude_m)
+        known = math.isfinite(self.altitude_m)
+        return GeoOrigin(self.latitude_deg, self.longitude_deg, self.altitude_m if known else 0.0, known)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -275,6 +275,19 @@ class Estimate:
         return raster_dataset(where, unit(self.metric), cell_m)
 
     @property
+    def follows_control_points(self) -> bool:
+        """Whether control points place the map."""
+        return self.control is not None and any(point.used for point in self.control.points)
+
+    @property
+    def altitude_known(self) -> bool:
+        """Whether an altitude is known on Earth, by fixes or by control points that the map follows."""
+        if self.origin is None or self.origin.altitude_known:
+            return self.origin is not None
+        points = () if self.control is None else self.control.points
+        return any(p.used and np.isfinite((p.surveyed_m or (np.nan,))[-1]) for p in points)
+
+    @property
     def placed(self) -> NDArray[np.bool_]:
         """(n,) whether each keyframe has a pose."""
         return np.asarray(np.isfinite(self.w_T_b).all(axis=(1, 2)))

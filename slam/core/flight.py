@@ -315,8 +315,8 @@ class Flight:
     def geo_origin(self) -> GeoOrigin | None:
         """Return the origin of the local east-north-up world: the first GPS fix that the others confirm.
 
-        The altitude is the first known one among them, or 0. Without a fix it is the first surveyed point
-        that can be used, if possible one with an altitude. Without any it is None.
+        The altitude is the first known one among them; without any it is 0 and marked as unknown. Without a
+        fix it is the first surveyed point that can be used, if possible one with an altitude, else None.
         """
         gps, check = self.gps, self.fix_check()
         surveyed = [p for p in self.surveyed if not p.fault]
@@ -332,6 +332,7 @@ class Flight:
             float(gps.latitude_deg[k]),
             float(gps.longitude_deg[k]),
             float(altitude[0]) if len(altitude) else 0.0,
+            altitude_known=len(altitude) > 0,
         )
 
 

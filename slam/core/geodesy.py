@@ -38,6 +38,9 @@ class GeoOrigin:
     latitude_deg: float
     longitude_deg: float
     altitude_m: float
+    """0 where none is known."""
+    altitude_known: bool = True
+    """Whether an altitude is known."""
 
     @property
     def text(self) -> str:

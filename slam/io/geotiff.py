@@ -116,7 +116,9 @@ def height_tags(estimate: Estimate) -> dict[str, str]:
     """Return metadata that say where the heights of a map begin; none without a place on Earth."""
     if estimate.origin is None:
         return {}
-    control = estimate.control is not None and any(point.used for point in estimate.control.points)
+    control = estimate.follows_control_points
+    if not estimate.altitude_known:
+        return {"VERTICAL_DATUM": "the map's floor: no altitude is recorded"}
     return {
         "FLOOR_ALTITUDE_M": f"{estimate.origin.altitude_m + estimate.floor_z_m:.3f}",
         "VERTICAL_DATUM": f"reference of the {'control points' if control else 'recorded altitudes'}",

@@ -48,7 +48,9 @@ def datum_text(estimate: Estimate) -> str:
             "level and not from the ellipsoid"
         )
     floor = f"{origin.altitude_m + estimate.floor_z_m:.1f} m"
-    if estimate.control is not None and any(point.used for point in estimate.control.points):
+    if not estimate.altitude_known:
+        return "count from the floor; no altitude is recorded, so nothing tells where that lies above the sea"
+    if estimate.follows_control_points:
         return f"count from the floor at {floor} in the height system of the control points"
     return (
         f"count from the floor at {floor} of the GPS altitudes as recorded; whether those are "

@@ -72,6 +72,8 @@ class Facts:
     """Whether that deviation is "stated" or "assumed"."""
     range_exact: bool = False
     """Whether gain and zero of the height sensor are taken as exact."""
+    altitude_known: bool = True
+    """Whether an altitude is known on Earth."""
     controlled: bool = False
     """Whether control points hold the map."""
     plane: str = ""
@@ -159,7 +161,8 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         gps_std_m=_gps_std_m(flight),
         gps_accuracy=whence(flight.gps) if flight is not None and flight.gps is not None else "stated",
         range_exact=_range_exact(flight),
-        controlled=_controlled(estimate),
+        altitude_known=estimate.altitude_known,
+        controlled=estimate.follows_control_points,
         plane="" if flight is None else plane_text(estimate),
         datum="" if flight is None else datum_text(estimate),
         heading_doubt=doubt,
@@ -183,10 +186,6 @@ def whence(series: Instrument) -> str:
 def _range_exact(flight: Flight | None) -> bool:
     sonar = flight.sonar if flight is not None else None
     return sonar is not None and sonar.scale_std == sonar.datum_std_m == 0
-
-
-def _controlled(estimate: Estimate) -> bool:
-    return estimate.control is not None and any(point.used for point in estimate.control.points)
 
 
 def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
@@ -315,7 +314,7 @@ def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
     if not estimate.metric:
         return "none"
     sources = ["height sensor"] if estimate.range_errors is not None else []
-    sources += ["control points"] if _controlled(estimate) else []
+    sources += ["control points"] if estimate.follows_control_points else []
     sources += ["GPS"] if estimate.origin is not None and flight.gps is not None else []
     accelerometer = estimate.instruments.accelerometer
     sources += ["accelerometer"] if accelerometer is not None and accelerometer.used else []

@@ -65,9 +65,14 @@ def write(exported: ExportedMap, target: Path) -> tuple[str, ...]:
     return (
         f"coordinate system: {crs.to_string()}",
         *_stretch_note(crs, estimate.origin),
-        f"heights are over the map's floor, at {float(tags['FLOOR_ALTITUDE_M']):.2f} m in the "
-        f"{tags['VERTICAL_DATUM']}",
+        f"heights are over {_floor(tags)}",
     )
+
+
+def _floor(tags: dict[str, str]) -> str:
+    """Return where heights begin, by the metadata of `height_tags`."""
+    altitude, datum = tags.get("FLOOR_ALTITUDE_M"), tags["VERTICAL_DATUM"]
+    return datum if altitude is None else f"the map's floor, at {float(altitude):.2f} m in the {datum}"
 
 
 def coordinate_system(name: str, origin: GeoOrigin) -> CRS:

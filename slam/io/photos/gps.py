@@ -40,13 +40,8 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
             "pictures alone place them"
         )
     fixes = [positions[k] for k in known]
-    altitude_m = _column(fixes, "altitude_m")
-    if np.isnan(altitude_m).any():
-        lacking = int(np.isnan(altitude_m).sum())
-        remarks.append(
-            f"{lacking} of {len(known)} GPS positions {either(lacking, 'has', 'have')} no altitude: the "
-            "others alone tell the height"
-        )
+    altitude_m, lacking = _altitudes(fixes)
+    remarks += lacking
     gap_m = np.abs(altitude_m - _column(fixes, "exif_altitude_m"))
     if (gap_m > 1).any():
         remarks.append(
@@ -63,6 +58,26 @@ def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tup
         assumed=("T_BS", "noise_std") if all(fix.std_m is None for fix in fixes) else ("T_BS",),
     )
     return gps, (*remarks, *accuracy)
+
+
+def _altitudes(fixes: Sequence[PhotoPosition]) -> tuple[Array, list[str]]:
+    """Return the altitudes (n,), NaN where there is none, and a remark where some are missing."""
+    altitude_m = _column(fixes, "altitude_m")
+    # A receiver gives no two altitudes of exactly 0: programs write it where none is known.
+    zeros = len(fixes) > 1 and bool((altitude_m == 0).all())
+    if zeros:
+        altitude_m = np.full(len(fixes), np.nan)
+    lacking = int(np.isnan(altitude_m).sum())
+    if not lacking:
+        return altitude_m, []
+    if lacking < len(fixes):
+        none = f"{lacking} of {len(fixes)} GPS positions {either(lacking, 'has', 'have')} no altitude"
+        return altitude_m, [f"{none}: the others alone tell the height"]
+    none = "altitude 0 in every photograph, which is none" if zeros else "no GPS position has an altitude"
+    return altitude_m, [
+        f"{none}: heights count from the floor, and nothing tells where that lies above the sea; copy the "
+        "originals with their tags, or give control points with heights (--gcp)"
+    ]
 
 
 def _column(fixes: Sequence[PhotoPosition], name: str) -> Array:

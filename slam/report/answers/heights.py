@@ -30,11 +30,11 @@ def heights(estimate: Estimate, facts: Facts, summary: Summary) -> tuple[str, tu
     camera = ""
     if np.isfinite(over_m):
         camera = f" typically known to ±{SPACE}{facts.error(over_m)}{_by(facts)}{_cause(estimate)}."
-        if not facts.relative_to:
+        if facts.altitude_known:
             camera += (
                 " The altitude of the ground on Earth is known no better than that: it moves as a whole."
             )
-    if np.isfinite(worst_m):
+    if np.isfinite(worst_m) and (facts.relative_to or facts.altitude_known):
         camera += _of_camera(facts, over_m, worst_m, tilted)
     lines = (
         ("Heights of the ground:", _of_ground(estimate)),
@@ -186,6 +186,15 @@ def _tilt_rad(estimate: Estimate) -> float:
     return found.tilt_rad if found is not None else float(np.radians(1.0))
 
 
+def _as_altitudes(facts: Facts) -> str:
+    """Return what heights are as altitudes on Earth; empty where that is no question."""
+    if facts.relative_to or (facts.controlled and facts.altitude_known):
+        return ""
+    if not facts.altitude_known:
+        return " As altitudes, no, because none is recorded."
+    return " As altitudes, only as the GPS counts them."
+
+
 def _verdict(estimate: Estimate, facts: Facts, status: str, over_m: float | None) -> str:
     """Return whether heights are true. ``over_m``: the deviation of a camera's height over the floor; None on
     a map that may lean."""
@@ -196,7 +205,7 @@ def _verdict(estimate: Estimate, facts: Facts, status: str, over_m: float | None
     if over_m is None:
         near = "Those of the camera near each other" if without_heights(estimate) else "Near each other"
         return f"{near}, yes; across the map, no, because it may lean: {_lean(estimate, facts)}."
-    altitudes = "" if facts.relative_to or facts.controlled else " As altitudes, only as the GPS counts them."
+    altitudes = _as_altitudes(facts)
     if without_heights(estimate):
         ground = "the ground has no measured heights"
         return f"Those of the camera, yes, within the figures that follow; {ground}.{altitudes}"

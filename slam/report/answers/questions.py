@@ -253,10 +253,11 @@ def _hand_on(estimate: Estimate, facts: Facts, summary: Summary, mosaic: MosaicF
     std_m = mosaic.typical_std_m if mosaic is not None and known else facts.sigma_median_m
     told = [f"the coordinate system (above), the accuracy (typically ±{SPACE}{facts.error(std_m)})"]
     over_m = typical_height_std(estimate)
+    kind = "altitudes" if facts.altitude_known else "heights"
     if np.isfinite(over_m):
         told.append(
-            f"that of altitudes of the ground (±{SPACE}{facts.error(over_m)}; “Are the heights true?” says "
-            "what they count from)"
+            f"that of {kind} of the ground (±{SPACE}{facts.error(over_m)}; “Are the heights true?” "
+            "says what they count from)"
         )
     if not facts.controlled:
         told.append("and that the place on Earth is that of the GPS")

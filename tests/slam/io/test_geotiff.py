@@ -196,3 +196,8 @@ def test_a_raster_names_its_coordinate_system_and_says_where_heights_begin(tmp_p
     control = replace(estimate, control=ControlReport(points=(used,)))
     assert height_tags(control)["VERTICAL_DATUM"] == "reference of the control points"
     assert height_tags(replace(estimate, origin=None)) == {}
+    no_altitude = replace(estimate, origin=replace(ORIGIN, altitude_m=0.0, altitude_known=False))
+    assert height_tags(no_altitude) == {"VERTICAL_DATUM": "the map's floor: no altitude is recorded"}
+    surveyed = replace(used, surveyed_m=(1.0, 2.0, 3.0))
+    by_control = replace(no_altitude, control=ControlReport(points=(surveyed,)))
+    assert height_tags(by_control)["VERTICAL_DATUM"] == "reference of the control points"

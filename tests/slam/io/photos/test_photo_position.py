@@ -79,6 +79,28 @@ def test_absurd_altitudes_are_refused_by_name(tmp_path, tags, left):
     assert flight.barometer is None
 
 
+@pytest.mark.parametrize(
+    ("altitude", "words"),
+    [(0, "altitude 0 in every photograph, which is none"), (None, "no GPS position has an altitude")],
+)
+def test_a_set_without_any_altitude_says_that_its_heights_count_from_the_floor(tmp_path, altitude, words):
+    times = ("2024:05:06 07:08:01", "2024:05:06 07:08:02")
+    files = {f"{k}.jpg": jpeg(altitude=altitude, time=time) for k, time in enumerate(times)}
+    flight = import_photos(fill(tmp_path, files))
+    assert np.isnan(flight.gps.altitude_m).all()
+    assert "heights count from the floor" in remark(flight, words)
+    assert not flight.geo_origin().altitude_known
+
+
+def test_one_photograph_may_be_at_altitude_zero(tmp_path):
+    gps = {GPS.GPSAltitude: IFDRational(0, 1)}
+    flight = import_photos(
+        fill(tmp_path, {"a.jpg": jpeg(gps=gps), "b.jpg": jpeg(time="2024:05:06 07:08:10")})
+    )
+    np.testing.assert_array_equal(flight.gps.altitude_m, [0, 320.5])
+    assert flight.geo_origin().altitude_known
+
+
 def test_an_absurd_xmp_latitude_gives_way_to_exif(tmp_path):
     drone = {"GpsLatitude": "95.0", "GpsLongitude": "-98.0"}
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(drone=drone)}))

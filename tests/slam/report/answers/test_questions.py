@@ -75,6 +75,20 @@ def test_answers_follow_the_map():
     assert answers(unknown, flight)["How accurate is a place on it?"].startswith("Not known")
 
 
+def test_heights_without_an_altitude_are_none_on_earth():
+    question = "Are the heights true?"
+    estimate, flight = replace(made_estimate(), status="ok"), made_flight()
+    on_earth = answers(replace(estimate, origin=GeoOrigin(52.1, 4.3, 10.0)), flight)[question]
+    assert "only as the GPS counts them" in on_earth
+    assert "altitude of the ground on Earth" in on_earth
+    unknown = answers(replace(estimate, origin=GeoOrigin(52.1, 4.3, 0.0, altitude_known=False)), flight)[
+        question
+    ]
+    assert "As altitudes, no, because none is recorded" in unknown
+    assert "nothing tells where that lies above the sea" in unknown
+    assert "on Earth" not in unknown
+
+
 def test_the_axes_are_told():
     question = "Which way do x and y point, and where is north?"
     estimate, flight = made_estimate(), made_flight()
