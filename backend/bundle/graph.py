@@ -58,7 +58,8 @@ class BundleConfig:
     drop_sigmas: float = 6.0
     """Observations with a larger residual are dropped between rounds, and counted."""
     slope_std_rad: float = 0.05
-    """Standard deviation of the slope of the ground; only positions observe it."""
+    """Least standard deviation of the slope of the ground, which only positions observe: a larger one is
+    estimated from the slope."""
     start_relief: float = 0.01
     """Initial standard deviation of the floor's relief over the mean height."""
 
@@ -89,6 +90,8 @@ class NoiseLevels:
     """Factor on the stated deviations of the control points' survey."""
     marks: float = 1.0
     """Factor on the deviation of their marks in the pictures."""
+    slope_rad: float = BundleConfig.slope_std_rad
+    """Standard deviation of the slope of the ground along either axis: not a noise, but estimated like one."""
     inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
     reported: ReportedNoise = NO_REPORTED_NOISE
 
@@ -178,7 +181,7 @@ def pose_side_graph(
     add_control(graph, problem.measurements.control, WORLD, lens, weights)
     if problem.self_calibrates:
         _add_calibration(graph, problem.camera)
-    _add_gauge(graph, problem, start, noise.relief)
+    _add_gauge(graph, problem, start, noise)
     if problem.measurements.heights:
         graph.push_back(heights_prior(start))
     add_aligned(graph, problem.measurements.aligned, problem.camera, start)
@@ -235,7 +238,7 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
 
 
 def _add_gauge(
-    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start: gtsam.Values, relief: float
+    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start: gtsam.Values, noise: NoiseLevels
 ) -> None:
     """Add priors that fix unobserved quantities at their initial values.
 
@@ -255,9 +258,9 @@ def _add_gauge(
     sigmas[FLOOR_Z] = 1e5 if raised else held
     sigmas[LOG_GAIN] = max(measured.range_gain_std, held)
     # A beam measures a level within the relief with a constant bias, its tops for example.
-    relief_m = relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
+    relief_m = noise.relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
     sigmas[DATUM] = max(float(np.hypot(measured.range_datum_std_m, relief_m)), held)
-    sigmas[SLOPE] = problem.config.slope_std_rad if placed else held
+    sigmas[SLOPE] = noise.slope_rad if placed else held
     sigmas[MOUNT] = max(problem.camera.mount_std_rad, held)
     if measured.positions and measured.control:
         sigmas[OFFSET] = _OFFSET_STD_M

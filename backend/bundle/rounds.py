@@ -8,6 +8,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.factors import SLOPE
 from backend.bundle.graph import WORLD, BundleProblem, NoiseLevels, Variables, start_calibration
 from backend.bundle.inertial.graph import without_unused
 from backend.bundle.inertial.noise import estimate_inertial_noise
@@ -53,7 +54,9 @@ def solve_rounds(
             at = start_calibration(at, camera)
             # What the told lens does not explain is no outlier yet, and no noise.
             used = np.ones(len(tracks.track), bool)
-            noise = replace(first, inertial=noise.inertial, reported=noise.reported)
+            noise = replace(
+                first, inertial=noise.inertial, reported=noise.reported, slope_rad=noise.slope_rad
+            )
         cost = BundleCost.of(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
         limits = _LAST if last else _BEFORE
@@ -66,12 +69,24 @@ def solve_rounds(
         factors, kept = estimate_inertial_noise(optimum)
         absorbed = absorbed_positions(optimum)
         noise, used = estimate_noise(problem, at, replace(noise, inertial=factors), used, absorbed)
+        noise = replace(noise, slope_rad=_slope_std_rad(problem, at))
         if number == 0:
             # Once, because levels of a grid would keep the rounds from settling.
             noise = replace(noise, reported=reported_noise(problem, at.values))
         settled = number > 0 and same_noise(before, noise) and bool(kept.all())
         problem, at = _reintegrated(problem, at, kept, before.reported)
     return Solved(BundleOptimum(cost, at, minimum.structure, noise, used), minimum, iterations)
+
+
+def _slope_std_rad(problem: BundleProblem, at: Variables) -> float:
+    """Return the standard deviation of the slope of the ground that its two components show.
+
+    It grows from round to round where the positions tell a slope well, as on a hillside, and stays the least
+    one elsewhere (empirical Bayes). With the least one alone, attitudes and altitudes of a hillside would be
+    taken for noise.
+    """
+    found = at.values.atVector(WORLD)[SLOPE]
+    return max(problem.config.slope_std_rad, float(np.sqrt(np.mean(found**2))))
 
 
 def reported_noise(problem: BundleProblem, values: gtsam.Values) -> ReportedNoise:

@@ -127,6 +127,15 @@ def test_exact_positions_give_back_a_leaning_floor():
     assert bundle.floor_z_m == pytest.approx(made.floor_z_m, abs=0.01)
 
 
+def test_a_hillside_is_no_noise_of_attitude_and_altitude():
+    scene = replace(SCENES["gps and attitude over a slope"], slope_rad=(0.45, -0.25))
+    made = make(scene, 1)
+    bundle = refine(made.measurements, made.start, made.floor_z_m)
+    assert bundle.floor_slope_rad == pytest.approx(scene.slope_rad, abs=0.02)
+    assert bundle.noise.roll_pitch_rad < 2 * scene.attitude_std_rad
+    assert bundle.noise.slope_rad == pytest.approx(np.hypot(0.45, 0.25) / np.sqrt(2), rel=0.1)
+
+
 def lens_errors(found: list[tuple[Made, Bundle]]) -> np.ndarray:
     """(flights, 9) errors of the calibration over their standard deviations."""
     lenses = [(made.lens, bundle.lens) for made, bundle in found]
