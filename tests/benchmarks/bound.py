@@ -16,15 +16,18 @@ import numpy as np
 from backend.bundle.refinement import refine
 from slam.evaluation import evaluate
 from slam.evaluation.bound import Bound, cramer_rao
+from slam.evaluation.nees import Consistency
 from slam.evaluation.trajectory import gauge
 from slam.mapping.config import PipelineConfig
 from slam.mapping.pipeline import optimize_with_observations
 from slam.simulation import simulate
-from tests.benchmarks.metric import Metric, reported, within
+from tests.benchmarks.metric import Metric, at_least, reported, within
 
 SEEDS = range(20)
 BAND = (0.85, 1.15)
 """Errors far below the bound are a fault too."""
+IN_BAND = 0.95
+"""Expected share of the seeds whose NEES is inside its 95 % band."""
 EFFICIENT = (0.95, 1.05)
 
 Array = np.ndarray
@@ -48,6 +51,8 @@ class Run:
     """(p, 2) errors of the landmark distances and their bounds."""
     along: Array
     """(n, 3) displacement from the first keyframe to each."""
+    nees: Consistency
+    """Mean NEES of the poses and its 95 % band."""
 
 
 def measure() -> list[Metric]:
@@ -60,6 +65,8 @@ def measure() -> list[Metric]:
     freedom = sum(r.freedom for r in runs)
     distances = np.concatenate([r.distances_m for r in runs])
     ways = ", ".join(f"{name} {_ratio(runs, part):.3f}" for name, part in PARTS.items())
+    inside = sum(r.nees.consistent for r in runs)
+    nees = ", ".join(f"{r.nees.mean:.2f} in {r.nees.lower95:.2f}-{r.nees.upper95:.2f}" for r in runs)
     return [
         within(f"{len(runs)} seeds: position error over its bound", error / bound, "x", BAND, by_seed),
         reported(
@@ -76,6 +83,7 @@ def measure() -> list[Metric]:
             _rms(distances[:, 0]) / _rms(distances[:, 1]), "x", BAND,
             f"{1e3 * _rms(distances[:, 0]):.2f} over {1e3 * _rms(distances[:, 1]):.2f} mm",
         ),
+        at_least(f"{len(runs)} seeds: mean NEES inside its 95 % band", inside, "", IN_BAND * len(runs), nees),
         reported("reported uncertainty over the bound", _mean(runs, lambda r: r.reported_m) / bound, "x"),
     ]  # fmt: skip
 
@@ -87,7 +95,9 @@ def run(seed: int) -> Run:
     bound = cramer_rao(flight, estimate, observations, config)
     there = replace(config.bundle, rounds=1, start_relief=bound.noise.relief)
     own = np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2)
-    landmarks = evaluate(estimate, flight).landmarks
+    evaluation = evaluate(estimate, flight)
+    assert evaluation.nees is not None
+    rows = evaluation.landmarks
     return Run(
         _error(estimate.w_T_b[bound.keyframes], bound),
         _error(refine(bound.measured, bound.w_T_b, 0.0, there).w_T_b, bound),
@@ -95,10 +105,9 @@ def run(seed: int) -> Run:
         bound.position_rmse_m,
         bound.effective_freedom,
         float(np.sqrt(own.mean())),
-        np.array(
-            [(row.error_m.loops, bound.distance_std_m(flight, *row.name.split("-"))) for row in landmarks]
-        ),
+        np.array([(row.error_m.loops, bound.distance_std_m(flight, *row.name.split("-"))) for row in rows]),
         bound.w_T_b[:, :3, 3] - bound.w_T_b[0, :3, 3],
+        evaluation.nees.pose,
     )
 
 
