@@ -91,7 +91,7 @@ class NoiseLevels:
     marks: float = 1.0
     """Factor on the deviation of their marks in the pictures."""
     slope_rad: float = BundleConfig.slope_std_rad
-    """Standard deviation of the slope of the ground along either axis: not a noise, but estimated like one."""
+    """Standard deviation of the slope of the ground along either axis: no noise, but estimated like one."""
     inertial: InertialNoiseFactors = NOMINAL_INERTIAL_NOISE
     reported: ReportedNoise = NO_REPORTED_NOISE
 
