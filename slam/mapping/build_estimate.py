@@ -78,7 +78,8 @@ def build_estimate(
     velocity = velocity_errors(map_.bundle)
     kept = _kept_edges(map_)
     by_instruments = [velocity_warning(velocity), barometer_warning(map_.bundle)]
-    said = messages(context, map_, not_placed, shared, mount, [*untested, *by_instruments])
+    shares = _information_shares(flight, map_)
+    said = messages(context, map_, not_placed, shared, mount, shares, [*untested, *by_instruments])
     return Estimate(
         name=flight.name,
         status=said.status,
@@ -117,8 +118,8 @@ def build_estimate(
         ),
         antenna_m=antenna_m(map_.bundle),
         antenna_covariances=_antenna_covariances(map_),
-        accuracy_basis=accuracy_basis(flight, map_),
-        information_shares=_information_shares(flight, map_),
+        accuracy_basis=accuracy_basis(flight, map_, shares),
+        information_shares=shares,
         ground_covariances=_ground_covariances(map_),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
         length_stds=_length_stds(map_),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from backend.bundle.lens import FOCAL
 from slam.core.flight import Flight
 from slam.core.messages import CHECKED_BY_ONE_DISTANCE
@@ -9,8 +11,24 @@ from slam.core.names import enumerated
 from slam.core.units import percent
 from slam.mapping.map import Map
 
+LEAST_SHARE = 0.01
+"""Share of the scale, among instruments that measure lengths, below which one of them checks no other: by
+itself it would tell lengths ten times less exactly than all together."""
+Shares = Mapping[str, Mapping[str, float]]
+"""As `backend.bundle.accuracy.information_shares` returns them; empty where they are not known."""
 
-def accuracy_basis(flight: Flight, map_: Map) -> str:
+
+def telling_lengths(instruments: Mapping[str, tuple[str, bool]], shares: Shares) -> list[str]:
+    """Return the names of the instruments that are used and tell the scale notably.
+
+    ``instruments`` maps a name to the instrument's name in ``shares`` and to whether it is used.
+    """
+    scale = shares.get("scale", {})
+    share = {name: scale.get(key, 0.0) for name, (key, used) in instruments.items() if used}
+    return [name for name, each in share.items() if each >= LEAST_SHARE * sum(share.values())]
+
+
+def accuracy_basis(flight: Flight, map_: Map, shares: Shares) -> str:
     """Return a sentence that names the only instrument or assumption behind scale and place.
 
     It is empty where two instruments check each other, or where lengths are not metres.
@@ -22,18 +40,18 @@ def accuracy_basis(flight: Flight, map_: Map) -> str:
     inertial = map_.inertial is not None and map_.inertial.helps
     by_barometer = bundle is not None and bundle.uses_barometer and not (map_.georeferenced or inertial)
     by_velocity = bundle is not None and bundle.uses_reported_motion and not ranged
-    sources = [
-        name
-        for name, used in (
-            ("one height sensor", ranged),
-            ("one GPS receiver", by_gps),
-            ("control points", measured is not None and bool(measured.control)),
-            ("one accelerometer", inertial),
-            ("one barometer", by_barometer),
-            ("the vehicle's own velocity", by_velocity),
-        )
-        if used
-    ]
+    used = {
+        "one height sensor": ("range", ranged),
+        "one GPS receiver": ("position", by_gps),
+        "control points": ("control", measured is not None and bool(measured.control)),
+        "one accelerometer": ("imu", inertial),
+        "one barometer": ("barometer", by_barometer),
+        "the vehicle's own velocity": ("velocity", by_velocity),
+    }
+    telling = telling_lengths(used, shares)
+    # Positions place the map, whatever they weigh in its lengths.
+    placing = [name for name, (key, is_used) in used.items() if is_used and key in ("position", "control")]
+    sources = [name for name in used if name in (*telling, *placing)]
     if len(sources) != 1:
         return ""
     (source,) = sources

@@ -34,6 +34,7 @@ from slam.mapping.context import Context
 from slam.mapping.front_end import Observations
 from slam.mapping.map import Map
 from slam.mapping.obstacles import echoes_in_map, range_contradiction
+from slam.mapping.warnings.accuracy_basis import Shares, telling_lengths
 from slam.mapping.warnings.contradictions import contradictions
 from slam.mapping.warnings.gravity_reading import GravityLine, gravity_line
 from slam.mapping.warnings.lines_alone import lines_alone_warning
@@ -76,17 +77,18 @@ def messages(
     not_placed: dict[str, str],
     shared: SystematicErrors | None,
     mount: MountTilt | None,
+    shares: Shares,
     untested: Sequence[str],
 ) -> Messages:
     """Return the status and the warnings of a map.
 
-    Takes the pictures ``not_placed`` with their reasons, the errors that all pictures share, the tilt of the
-    camera's mount, and lines about tests that were not possible and about the velocity.
+    Takes the pictures ``not_placed`` with their reasons, the errors that all pictures share, the camera's
+    tilt, the shares of the instruments, and lines about tests that were not possible and on the velocity.
     """
     flight, observations = context.flight, map_.observations
     tilt, systematic = _tilt(context, map_), _systematic_warning(context, map_, shared)
     gravity = gravity_line(context, map_)
-    reasons = _reasons(context, map_, not_placed, shared, systematic, tilt)
+    reasons = _reasons(context, map_, not_placed, shared, systematic, tilt, shares)
     reasons += [gravity.judged] if gravity.is_in_status else []
     lines = (
         *reasons,
@@ -148,6 +150,7 @@ def _reasons(
     shared: SystematicErrors | None,
     systematic: _SystematicWarning,
     tilt: AttitudeFloorTilt | None,
+    shares: Shares,
 ) -> list[str]:
     """Return the reasons why a map may be wrong beyond its covariances."""
     flight = context.flight
@@ -180,7 +183,7 @@ def _reasons(
         one_place_warning(flight, map_, context.setup.config.keyframes.min_overlap, by_metres),
         *single_join_warnings(flight, map_, context.bridges.join(map_.odometry or map_).component),
         *_placement_warnings(map_, not_placed),
-        "" if by_metres else _scale_warning(flight, map_),
+        "" if by_metres else _scale_warning(flight, map_, shares),
     ]
     return [line for line in lines if line]
 
@@ -222,7 +225,7 @@ def _placement_warnings(map_: Map, not_placed: dict[str, str]) -> list[str]:
     return lines
 
 
-def _scale_warning(flight: Flight, map_: Map) -> str:
+def _scale_warning(flight: Flight, map_: Map, shares: Shares) -> str:
     measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
     if map_.bundle is None or map_.bundle.scale_std is None:
@@ -231,12 +234,12 @@ def _scale_warning(flight: Flight, map_: Map) -> str:
             "measure one distance on the ground and scale the map by it"
         )
     used = {
-        "the vehicle's own velocity": map_.bundle.uses_reported_motion,
-        "the accelerometer": map_.inertial is not None and map_.inertial.helps,
-        "the barometer's changes of height": map_.bundle.uses_barometer,
+        "the vehicle's own velocity": ("velocity", map_.bundle.uses_reported_motion),
+        "the accelerometer": ("imu", map_.inertial is not None and map_.inertial.helps),
+        "the barometer's changes of height": ("barometer", map_.bundle.uses_barometer),
     }
     # Parts that the readings of an IMU join have their lengths from these.
-    sources = [name for name, is_used in used.items() if is_used] or ["the accelerometer"]
+    sources = telling_lengths(used, shares) or ["the accelerometer"]
     if len(sources) > 1 or "the accelerometer" in sources:
         source = f"lengths come from {enumerated(sources)} and are"
     else:

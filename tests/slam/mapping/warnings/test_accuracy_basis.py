@@ -23,6 +23,7 @@ def basis(
     focal_std_ratio=0.01,
     assumed=SHARED,
     lens=None,
+    shares=None,
 ):
     errors = RangeErrors(1.0, gain_std, 0.0, zero_std_m) if sonar else None
     measured = SimpleNamespace(positions=("fix",) if gps else (), control=())
@@ -39,7 +40,7 @@ def basis(
         inertial=SimpleNamespace(helps=True) if accelerometer else None,
     )
     readings = SimpleNamespace(scale_std=0.05, datum_std_m=0.02, assumed=assumed)
-    return accuracy_basis(SimpleNamespace(sonar=readings if sonar else None), map_)
+    return accuracy_basis(SimpleNamespace(sonar=readings if sonar else None), map_, {"scale": shares or {}})
 
 
 def test_the_only_instrument_is_named():
@@ -50,6 +51,13 @@ def test_the_only_instrument_is_named():
     )
     assert basis(barometer=True).startswith("Lengths and their accuracy rest on one barometer alone")
     assert "one height sensor alone" in basis(sonar=True, velocity=True)
+
+
+def test_an_instrument_of_little_weight_checks_none() -> None:
+    light = {"velocity": 0.4, "barometer": 0.002, "pictures": 0.598}
+    assert "the vehicle's own velocity alone" in basis(velocity=True, barometer=True, shares=light)
+    assert basis(velocity=True, barometer=True, shares={"velocity": 0.4, "barometer": 0.1}) == ""
+    assert basis(gps=True, accelerometer=True, shares={"imu": 0.9, "position": 0.001}) == ""
 
 
 @pytest.mark.parametrize("used", [(), ("sonar", "gps"), ("gps", "accelerometer")])

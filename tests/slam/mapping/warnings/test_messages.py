@@ -72,7 +72,7 @@ def test_a_suspect_fix_that_the_map_leaves_out_needs_no_action() -> None:
 def test_all_instruments_that_tell_lengths_are_named(velocity, accelerometer, barometer, told) -> None:
     bundle = SimpleNamespace(scale_std=0.03, uses_reported_motion=velocity, uses_barometer=barometer)
     map_ = SimpleNamespace(bundle=bundle, inertial=SimpleNamespace(helps=accelerometer))
-    assert told in _scale_warning(SimpleNamespace(sonar=None), map_)
+    assert told in _scale_warning(SimpleNamespace(sonar=None), map_, {})
 
 
 @pytest.mark.slow
