@@ -61,8 +61,10 @@ class Gain:
 
     @staticmethod
     def of(parts: Array, by: str | None, channels: tuple[ChannelError, ...] = ()) -> Gain:
-        """Return the gain with these nats (n,) of each part."""
-        return Gain(float(parts.sum()), bootstrap_interval(parts), by, tuple(parts.tolist()), channels)
+        """Return the gain with these nats (n,) of each part, and the bootstrap interval of their sum."""
+        drawn = np.random.default_rng(0).choice(parts, size=(DRAWS, len(parts))).sum(axis=1)
+        low, high = np.quantile(drawn, [0.025, 0.975]).tolist()
+        return Gain(float(parts.sum()), (low, high), by, tuple(parts.tolist()), channels)
 
     @property
     def foremost(self) -> ChannelError | None:
@@ -110,11 +112,3 @@ class Cause:
         """Return its probability and that of its alternatives together."""
         others = sum(probability.get(n, 0.0) for n in self.alternatives[1:])
         return min(self.probability + others, 1.0)
-
-
-def bootstrap_interval(nats: Array) -> tuple[float, float]:
-    """Return the bootstrap 95 % interval of a sum over parts (n,)."""
-    rng = np.random.default_rng(0)
-    drawn = rng.choice(nats, size=(DRAWS, len(nats))).sum(axis=1)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return float(low), float(high)

@@ -32,22 +32,6 @@ _EXTENDED = " extended"
 """Suffix of the extended model's name. A name has at most 80 letters."""
 
 
-def extended_with_causes(
-    causes: Sequence[Cause],
-    anomalies: Sequence[Cause],
-    model: Model,
-    parameters: FilterParameters,
-    records: Sequence[Record],
-) -> Model:
-    """Return the model with the reported causes, those of single readings (``anomalies``) among them.
-
-    What may as well be something else does not enter the model.
-    """
-    seen = {anomaly.name for anomaly in anomalies}
-    extended = extended_model(model, parameters, [c.name for c in causes if c.name not in seen], records)
-    return with_terms(extended, anomalies)
-
-
 def with_terms(model: Model, found: Iterable[Cause]) -> Model:
     """Return the model with the terms that were found, at their sizes."""
     for one in found:

@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.cores import in_threads
-from slam.core.flight import Flight
+from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.planned_matches import planned_matches
-from slam.criticism.kalman.filter_parameters import CAMERA, filter_parameters_of
+from slam.criticism.camera.camera_path import MARGIN_S, camera_path
+from slam.criticism.camera.lens import floor_of, pixels_of
+from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import referred
-from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
+from slam.criticism.kalman.readings import ATTITUDE, IMU, SLOPE_X, SLOPE_Y, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
@@ -28,12 +29,12 @@ from slam.criticism.search.information import fisher_information
 from slam.criticism.search.quadratic_likelihood import QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.posterior import Posterior
-from slam.criticism.without_commands.inertial_consistency import inertial_residuals
-from slam.criticism.without_commands.likelihood import likelihood_of
-from slam.criticism.without_commands.pictures import picture_rows
+from slam.criticism.without_commands.likelihood import likelihood_of, picture_rows
 from slam.criticism.without_commands.sensor_comparison import airborne_record, with_free_motion
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
-from slam.data_quality.pictures.feature_matches import FeatureMatches
+from slam.criticism.without_commands.whitened_rows import WhitenedRows, inertial_residuals
+from slam.data_quality.pictures.cells import CELL_STEPS, Cells
+from slam.data_quality.pictures.feature_matches import MATCHES, STEPS, FeatureMatches
+from slam.data_quality.pictures.tones import FEWEST
 from slam.simulation.healthy.flights import at_lower_rates, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion
 from slam.simulation.healthy.manoeuvres import MANOEUVRES, stick_for
@@ -153,7 +154,17 @@ def next_motion(
     noise, beside = _noise(rows), [*(e for e in found.chosen if not e.repeats(effect)), other]
 
     def sigma(name: str) -> float:
-        planned = [r for r in _rows(_flight(model, name), model, seen) if r.kind in noise]
+        times = int(np.ceil(SHORTEST_S / _took_s(name)))  # a short motion is repeated
+        if name in MANOEUVRES:
+            flight = simulate_flight(model, stick_for([name] * times), 1)
+        else:
+            moved = handheld_motion(name, times)
+            flight = simulate_readings(model, model, moved, False, 1, np.random.default_rng(1))
+        rows = inertial_residuals(flight)
+        if seen is not None and (record := airborne_record(flight)) is not None:
+            planned_record = replace(record, matches=planned_matches(record, parameters, seen))
+            rows += picture_rows(planned_record, parameters, {})
+        planned = [r for r in rows if r.kind in noise]
         if not planned:
             return 0.0
         finer = _noise([planned])
@@ -165,21 +176,9 @@ def next_motion(
         if effect.name not in known or known[effect.name].columns != effect.columns:
             return 0.0
         others = [known[e.name] for e in beside if e.name in known]
-        return separation(expansion.quadratic, effect, others, size) / wider / float(np.sqrt(_times(name)))
+        return separation(expansion.quadratic, effect, others, size) / wider / float(np.sqrt(times))
 
     return _best_motion(rivals[0], rivals[1], [*MANOEUVRES, *HANDHELD_MOTIONS], sigma, progress)
-
-
-def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[WhitenedRows]:
-    """Return the rows of a planned motion, and of its pictures, as predicted."""
-    rows, record = inertial_residuals(flight), airborne_record(flight)
-    if seen is None or record is None:
-        return rows
-    parameters = with_free_motion(filter_parameters_of(model))
-    return [
-        *rows,
-        *picture_rows(replace(record, matches=planned_matches(record, parameters, seen)), parameters, {}),
-    ]
 
 
 def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
@@ -190,21 +189,9 @@ def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
     return {kind: float(np.sqrt(np.mean(of))) for kind, of in squares.items()}
 
 
-def _flight(model: Model, name: str) -> Flight:
-    """Simulate a healthy vehicle's readings of a motion, repeated where it is short."""
-    if name in MANOEUVRES:
-        return simulate_flight(model, stick_for([name] * _times(name)), 1)
-    moved = handheld_motion(name, _times(name))
-    return simulate_readings(model, model, moved, False, 1, np.random.default_rng(1))
-
-
 def _took_s(name: str) -> float:
     """Return the duration of a motion, done once."""
     return stick_for([name]).duration_s if name in MANOEUVRES else handheld_motion(name).duration_s
-
-
-def _times(name: str) -> int:
-    return int(np.ceil(SHORTEST_S / _took_s(name)))
 
 
 def _best_motion(
@@ -256,3 +243,60 @@ def _current_value(expansion: LikelihoodExpansion, found: SearchResult, column: 
     if nuisance is None:
         return expansion.quadratic.current.get(column, 0.0)
     return nuisance.value_in(expansion.parameters) - nuisance.value_in(found.model)
+
+
+GRID = round(np.sqrt(MATCHES))
+BORDER_SHARE = 0.05
+"""Smallest distance of a feature to the edge, as a share of the picture's width."""
+LEVELS, DETAIL = (60.0, 180.0), (5.0, 20.0)
+"""Ranges of a floor's grey levels, and of their standard deviation around a point."""
+TONE_NOISE, CELL_NOISE = 0.02, 0.02
+"""Relative noise of the tones of a point, and of a cell, from picture to picture."""
+
+
+def planned_matches(record: Record, parameters: FilterParameters, like: FeatureMatches) -> FeatureMatches:
+    """Return matches of the flight of ``record``, with the rate and pixel noise of the matches ``like``.
+
+    No picture is rendered. Points lie on a grid of the later picture and are transferred into the earlier one
+    by the predicted path; their tones are random. The information on an error depends on the positions of the
+    points and on their noise, not on the texture of the floor.
+    """
+    every_s = float(np.median(np.diff(like.stamps_s)))
+    stamps_s = np.arange(record.times_s[0] + MARGIN_S, record.times_s[-1] - MARGIN_S, every_s)
+    along = camera_path(record, replace(like, stamps_s=stamps_s), parameters)
+    shown = np.flatnonzero(along.inside)
+    pairs = [(j - step, j) for j in range(len(shown)) for step in STEPS if j >= step]
+    i, j = np.repeat(np.array(pairs, dtype=np.int64).reshape(-1, 2), GRID**2, axis=0).T
+    grid = _grid(like)
+    pixel_j = np.tile(grid, (len(pairs), 1))
+    camera, slope = parameters.camera, parameters.sensor[[SLOPE_X, SLOPE_Y]]
+    floor = floor_of(like.camera, camera, along.poses[j], pixel_j, slope)
+    pixel_i = pixels_of(like.camera, camera, along.poses[i], floor)
+    edge = 0.5 * grid.min(axis=0)
+    kept = ((pixel_i > edge) & (pixel_i < like.camera.size_px - edge)).all(axis=1)
+    # Pictures with too little overlap cannot be registered.
+    kept &= np.repeat(kept.reshape(-1, GRID**2).sum(axis=1) >= FEWEST, GRID**2)
+    i, j, pixel_i, pixel_j = i[kept], j[kept], pixel_i[kept], pixel_j[kept]
+    rng = np.random.default_rng(0)
+    near = np.isin(j - i, CELL_STEPS)
+    cells = Cells(
+        shown[i[near]], shown[j[near]], pixel_i[near], pixel_j[near],
+        rng.normal(0.0, CELL_NOISE, int(near.sum())),
+    )  # fmt: skip
+    tone = np.column_stack([rng.uniform(*LEVELS, (len(i), 3)), rng.uniform(*DETAIL, len(i))])
+    tone_i, tone_j = (tone * (1.0 + TONE_NOISE * rng.standard_normal(tone.shape)) for _ in range(2))
+    std_px = np.full(len(i), float(np.median(like.std_px)))
+    return replace(
+        like, stamps_s=stamps_s, earlier=shown[i], later=shown[j], pixel_i=pixel_i, pixel_j=pixel_j,
+        std_px=std_px, tone_i=tone_i, tone_j=tone_j, cells=cells, taken=len(stamps_s), missing=0,
+        lens_distortion=replace(like.lens_distortion, pictures=len(stamps_s)), flicker=0.0,
+        moving_s=np.zeros(0), spots=np.zeros((0, 3)),
+    )  # fmt: skip
+
+
+def _grid(like: FeatureMatches) -> Array:
+    """Return (GRID^2, 2) pixels of a grid over the picture."""
+    width, height = like.camera.size_px
+    edge = BORDER_SHARE * width
+    x, y = np.linspace(edge, width - edge, GRID), np.linspace(edge, height - edge, GRID)
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

@@ -30,9 +30,8 @@ from slam.criticism.kalman.readings import (
     channels_of,
 )
 from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, record_of
-from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.reading_anomalies import are_quantised, without_dead_zone
-from slam.criticism.residuals.stamps import without_jitter
+from slam.criticism.residuals.readings_taken_out import without_boxes, without_jitter
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
 from slam.data_quality.command_clock import clock_error
 from slam.data_quality.commands import (
@@ -212,7 +211,12 @@ def prepare(flights: Sequence[Flight], model: Model, progress: Progress) -> Prep
         limits = limits.times(OUT_OF_MODEL, "the vehicle is not of the model's kind")
     elif any_holds_heading(records):
         limits = limits.times(CLOSED_LOOP, "a controller's sticks contain more than its instruments measure")
-    records, mismatched = _filtered(records, nominal, progress)
+
+    def filtered(record: Record) -> tuple[Record, str]:
+        return without_mismatched_pairs(referred(record, nominal), nominal)
+
+    clean = in_threads(Tally(progress, "filter", len(records)).counting(filtered), records)
+    records, mismatched = [record for record, _ in clean], [words for _, words in clean if words]
     records, late = without_jitter(records, nominal) if not nominal.out_of_model else (records, [])
     records, anomalies = without_dead_zone(records)
     anomalies = [*late, *anomalies]
@@ -220,16 +224,3 @@ def prepare(flights: Sequence[Flight], model: Model, progress: Progress) -> Prep
         records, steps = without_boxes(records, nominal)
         anomalies = [*anomalies, *steps]
     return PreparedFlights(list(records), nominal, limits, (*dropped, *mismatched), anomalies)
-
-
-def _filtered(
-    records: Sequence[Record], parameters: FilterParameters, progress: Progress
-) -> tuple[list[Record], list[str]]:
-    """Return the records with their runs under the healthy model, and words on pictures against these."""
-    flights = Tally(progress, "filter", len(records))
-
-    def prepared(record: Record) -> tuple[Record, str]:
-        return without_mismatched_pairs(referred(record, parameters), parameters)
-
-    found = in_threads(flights.counting(prepared), records)
-    return [record for record, _ in found], [reported for _, reported in found if reported]

@@ -11,8 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from slam.core.arrays import Array
 from slam.criticism.camera.camera_path import CameraPath
 from slam.criticism.kalman.filter_parameters import BLUR, GAIN, GAMMA, VIGNETTING
-from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
-from slam.criticism.kalman.smoothing import SmoothedPath
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
 from slam.data_quality.pictures.feature_matches import FeatureMatches
 from slam.data_quality.pictures.tones import (
     CONTRAST,
@@ -61,8 +60,10 @@ def photometric_score(
     matches: FeatureMatches, camera: Array, along: CameraPath, directions: Sequence[Perturbation]
 ) -> LikelihoodScore:
     """Return score and information of the perturbations, 0 for those that tones cannot show."""
-    total, path = LikelihoodScore.nothing(len(directions)), along.path
-    tones = _within(tones_of(matches), along)
+    total, path = LikelihoodScore.nothing(len(directions)), along
+    every = tones_of(matches)
+    tones = every.some(along.holds(every.i, every.j))
+    tones = replace(tones, i=along.index(tones.i), j=along.index(tones.j))
     if len(tones.i) < 2:
         return total
     times, height = path.times_s, np.log(np.maximum(path.poses[:, 2], 0.05))
@@ -143,12 +144,7 @@ def _blurred(
     return between(-loss * speed2 / (1.0 + smear)), between(own)
 
 
-def _within(tones: Tones, along: CameraPath) -> Tones:
-    kept = tones.some(along.holds(tones.i, tones.j))
-    return replace(kept, i=along.index(kept.i), j=along.index(kept.j))
-
-
-def _speed2(matches: FeatureMatches, path: SmoothedPath) -> Array:
+def _speed2(matches: FeatureMatches, path: CameraPath) -> Array:
     """Return (n,) the mean square speed of points over the picture in (px/s)^2."""
     focal = float(np.mean(matches.camera.focal_px))
     height, yaw = np.maximum(path.poses[:, 2], 0.05), path.poses[:, 5]

@@ -21,10 +21,9 @@ from slam.criticism.camera.lens import NUDGE, WARP_TOLERANCE, floor_of, pixels_o
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, photometric_score
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.filter_parameters import CAMERA, OFFSET, POINTS, READOUT, FilterParameters
-from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.smoothing import SmoothedPath
 from slam.data_quality.pictures.feature_matches import FeatureMatches
 
 _POSE_NUDGE = 1e-5
@@ -144,8 +143,8 @@ def residuals(
     """Return (m,) px the lengths of the residuals, and their standard deviations from the path alone."""
     scene = _Scene.of(matches, parameters, along)
     B = scene.by_pose()
-    n = len(along.path.times_s)
-    S = along.path.covariance.reshape(n, 6, n, 6)
+    n = len(along.times_s)
+    S = along.covariance.reshape(n, 6, n, 6)
     i, j = scene.i, scene.j
     of_pose = [B[:, :, :6], B[:, :, 6:]]
     variance = sum(
@@ -163,7 +162,7 @@ class _Scene:
 
     matches: FeatureMatches
     parameters: FilterParameters
-    path: SmoothedPath
+    path: CameraPath
     i: Ints
     """(m,) index into the path."""
     j: Ints
@@ -190,17 +189,8 @@ class _Scene:
         for both in (picture, pixel):
             both[:, 1::2] = both[::-1, 1::2].copy()
         (i, j), (seen, other) = picture, pixel
-        return _Scene(
-            matches=matches,
-            parameters=parameters,
-            path=along.path,
-            i=i,
-            j=j,
-            seen=seen,
-            other=other,
-            std=matches.std_px[kept],
-            earlier=matches.earlier[kept],
-        )
+        own = matches.std_px[kept], matches.earlier[kept]
+        return _Scene(matches, parameters, along, i, j, seen, other, *own)
 
     @property
     def camera(self) -> Array:

@@ -42,7 +42,7 @@ class CommandArrays(NamedTuple):
 
 
 class ModelArrays(NamedTuple):
-    """The parameters of the vehicle and its instruments."""
+    """The parameters of the vehicle and its instruments, and the noise of the readings."""
 
     parameters: Array
     """(``dynamics.PARAMETERS``,)."""
@@ -50,11 +50,6 @@ class ModelArrays(NamedTuple):
     """(``readings.SENSOR``,)."""
     hold: Array
     """(``transition.HOLD``,)."""
-
-
-class NoiseArrays(NamedTuple):
-    """The noise of the readings."""
-
     variance: Array
     """(channels,) variance of one reading."""
     range_limits_m: Array
@@ -96,7 +91,6 @@ class KalmanInputs(NamedTuple):
     events: EventArrays
     command: CommandArrays
     model: ModelArrays
-    noise: NoiseArrays
     perturbations: PerturbationArrays
 
 
@@ -296,4 +290,4 @@ class PathHistory(NamedTuple):
     """(events, n, m) sensitivities."""
     t_after: Array
     moves: Array
-    """(events, n, n) transition to each event from the one before."""
+    """(events, n, n) transition to each event from the one before; identities before the run."""

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 from backend.compilation import inner_kernel, kernel
 from slam.core.arrays import Array
-from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, correct_noise, covariance_with_reading, sample
 from slam.criticism.kalman.arrays import (
     KalmanInputs,
     KalmanOutputs,
@@ -23,9 +22,14 @@ from slam.criticism.kalman.arrays import (
     PathHistory,
     Workspace,
 )
-from slam.criticism.kalman.noise_changes import (
+from slam.criticism.kalman.noise import (
+    WHITE,
+    Ar1Noise,
     correct_changes,
+    correct_noise,
+    covariance_with_reading,
     predict_changes,
+    sample,
     sample_changes,
     spread_by_stamp,
 )
@@ -84,7 +88,7 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 def update(event: int, filtered: FilterRun) -> None:
     """Update the estimate with the channels of one event, one after the other."""
     given, estimate, room, written, coloured, others, _ = filtered
-    events, noise, expected, changes = given.events, given.noise, room.expected, room.changes
+    events, model, expected, changes = given.events, given.model, room.expected, room.changes
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     expected.correction[:] = 0.0
     changed = others.p.shape[0] > 0
@@ -96,11 +100,11 @@ def update(event: int, filtered: FilterRun) -> None:
         if not judged(event, c, given, expected):
             continue
         channel, value, row = FIRST_CHANNEL[kind] + c, events.values[event, c], expected.rows[c]
-        own_var, slot = noise.variance[channel], coloured.slot[channel]
+        own_var, slot = model.variance[channel], coloured.slot[channel]
         if slot != WHITE:
             own_var = 0.0
             value -= coloured.mean[slot]
-        own_var += spread_by_stamp(row, expected.rate, noise.jitter_s, noise.diffusion)
+        own_var += spread_by_stamp(row, expected.rate, model.jitter_s, model.diffusion)
         s_var = own_var + innovation_variance(estimate.p, row, ph)
         s_var += covariance_with_reading(coloured, slot, row, ph)
         miss, std = innovation_of(kind, c, value, expected), math.sqrt(s_var)
@@ -122,13 +126,6 @@ def update(event: int, filtered: FilterRun) -> None:
         written.rows[0] += 1
         correct_noise(coloured, ph, s_var, miss, change)
         correct(miss, s_var, estimate, expected)
-
-
-@inner_kernel
-def _identity(matrix: Array) -> None:
-    for i in range(len(matrix)):
-        for j in range(len(matrix)):
-            matrix[i, j] = 1.0 if i == j else 0.0
 
 
 @inner_kernel
@@ -173,8 +170,6 @@ def run(begin: int, end: int, filtered: FilterRun) -> None:
     kept = history.x_before.shape[0] > 0
     written.rows[0] = 0
     for e in range(begin, end):
-        if kept:
-            _identity(history.moves[e])
         for s in range(events.first_step[e], events.first_step[e + 1]):
             if changed:
                 for i in range(len(state)):

@@ -54,11 +54,6 @@ class FilterParameters:
     camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
     """(``CAMERA``,)."""
 
-    @property
-    def late_std_s(self) -> float:
-        """Standard deviation of the latency of single commands, in seconds."""
-        return LATE_SPREAD * self.latency_s
-
 
 NOISE_FIGURES = (
     "imu.gyro_noise_density", "imu.accel_noise_density", "attitude.noise_std_deg", "velocity.noise_std_m_s",

@@ -14,11 +14,11 @@ from itertools import pairwise
 import numpy as np
 
 from slam.core.arrays import Array, Ints, Mask
-from slam.criticism.kalman.ar1_noise import ar1_noise_for
 from slam.criticism.kalman.filter import IGNORED, USED, Z_STD, FilterRun, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
-from slam.criticism.kalman.perturbations import Perturbation, Signal
-from slam.criticism.kalman.prepare import (
+from slam.criticism.kalman.kernel_inputs import (
+    Perturbation,
+    Signal,
     filter_inputs,
     history_for,
     initial_state,
@@ -27,6 +27,7 @@ from slam.criticism.kalman.prepare import (
     outputs_for,
     workspace_for,
 )
+from slam.criticism.kalman.noise import ar1_noise_for
 from slam.criticism.kalman.readings import (
     CHANNEL_AT,
     CHANNELS,
@@ -132,7 +133,7 @@ class Run:
         changed: Sequence[FilterParameters] = (),
         keeps_history: bool = False,
     ) -> None:
-        """``changed`` are parameters with slightly different noise; see ``noise_changes``."""
+        """``changed`` are parameters with slightly different noise; see ``noise``."""
         parameters, *changed = (observable_noise(record, p) for p in (parameters, *changed))
         gusty = any(p.hold[GUST_STD] > 0 for p in (parameters, *changed))
         n = STATES_WITH_GUSTS if gusty else STATES
@@ -144,7 +145,7 @@ class Run:
             given=filter_inputs(record, parameters, perturbations, signals or {}, variance, n),
             estimate=initial_state(record, parameters, n, m),
             room=workspace_for(n, m),
-            written=outputs_for(events, 0, m, len(changed)),
+            written=outputs_for(events),
             coloured=coloured,
             others=noise_changes_for(record, parameters, changed, coloured),
             history=history_for(events * keeps_history, n, m),

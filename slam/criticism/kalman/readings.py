@@ -122,12 +122,8 @@ _imu_terms, _velocity_terms, _sonar_terms = (reading_terms(s) for s in ("imu", "
 
 @inner_kernel
 def _imu(state: Array, rate: Array, pole_s: float, share: float, out: Array) -> None:
-    sr, cr, sp, cp = (
-        math.sin(state[ROLL]),
-        math.cos(state[ROLL]),
-        math.sin(state[PITCH]),
-        math.cos(state[PITCH]),
-    )
+    sr, cr = math.sin(state[ROLL]), math.cos(state[ROLL])
+    sp, cp = math.sin(state[PITCH]), math.cos(state[PITCH])
     sy, cy = math.sin(state[YAW]), math.cos(state[YAW])
     p = rate[ROLL] - sp * rate[YAW]
     q = cr * rate[PITCH] + sr * cp * rate[YAW]

@@ -121,11 +121,9 @@ def record_of(flight: Flight) -> Record:
         raise ValueError("no imu, attitude, velocity or sonar readings")
     times = np.concatenate([t for _, t, _ in streams])
     kinds = np.concatenate([np.full(len(t), kind, dtype=np.int64) for kind, t, _ in streams])
-    values = np.full((len(times), 6), np.nan)
-    row = 0
-    for kind, t, v in streams:
-        values[row : row + len(t), : WIDTH[kind]] = v
-        row += len(t)
+    empty = [((0, 0), (0, max(WIDTH) - WIDTH[kind])) for kind, _, _ in streams]
+    padded = [np.pad(v, e, constant_values=np.nan) for (_, _, v), e in zip(streams, empty, strict=True)]
+    values = np.concatenate(padded)
     order = np.argsort(times, kind="stable")
     times, kinds, values = times[order], kinds[order], values[order]
     gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP_S)

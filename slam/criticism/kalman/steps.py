@@ -93,51 +93,33 @@ def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
 def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffers, scratch: Scratch) -> None:
     """Predict state and covariance over step ``s``, in place, and keep the step's matrices in ``step``."""
     state, p, model = estimate.state, estimate.p, given.model
-    h, stick, late_var_s2 = given.events.step_s[s], given.command.over_steps[0, s], given.command.late_var_s2
+    h, stick, jump = given.events.step_s[s], given.command.over_steps[0, s], given.command.stick_jumps[s]
+    late_s = math.sqrt(given.command.late_var_s2)
     jacobian(state, stick, model.parameters, step.rate, step.slopes, scratch)
     transition(step.slopes, model.hold, h, step.matrix)
     process_noise(model.hold, step.matrix, step.q)
     mean_step(h, state, stick, model, step, scratch)
     covariance_step(h, p, step)
     step.late_stick_noise[:], step.contact_variance[:] = 0.0, 0.0
-    if late_var_s2 > 0.0:
-        _add_latency_noise(
-            state, p, stick, given.command.stick_jumps[s], late_var_s2, model.parameters, step, scratch
-        )
+    if late_s > 0.0 and jump[:5].any():
+        # A jump of the stick that is t late shifts the state by t times the jump of its rate.
+        full, other, moved, late = scratch.full, scratch.nudged_rate, scratch.stick, step.late_stick_noise
+        for i in range(len(stick)):
+            moved[i] = stick[i] + jump[i]
+        for i in range(MOVING):
+            full[i] = state[i]
+        full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
+        derivative(full, stick, step.middle_noise, model.parameters, step.rate)
+        derivative(full, moved, step.middle_noise, model.parameters, other)
+        for i in range(MOVING):
+            late[i] = late_s * (other[i] - step.rate[i])
+        for i in range(MOVING):
+            for j in range(MOVING):
+                p[i, j] += late[i] * late[j]
     if settling(state, p, stick, model.parameters):
         for i in range(VX, VZ + 1):
             step.contact_variance[i] = CONTACT_NOISE**2 * h
             p[i, i] += step.contact_variance[i]
-
-
-@inner_kernel
-def _add_latency_noise(
-    state: Array,
-    p: Array,
-    stick: Array,
-    stick_jump: Array,
-    late_var_s2: float,
-    parameters: Array,
-    step: StepBuffers,
-    scratch: Scratch,
-) -> None:
-    """Add the variance of a ``stick_jump`` that is t late: t times the jump of the state's rate."""
-    if not stick_jump[:5].any():
-        return
-    rate, noise = step.rate, step.middle_noise
-    full, other, moved = scratch.full, scratch.nudged_rate, scratch.stick
-    for i in range(len(stick)):
-        moved[i] = stick[i] + stick_jump[i]
-    for i in range(MOVING):
-        full[i] = state[i]
-    full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
-    derivative(full, stick, noise, parameters, rate)
-    derivative(full, moved, noise, parameters, other)
-    for i in range(MOVING):
-        step.late_stick_noise[i] = math.sqrt(late_var_s2) * (other[i] - rate[i])
-    for i in range(MOVING):
-        for j in range(MOVING):
-            p[i, j] += step.late_stick_noise[i] * step.late_stick_noise[j]
 
 
 @inner_kernel
@@ -200,7 +182,7 @@ def judged(event: int, c: int, given: KalmanInputs, expected: PredictedReading) 
     During a landing only ranges are used: the floor levels and holds the vehicle. A small error of the
     contact time would otherwise outweigh the rest of the flight.
     """
-    events, noise = given.events, given.noise
+    events, model = given.events, given.model
     kind = events.kinds[event]
     channel = FIRST_CHANNEL[kind] + c
     if math.isnan(events.values[event, c]):
@@ -210,8 +192,8 @@ def judged(event: int, c: int, given: KalmanInputs, expected: PredictedReading) 
     if channel < given.command.spoilt_channels[event]:
         return False
     if kind == SONAR:
-        margin = SONAR_MARGIN * math.sqrt(noise.variance[channel])
-        least, greatest = noise.range_limits_m[0] + margin, noise.range_limits_m[1] - margin
+        margin = SONAR_MARGIN * math.sqrt(model.variance[channel])
+        least, greatest = model.range_limits_m[0] + margin, model.range_limits_m[1] - margin
         return bool(least <= expected.reading[c] <= greatest)
     return True
 

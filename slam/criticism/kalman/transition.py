@@ -159,13 +159,6 @@ def decay(hold: Array, h: float, matrix: Array) -> None:
         matrix[i, i] = math.exp(-h / hold[GUST_TIME])
 
 
-@inner_kernel
-def stationary(hold: Array, axis: int) -> tuple[float, float]:
-    """Return the variance of o, and that of w (also their covariance), on an axis."""
-    std = hold[W_UP_STD] if axis == 2 else hold[W_STD]
-    return std * std * (hold[W_TIME] + hold[POLE]) / hold[W_TIME], std * std
-
-
 @kernel
 def process_noise(hold: Array, matrix: Array, q: Array) -> None:
     """Write the process noise (n, n) that keeps the noises stationary under the transition ``matrix``."""
@@ -175,7 +168,9 @@ def process_noise(hold: Array, matrix: Array, q: Array) -> None:
         k = matrix[TARGET + i, TARGET + i]
         q[TARGET + i, TARGET + i] = std * std * (1.0 - k * k)
         o, w = BEFORE + i, BEHIND + i
-        v_o, v_w = stationary(hold, i)
+        # The stationary variances of o and of w; that of w is also their covariance.
+        v_w = (hold[W_UP_STD] if i == 2 else hold[W_STD]) ** 2
+        v_o = v_w * (hold[W_TIME] + hold[POLE]) / hold[W_TIME]
         a, b, c = matrix[o, o], matrix[w, w], matrix[w, o]
         q[o, o] = v_o * (1.0 - a * a)
         q[o, w] = q[w, o] = v_w - a * (c * v_o + b * v_w)

@@ -14,7 +14,7 @@ import numpy as np
 
 from slam.criticism.camera.photometric import VARIANCE_PATTERNS
 from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, slot
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
 from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
 from slam.criticism.search.fitted_parameters import (
@@ -79,10 +79,6 @@ class Effect:
     def in_catalogue_units(self, column: int, size: float, parameters: FilterParameters) -> float:
         """Return a column's size in the catalogue's units."""
         return fitted_parameter(self.columns[column]).in_catalogue_units(float(size), parameters)
-
-    def at_profiled_value(self, parameters: FilterParameters) -> FilterParameters:
-        """Return the parameters with a profiled effect at its value of the grid."""
-        return fitted_parameter(self.columns[0]).stepped(parameters, 1.0) if self.is_profiled else parameters
 
     def without(self, parameters: FilterParameters) -> FilterParameters:
         """Return the parameters without it; a nuisance beyond its range keeps its value."""

@@ -14,7 +14,7 @@ from math import exp, inf, log, sqrt
 from typing import Literal
 
 from slam.criticism.kalman.filter_parameters import FilterParameters, slot
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.kalman.readings import INSTRUMENT_CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME, HOLD
 from slam.simulation.terms import CATALOGUE, Parameter

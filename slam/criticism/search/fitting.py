@@ -107,8 +107,8 @@ def refit(
     effects: Sequence[Effect],
 ) -> tuple[float, FilterParameters]:
     """Fit terms and nuisances of the mean by Gauss-Newton; return log likelihood and parameters."""
-    for effect in effects:
-        parameters = effect.at_profiled_value(parameters)
+    for effect in (e for e in effects if e.is_profiled):
+        parameters = fitted_parameter(effect.columns[0]).stepped(parameters, 1.0)  # the value of its grid
     effects = [e.free for e in effects]
     best: tuple[float, FilterParameters] | None = None
     share, step, columns = 1.0, np.zeros(0), []

@@ -21,7 +21,7 @@ from slam.core.arrays import Array, Ints, Mask
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, Run, used_innovations, whole
-from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, Signal
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.fitted_parameters import NOISE_NUISANCES, FittedParameter, gain_column
@@ -124,6 +124,7 @@ def fisher_information(
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
     weight = _variance_weight(plain)
     apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
+    names = *(d.name for d in perturbations), *(c.name for c in changes), *map(gain_column, gain_corrected)
 
     def one(k: int) -> tuple[list[LikelihoodScore], FilterPass]:
         left_out = NOISE_NUISANCES if before_s[k] >= ENOUGH_S else ()
@@ -132,12 +133,15 @@ def fisher_information(
             c.stepped(parameters, step) for c, step in zip(changes, steps, strict=True) if step < np.inf
         ]
         run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
-        rows = list(_segment_terms(run, steps, apart, weight))
-        return rows + _sighted(records[k], parameters, perturbations, len(changes) + len(apart)), run.passed()
+        parts = list(_segment_terms(run, steps, apart, weight))
+        if (matches := records[k].matches) is not None:
+            # Given the readings, pictures are independent of all innovations: they are one more segment.
+            seen = reprojection_score(records[k], matches, parameters, perturbations)
+            parts.append(seen.by(np.eye(len(perturbations), len(names))))
+        return parts, run.passed()
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
-    names = *(d.name for d in perturbations), *(c.name for c in changes), *map(gain_column, gain_corrected)
     return FisherInformation(
         columns=names,
         flight=np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
@@ -149,16 +153,6 @@ def fisher_information(
             len(flight) - (r.matches is not None) for flight, r in zip(parts, records, strict=True)
         ),
     )
-
-
-def _sighted(
-    record: Record, parameters: FilterParameters, perturbations: Sequence[Perturbation], changes: int
-) -> list[LikelihoodScore]:
-    """Return the pictures as one more segment: given the readings they are independent of all innovations."""
-    if record.matches is None:
-        return []
-    seen = reprojection_score(record, record.matches, parameters, perturbations)
-    return [seen.by(np.eye(len(perturbations), len(perturbations) + changes))]
 
 
 def _segment_terms(run: Run, steps: Array, apart: Ints, weight: Array) -> Iterator[LikelihoodScore]:

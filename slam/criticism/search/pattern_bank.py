@@ -13,7 +13,7 @@ import numpy as np
 from slam.core.arrays import Array
 from slam.criticism.camera.lens import PAIRS, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS, VARIANCE_PATTERNS
-from slam.criticism.kalman.perturbations import FORCES, Perturbation, Signal
+from slam.criticism.kalman.kernel_inputs import FORCES, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.search.effects import Effect

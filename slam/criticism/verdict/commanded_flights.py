@@ -9,33 +9,34 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr
 
+from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally
 from slam.criticism.cause import Cause, Interval
-from slam.criticism.extended import extended_with_causes, with_certainty
+from slam.criticism.extended import extended_model, with_certainty, with_terms
 from slam.criticism.finding import NameInDoubt
+from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, used_innovations
-from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, RANGE
 from slam.criticism.kalman.record import Record
 from slam.criticism.next_flight import next_flight
 from slam.criticism.prepare import PreparedFlights, untested_reasons
 from slam.criticism.residuals.reading_anomalies import reading_anomalies, smallest_in_readings
-from slam.criticism.residuals.unmodelled import outliers_of, vibration_of
 from slam.criticism.search.fitted_parameters import NUISANCES
 from slam.criticism.search.fitting import lag_one_correlation
 from slam.criticism.search.search import SearchResult
-from slam.criticism.verdict.consistency import changing_sizes, contradictions
-from slam.criticism.verdict.covariate import covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed_terms, errors_of, rollout_probability
 from slam.criticism.verdict.held_out import HeldOut, fitted_parameters, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
-from slam.criticism.verdict.over_time import SizeOverTime
+from slam.criticism.verdict.over_time import SizeOverTime, changing_sizes, contradictions
 from slam.criticism.verdict.posterior import likeliest, posterior_of
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
+from slam.criticism.verdict.rollouts import covariate
 from slam.criticism.verdict.sentence import unusable
 from slam.data_quality.finding import Finding, Remark
+from slam.data_quality.oscillation import FEWEST, Vibration, common_line
 from slam.data_quality.pictures.flicker import flicker_among
 from slam.simulation.model import Model
 
@@ -140,9 +141,7 @@ class CommandedFlights(Evidence):
         is_nameless = found.verdict == "unknown" and not found.causes
         nearest = _nearest_term(searched, found.threshold) if is_nameless else []
         with self._rolled_out.part():
-            drawn = [
-                covariate(self.records, parameters, searched, c.name, c.rival, c.z) for c in found.causes[:1]
-            ]
+            drawn = covariate(self.records, parameters, searched, found.causes[0]) if found.causes else None
         return replace(
             found,
             findings=(*found.findings, *nearest),
@@ -151,7 +150,7 @@ class CommandedFlights(Evidence):
             nuisances=_fitted_nuisances(searched, self.best),
             noise_correlation={name: share for name, share in correlations if share > 0.0},
             checks=_checks(searched.last.fisher.passes),
-            covariate=next(iter(drawn), None),
+            covariate=drawn,
             changes=self._changes(),
             dropped=self.dropped,
             extended=with_certainty(self._extended(found.causes, parameters), found.causes),
@@ -159,7 +158,10 @@ class CommandedFlights(Evidence):
         )
 
     def _extended(self, causes: Sequence[Cause], parameters: FilterParameters) -> Model:
-        return extended_with_causes(causes, self.anomalies, self.model, parameters, self.records)
+        """Return the model with the reported causes: what may as well be something else is left out."""
+        seen = {anomaly.name for anomaly in self.anomalies}
+        of_streams = [cause.name for cause in causes if cause.name not in seen]
+        return with_terms(extended_model(self.model, parameters, of_streams, self.records), self.anomalies)
 
     def _changes(self) -> tuple[SizeOverTime, ...]:
         """Return the sizes over time of causes, and of what looks like one, that are not steady."""
@@ -219,3 +221,41 @@ def _checks(passes: Sequence[FilterPass]) -> tuple[ChannelCheck, ...]:
             tenths = np.histogram(ndtr(white), bins=TENTHS, range=(0.0, 1.0))[0] / len(white)
             found.append(ChannelCheck(name, len(white), square, next_one, tuple(tenths.tolist())))
     return tuple(found)
+
+
+LARGEST_SHARE, FEWEST_OUTLIERS = 0.05, 5
+"""Share and number of a channel's outliers above which they are reported. Noise with the tails of Student's t
+of four degrees of freedom has 0.4 %."""
+
+
+def vibration_of(passes: Sequence[FilterPass]) -> list[Vibration]:
+    """Return the least probable line of all channels; none where noise may make each."""
+    each = (common_line(name, [_white(c, run) for run in passes]) for c, name in enumerate(CHANNELS))
+    return sorted((line for line in each if line is not None), key=lambda line: line.log10_chance)[:1]
+
+
+def _white(channel: int, run: FilterPass) -> tuple[Array, float]:
+    """Return a channel's whitened innovations at even times (0 where unused), and the time step."""
+    rows, innovations, status = run.of_channel(channel)
+    used = status == USED
+    if used.sum() < FEWEST:
+        return np.zeros(0), 0.0
+    times_s, white = run.record.times_s[rows], np.where(used, innovations, 0.0)
+    step_s = float(np.median(np.diff(times_s)))
+    at = np.rint((times_s - times_s[0]) / step_s).astype(np.int64)
+    return np.asarray(np.bincount(at, weights=white - white.mean()), dtype=float), step_s
+
+
+def outliers_of(passes: Sequence[FilterPass]) -> list[Remark]:
+    """Return the channels with more rejected readings than noise explains, spikes aside."""
+    found = []
+    for channel, name in enumerate(CHANNELS):
+        if channel == RANGE:
+            continue
+        status = np.concatenate([run.of_channel(channel)[2] for run in passes])
+        out = int(np.count_nonzero(status == OUTLIER))
+        both = out + int(np.count_nonzero(status == USED))
+        if out >= FEWEST_OUTLIERS and out > LARGEST_SHARE * both:
+            far = f"{out} of {both} readings of {name} are far from anything that the model allows"
+            found.append(Remark(far, channel=name))
+    return found

@@ -10,8 +10,8 @@ import numpy as np
 
 from slam.criticism.cause import FAINT, LIKELY, Cause, ChannelError, Gain, Interval
 from slam.criticism.finding import ResidualPattern
-from slam.criticism.verdict.covariate import Covariate
 from slam.criticism.verdict.over_time import SizeOverTime
+from slam.criticism.verdict.rollouts import Covariate
 from slam.data_quality.finding import Finding
 from slam.simulation.model import Model
 

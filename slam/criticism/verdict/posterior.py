@@ -136,8 +136,12 @@ def _at_saturation(found: SearchResult, saturation: Effect) -> Place:
     """Return the alternatives to a saturation, which the search compared by running the filter anew."""
     chosen = {e.name for e in found.chosen}
     tied = tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
-    rival = tied[0] if tied else _second_to_saturation(found)
-    return Place((saturation.name, *tied), 0.0 if tied else np.inf, rival, tied=tied)
+    if tied:
+        return Place((saturation.name, *tied), 0.0, tied[0], tied=tied)
+    # The term that explains most in its place, by the expansion without it: the first.
+    others = [e for e in found.first.effects if e.is_term and e.name not in chosen]
+    best = found.first.score_tests([], others)[:1]
+    return Place((saturation.name,), np.inf, "".join(s.effect.name for s in best if s.nats > 0.0))
 
 
 def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Place:
@@ -146,9 +150,15 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
     rest = [e for e in chosen if e is not term]
     weights = [(_evidence(expansion, rest, chosen) + over, _names(rest))]
+
+    def repeats_term(e: Effect) -> bool:
+        """Whether it is a residual pattern that these flights cannot separate from the term."""
+        is_pattern = term.is_term and not (e.is_term or e.relaxes)
+        return is_pattern and expansion.quadratic.correlation(term, e, rest) > SAME_TRACE
+
     among = [
         e for e in (*expansion.effects, *expansion.patterns)
-        if not (e.name in refuted or any(map(e.repeats, chosen)) or _in_other_words(expansion, rest, term, e))
+        if not (e.name in refuted or any(map(e.repeats, chosen)) or repeats_term(e))
     ]  # fmt: skip
     tried = [
         (effect, found.leads.get((term.label, effect.label), own - evidence - over))
@@ -172,15 +182,6 @@ def _at_term(found: SearchResult, term: Effect, refuted: Container[str]) -> Plac
     lead_nats = 0.0 if tied else min((lead for lead, _ in best.values()), default=np.inf)
     rival = next(iter([*near, *tied, *best]), "")
     return Place((term.name, *near, *tied), lead_nats, rival, tuple(weights), tied, near)
-
-
-def _in_other_words(
-    expansion: LikelihoodExpansion, rest: Sequence[Effect], term: Effect, shape: Effect
-) -> bool:
-    """Whether these flights cannot separate a residual pattern from the term."""
-    if shape.is_term or shape.relaxes or not term.is_term:
-        return False
-    return expansion.quadratic.correlation(term, shape, rest) > SAME_TRACE
 
 
 def likeliest(found: SearchResult, posterior: Posterior) -> SearchResult:
@@ -230,14 +231,6 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...
         ):
             pairs.append(best.effects)
     return pairs
-
-
-def _second_to_saturation(found: SearchResult) -> str:
-    """Return the term that explains most in a saturation's place, by the expansion without it: the first."""
-    chosen_names = {e.name for e in found.chosen}
-    others = [e for e in found.first.effects if e.is_term and e.name not in chosen_names]
-    best = next(iter(found.first.score_tests([], others)), None)
-    return best.effect.name if best is not None and best.nats > 0.0 else ""
 
 
 def _evidence(expansion: LikelihoodExpansion, effects: Sequence[Effect], chosen: Sequence[Effect]) -> float:

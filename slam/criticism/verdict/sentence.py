@@ -81,11 +81,21 @@ def _flight_for(found: Criticism) -> str:
 
 def headline(found: Criticism) -> str:
     """Return at most three short sentences: the finding, then gain, what is unexplained and the limits."""
-    opening = {"unknown": _unknown, "ambiguous": _ambiguous}
-    sound = "The flights show no error of the model."
-    first = sound if found.verdict == "nothing_wrong" else opening.get(found.verdict, _named)(found)
-    gain = {"nothing_wrong": _tested, "unknown": _partly_explained}.get(found.verdict, _foremost_gain)(found)
-    rest = [part for part in (gain, _unexplained(found), found.limits) if part]
+    match found.verdict:
+        case "nothing_wrong":
+            first, seen = "The flights show no error of the model.", len(within_reach(found.detectable))
+            gain = f"They would have shown {seen} of {len(CATALOGUE)} effects at their usual sizes."
+        case "unknown":
+            first = _unknown(found)
+            gain = f"A part may be {_listed_causes(found.possible)}." if found.possible else ""
+        case _:
+            first = (_ambiguous if found.verdict == "ambiguous" else _named)(found)
+            leads = [cause.gain for cause in found.causes[:1]]
+            gain = "".join(_sentence(_gain_of_channel(of) or _gain_in_nats(of)) for of in leads)
+    others = len(found.findings) - 1
+    more = f", and {others} more" if others > 0 else ""
+    unexplained = f"Unexplained: {found.findings[0]}{more}." if found.findings else ""
+    rest = [part for part in (gain, unexplained, found.limits) if part]
     return " ".join([first, *rest[-(MOST_SENTENCES - 1) :]])
 
 
@@ -93,8 +103,7 @@ def details(found: Criticism) -> tuple[str, ...]:
     """Return further lines on causes, equivalents, unexplained findings, noise, and sizes that would show."""
     lines = [_describe(cause) for cause in found.causes]
     if found.causes and (ahead := _gain_of_channel(found.causes[0].gain)):
-        together = "With all causes together, " if len(found.causes) > 1 else ""
-        lines.append(f"{together}{ahead if together else ahead[0].upper() + ahead[1:]}.")
+        lines.append(_sentence(f"{'with all causes together, ' * (len(found.causes) > 1)}{ahead}"))
     lines += indistinguishable(found)
     lines += [f"Unexplained: {finding}." for finding in found.findings]
     if found.noise_correlation:
@@ -127,21 +136,12 @@ def unusable(reasons: Sequence[str], dropped: Sequence[str] = (), advice: str = 
     return Criticism("unusable", f"{text} {advice}".rstrip(), details=lines, dropped=tuple(dropped))
 
 
-def _tested(found: Criticism) -> str:
-    seen = len(within_reach(found.detectable))
-    return f"They would have shown {seen} of {len(CATALOGUE)} effects at their usual sizes."
-
-
 def _unknown(found: Criticism) -> str:
     """Name probable causes in the main clause: what else is wrong does not make them less probable."""
     if lacking := _lacking(found):
         more = "more is wrong that no term of the catalogue explains"
         return f"The model lacks {enumerated(lacking)}, and {more}."
     return "Something is wrong that no term of the catalogue explains."
-
-
-def _partly_explained(found: Criticism) -> str:
-    return f"A part may be {_listed_causes(found.possible)}." if found.possible else ""
 
 
 def _ambiguous(found: Criticism) -> str:
@@ -178,18 +178,7 @@ def _lacking(found: Criticism) -> list[str]:
     ]
 
 
-def _unexplained(found: Criticism) -> str:
-    """Return a sentence with the first unexplained finding and the count of the others."""
-    others = len(found.findings) - 1
-    more = f", and {others} more" if others > 0 else ""
-    return f"Unexplained: {found.findings[0]}{more}." if found.findings else ""
-
-
-def _foremost_gain(found: Criticism) -> str:
-    """Return a sentence with the gain of the leading cause where it gains most; empty without a cause."""
-    if not found.causes:
-        return ""
-    text = _gain_of_channel(found.causes[0].gain) or _gain_in_nats(found.causes[0].gain)
+def _sentence(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}."
 
 

@@ -28,7 +28,6 @@ from slam.criticism.search.effects import LATE, Effect
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
-from slam.criticism.verdict.covariate import Covariate, covariate_of
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
 from slam.criticism.verdict.held_out import held_out
@@ -36,16 +35,17 @@ from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import posterior_of
 from slam.criticism.verdict.power import NINE_OF_TEN
+from slam.criticism.verdict.rollouts import Covariate, covariate_of
 from slam.criticism.without_commands.likelihood import (
     Sizes,
     columns_of,
+    contradiction,
     fisher_of,
     likelihood_of,
     segments_of,
     sizes_by_others,
     table_of,
 )
-from slam.criticism.without_commands.pictures import contradiction
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.criticism.without_commands.whitened_rows import Averages, FlightRows, WhitenedRows
 from slam.data_quality.axes import axes_of_all

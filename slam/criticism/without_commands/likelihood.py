@@ -1,7 +1,8 @@
 """Likelihood of the whitened rows of all comparisons, in the errors of instruments and cameras.
 
 It is the same quadratic function as that of flights with commands. Its segments are clusters of ten seconds,
-within which errors may be correlated.
+within which errors may be correlated. Pictures are compared with the path on which all other instruments
+agree, as further rows.
 """
 
 from __future__ import annotations
@@ -11,19 +12,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from slam.core.arrays import Array, Ints
+from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.lens import WARP_TOLERANCE, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
-from slam.criticism.kalman.filter_parameters import CAMERA, FilterParameters
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.camera.reprojection import reprojection_score_along
+from slam.criticism.kalman.filter_parameters import CAMERA, POINTS, FilterParameters
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
 from slam.criticism.kalman.readings import SENSOR
+from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import LATE, Effect, is_variance
 from slam.criticism.search.expansion import LikelihoodExpansion
-from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.fitted_parameters import fitted_parameter, with_steps
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.held_out import parts_of
-from slam.criticism.without_commands.whitened_rows import FlightRows
+from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
+from slam.data_quality.finding import Remark
 from slam.simulation.terms import CATALOGUE
 
 Sizes = Mapping[str, float]
@@ -46,12 +51,6 @@ TOLERANCE = {
     **dict(zip(WARPS, WARP_TOLERANCE.tolist(), strict=True)),
 }  # fmt: skip
 """Size of each effect below which there is none (``Term.tolerance``)."""
-
-
-def picture_columns() -> list[str]:
-    """Return the columns of every error that pictures may show."""
-    terms = [n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED]
-    return [*terms, *DELAYS, *PATTERNS]
 
 
 def direction(column: str) -> Perturbation:
@@ -150,3 +149,87 @@ def sizes_by_others(found: SearchResult, rows: FlightRows) -> list[dict[float, S
     for (flight, number), k in zip(segments_of(rows, SEGMENT_S)[0].tolist(), part.tolist(), strict=True):
         sizes[flight][number] = {c: x for c, x in of_part[k].items() if c.rpartition(".")[0] in terms}
     return sizes
+
+
+KIND = "pictures"
+HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
+"""Standard deviations of quantities that differ between healthy flights."""
+_FAINT = 1e-9
+"""Information added on errors that nothing in a segment shows."""
+TELLING = 1e-9
+"""Least share of the information: a combination of errors with less is dropped."""
+CONTRADICTED = 2.0
+"""Ratio of residuals to their noise beyond which pictures contradict the path; 1 for healthy flights."""
+FEWEST = 6
+"""Least number of pictures of a segment."""
+PICTURE_COLUMNS = (
+    *(n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED),
+    *DELAYS, *PATTERNS,
+)  # fmt: skip
+"""Columns of every error that pictures may show."""
+_JUDGED = (*PICTURE_COLUMNS, *HEALTHY)
+
+
+def picture_rows(record: Record, parameters: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
+    """Return the rows of a flight's pictures, linear about such ``sizes`` as the parameters can hold.
+
+    The pictures of each ten seconds give a score g and an information H of every error that moves points of
+    the floor in them, or changes their tones. With H = R'R the rows are R x = R'^-1 g, of unit variance.
+    ``parameters`` have inflated process noise and lack these errors.
+    """
+    matches, count = record.matches, len(PICTURE_COLUMNS)
+    assert matches is not None
+    # Parameters hold no pattern, and no variance below 0.
+    point = {n: sizes[n] for n in PICTURE_COLUMNS if n in sizes and n not in PATTERNS}
+    point = {n: max(size, 0.0) if is_variance(direction(n)) else size for n, size in point.items()}
+    at = np.array([point.get(name, 0.0) for name in PICTURE_COLUMNS])
+    parameters = with_steps(parameters, point.items())
+    along, perturbations = camera_path(record, matches, parameters), [*map(direction, _JUDGED)]
+    number, made = (along.times_s // SEGMENT_S).astype(np.int64), []
+    for k in np.unique(number).tolist():
+        begin, end = np.searchsorted(number, [k, k + 1]).tolist()
+        if end - begin < FEWEST:
+            continue
+        seen = reprojection_score_along(matches, parameters, along.part(begin, end), perturbations)
+        if not seen.rows:
+            continue
+        information = seen.information + np.diag([_FAINT] * count + [std**-2.0 for std in HEALTHY.values()])
+        over = np.sqrt(_misfit(seen, information))
+        # Healthy differences are marginalised.
+        own, rest = slice(0, count), slice(count, None)
+        projected = np.linalg.solve(information[rest, rest], information[rest, own]).T
+        own_score = seen.score[own] - projected @ seen.score[rest]
+        root, white = _roots(information[own, own] - projected @ information[rest, own], own_score)
+        off, traces = (white + root @ at) / over, dict(zip(PICTURE_COLUMNS, root.T / over, strict=True))
+        made.append(
+            WhitenedRows(KIND, np.full(len(off), (k + 0.5) * SEGMENT_S), off, traces, float(over), None)
+        )
+    return made
+
+
+def _roots(information: Array, score: Array) -> tuple[Array, Array]:
+    """Return R with R'R = H, and R'^-1 g; R holds the eigenvectors of H with significant eigenvalues."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    known, turned = np.linalg.eigh(information / scale[:, None] / scale)
+    observed = known > TELLING
+    root, turned = np.sqrt(known[observed]), turned[:, observed].T
+    return root[:, None] * turned * scale, turned @ (score / scale) / root
+
+
+def _misfit(seen: LikelihoodScore, information: Array) -> float:
+    """Return the ratio of squared residuals to their noise, once all that moves points is fitted. Above 1,
+    pictures and path disagree."""
+    points = np.array([k for k, n in enumerate(_JUDGED) if n not in (*CAMERA[POINTS:], *PICTURE_PATTERNS)])
+    score = seen.score[points]
+    explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
+    return max((seen.chi_square - explained) / seen.rows, 1.0)
+
+
+def contradiction(rows: FlightRows) -> list[Remark]:
+    """Return whether pictures and path disagree by more than all errors together explain."""
+    over = [r.noise for flight in rows for r in flight if r.kind == KIND]
+    if not over or float(np.median(over)) < CONTRADICTED:
+        return []
+    by = f"{min(over):.1f} to {max(over):.1f} times their noise"
+    text = f"pictures disagree with the path of the other instruments by {by}"
+    return [Remark(text, channel="pictures")]

@@ -21,10 +21,8 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.residuals.reading_anomalies import reading_anomalies, without_dead_zone
-from slam.criticism.without_commands.inertial_consistency import inertial_residuals
-from slam.criticism.without_commands.likelihood import Sizes
-from slam.criticism.without_commands.pictures import picture_rows
-from slam.criticism.without_commands.whitened_rows import WhitenedRows
+from slam.criticism.without_commands.likelihood import Sizes, picture_rows
+from slam.criticism.without_commands.whitened_rows import WhitenedRows, inertial_residuals
 from slam.data_quality.inertial_comparison import near_floor
 from slam.data_quality.pictures.feature_matches import FeatureMatches, match_all_pictures
 from slam.simulation.model import Model
@@ -85,18 +83,11 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
             record, description = without_mismatched_pairs(replace(record, matches=matches), parameters)
             dropped += [description] if description else []
         records.append(record)
-    return SensorComparison(
-        tuple(comparisons), tuple(records), parameters, tuple(_anomalies(records, parameters)), tuple(dropped)
-    )
-
-
-def _anomalies(records: Sequence[Record | None], parameters: FilterParameters) -> list[Cause]:
-    known = [record for record in records if record is not None]
-    if not known:
-        return []
-    clean, found = without_dead_zone(known)
-    passes = in_threads(lambda record: whole(record, parameters), clean)
-    return [*found, *reading_anomalies(passes)]
+    anomalies: list[Cause] = []
+    if known := [record for record in records if record is not None]:
+        clean, anomalies = without_dead_zone(known)
+        anomalies += reading_anomalies(in_threads(lambda record: whole(record, parameters), clean))
+    return SensorComparison(tuple(comparisons), tuple(records), parameters, tuple(anomalies), tuple(dropped))
 
 
 def with_free_motion(parameters: FilterParameters) -> FilterParameters:

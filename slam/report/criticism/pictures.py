@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from slam.criticism.cause import Gain
-    from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
     from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
+    from slam.criticism.verdict.rollouts import ChannelResiduals, Covariate
 
 Array = NDArray[np.float64]
 

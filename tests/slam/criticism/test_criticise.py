@@ -13,7 +13,7 @@ import pytest
 from slam.core.progress import COMPILING
 from slam.criticism import criticise
 from slam.criticism.search import effects as effects_module
-from slam.criticism.verdict.covariate import covariate
+from slam.criticism.verdict.rollouts import covariate
 from slam.simulation import simulate
 from slam.simulation.healthy.flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
@@ -116,12 +116,12 @@ def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_m
 
 @pytest.mark.slow
 def test_the_rival_that_is_drawn_is_that_of_the_verdict():
-    _, found, (records, parameters, search, cause, rival, z) = dragging()
-    assert found.covariate.rival == found.causes[0].rival == rival
+    _, found, (records, parameters, search, cause) = dragging()
+    assert found.covariate.rival == cause.rival == found.causes[0].rival
     other = "flow_scale"
-    assert rival != other
-    drawn = covariate(records, parameters, search, cause, other, z)
-    assert [drawn.rival, *(m.cause for m in drawn.against)] == [other, cause, other]
+    assert cause.rival != other
+    drawn = covariate(records, parameters, search, replace(cause, rival=other))
+    assert [drawn.rival, *(m.cause for m in drawn.against)] == [other, cause.name, other]
 
 
 @pytest.mark.slow

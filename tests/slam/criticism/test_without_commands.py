@@ -12,9 +12,9 @@ import pytest
 from slam.criticism import criticise, next_flight
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
-from slam.criticism.without_commands.inertial_consistency import inertial_residuals
 from slam.criticism.without_commands.likelihood import PATTERNS, likelihood_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
+from slam.criticism.without_commands.whitened_rows import inertial_residuals
 from slam.data_quality.inertial_comparison import NODE_S
 from slam.simulation.healthy.flights import healthy_case, simulate_flight, simulate_readings
 from slam.simulation.healthy.handheld_motions import HANDHELD_MOTIONS, handheld_motion

@@ -15,7 +15,7 @@ from slam.criticism.camera.lens import LENS_MAP_PATTERN, WARPS
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import CAMERA, TILT_X, filter_parameters_of
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.data_quality.pictures.bilinear_weights import bilinear_weights, places

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from frontend.camera import Camera
-from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
+from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, smoothed, spread
 from slam.criticism.camera.lens import LENS_MAP_PATTERN, WARPS, floor_of, pixels_of, warp
 from slam.criticism.camera.photometric import PICTURE_PATTERNS
 from slam.criticism.camera.reprojection import TOLERANCE, reprojection_score
@@ -26,10 +26,10 @@ from slam.criticism.kalman.filter_parameters import (
     FilterParameters,
     camera_vector,
     filter_parameters_of,
+    slot,
 )
-from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation, parameter_perturbation
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
 from slam.criticism.kalman.record import Record, record_of
-from slam.criticism.kalman.smoothing import smoothed
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.data_quality.pictures.feature_matches import FeatureMatches
 from slam.simulation.camera.effects import CameraEffects, true_camera
@@ -38,7 +38,7 @@ from tests.slam.criticism.camera.camera_flight import camera_flight, matched_fli
 
 DIRECTIONS = [
     *(fitted_parameter(name).perturbation for name in CAMERA),
-    parameter_perturbation("sonar.datum_m", 1e-3),
+    Perturbation("sonar.datum_m", *slot("sonar.datum_m"), 1e-3),
 ]
 
 
@@ -181,7 +181,7 @@ def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
     # A part of a path is as uncertain as the whole says that it is.
     record, matches, _ = healthy
     along = camera_path(record, matches, parameters)
-    path, part, shown = along.path, along.part(10, 25).path, along.part(10, 25).inside
+    path, part, shown = along, along.part(10, 25), along.part(10, 25).inside
     assert part.times_s.tolist() == path.times_s[10:25].tolist()
     assert part.elapsed.tolist() == path.elapsed[10:25].tolist()
     assert np.flatnonzero(shown).tolist() == np.flatnonzero(along.inside)[10:25].tolist()
@@ -255,7 +255,7 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
         matches, earlier=matches.later, later=matches.earlier,
         pixel_i=matches.pixel_j, pixel_j=matches.pixel_i,
     )  # fmt: skip
-    rise = [parameter_perturbation("sonar_temperature.rise", 0.1)]
+    rise = [Perturbation("sonar_temperature.rise", *slot("sonar_temperature.rise"), 0.1)]
     one, other = (reprojection_score(record, s, parameters, rise) for s in (matches, other_way))
     std = one.information[0, 0] ** -0.5
     assert one.score[0] / one.information[0, 0] == pytest.approx(

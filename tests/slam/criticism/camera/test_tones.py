@@ -15,8 +15,7 @@ from slam.criticism.camera.photometric import (
     photometric_score,
 )
 from slam.criticism.kalman.filter_parameters import CAMERA, GAIN, GAMMA, VIGNETTING
-from slam.criticism.kalman.perturbations import LikelihoodScore, Perturbation
-from slam.criticism.kalman.smoothing import PathErrors, SmoothedPath
+from slam.criticism.kalman.kernel_inputs import LikelihoodScore, Perturbation
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.data_quality.pictures.bilinear_weights import COUNT
 from slam.data_quality.pictures.cells import Cells
@@ -81,10 +80,10 @@ def made(
     poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))
     poses[:, 2] = 1.2 + 0.1 * np.sin(stamps)
     rates[:, 0] = np.abs(np.sin(0.7 * stamps))
-    certain = PathErrors(np.zeros((PICTURES - 1, 12, 12)), np.zeros((PICTURES, 12, 12)))
+    certain = np.zeros((PICTURES - 1, 12, 12)), np.zeros((PICTURES, 12, 12))
     traces = np.zeros((6 * PICTURES, 0))
-    path = SmoothedPath(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
-    return matches, CameraPath(path, np.full(PICTURES, True))
+    span_s, inside = (stamps[0], stamps[-1]), np.full(PICTURES, True)
+    return matches, CameraPath(stamps, poses, rates, 0 * rates, traces, *certain, span_s, inside)
 
 
 def walk(seed: int) -> Array:

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.kalman.ar1_noise import ar1_noise_for
-from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.filter_parameters import filter_parameters_of, slot
 from slam.criticism.kalman.innovations import Run, whole
-from slam.criticism.kalman.perturbations import parameter_perturbation
+from slam.criticism.kalman.kernel_inputs import Perturbation
+from slam.criticism.kalman.noise import ar1_noise_for
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search.fitted_parameters import fitted_parameter
@@ -93,10 +93,10 @@ def test_a_tiny_ar1_coefficient_acts_as_none():
 def test_tangents_are_what_a_change_does_to_the_innovations(name):
     measured, true = flight(6)
     record, step = record_of(measured), 1e-4
-    rows = list(Run(record, true, [parameter_perturbation(name, step)]).segments(SEGMENT_S))
+    rows = list(Run(record, true, [Perturbation(name, *slot(name), step)]).segments(SEGMENT_S))
     traces = np.concatenate([r.sensitivity[:, 0] for r in rows])
     before = np.concatenate([r.white for r in rows])
-    direction = parameter_perturbation(name, step)
+    direction = Perturbation(name, *slot(name), step)
     if direction.kind == "sensor":
         other = fitted_parameter(name).stepped(true, step)
     else:

@@ -10,10 +10,9 @@ import pytest
 
 from slam.criticism.kalman import record as record_module
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.filter_parameters import filter_parameters_of, slot
 from slam.criticism.kalman.innovations import Run, whole
-from slam.criticism.kalman.perturbations import parameter_perturbation
-from slam.criticism.kalman.prepare import workspace_for
+from slam.criticism.kalman.kernel_inputs import Perturbation, workspace_for
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.search import effects as effects_module
@@ -51,7 +50,7 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
     """About the true lag its score is chance: tilts that begin and end within it are no less late."""
     vehicle = at_lower_rates(load_model("nominal")).with_term("sonar_lag", T=lag_s)
     record = record_of(simulate_flight(vehicle, stick_for(TILTS), 5))
-    lag = parameter_perturbation("sonar_lag.T", 1e-3)
+    lag = Perturbation("sonar_lag.T", *slot("sonar_lag.T"), 1e-3)
     score = information = 0.0
     for rows in Run(record, filter_parameters_of(vehicle), [lag]).segments(SEGMENT_S):
         score += float(rows.white @ rows.sensitivity[:, 0])

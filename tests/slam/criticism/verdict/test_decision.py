@@ -10,7 +10,7 @@ import pytest
 
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.finding import ResidualPattern
-from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter

@@ -15,9 +15,9 @@ from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.search.fitted_parameters import NUISANCES
-from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import Criticism, Rank
 from slam.criticism.verdict.over_time import SizeOverTime
+from slam.criticism.verdict.rollouts import ChannelResiduals, Covariate
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism.answers import criticism_answers, left_out_by_flight
 from slam.report.criticism.certainty import longer_bar

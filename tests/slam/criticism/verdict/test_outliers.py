@@ -11,7 +11,7 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import ATTITUDE
 from slam.criticism.kalman.record import record_of
-from slam.criticism.residuals.unmodelled import outliers_of
+from slam.criticism.verdict.commanded_flights import outliers_of
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for
 from slam.simulation.model import load_model

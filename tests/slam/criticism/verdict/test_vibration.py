@@ -12,7 +12,7 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import IMU
 from slam.criticism.kalman.record import record_of
-from slam.criticism.residuals.unmodelled import vibration_of
+from slam.criticism.verdict.commanded_flights import vibration_of
 from slam.data_quality.oscillation import log_tail, over_neighbours
 from slam.simulation.healthy.flights import simulate_flight
 from slam.simulation.healthy.manoeuvres import stick_for

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.planned_matches import planned_matches
 from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import referred
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
-from slam.criticism.next_flight import next_motion, telling_flight
+from slam.criticism.next_flight import next_motion, planned_matches, telling_flight
 from slam.criticism.search.effects import effects_for
 from slam.criticism.without_commands.likelihood import likelihood_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors

@@ -11,8 +11,7 @@ from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import FisherInformation
-from slam.criticism.verdict.consistency import _inconsistency
-from slam.criticism.verdict.over_time import FEWEST_SIZES, Parts, SizeOverTime
+from slam.criticism.verdict.over_time import FEWEST_SIZES, Parts, SizeOverTime, _inconsistency
 from slam.simulation.model import load_model
 
 ROWS, PARTS = 6000, 6

@@ -1,0 +1,289 @@
+"""Arguments of the filter's kernels: record, parameters and perturbations as flat arrays, and buffers.
+
+The filter computes the sensitivity of the innovations to each perturbation of its parameters. One changes a
+parameter of the equations or of an instrument, or the delay of the command, or injects a signal into a
+channel, a target or a force. Sensitivities are per unit of the own parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from slam.core.arrays import Array, Ints
+from slam.criticism.kalman import arrays
+from slam.criticism.kalman.arrays import CommandArrays, PerturbationArrays
+from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
+from slam.criticism.kalman.noise import WHITE, Ar1Noise
+from slam.criticism.kalman.readings import CHANNELS, IMU, INSTRUMENT_OF, MOVING, READ_BY, TARGET, WIDTH
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.sensitivity import ENTRIES, ON_CHANNEL, STICKS
+from slam.criticism.kalman.transition import (
+    FULL,
+    GUST_TIME,
+    HOLD,
+    NOISES,
+    POLE,
+    TILT_TIME,
+    TURN_STD,
+    TURN_TIME,
+    W_TIME,
+    decay,
+    process_noise,
+)
+from slam.simulation.dynamics import NOISE, YAW, YAW_RATE
+
+Kind = Literal["dynamics", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
+"""The last two act on pictures alone, not on readings."""
+Signal = tuple[Array, Array]
+"""Values in the middle of each step and at each event."""
+
+FORCES = (*NOISE, "up", "ahead", "left")
+"""Entries of a force: the equations' noises, the climb stick, and wind in the vehicle's own axes."""
+JUMP_S = 0.002
+"""Time resolution of a stick's jump in the log; the gyro jumps with the stick."""
+GYRO_CHANNELS = 3
+LATE_SHARE = 3.0 * LATE_SPREAD
+JITTER_REACH, LARGE_JUMP = 3.0, 0.03
+"""Standard deviations of a stamp, and the least jump of a stick that matters at that distance."""
+
+
+@dataclass(frozen=True)
+class Perturbation:
+    """One change of the filter parameters."""
+
+    name: str
+    kind: Kind
+    entry: int = 0
+    """Index into the parameters, the sensor's vector, ``FORCES`` or ``CHANNELS``."""
+    step: float = 1e-3
+    """Step of the finite difference."""
+    signal: str = ""
+    """Name of the signal that is injected."""
+    unit: float | None = None
+    """Divisor of the finite difference; by default the step."""
+    squared: bool = False
+    """Whether the step is one of the entry's square."""
+
+
+@dataclass(frozen=True)
+class LikelihoodScore:
+    """Log likelihood of some data, with its score and Fisher information for p columns."""
+
+    information: Array
+    """(p, p)."""
+    score: Array
+    """(p,)."""
+    log_likelihood: float = 0.0
+    chi_square: float = 0.0
+    """Squared whitened residuals, where the data have residuals."""
+    rows: int = 0
+    """Number of residuals."""
+
+    @staticmethod
+    def nothing(columns: int) -> LikelihoodScore:
+        """Return that of no data."""
+        return LikelihoodScore(np.zeros((columns, columns)), np.zeros(columns))
+
+    def __add__(self, other: LikelihoodScore) -> LikelihoodScore:
+        """Return that of both, which are independent."""
+        return LikelihoodScore(
+            self.information + other.information, self.score + other.score,
+            self.log_likelihood + other.log_likelihood, self.chi_square + other.chi_square,
+            self.rows + other.rows,
+        )  # fmt: skip
+
+    def by(self, columns: Array) -> LikelihoodScore:
+        """Return the same for q other columns, of which the p are linear combinations ``columns`` (p, q)."""
+        information = columns.T @ self.information @ columns
+        return replace(self, information=information, score=self.score @ columns)
+
+
+def perturbation_arrays(
+    record: Record,
+    parameters: FilterParameters,
+    perturbations: Sequence[Perturbation],
+    signals: dict[str, Signal],
+) -> tuple[PerturbationArrays, CommandArrays]:
+    """Return the perturbations of one flight as arrays, with the commands of all their variants."""
+    m = len(perturbations)
+    variants: list[tuple[float, float]] = [(parameters.latency_s, parameters.drift)]
+    names = sorted({d.signal for d in perturbations if d.signal})
+    table = PerturbationArrays(
+        np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
+        np.tile(parameters.dynamics, (m, 1)), np.tile(parameters.sensor, (m, 1)),
+        np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
+        np.array([signals[name][0] for name in names]).reshape(len(names), len(record.step_s)),
+        np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
+        np.array([1.0 / (d.step if d.unit is None else d.unit) for d in perturbations]),
+    )  # fmt: skip
+    for k, d in enumerate(perturbations):
+        if d.kind == "dynamics":
+            table.changes_motion[k] = 1
+            x = parameters.dynamics[d.entry]
+            table.parameters_of[k, d.entry] = np.sqrt(x**2 + d.step) if d.squared else x + d.step
+        elif d.kind == "sensor":
+            table.instrument_mask[k] = 1 << READ_BY[d.entry]
+            table.sensor_of[k, d.entry] += d.step
+        elif d.kind in ("latency", "drift"):
+            table.changes_motion[k] = 1
+            table.stick_of[k] = len(variants)
+            late, fast = d.step * (d.kind == "latency"), d.step * (d.kind == "drift")
+            variants.append((parameters.latency_s + late, parameters.drift + fast))
+        elif d.kind in ("force", "channel"):
+            table.signal_of[k] = names.index(d.signal)
+            table.inject_at[k] = d.entry if d.kind == "force" else ON_CHANNEL + d.entry
+            table.changes_motion[k] = int(d.kind == "force")
+    return table, _command(record, parameters, variants)
+
+
+def _command(
+    record: Record, parameters: FilterParameters, variants: Sequence[tuple[float, float]]
+) -> CommandArrays:
+    """Return the commands of each variant, which is a latency and a clock's drift, on the vehicle's clock."""
+    begin_s, end_s, stick = record.step_begin_s, record.step_begin_s + record.step_s, record.stick
+    over_steps = [stick.mean(begin_s / (1 + fast), end_s / (1 + fast), late_s) for late_s, fast in variants]
+    at_events = [stick.at(record.times_s / (1 + fast), late_s) for late_s, fast in variants]
+    ends = [stick.at(at_s / (1 + parameters.drift), parameters.latency_s) for at_s in (begin_s, end_s)]
+    late_var_s2, spoilt = (LATE_SPREAD * parameters.latency_s) ** 2, spoilt_channels(record, parameters)
+    return CommandArrays(np.array(over_steps), np.array(at_events), ends[1] - ends[0], late_var_s2, spoilt)
+
+
+def spoilt_channels(record: Record, parameters: FilterParameters) -> Ints:
+    """Return (events,) the number of each event's channels that a jump of the stick spoils."""
+    size = np.abs(np.diff(record.stick.values, axis=0)).max(axis=1, initial=0.0)
+    at = (record.stick.stamps_s[1:] + parameters.latency_s) * (1 + parameters.drift)
+    near_jump = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * parameters.latency_s
+    spoilt = np.where(near_jump, GYRO_CHANNELS, 0)
+    # With jittering stamps the smaller jump of the climb is uncertain as well.
+    spoilt[_apart(record.times_s, at[size > LARGE_JUMP]) < JITTER_REACH * parameters.jitter_s] = WIDTH[IMU]
+    return np.asarray(spoilt, dtype=np.int64)
+
+
+def _apart(times_s: Array, moments_s: Array) -> Array:
+    """Return the time from each entry to the nearest moment; infinite without moments."""
+    known_s = np.concatenate([[-np.inf], moments_s, [np.inf]])
+    after = np.searchsorted(moments_s, times_s) + 1
+    return np.asarray(np.minimum(times_s - known_s[after - 1], known_s[after] - times_s))
+
+
+SHORT_S, ENDLESS_S = 1e-5, 1e6
+"""Durations over which a noise only grows by its process noise, and over which it forgets its past."""
+
+
+def observable_noise(record: Record, parameters: FilterParameters) -> FilterParameters:
+    """Return the parameters without process noise of the heading, if no instrument shows it."""
+    if record.shows_heading:
+        return parameters
+    hold = parameters.hold.copy()
+    hold[TURN_STD] = 0.0
+    return replace(parameters, hold=hold)
+
+
+def filter_inputs(
+    record: Record,
+    parameters: FilterParameters,
+    perturbations: Sequence[Perturbation],
+    signals: dict[str, Signal],
+    variance: Array,
+    states: int,
+) -> arrays.KalmanInputs:
+    """Return the kernels' inputs; ``variance`` (channels,) is that of one reading."""
+    events = arrays.EventArrays(
+        record.times_s, record.kinds, record.values, record.elapsed, record.landing, record.first_step,
+        record.step_s,
+    )  # fmt: skip
+    table, command = perturbation_arrays(record, parameters, perturbations, signals)
+    model = arrays.ModelArrays(
+        parameters.dynamics, parameters.sensor, parameters.hold, variance, record.range_limits,
+        parameters.jitter_s, diffusion(parameters.hold, states),
+    )  # fmt: skip
+    return arrays.KalmanInputs(events, command, model, table)
+
+
+def initial_state(
+    record: Record, parameters: FilterParameters, states: int, perturbations: int
+) -> arrays.KalmanState:
+    """Return the estimate before the first reading: the record's initial guess and stationary noises."""
+    state, p = np.zeros(states), np.zeros((states, states))
+    state[:MOVING] = record.start
+    p[np.arange(MOVING), np.arange(MOVING)] = record.start_std**2
+    if not record.shows_heading:
+        p[[YAW, YAW_RATE], [YAW, YAW_RATE]] = 0.0
+    p[TARGET:, TARGET:] = _process_noise(parameters.hold, ENDLESS_S, states)[TARGET:, TARGET:]
+    return arrays.KalmanState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
+
+
+def _process_noise(hold: Array, h: float, n: int) -> Array:
+    """Return the process noise (n, n) of the noise states over h seconds."""
+    matrix, q = np.zeros((n, n)), np.zeros((n, n))
+    decay(hold, h, matrix)
+    process_noise(hold, matrix, q)
+    return q
+
+
+def noise_changes_for(
+    record: Record, parameters: FilterParameters, changed: Sequence[FilterParameters], coloured: Ar1Noise
+) -> arrays.NoiseChangeArrays:
+    """Return filters under ``changed`` noise before the first reading, beside AR(1) noises ``coloured``."""
+    (n, k), c = coloured.cross.shape, len(changed)
+    slots = np.flatnonzero(coloured.slot != WHITE)
+    variance, colour = np.zeros((c, len(CHANNELS))), np.zeros((c, len(CHANNELS)))
+    p, ar1_cov, growth = np.zeros((c, n, n)), np.zeros((c, k, k)), np.zeros((c, n))
+    hold, spoilt = np.zeros((c, len(HOLD))), np.zeros((c, len(record.times_s)), dtype=np.int64)
+    for i, own in enumerate(changed):
+        variance[i] = (record.noise_std * own.noise_factor) ** 2
+        colour[i] = own.noise_correlation[list(INSTRUMENT_OF)]
+        p[i], ar1_cov[i] = initial_state(record, own, n, 0).p, np.diag(variance[i, slots])
+        hold[i], growth[i], spoilt[i] = own.hold, diffusion(own.hold, n), spoilt_channels(record, own)
+    times = [TILT_TIME, TURN_TIME, W_TIME, POLE, GUST_TIME]
+    return arrays.NoiseChangeArrays(
+        hold, (hold[:, times] == parameters.hold[times]).all(axis=1), variance,
+        np.array([own.jitter_s for own in changed], dtype=np.float64), growth, p, np.zeros((n, c)),
+        colour[:, slots].copy(), variance[:, slots].copy(), np.zeros((c, k)), np.zeros((c, n, k)), ar1_cov,
+        spoilt, np.zeros(n), np.zeros((c, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((MOVING, c)),
+        np.zeros(n), np.zeros(k), np.zeros((k, 0)), np.zeros(0),
+    )  # fmt: skip
+
+
+def diffusion(hold: Array, n: int) -> Array:
+    """Return (n,) the growth of the variance of each state by process noise, per second."""
+    return np.diag(_process_noise(hold, SHORT_S, n)) / SHORT_S
+
+
+def _zeros(*shapes: int | tuple[int, ...]) -> list[Array]:
+    return [np.zeros(shape) for shape in shapes]
+
+
+def workspace_for(n: int, m: int) -> arrays.Workspace:
+    """Return buffers for n states and m perturbations."""
+    return arrays.Workspace(
+        arrays.StepBuffers(
+            *_zeros(FULL, (MOVING, n), (n, n), (n, n), FULL, NOISES, (n, n), MOVING, MOVING)
+        ),
+        arrays.PredictedReading(*_zeros(FULL, 6, (6, n), (6, MOVING), n, n)),
+        arrays.PerturbationBuffers(
+            np.zeros((ENTRIES, MOVING)), np.zeros(ENTRIES, dtype=np.bool_),
+            *_zeros((ENTRIES, MOVING), (ENTRIES, 6), MOVING, (6, m), m, (MOVING, m)),
+        ),
+        arrays.Scratch(*_zeros(*[FULL] * 5, *[NOISES] * 3, STICKS, n, 6, MOVING)),
+    )  # fmt: skip
+
+
+def outputs_for(events: int) -> arrays.KalmanOutputs:
+    """Return arrays for the results of events; those for readings with sensitivities are still empty."""
+    none, missing = np.empty((0, 0)), np.full((2, events, 6), np.nan)
+    return arrays.KalmanOutputs(
+        missing[0], missing[1], np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)),
+        none, none, none, np.zeros(1, dtype=np.int64),
+    )  # fmt: skip
+
+
+def history_for(events: int, n: int, m: int) -> arrays.PathHistory:
+    """Return arrays for the estimates around events, with n states and m perturbations."""
+    x, p, t = (events, n), (events, n, n), (events, n, m)
+    history = arrays.PathHistory(*_zeros(x, x, p, p, t, t, p))
+    return history._replace(moves=np.tile(np.eye(n), (events, 1, 1)))
