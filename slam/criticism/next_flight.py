@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.cores import in_threads
-from slam.core.arrays import Array
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.camera_path import MARGIN_S, camera_path
 from slam.criticism.camera.lens import floor_of, pixels_of
@@ -98,8 +97,7 @@ def telling_flight(
     seen: FeatureMatches | None = None,
     progress: Progress = silent,
 ) -> str:
-    """Return a sentence naming the manoeuvre that separates ``first``, with sizes (columns,), from ``second``
-    best.
+    """Return a sentence naming the manoeuvre that best separates two terms, the first with sizes (columns,).
 
     It is the best for the time that it takes, with these ``kinds`` of instruments and a camera as in
     ``seen``. The sentence is empty for a term that moves no mean.
@@ -267,7 +265,10 @@ def planned_matches(record: Record, parameters: FilterParameters, like: FeatureM
     shown = np.flatnonzero(along.inside)
     pairs = [(j - step, j) for j in range(len(shown)) for step in STEPS if j >= step]
     i, j = np.repeat(np.array(pairs, dtype=np.int64).reshape(-1, 2), GRID**2, axis=0).T
-    grid = _grid(like)
+    width, height = like.camera.size_px
+    border = BORDER_SHARE * width
+    x, y = np.linspace(border, width - border, GRID), np.linspace(border, height - border, GRID)
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     pixel_j = np.tile(grid, (len(pairs), 1))
     camera, slope = parameters.camera, parameters.sensor[[SLOPE_X, SLOPE_Y]]
     floor = floor_of(like.camera, camera, along.poses[j], pixel_j, slope)
@@ -292,11 +293,3 @@ def planned_matches(record: Record, parameters: FilterParameters, like: FeatureM
         lens_distortion=replace(like.lens_distortion, pictures=len(stamps_s)), flicker=0.0,
         moving_s=np.zeros(0), spots=np.zeros((0, 3)),
     )  # fmt: skip
-
-
-def _grid(like: FeatureMatches) -> Array:
-    """Return (GRID^2, 2) pixels of a grid over the picture."""
-    width, height = like.camera.size_px
-    edge = BORDER_SHARE * width
-    x, y = np.linspace(edge, width - edge, GRID), np.linspace(edge, height - edge, GRID)
-    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

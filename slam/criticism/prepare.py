@@ -30,7 +30,7 @@ from slam.criticism.kalman.readings import (
     channels_of,
 )
 from slam.criticism.kalman.record import LONGEST_GAP_S, Record, any_holds_heading, record_of
-from slam.criticism.residuals.reading_anomalies import are_quantised, without_dead_zone
+from slam.criticism.residuals.reading_anomalies import quantisation_in, without_dead_zone
 from slam.criticism.residuals.readings_taken_out import without_boxes, without_jitter
 from slam.criticism.search.thresholds import Thresholds, load_thresholds
 from slam.data_quality.command_clock import clock_error
@@ -91,7 +91,14 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
 
 def _judged_record(flight: Flight, any_moved: bool) -> tuple[Record | None, list[str]]:
     """Return the record of a flight, None where it cannot be judged, and what is not judged of it."""
-    if reason := _unusable(flight):
+    span_s = readings_span_s(flight)
+    if span_s is None:
+        return None, ["no usable imu, attitude, velocity or sonar readings are left to judge"]
+    if (lasts_s := span_s[1] - span_s[0]) < SHORTEST_S:
+        return None, [f"lasts {lasts_s:.1f} s; {SHORTEST_S:g} s are the least"]
+    if not has_commands(flight):
+        return None, ["no command log, which other flights have"]
+    if reason := log_apart(flight):
         return None, [reason]
     if not has_stick_motion(flight) and not (is_calm(flight) and (any_moved or is_aloft(flight))):
         return None, [UNSTEERED]
@@ -100,7 +107,8 @@ def _judged_record(flight: Flight, any_moved: bool) -> tuple[Record | None, list
     except ValueError as error:
         return None, [str(error)]
     notes = []
-    if pause := _pause(flight, record):
+    if span_s[1] - record.duration_s > LONGEST_GAP_S:
+        pause = f"no readings for {LONGEST_GAP_S:g} s or more after {record.duration_s:.1f} s"
         if record.duration_s - float(record.times_s[0]) < SHORTEST_S:
             return None, [f"{pause}, and what is before it is too short"]
         notes.append(f"{pause}: what follows is not judged")
@@ -160,26 +168,6 @@ def with_coarser_noise(record: Record, model: Model) -> Record:
     return replace(record, noise_std=std)
 
 
-def _pause(flight: Flight, record: Record) -> str:
-    """Describe where a record ends before its flight; empty where it does not."""
-    span_s = readings_span_s(flight)
-    if span_s is None or span_s[1] - record.duration_s <= LONGEST_GAP_S:
-        return ""
-    return f"no readings for {LONGEST_GAP_S:g} s or more after {record.duration_s:.1f} s"
-
-
-def _unusable(flight: Flight) -> str:
-    span_s = readings_span_s(flight)
-    if span_s is None:
-        return "no usable imu, attitude, velocity or sonar readings are left to judge"
-    begin, end = span_s
-    if end - begin < SHORTEST_S:
-        return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
-    if not has_commands(flight):
-        return "no command log, which other flights have"
-    return log_apart(flight)
-
-
 CLOSED_LOOP = 1.5
 """Factor on the thresholds where a controller flies: its sticks hold more than the instruments."""
 OUT_OF_MODEL = 2.0
@@ -220,7 +208,7 @@ def prepare(flights: Sequence[Flight], model: Model, progress: Progress) -> Prep
     records, late = without_jitter(records, nominal) if not nominal.out_of_model else (records, [])
     records, anomalies = without_dead_zone(records)
     anomalies = [*late, *anomalies]
-    if not nominal.out_of_model and not are_quantised(records):
+    if not nominal.out_of_model and quantisation_in(records) is None:
         records, steps = without_boxes(records, nominal)
         anomalies = [*anomalies, *steps]
     return PreparedFlights(list(records), nominal, limits, (*dropped, *mismatched), anomalies)

@@ -133,8 +133,7 @@ def camera_path(record: Record, matches: FeatureMatches, parameters: FilterParam
 
 
 def spread(stamps_s: Array, inside: Mask) -> Mask:
-    """Choose segments of consecutive pictures, evenly over the flight (n,), if there are more than
-    ``MOST_PICTURES``.
+    """Choose segments of consecutive pictures (n,), evenly, if there are more than ``MOST_PICTURES``.
 
     The joint covariance grows with the square of the number of poses. The errors of a long chain of pairs
     also add up: over a minute or more, to a focal length that is wrong by hundredths.

@@ -70,8 +70,7 @@ def _placed(nominal: Camera, camera: Array, pose: Array) -> tuple[Array, Array]:
 
 
 def warp(camera: Camera, pixel: Array, elapsed: Array) -> Array:
-    """Return (m, 2, warps except ``LENS_MAP_PATTERN``) displacements in px of points (m, 2) for each unit of
-    a warp.
+    """Return (m, 2, warps except ``LENS_MAP_PATTERN``) displacements in px of points (m, 2) by a unit each.
 
     Units are tangents of angles. ``elapsed`` (m,) is the elapsed share of the flight minus one half. Stretch
     and shear change neither the size nor the rotation of a picture, so they correlate least with the focal

@@ -264,15 +264,13 @@ def reprojection_errors(
     if not seen:
         return ()
     tried = [(k, side[k]) for side in (before, after) for k in seen]
-    squares = in_threads(lambda it: _square_px(records[it[0]], it[1]), tried)
-    rms = [
-        float(np.sqrt(np.average([s for s, _ in side], weights=[m for _, m in side])))
-        for side in (squares[: len(seen)], squares[len(seen) :])
-        if sum(m for _, m in side) > 0
-    ]
-    if len(rms) < 2:
+    squares, count = np.reshape(
+        in_threads(lambda it: _square_px(records[it[0]], it[1]), tried), (2, len(seen), 2)
+    ).T
+    if not count.any(axis=0).all():
         return ()
-    return (ChannelError("reprojection", "px", NOT_AHEAD_S, rms[0], rms[1]),)
+    rms = np.sqrt(np.average(squares, axis=0, weights=count)).tolist()
+    return (ChannelError("reprojection", "px", NOT_AHEAD_S, *rms),)
 
 
 def _square_px(record: Record, parameters: FilterParameters) -> tuple[float, int]:
@@ -289,8 +287,7 @@ def without_mismatched_pairs(record: Record, parameters: FilterParameters) -> tu
     cannot have been, and a message about them; empty if there are none.
 
     On a repetitive floor, matches with the wrong copy are consistent, also between pairs, but the other
-    instruments show the motion. Such a residual is a thousand standard deviations: one pair outweighs a
-    flight.
+    instruments show the motion. Such a residual is a thousand standard deviations: it outweighs a flight.
     """
     matches = record.matches
     if matches is None:

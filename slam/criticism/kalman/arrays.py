@@ -246,15 +246,6 @@ class Scratch(NamedTuple):
     """(10,) change of a state's rate."""
 
 
-class Workspace(NamedTuple):
-    """Buffers that all events of a filter run share."""
-
-    step: StepBuffers
-    expected: PredictedReading
-    changes: PerturbationBuffers
-    scratch: Scratch
-
-
 class KalmanOutputs(NamedTuple):
     """The results that the filter writes."""
 

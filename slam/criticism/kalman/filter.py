@@ -20,7 +20,10 @@ from slam.criticism.kalman.arrays import (
     KalmanState,
     NoiseChangeArrays,
     PathHistory,
-    Workspace,
+    PerturbationBuffers,
+    PredictedReading,
+    Scratch,
+    StepBuffers,
 )
 from slam.criticism.kalman.noise import (
     WHITE,
@@ -28,9 +31,9 @@ from slam.criticism.kalman.noise import (
     correct_changes,
     correct_noise,
     covariance_with_reading,
+    noise_of,
     predict_changes,
     sample,
-    sample_changes,
     spread_by_stamp,
 )
 from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOMENT, MOVING, RANGE_LAG, SONAR, WIDTH
@@ -53,7 +56,10 @@ class FilterRun(NamedTuple):
 
     given: KalmanInputs
     estimate: KalmanState
-    room: Workspace
+    step: StepBuffers
+    expected: PredictedReading
+    changes: PerturbationBuffers
+    scratch: Scratch
     written: KalmanOutputs
     coloured: Ar1Noise
     others: NoiseChangeArrays
@@ -87,13 +93,13 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 @inner_kernel
 def update(event: int, filtered: FilterRun) -> None:
     """Update the estimate with the channels of one event, one after the other."""
-    given, estimate, room, written, coloured, others, _ = filtered
-    events, model, expected, changes = given.events, given.model, room.expected, room.changes
+    given, estimate, _, expected, changes, _, written, coloured, others, _ = filtered
+    events, model = given.events, given.model
     kind, ph, change = events.kinds[event], expected.ph, changes.predicted_change
     expected.correction[:] = 0.0
     changed = others.p.shape[0] > 0
-    if changed:
-        sample_changes(event, kind, coloured, others)
+    for k in range(others.p.shape[0]):
+        sample(noise_of(k, coloured, others), event, kind)
     sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         written.status[event, c] = IGNORED
@@ -142,9 +148,8 @@ def _keep(estimate: KalmanState, x: Array, p: Array, t: Array) -> None:
 @inner_kernel
 def _take_reading(e: int, filtered: FilterRun) -> None:
     """Predict the reading of an event, and update the estimate with it."""
-    given, estimate, written = filtered.given, filtered.estimate, filtered.written
+    given, estimate, step, expected, changes, scratch, written, _, _, _ = filtered
     events, model, state = given.events, given.model, estimate.state
-    step, expected, changes, scratch = filtered.room
     kind, stick = events.kinds[e], given.command.at_events[0, e]
     if kind == IMU or events.first_step[e] == events.first_step[e + 1]:
         # Only rates of tilt and speed jump with the stick; other readings use the last Jacobian.
@@ -163,8 +168,8 @@ def _take_reading(e: int, filtered: FilterRun) -> None:
 @kernel
 def run(begin: int, end: int, filtered: FilterRun) -> None:
     """Filter the events ``begin`` to ``end``; rows of sensitivities start at 0."""
-    given, estimate, room, written, coloured, others, history = filtered
-    events, (step, _, changes, scratch) = given.events, room
+    given, estimate, step, _, changes, scratch, written, coloured, others, history = filtered
+    events = given.events
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     traced, changed = sensitivity.shape[1] > 0, others.p.shape[0] > 0
     kept = history.x_before.shape[0] > 0

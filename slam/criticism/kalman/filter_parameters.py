@@ -96,6 +96,8 @@ def filter_parameters_of(model: Model) -> FilterParameters:
         if term in CATALOGUE:
             sensor[k] = model.value(term, parameter)
     sensor[DATUM] = model.sonar.datum_m
+    camera = np.array([model.value(*name.split(".")) for name in CAMERA])
+    camera[list(SQUARES)] **= 2
     return FilterParameters(
         dynamics=model.parameters(),
         sensor=sensor,
@@ -107,7 +109,7 @@ def filter_parameters_of(model: Model) -> FilterParameters:
         drift=1e-6 * model.value("clock_drift", "ppm"),
         jitter_s=model.value("timestamp_jitter", "sigma"),
         noise_correlation=np.array([figure_of(model, name) for name in NOISE_CORRELATIONS]),
-        camera=camera_vector(model),
+        camera=camera,
     )
 
 
@@ -123,13 +125,6 @@ def slot(name: str) -> tuple[Literal["dynamics", "camera", "sensor", "latency", 
     if name in CAMERA:
         return "camera", CAMERA.index(name)
     return "sensor", SENSOR.index(name)
-
-
-def camera_vector(model: Model) -> Array:
-    """Return the vector of a model."""
-    vector = np.array([model.value(*name.split(".")) for name in CAMERA])
-    vector[list(SQUARES)] **= 2
-    return vector
 
 
 def catalogued(entry: int, value: float) -> float:

@@ -65,10 +65,6 @@ class Innovations:
     """(rows, changes of the noise) change of the prediction, over the standard deviation, ..."""
     change_of_log_variance: Array
     """(rows, changes of the noise) ... and that of the logarithm of the innovation's variance."""
-    begin: int
-    """First event of the segment, ..."""
-    end: int
-    """... and the event after its last one. Unused readings lie within it as well."""
 
 
 @dataclass(frozen=True)
@@ -142,23 +138,22 @@ class Run:
         coloured, events = ar1_noise_for(record, parameters, n, m, changed), len(record.times_s)
         self._record = record
         self._filtered = FilterRun(
-            given=filter_inputs(record, parameters, perturbations, signals or {}, variance, n),
-            estimate=initial_state(record, parameters, n, m),
-            room=workspace_for(n, m),
-            written=outputs_for(events),
-            coloured=coloured,
-            others=noise_changes_for(record, parameters, changed, coloured),
-            history=history_for(events * keeps_history, n, m),
+            filter_inputs(record, parameters, perturbations, signals or {}, variance, n),
+            initial_state(record, parameters, n, m),
+            *workspace_for(n, m),
+            outputs_for(events),
+            coloured,
+            noise_changes_for(record, parameters, changed, coloured),
+            history_for(events * keeps_history, n, m),
         )
         self.history = self._filtered.history
         """Estimates around each event, if the run keeps them."""
 
-    def passed(self, begin: int = 0, end: int | None = None) -> FilterPass:
-        """Return the results of events ``begin`` to ``end``, by default of all events that were filtered."""
-        part, written, kinds = slice(begin, end), self._filtered.written, self._filtered.given.events.kinds
-        log_variance = written.log_variance[part] - self._record.usual_log_variance[CHANNEL_AT[kinds[part]]]
-        results = (written.innovation[part], log_variance, written.status[part], written.states[part])
-        return FilterPass(self._record, *results)
+    def passed(self) -> FilterPass:
+        """Return the results of the events that were filtered."""
+        written = self._filtered.written
+        log_variance = written.log_variance - self._record.usual_log_variance[CHANNEL_AT[self._record.kinds]]
+        return FilterPass(self._record, written.innovation, log_variance, written.status, written.states)
 
     def segments(self, longest_s: float) -> Iterator[Innovations]:
         """Yield the innovations of one segment after the other. Call it once for each run."""
@@ -178,14 +173,19 @@ class Run:
             channels, rows = CHANNEL_AT[events.kinds[event], column], slice(written.rows[0])
             yield Innovations(
                 event, channels, written.innovation[event, column], written.sensitivity[rows],
-                written.change_of_mean[rows], np.log(written.variance_ratio[rows]), begin, end,
+                written.change_of_mean[rows], np.log(written.variance_ratio[rows]),
             )  # fmt: skip
 
 
 def referred(record: Record, parameters: FilterParameters) -> Record:
     """Return the record with its landing times and usual innovation variances under ``parameters``."""
-    landed = replace(record, landing=_landing(record, parameters), usual_log_variance=np.zeros(len(CHANNELS)))
-    return replace(landed, usual_log_variance=_usual(whole(landed, parameters)))
+    usual = np.zeros(len(CHANNELS))
+    landed = replace(record, landing=_landing(record, parameters), usual_log_variance=usual)
+    run = whole(landed, parameters)
+    channels = np.where(run.status == USED, CHANNEL_AT[record.kinds], NO_CHANNEL)
+    for channel in np.unique(channels[channels != NO_CHANNEL]):
+        usual[channel] = np.median(run.log_variance[channels == channel])
+    return replace(landed, usual_log_variance=usual)
 
 
 def _landing(record: Record, parameters: FilterParameters) -> Mask:
@@ -198,16 +198,6 @@ def _landing(record: Record, parameters: FilterParameters) -> Mask:
     # Standing counts as well: the gear is so stiff that a tiny height error shows in the accelerometer.
     last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))
     return np.asarray(record.times_s - last < CONTACT_S)
-
-
-def _usual(run: FilterPass) -> Array:
-    """Return (channels,) the median log variance of the innovations; 0 for a channel without any."""
-    usual = np.zeros(len(CHANNELS))
-    channels = np.where(run.status == USED, CHANNEL_AT[run.record.kinds], NO_CHANNEL)
-    for channel in range(len(CHANNELS)):
-        found = run.log_variance[channels == channel]
-        usual[channel] = np.median(found) if len(found) else 0.0
-    return usual
 
 
 def recoloured(record: Record, before: FilterParameters, after: FilterParameters) -> Record:

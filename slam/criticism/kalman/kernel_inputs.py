@@ -258,9 +258,11 @@ def _zeros(*shapes: int | tuple[int, ...]) -> list[Array]:
     return [np.zeros(shape) for shape in shapes]
 
 
-def workspace_for(n: int, m: int) -> arrays.Workspace:
-    """Return buffers for n states and m perturbations."""
-    return arrays.Workspace(
+def workspace_for(
+    n: int, m: int
+) -> tuple[arrays.StepBuffers, arrays.PredictedReading, arrays.PerturbationBuffers, arrays.Scratch]:
+    """Return buffers for n states and m perturbations, which all events of a filter run share."""
+    return (
         arrays.StepBuffers(
             *_zeros(FULL, (MOVING, n), (n, n), (n, n), FULL, NOISES, (n, n), MOVING, MOVING)
         ),

@@ -170,7 +170,7 @@ def spread_by_stamp(row: Array, rate: Array, jitter_s: float, diffusion: Array) 
 
 
 @inner_kernel
-def _noise_of(c: int, plain: Ar1Noise, changes: NoiseChangeArrays) -> Ar1Noise:
+def noise_of(c: int, plain: Ar1Noise, changes: NoiseChangeArrays) -> Ar1Noise:
     """Return the AR(1) noises of one change."""
     return Ar1Noise(
         plain.slot, plain.samples, changes.coefficient[c], changes.ar1_variance[c], changes.ar1_mean[c],
@@ -212,13 +212,6 @@ def predict_changes(h: float, step: StepBuffers, noise: Ar1Noise, changes: Noise
 
 
 @inner_kernel
-def sample_changes(event: int, kind: int, noise: Ar1Noise, changes: NoiseChangeArrays) -> None:
-    """Propagate the AR(1) noises of an instrument's channels to its next sample."""
-    for c in range(changes.p.shape[0]):
-        sample(_noise_of(c, noise, changes), event, kind)
-
-
-@inner_kernel
 def correct_changes(
     event: int,
     row: Array,
@@ -231,14 +224,13 @@ def correct_changes(
     changes: NoiseChangeArrays,
     written: KalmanOutputs,
 ) -> None:
-    """Correct the changes by a reading with row h (n,), whose innovation ``miss`` has the variance ``s_var``
-    in the plain filter.
+    """Correct the changes by a reading with row h (n,), of a plain innovation ``miss`` of variance ``s_var``.
 
     Write the changes of its prediction and the ratios of its variance to ``written``, at the plain row. A
     change of the stamps' jitter does not use readings that jumps of the stick may then spoil."""
     shift, own_ph, at, slot = changes.shift, changes.ph, written.rows[0], noise.slot[channel]
     for c in range(changes.p.shape[0]):
-        own, p = _noise_of(c, noise, changes), changes.p[c]
+        own, p = noise_of(c, noise, changes), changes.p[c]
         if channel < changes.spoilt_channels[c, event]:
             written.change_of_mean[at, c], written.variance_ratio[at, c] = 0.0, 1.0
             for i in range(len(row)):

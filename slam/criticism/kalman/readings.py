@@ -83,12 +83,8 @@ SENSOR = (
 """Entries of the instruments' parameter vector; the last three belong to no term."""
 
 
-def _kind(entry: str) -> int:
-    owner = entry.partition(".")[0]
-    return STREAMS.index(CATALOGUE[owner].stream if owner in CATALOGUE else owner)
-
-
-READ_BY = tuple(_kind(entry) for entry in SENSOR)
+_OWNERS = [entry.partition(".")[0] for entry in SENSOR]
+READ_BY = tuple(STREAMS.index(CATALOGUE[own].stream if own in CATALOGUE else own) for own in _OWNERS)
 """Kind of the events that read each entry."""
 
 

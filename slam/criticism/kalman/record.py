@@ -26,8 +26,8 @@ from slam.criticism.kalman.readings import (
     place_of,
 )
 from slam.data_quality.channels import streams_of
-from slam.data_quality.commands import LEAST_STICK, has_commands, holds_heading
-from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RATE, Z
+from slam.data_quality.commands import has_commands, holds_heading
+from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
 if TYPE_CHECKING:
@@ -137,6 +137,8 @@ def record_of(flight: Flight) -> Record:
     else:
         stick = stick_of(flight.command, float(times[-1]))
     start, start_std = _start(kinds, values)
+    # By the flight's own figures; 1 without the instrument.
+    std = dict.fromkeys(INSTRUMENTS, np.ones(1)) | {s.name: s.noise_std for s in streams_of(flight)}
     limits = (flight.sonar.min_range_m, flight.sonar.max_range_m) if flight.sonar else (0.0, np.inf)
     return Record(
         name=flight.name,
@@ -145,18 +147,13 @@ def record_of(flight: Flight) -> Record:
         values=values,
         elapsed=np.clip(times / times[-1], 0.0, 1.0),
         stick=stick,
-        noise_std=_noise_std(flight),
+        noise_std=np.maximum(by_channel(*std.values()), 1e-6),
         range_limits=np.array(limits, dtype=float),
         start=start,
         start_std=start_std,
         landing=np.zeros(len(times), dtype=bool),
         usual_log_variance=np.zeros(len(CHANNELS)),
     )
-
-
-def any_turns(records: Sequence[Record]) -> bool:
-    """Return whether the turn stick moved in any of the records."""
-    return any(bool((np.abs(record.stick.values[:, TURN]) >= LEAST_STICK).any()) for record in records)
 
 
 def any_holds_heading(records: Sequence[Record]) -> bool:
@@ -224,12 +221,6 @@ def moving_from(record: Record, begin_s: float, end_s: float) -> Record:
     start_std[[ROLL, PITCH]], start_std[YAW_RATE] = MOVING_TILT_RAD, MOVING_TURN_RAD_S
     start_std[[VX, VY, VZ]] = MOVING_M_S
     return replace(flown, start=start, start_std=start_std)
-
-
-def _noise_std(flight: Flight) -> Array:
-    """Return (channels,) the noise of one reading by the flight's own figures; 1 without the instrument."""
-    std = dict.fromkeys(INSTRUMENTS, np.ones(1)) | {s.name: s.noise_std for s in streams_of(flight)}
-    return np.maximum(by_channel(*std.values()), 1e-6)
 
 
 def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:

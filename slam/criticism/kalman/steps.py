@@ -82,14 +82,6 @@ STATES_READ = (
 
 
 @inner_kernel
-def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
-    """Return whether the gear may be hitting the floor: not while standing, or while commanded to climb."""
-    if stick[UP] > 0.0 or abs(state[VZ]) < STANDS_M_S:
-        return False
-    return bool(state[Z] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]))
-
-
-@inner_kernel
 def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffers, scratch: Scratch) -> None:
     """Predict state and covariance over step ``s``, in place, and keep the step's matrices in ``step``."""
     state, p, model = estimate.state, estimate.p, given.model
@@ -116,7 +108,9 @@ def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffer
         for i in range(MOVING):
             for j in range(MOVING):
                 p[i, j] += late[i] * late[j]
-    if settling(state, p, stick, model.parameters):
+    # The gear may be hitting the floor: not while standing, or while commanded to climb.
+    sinks = stick[UP] <= 0.0 and abs(state[VZ]) >= STANDS_M_S
+    if sinks and state[Z] - model.parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]):
         for i in range(VX, VZ + 1):
             step.contact_variance[i] = CONTACT_NOISE**2 * h
             p[i, i] += step.contact_variance[i]

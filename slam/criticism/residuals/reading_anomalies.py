@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from scipy.special import expit
 from scipy.stats import gamma
 
 from slam.core.arrays import Array
@@ -56,8 +57,7 @@ def cause_in_readings(
     total = sum(nats)
     lead = float(total - parameter_cost(1) - ONE_OF_ALL)
     gain = Gain.of(np.array(by_others or nats), "flight" if by_others else None)
-    probability, z = 1.0 / (1.0 + np.exp(-min(lead, 700.0))), np.sqrt(2 * max(total, 0.0))
-    return Cause(name, float(probability), sizes, gain, float(z), lead)
+    return Cause(name, float(expit(lead)), sizes, gain, float(np.sqrt(2 * max(total, 0.0))), lead)
 
 
 def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Cause]]:
@@ -65,7 +65,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Cau
 
     Quantised readings repeat themselves without one.
     """
-    if are_quantised(records):
+    if quantisation_in(records) is not None:
         return list(records), []
     stuck, kept = [], []
     for record in records:
@@ -187,18 +187,14 @@ def ranges_of(records: Sequence[Record]) -> Array:
     return np.asarray(every[np.isfinite(every)])
 
 
-def are_quantised(records: Sequence[Record]) -> bool:
-    """Return whether the ranges are multiples of a step."""
-    return _quantisation(records) is not None
-
-
-def _quantisation(records: Sequence[Record]) -> Quantisation | None:
+def quantisation_in(records: Sequence[Record]) -> Quantisation | None:
+    """Return the step that the ranges are multiples of; None without one."""
     return quantisation_of(ranges_of(records), float(np.median([r.noise_std[RANGE] for r in records])))
 
 
 def _quantised(records: Sequence[Record]) -> list[Cause]:
     """Return the quantisation of the ranges."""
-    found = _quantisation(records)
+    found = quantisation_in(records)
     if found is None:
         return []
     size = _sized("sonar_quantisation", found.step_m, 1.96 * STEP_STD_M)

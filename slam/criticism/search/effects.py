@@ -16,7 +16,7 @@ from slam.criticism.camera.photometric import VARIANCE_PATTERNS
 from slam.criticism.kalman.filter_parameters import SQUARES, FilterParameters, slot
 from slam.criticism.kalman.kernel_inputs import Perturbation
 from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
-from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
+from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.search.fitted_parameters import (
     AT,
     MEAN_NUISANCES,
@@ -24,8 +24,9 @@ from slam.criticism.search.fitted_parameters import (
     FittedParameter,
     fitted_parameter,
 )
-from slam.simulation.dynamics import GAIN, MAX_TILT, TILT_LIMIT
-from slam.simulation.terms import CATALOGUE, Parameter, Term
+from slam.data_quality.commands import LEAST_STICK
+from slam.simulation.dynamics import GAIN, MAX_TILT, TILT_LIMIT, TURN
+from slam.simulation.terms import CATALOGUE, Term
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,6 @@ TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
 LATENCIES_S = (0.015, 0.04, 0.08, 0.15)
 GUST_TIMES_S = (0.7, 2.5)
 LOWEST_TILT_RAD = 0.03
-PLAUSIBLE = 3.0
 
 
 def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list[Effect]:
@@ -119,7 +119,8 @@ def effects_for(records: Sequence[Record], parameters: FilterParameters) -> list
     found = [e for term in CATALOGUE.values() if seen or term.stream not in PICTURES for e in _plain(term)]
     if parameters.latency_s == 0.0:
         found += _at_values("control_latency.T", LATENCIES_S, 0.0)
-    if any_holds_heading(records) or not any_turns(records):
+    turns = any((np.abs(record.stick.values[:, TURN]) >= LEAST_STICK).any() for record in records)
+    if any_holds_heading(records) or not turns:
         # A vehicle that was never commanded to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
@@ -143,8 +144,7 @@ def delayed_readings(records: Sequence[Record]) -> list[Effect]:
 def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
     """Return nuisances beyond their healthy range, where no term of the catalogue stands for that.
 
-    The process noise of an out-of-model vehicle is unknown, but not free either: enough of it explains any
-    flight.
+    The process noise of an out-of-model vehicle is unknown, but not free: enough of it explains any flight.
     """
     return [
         Effect(f"{n.name} out of range", relaxes=(n.name,))
@@ -153,25 +153,17 @@ def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
     ]
 
 
-def plausible_range(name: str, parameter: str) -> tuple[float, float]:
-    """Return the range of possible values of a term: three times the usual distance from neutral."""
-    limits = CATALOGUE[name].parameter(parameter)
-    reach = PLAUSIBLE * max(abs(limits.high - limits.neutral), abs(limits.low - limits.neutral))
-    return max(limits.neutral - reach, limits.least), min(limits.neutral + reach, limits.most)
-
-
 def _plain(term: Term) -> list[Effect]:
     """Return the term with its smooth parameters together; one whose sign cannot be observed, or that the
     catalogue marks so, is tried alone."""
     single = [p for p in term.smooth if p.alone or p.squared]
     groups = [[p] for p in single] + [[p for p in term.smooth if p not in single]]
-    return [_together(term.name, group) for group in groups if group]
-
-
-def _together(name: str, parameters: Sequence[Parameter]) -> Effect:
-    perturbations = tuple(_moving(f"{name}.{p.name}") for p in parameters)
-    positive = len(parameters) == 1 and parameters[0].least == 0.0
-    return Effect(name, perturbations, (), tuple(p.name for p in parameters), positive)
+    found = []
+    for names, group in ((tuple(p.name for p in group), group) for group in groups if group):
+        perturbations = tuple(_moving(f"{term.name}.{name}") for name in names)
+        positive = len(group) == 1 and group[0].least == 0.0
+        found.append(Effect(term.name, perturbations, (), names, positive))
+    return found
 
 
 def _tilt_limits(records: Sequence[Record], parameters: FilterParameters) -> list[Effect]:

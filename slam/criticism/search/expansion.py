@@ -21,7 +21,6 @@ from slam.criticism.search.effects import (
     Effect,
     delayed_readings,
     effects_for,
-    plausible_range,
     relaxed_nuisances,
 )
 from slam.criticism.search.fitted_parameters import (
@@ -39,6 +38,8 @@ from slam.simulation.terms import CATALOGUE
 NAMED_FIRST = 0.8
 """Share of its nats that counts for a constant out of its range or a delayed reading, which must explain more
 than a term of the catalogue."""
+PLAUSIBLE = 3.0
+"""Greatest distance of a possible value from neutral, in greatest usual distances."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,8 @@ class LikelihoodExpansion:
 
     def own(self, effect: Effect) -> Effect:
         """Return the same effect with this expansion's columns."""
-        for candidate in self.effects:
-            if candidate.label == effect.label:
-                return candidate
-        return next(c for c in self.effects if c.name == effect.name)
+        same = [candidate for candidate in self.effects if candidate.name == effect.name]
+        return next((candidate for candidate in same if candidate.label == effect.label), same[0])
 
     def fitted(self, effect: Effect, maximum: Maximum) -> tuple[Array, Array]:
         """Return the sizes of an effect at a maximum, and their covariance."""
@@ -94,7 +93,7 @@ class LikelihoodExpansion:
 
     def over(self, segments: Mask) -> QuadraticLikelihood:
         """Return the quadratic likelihood of some segments of the flights alone."""
-        return self.quadratic.over(self.fisher, segments)
+        return self.quadratic.over(self.fisher.of(segments))
 
     def score_tests(
         self, chosen: Sequence[Effect], among: Sequence[Effect | tuple[Effect, Effect]]
@@ -155,10 +154,13 @@ def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) 
         return False
     std = 2.0 * np.sqrt(np.diag(covariance))
     for k, name in enumerate(effect.parameters):
-        least, most = plausible_range(effect.name, name)
+        usual = CATALOGUE[effect.name].parameter(name)
+        reach = PLAUSIBLE * max(abs(usual.high - usual.neutral), abs(usual.low - usual.neutral))
         ends = (size[k] - std[k], size[k] + std[k])
         values = [effect.in_catalogue_units(k, end, expansion.parameters) for end in ends]
-        if min(values) > most or max(values) < least:
+        if min(values) > min(usual.neutral + reach, usual.most):
+            return True
+        if max(values) < max(usual.neutral - reach, usual.least):
             return True
     return False
 

@@ -3,8 +3,7 @@ for the next term are each fitted with the filter run anew.
 
 AR(1) noise of instruments is healthy, and competes with the causes: both correlate innovations. Where the
 correlation is significant, the coefficients are fitted with the nuisances. They are accepted where they
-explain more than the best cause or residual pattern, and something in every channel of the instrument and in
-every flight.
+explain more than the best cause or pattern, and something in each channel of the instrument and each flight.
 """
 
 from __future__ import annotations
@@ -60,12 +59,11 @@ def fit_nuisances(
     start: FilterParameters | None = None,
     effects: Sequence[Effect] = (),
 ) -> FilterParameters:
-    """Return the most probable nuisances within their ranges, from the first parts of flights, of long ones
-    from all.
+    """Return the most probable nuisances within their ranges, from the first parts of flights.
 
-    Those of ``effects`` that increase noise, or free a nuisance of its range, are fitted with them. The
-    others keep their size in ``start``. It comes from all the flights; the first parts may lack the manoeuvre
-    that shows it.
+    Where flights are long, the last round is fitted to all of them. Those of ``effects`` that increase noise,
+    or free a nuisance of its range, are fitted too. The others keep their size in ``start``, which comes from
+    all flights: the first parts may lack the manoeuvre that shows it.
     """
     effects = [e for e in effects if e.changes or e.relaxes]
     short = first_parts(records, FIRST_S)
@@ -211,8 +209,7 @@ def with_ar1_noise(
     chosen: Sequence[Effect],
     most_nats: float,
 ) -> FilterParameters | None:
-    """Return the parameters with AR(1) noise, if that explains more of the flights than anything else; else
-    None.
+    """Return the parameters with AR(1) noise; None where something else explains more of the flights.
 
     ``passes`` are the filter's runs under ``parameters``, which hold the ``chosen`` terms. ``most_nats`` is
     the gain of the best other explanation. Instruments of an out-of-model vehicle are not tested.

@@ -133,12 +133,14 @@ def fisher_information(
             c.stepped(parameters, step) for c, step in zip(changes, steps, strict=True) if step < np.inf
         ]
         run = Run(records[k], parameters, perturbations, signals[k] if signals is not None else None, changed)
-        parts = list(_segment_terms(run, steps, apart, weight))
+        terms, passed = list(_segment_terms(run, steps, apart, weight)), run.passed()
+        nats = by_segment(passed.nats.sum(axis=1), len(terms)).tolist()
+        parts = [replace(part, log_likelihood=x) for part, x in zip(terms, nats, strict=True)]
         if (matches := records[k].matches) is not None:
             # Given the readings, pictures are independent of all innovations: they are one more segment.
             seen = reprojection_score(records[k], matches, parameters, perturbations)
             parts.append(seen.by(np.eye(len(perturbations), len(names))))
-        return parts, run.passed()
+        return parts, passed
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
@@ -156,7 +158,7 @@ def fisher_information(
 
 
 def _segment_terms(run: Run, steps: Array, apart: Ints, weight: Array) -> Iterator[LikelihoodScore]:
-    """Yield information, score and log likelihood of each segment of a flight.
+    """Yield information and score of each segment of a flight.
 
     ``steps`` (changes,) are the sizes of the changes of the noise, infinite for those that did not run.
     ``weight`` (channels,) is that of squared innovations."""
@@ -179,7 +181,14 @@ def _segment_terms(run: Run, steps: Array, apart: Ints, weight: Array) -> Iterat
         excess = np.minimum(rows.white**2, CUT) - CUT_MEAN
         score[d:end] += 0.5 * (excess * weight[rows.channels]) @ widened
         information[d:end, d:end] += 0.5 * spread.T @ widened
-        yield LikelihoodScore(information, score, run.passed(rows.begin, rows.end).log_likelihood)
+        yield LikelihoodScore(information, score)
+
+
+def by_segment(by_event: Array, segments: int) -> Array:
+    """Return (segments,) sums of (events,) values over the segments of ``Run.segments``."""
+    ends = np.linspace(0, len(by_event), segments + 1).astype(np.int64)[1:]
+    segment = np.searchsorted(ends, np.arange(len(by_event)), side="right")
+    return np.asarray(np.bincount(segment, weights=by_event, minlength=segments), dtype=float)
 
 
 def _variance_weight(plain: Sequence[FilterPass]) -> Array:

@@ -82,8 +82,7 @@ def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
 def residual_patterns(perturbations: Sequence[Perturbation]) -> tuple[Effect, ...]:
     """Return each perturbation as a pattern, and pairs of one kind ahead and to the left together.
 
-    An isotropic error leaves half of its effect in each direction. One alone would lose against a wrong term
-    that has both.
+    An isotropic error leaves half of its effect in each direction: one alone loses to a wrong term of both.
     """
     placed = tuple(d for d in perturbations if d.name.startswith(YAW_AT_PLACE))
     known = {d.name: d for d in perturbations if d not in placed}
@@ -103,8 +102,7 @@ def residual_patterns(perturbations: Sequence[Perturbation]) -> tuple[Effect, ..
 
 
 def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1) -> dict[str, Signal]:
-    """Return each signal at the middle of the steps and at the events; ``states`` (events, >= 10) are
-    filtered.
+    """Return each signal in the middle of steps and at events, by filtered ``states`` (events, >= 10).
 
     Place belongs to one flight, number ``flight`` of ``flights``, and is 0 in the others.
     """
@@ -132,7 +130,8 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
     stick = record.stick.at(times_s)
     elapsed = times_s / record.duration_s
     x, y = (states[:, :2] - states[0, :2]).T
-    pitching, rolling = (_rate(times_s, states[:, k]) for k in (PITCH, ROLL))
+    before = [np.interp(times_s - TILTING_S, times_s, states[:, k]) for k in (PITCH, ROLL)]
+    pitching, rolling = (states[:, [PITCH, ROLL]].T - before) / TILTING_S
     speed = np.hypot(ahead, left)
     fast = np.maximum(speed / max(float(np.quantile(speed, 0.99)), 1e-3) - FAST, 0.0)
     return {
@@ -149,7 +148,3 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
         "ahead when fast": fast * ahead, "left when fast": fast * left,
         "pitching": pitching, "rolling": rolling, "tilt2": states[:, PITCH] ** 2 + states[:, ROLL] ** 2,
     }  # fmt: skip
-
-
-def _rate(times_s: Array, angle: Array) -> Array:
-    return np.asarray((angle - np.interp(times_s - TILTING_S, times_s, angle)) / TILTING_S)

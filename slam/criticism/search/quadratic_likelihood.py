@@ -130,8 +130,7 @@ class QuadraticLikelihood:
         return float(np.sqrt(max(float(size @ np.linalg.solve(spread, size)) - (len(size) - 1), 0.0)))
 
     def nats(self, effects: Sequence[Effect], beside: Sequence[Effect]) -> float:
-        """Return the nats of a set of effects; with clusters, as far as segments agree on its lead over the
-        set ``beside`` it.
+        """Return the nats of a set; with clusters, as far as segments agree on its lead over ``beside``.
 
         Sets are compared with their union, from which one effect after the other is taken: where segments
         disagree on one of many steps, the others still count in full. An effect in another's place counts for
@@ -177,15 +176,11 @@ class QuadraticLikelihood:
         step = self.maximise(effects).whole[self.index(columns)]
         return {c: float(x) + self.current.get(c, 0.0) for c, x in zip(columns, step, strict=True)}
 
-    def over(self, fisher: FisherInformation, segments: Mask) -> QuadraticLikelihood:
-        """Return the likelihood of some ``segments`` alone of the information that this one is made of."""
-        share = segments.astype(np.float64)
-        return replace(
-            self,
-            information=np.tensordot(share, fisher.information, 1),
-            score=share @ fisher.score,
-            clusters=None if self.clusters is None else self.clusters.of(segments),
-        )
+    def over(self, fisher: FisherInformation) -> QuadraticLikelihood:
+        """Return the same for the information and score of other segments."""
+        information, score = fisher.information.sum(axis=0), fisher.score.sum(axis=0)
+        clusters = None if self.clusters is None else fisher
+        return replace(self, information=information, score=score, clusters=clusters)
 
     def penalty_at_current(self, relaxed: Sequence[str] = ()) -> float:
         """Return the prior's penalty in nats at the expansion point, to be subtracted there."""
@@ -255,12 +250,11 @@ def quadratic_likelihood(
     clustered: bool = False,
 ) -> QuadraticLikelihood:
     """Return the quadratic likelihood of the flights, with errors correlated in segments if ``clustered``."""
-    share = np.ones(len(fisher.score))
     return QuadraticLikelihood(
         columns=fisher.columns,
         names=tuple(n.name for n in nuisances),
-        information=np.tensordot(share, fisher.information, 1),
-        score=share @ fisher.score,
+        information=fisher.information.sum(axis=0),
+        score=fisher.score.sum(axis=0),
         at=np.array([n.value_in(parameters) for n in nuisances]),
         limits=np.array([n.healthy_range(model) for n in nuisances]).reshape(-1, 2),
         precision=np.array([n.prior_precision(model) for n in nuisances]),

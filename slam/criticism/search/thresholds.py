@@ -44,22 +44,16 @@ class Thresholds:
 
     def times(self, factor: float, why: str) -> Thresholds:
         """Return all thresholds times a factor, described by ``why``."""
-        return Thresholds(
-            factor * self.effects, factor * self.patterns, factor * self.second, factor * self.pairs,
-            f"{factor:g} times {self.meaning}, as {why}",
-        )  # fmt: skip
+        four = [factor * z for z in (self.effects, self.patterns, self.second, self.pairs)]
+        return Thresholds(four[0], four[1], four[2], four[3], f"{factor:g} times {self.meaning}, as {why}")
 
 
 def load_thresholds(pictures: bool = False) -> Thresholds:
     """Return the shipped thresholds, for flights without or with pictures."""
     text = resources.files("slam.criticism.search").joinpath("thresholds.toml").read_text(encoding="utf-8")
-    table = tomllib.loads(text)
-    return Thresholds(
-        float(table["effects"]),
-        float(table["shapes_with_pictures" if pictures else "shapes"]),
-        float(table["second"]),
-        float(table["pairs_with_pictures" if pictures else "pairs"]),
-    )
+    table, suffix = tomllib.loads(text), "_with_pictures" * pictures
+    effects, patterns = float(table["effects"]), float(table[f"shapes{suffix}"])
+    return Thresholds(effects, patterns, float(table["second"]), float(table[f"pairs{suffix}"]))
 
 
 MISFIT = 0.05

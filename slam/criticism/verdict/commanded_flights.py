@@ -18,7 +18,6 @@ from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import FilterPass, used_innovations
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, RANGE
-from slam.criticism.kalman.record import Record
 from slam.criticism.next_flight import next_flight
 from slam.criticism.prepare import PreparedFlights, untested_reasons
 from slam.criticism.residuals.reading_anomalies import reading_anomalies, smallest_in_readings
@@ -29,7 +28,7 @@ from slam.criticism.verdict.criticism import ChannelCheck, Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed_terms, errors_of, rollout_probability
 from slam.criticism.verdict.held_out import HeldOut, fitted_parameters, held_out
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
-from slam.criticism.verdict.over_time import SizeOverTime, changing_sizes, contradictions
+from slam.criticism.verdict.over_time import changing_sizes, contradictions
 from slam.criticism.verdict.posterior import likeliest, posterior_of
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
@@ -89,11 +88,6 @@ class CommandedFlights(Evidence):
     dropped: tuple[str, ...]
     """Flights, streams and pictures that are not judged, with the reason, one line each."""
 
-    @property
-    def records(self) -> tuple[Record, ...]:
-        """The flights as expanded."""
-        return self.found.records
-
     @cached_property
     def _together(self) -> HeldOut | None:
         """Gain of all chosen terms on held-out flights; None without any."""
@@ -120,7 +114,7 @@ class CommandedFlights(Evidence):
             *(replace(doubt, is_cause=name in reported) for name, doubt in doubts.items()),
             *(self.best.unhealthy if self.best is not None else ()),
             *vibration_of(passes),
-            *flicker_among(r.matches.flicker for r in self.records if r.matches is not None),
+            *flicker_among(r.matches.flicker for r in self.found.records if r.matches is not None),
             *(NameInDoubt(is_cause=False, effect=c.name) for c in judged.faint if c.name not in doubts),
             *outliers_of(passes),
         ]
@@ -128,9 +122,9 @@ class CommandedFlights(Evidence):
     def completed(self, found: Criticism) -> Criticism:
         """Return the criticism with flight, model, tables; ``unusable`` where next to nothing could show."""
         shown = list(within_reach(found.detectable))
-        found = replace(found, flights=tuple(record.name for record in self.records))
+        found = replace(found, flights=tuple(record.name for record in self.found.records))
         if found.verdict == "nothing_wrong" and len(shown) < FEWEST_SHOWN:
-            reasons = untested_reasons(self.records, shown)
+            reasons = untested_reasons(self.found.records, shown)
             return replace(
                 unusable(reasons, self.dropped, "Fly longer, or record more."), model=found.model,
                 flights=found.flights, detectable=found.detectable, threshold=found.threshold,
@@ -138,58 +132,43 @@ class CommandedFlights(Evidence):
             )  # fmt: skip
         searched, parameters = self.found, self.parameters
         correlations = zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True)
-        is_nameless = found.verdict == "unknown" and not found.causes
-        nearest = _nearest_term(searched, found.threshold) if is_nameless else []
+        nearest, threshold, findings = max(found.ranking, key=lambda r: r.z), found.threshold, found.findings
+        if found.verdict == "unknown" and not found.causes and nearest.z >= 0.5 * threshold:
+            text = f"nearest is {nearest.name}, by {nearest.z:.1f} sigma where {threshold:.1f} are required"
+            findings = (*findings, Remark(text, effect=nearest.name))
         with self._rolled_out.part():
-            drawn = covariate(self.records, parameters, searched, found.causes[0]) if found.causes else None
+            drawn = (
+                covariate(self.found.records, parameters, searched, found.causes[0]) if found.causes else None
+            )
+        unseen: dict[str, Model] = {}
+        if self._together is not None and self._together.by == "flight":
+            after = self._together.after if self.best is None else self.best.left_out
+            unseen = {
+                r.name: self._extended(found.causes, p)
+                for r, p in zip(self.found.records, after, strict=True)
+            }
         return replace(
             found,
-            findings=(*found.findings, *nearest),
-            next_flight=next_flight(self.records, self.model, searched, self.posterior, self.progress),
-            detectable=found.detectable | smallest_in_readings(self.records),
+            findings=findings,
+            next_flight=next_flight(self.found.records, self.model, searched, self.posterior, self.progress),
+            detectable=found.detectable | smallest_in_readings(self.found.records),
             nuisances=_fitted_nuisances(searched, self.best),
             noise_correlation={name: share for name, share in correlations if share > 0.0},
             checks=_checks(searched.last.fisher.passes),
             covariate=drawn,
-            changes=self._changes(),
+            changes=changing_sizes(searched, parameters, self.doubts),
             dropped=self.dropped,
             extended=with_certainty(self._extended(found.causes, parameters), found.causes),
-            unseen=self._models_of_others(found.causes),
+            unseen=unseen,
         )
 
     def _extended(self, causes: Sequence[Cause], parameters: FilterParameters) -> Model:
         """Return the model with the reported causes: what may as well be something else is left out."""
         seen = {anomaly.name for anomaly in self.anomalies}
         of_streams = [cause.name for cause in causes if cause.name not in seen]
-        return with_terms(extended_model(self.model, parameters, of_streams, self.records), self.anomalies)
-
-    def _changes(self) -> tuple[SizeOverTime, ...]:
-        """Return the sizes over time of causes, and of what looks like one, that are not steady."""
-        found, doubts, known = self.found, self.doubts, {e.name for e in self.found.chosen}
-        others = {e.name: e for e in reversed(found.last.effects) if e.name in doubts and e.name not in known}
-        if not others and not known & {*doubts}:
-            return ()
-        chosen = [e.free for e in (*found.chosen, *others.values())]
-        return changing_sizes(self.records, found.model, self.parameters, chosen, {*doubts})
-
-    def _models_of_others(self, causes: Sequence[Cause]) -> dict[str, Model]:
-        """Return for each flight the model fitted on all others; empty where segments were held out."""
-        together = self._together
-        if together is None or together.by != "flight":
-            return {}
-        after = together.after if self.best is None else self.best.left_out
-        each = zip(self.records, after, strict=True)
-        return {record.name: self._extended(causes, parameters) for record, parameters in each}
-
-
-def _nearest_term(found: SearchResult, threshold: float) -> list[Remark]:
-    """Return the term with the greatest score test alone, if it reaches half the threshold."""
-    known = [s for s in found.first.score_tests([], found.first.effects) if s.effect.is_term]
-    best = max(known, key=lambda s: s.z, default=None)
-    if best is None or best.z < 0.5 * threshold:
-        return []
-    text = f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are required"
-    return [Remark(text, effect=best.effect.name)]
+        return with_terms(
+            extended_model(self.model, parameters, of_streams, self.found.records), self.anomalies
+        )
 
 
 def _fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:

@@ -113,9 +113,8 @@ class Criticism:
 
     def probability_of(self, name: str) -> float:
         """Return the posterior probability of a term: that of a cause, or else that in the ranking."""
-        own = {cause.name: cause.probability for cause in self.causes}
-        ranked = {rank.name: rank.probability for rank in self.ranking}
-        return own.get(name, ranked.get(name, 0.0))
+        known = {rank.name: rank.probability for rank in self.ranking}
+        return (known | {cause.name: cause.probability for cause in self.causes}).get(name, 0.0)
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of verdict.json."""

@@ -6,6 +6,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
 from slam.criticism.camera.reprojection import reprojection_errors
 from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, ChannelError, Gain, Interval
@@ -39,8 +40,7 @@ no noise is exactly as modelled. From 18 singles of ``python -m tests.blind.run 
 
 
 def confirmed_terms(found: SearchResult) -> SearchResult:
-    """Return the search without terms that held-out flights do not confirm: weakest first, each beside the
-    others.
+    """Return the search without terms that held-out flights do not confirm beside the others, weakest first.
 
     A highly significant term stays, confirmed or not: something is there. Without any term the expansion is
     that of the healthy vehicle.
@@ -82,8 +82,7 @@ def causes_of(
 ) -> tuple[Cause, ...]:
     """Return the chosen terms of the catalogue as causes, with sizes by roll-outs where ``best`` is given.
 
-    ``all_together``: their gain on held-out flights over none of them. ``channels``: errors without and with
-    them.
+    ``all_together``: their gain on held-out flights. ``channels``: errors without and with them.
     """
     causes = []
     for effect, place in zip(found.chosen, posterior.places, strict=True):
@@ -108,7 +107,12 @@ def causes_of(
 
 def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
     """Return the cause with its size by roll-outs, and with their gain where they raised its probability."""
-    found = replace(cause, parameters=_rollout_sizes(best, effect))
+    sizes = {}
+    for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
+        # A term that roll-outs do not fit keeps its current value.
+        current = 0.0 if column in FREE else fitted_parameter(column).size_in(best.parameters)
+        sizes[name] = _interval(effect, k, WIDE * best.std.get(column, 0.0), best.parameters, current)
+    found = replace(cause, parameters=sizes)
     parts = np.array(best.nats.get(effect.name, ()))
     if rollout_probability(best, effect) < cause.probability - 1e-9:
         return found
@@ -117,8 +121,7 @@ def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
 
 def rollout_probability(best: RolloutFit, effect: Effect) -> float:
     """Return the probability of a term, its alternatives among them, by held-out roll-outs."""
-    odds = float(sum(best.nats.get(effect.name, ()))) - required_nats(effect)
-    return float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
+    return float(expit(sum(best.nats.get(effect.name, ())) - required_nats(effect)))
 
 
 def split_by_probability(
@@ -168,16 +171,6 @@ def fitted_sizes(
     for k, name in enumerate(effect.parameters):
         half = wide * float(np.hypot(np.sqrt(covariance[k, k]), effect.tolerance))
         found[name] = _interval(effect, k, half, expansion.parameters, float(size[k]))
-    return found
-
-
-def _rollout_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
-    """Return sizes by roll-outs with intervals; for a term that roll-outs do not fit, its current value."""
-    found = {}
-    for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
-        current = 0.0 if column in FREE else fitted_parameter(column).size_in(best.parameters)
-        reach = WIDE * best.std.get(column, 0.0)
-        found[name] = _interval(effect, k, reach, best.parameters, current)
     return found
 
 

@@ -20,6 +20,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.fitted_parameters import with_steps
+from slam.criticism.search.information import by_segment
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import SIZE_PRIOR
 
@@ -86,7 +87,14 @@ def _prediction(
 ) -> tuple[float, FilterParameters]:
     """Return the log likelihood of the segments ``own`` above the expansion's parameters, averaged over the
     uncertainty of a fit on ``others``, and the most probable parameters by these."""
-    fitted = expansion.over(others).maximise(effects, _prior_std(expansion, effects))
+    # The prior of a size has the standard deviation of the evidence's, no less than the size found.
+    maximum = expansion.quadratic.maximise(effects)
+    reach: dict[str, float] = {}
+    for effect in effects:
+        size, covariance = expansion.fitted(effect, maximum)
+        std = np.sqrt(SIZE_PRIOR * np.diag(covariance) + size**2).tolist()
+        reach |= {c: x for c, x in zip(effect.columns, std, strict=True) if c not in effect.relaxes}
+    fitted = expansion.over(others).maximise(effects, reach)
     judged = expansion.over(own)
     return judged.predicted(fitted), with_step(expansion, fitted.whole, effects)
 
@@ -98,8 +106,7 @@ def _gain_rerun(
     before: FilterParameters,
     after: FilterParameters,
 ) -> float:
-    """Return the gain in log likelihood of some segments from one parameter set to another, with the filter
-    run anew.
+    """Return the gain of some segments from one parameter set to another, with the filter run anew.
 
     Only readings that both judge count. An expansion includes the readings that were judged there. A
     touch-down that one parameter set alone judges can outweigh all others.
@@ -117,8 +124,7 @@ def _by_segment(expansion: LikelihoodExpansion, flight: int, by_event: Array) ->
     """Return (segments of a flight,) sums of (events,) values; 0 for its pictures."""
     segments = int((expansion.fisher.flight == flight).sum())
     readings = expansion.fisher.readings[flight]
-    bounds = np.linspace(0, len(by_event), readings + 1).astype(np.int64)
-    return np.pad(np.add.reduceat(by_event, bounds[:-1]), (0, segments - readings))
+    return np.pad(by_segment(by_event, readings), (0, segments - readings))
 
 
 def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) -> tuple[Array, Array]:
@@ -137,18 +143,6 @@ def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) 
             by_event = np.where(alone, run.nats, 0.0).sum(axis=1)
             nats[side][one.fisher.flight == k] -= _by_segment(one, k, by_event)
     return nats
-
-
-def _prior_std(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[str, float]:
-    """Return column -> prior standard deviation of a size: the evidence's, no less than the size found."""
-    maximum = expansion.quadratic.maximise(effects)
-    reach: dict[str, float] = {}
-    for effect in effects:
-        size, covariance = expansion.fitted(effect, maximum)
-        std = np.sqrt(SIZE_PRIOR * np.diag(covariance) + size**2)
-        known = zip(effect.columns, std.tolist(), strict=True)
-        reach |= {column: x for column, x in known if column not in effect.relaxes}
-    return reach
 
 
 def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> FilterParameters:

@@ -118,8 +118,7 @@ def ranking(
 ) -> tuple[Rank, ...]:
     """Return all terms, "nothing" and "something else", by probability and by their score test alone.
 
-    ``anomalies``: the causes that single readings show; "nothing" requires that there is none of these
-    either.
+    ``anomalies``: the causes that single readings show; "nothing" requires that there is none of these.
     """
     seen = {cause.name: cause for cause in anomalies}
     healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))

@@ -1,8 +1,7 @@
 """Consistency of a cause: its size in each flight, time and channel, and before and after a moment.
 
-If one size holds everywhere, the score of each part beside the common sizes is chance. It is a chi-square
-with as many degrees of freedom as the parts have sizes of their own. All common parameters (nuisances, sizes)
-are projected out.
+If one size holds everywhere, the score of each part beside the common sizes is chance: a chi-square with as
+many degrees of freedom as the parts have sizes. Common parameters (nuisances, sizes) are projected out.
 
 The greatest difference before and after a moment is the sup-Wald statistic of a break at an unknown time
 (Andrews, 1993). It and the scatter of the parts find different things: an attitude error that comes and goes
@@ -50,8 +49,7 @@ RIDGE = 1e-9
 TRIMMED = 0.15
 """Least share of a parameter's information on either side of the moment of a change."""
 CERTAIN_Z = 5.0
-"""Least z of a change. With 20 parameters the 1 % point of the statistic is 4.2 (Andrews, 1993, table I, by
-Bonferroni)."""
+"""Least z of a change. The 1 % point for 20 parameters is 4.2 (Andrews, 1993, table I, by Bonferroni)."""
 
 
 @dataclass(frozen=True)
@@ -264,8 +262,7 @@ def _inconsistency(
 def contradictions(
     found: SearchResult, parameters: FilterParameters
 ) -> tuple[dict[str, Inconsistency], set[str]]:
-    """Return the inconsistencies of causes, by name, and the names of causes that contradict themselves more
-    than they explain.
+    """Return the inconsistencies of causes by name, and the causes that contradict more than they explain.
 
     Only effects that move the mean of the readings are compared. ``parameters`` include them. For an
     out-of-model vehicle every cause is inconsistent, as its equations are wrong.
@@ -290,12 +287,17 @@ def contradictions(
 
 
 def changing_sizes(
-    records: Sequence[Record], model: FilterParameters, parameters: FilterParameters,
-    chosen: Sequence[Effect], names: Container[str],
-) -> tuple[SizeOverTime, ...]:  # fmt: skip
-    """Return the sizes over time of the chosen causes of some ``names``; ``parameters`` include them."""
-    _, parts, _ = _parts_of(records, parameters, chosen)
-    step, _ = _most_probable(parts.fisher, _precision(model, parts.fisher.columns))
+    found: SearchResult, parameters: FilterParameters, names: Container[str]
+) -> tuple[SizeOverTime, ...]:
+    """Return the sizes over time of causes, and of what looks like one, of some ``names``; ``parameters``
+    include the chosen effects."""
+    known = {effect.name for effect in found.chosen}
+    others = {e.name: e for e in reversed(found.last.effects) if e.name in names and e.name not in known}
+    chosen = [e.free for e in (*found.chosen, *others.values())]
+    if not any(e.name in names for e in chosen):
+        return ()
+    _, parts, _ = _parts_of(found.records, parameters, chosen)
+    step, _ = _most_probable(parts.fisher, _precision(found.model, parts.fisher.columns))
     series: list[SizeOverTime] = []
     for effect in (e for e in chosen if e.name in names):
         held = np.array([fitted_parameter(d.name).size_in(parameters) for d in effect.perturbations])

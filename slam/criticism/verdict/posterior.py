@@ -2,8 +2,7 @@
 
 Hypotheses are the chosen set, the set without one of its terms, and the set with one of them replaced. Any
 other term replaces it, or any residual pattern that these flights can separate from the term. A single effect
-in place of several is a hypothesis too. Each weighs its maximum likelihood, the cost of its parameters, and
-its prior.
+in place of several is a hypothesis too. Each weighs its maximum likelihood, parameters' cost, and prior.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import softmax
 
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, expand, ranked_pairs
@@ -210,11 +210,9 @@ def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, st
 
 
 def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...]]:
-    """Return pairs of terms that seem more probable in place of a chosen one, from the healthy vehicle or the
-    final parameters.
+    """Return pairs of terms that seem more probable in place of a chosen one, by either expansion.
 
-    A nonlinear term, such as a ground effect, shows too much of what is lost without it from the final
-    parameters.
+    A nonlinear term, such as a ground effect, shows too much of what is lost without it from the last one.
     """
     if place.is_saturation or place.changes:
         return []
@@ -274,11 +272,8 @@ def _names(effects: Sequence[Effect]) -> frozenset[str]:
 
 def probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str, float]:
     """Return the probability of each name from the evidence in nats of hypotheses: sets of names."""
-    logs = np.array([w for w, _ in weights])
-    share = np.exp(logs - logs.max())
-    share /= share.sum()
     total: dict[str, float] = {NOTHING: 0.0, SOMETHING_ELSE: 0.0}
-    for p, (_, names) in zip(share, weights, strict=True):
+    for p, (_, names) in zip(softmax([nats for nats, _ in weights]), weights, strict=True):
         for name in names:
             # Rounding errors must not make a probability exceed 1: halved, it would be above even odds.
             total[name] = min(total.get(name, 0.0) + float(p), 1.0)

@@ -70,10 +70,9 @@ def most_alike_first(pairs: Iterable[tuple[str, str, float]]) -> tuple[tuple[str
 
 
 def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float]:
-    """Return the terms that would have shown at a usual size, with the smallest size as a share of the
-    greatest usual one.
+    """Return the terms that would have shown at a usual size, the most sharply tested first.
 
-    The most sharply tested term is first.
+    Each has its smallest size as a share of the greatest usual one.
     """
     shares = {}
     for name, (size, unit) in detectable.items():

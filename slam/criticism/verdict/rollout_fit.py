@@ -144,8 +144,7 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
 def _needed(
     course: _Rollouts, chosen: list[Effect], fit: _Fit, model: FilterParameters
 ) -> tuple[list[Effect], _Fit, dict[str, _Fit]]:
-    """Keep the terms that improve flights, or without which a constant of the vehicle would not be healthy;
-    one stays at least.
+    """Keep the terms that improve flights, or keep a constant of the vehicle healthy; at least one stays.
 
     Returns them, their fit, and the fits without each of them by label.
     """
@@ -223,20 +222,17 @@ class _Rollouts:
         residuals = rollout_residuals(self._records[flight], self._states[flight], parameters, AHEAD_S, 1.0)
         return [weight * residuals[c] for c, weight in self._weight.items()]
 
-    def _away(self, parameters: FilterParameters) -> Array:
-        """Return the distances of constants from healthy ones, weighted so that the flights dominate."""
+    def _left(self, parameters: FilterParameters) -> list[Array]:
+        """Return the errors of each flight, and last the distances of constants from healthy ones, weighted
+        so that the flights dominate."""
+        residuals = in_threads(
+            lambda k: np.concatenate(self._by_channel(k, parameters)), range(len(self._records))
+        )
         away = []
         for nuisance in _FREE:
             low, high = nuisance.healthy_range(self._model)
             away.append(PULL * (2.0 * nuisance.value_in(parameters) - low - high) / (high - low))
-        return np.array(away)
-
-    def _left(self, parameters: FilterParameters) -> list[Array]:
-        """Return the errors of each flight, and last the distances of the constants."""
-        residuals = in_threads(
-            lambda k: np.concatenate(self._by_channel(k, parameters)), range(len(self._records))
-        )
-        return [*residuals, self._away(parameters)]
+        return [*residuals, np.array(away)]
 
     def _slopes(
         self, parameters: FilterParameters, columns: Sequence[str], h: Array, left: list[Array]

@@ -51,15 +51,11 @@ def rollout_errors(
     records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
     """Return the errors of all channels but the imu's, pooled over the flights."""
-    each_parameters = (*before, *after)
-    flights = (*records, *records)
-    states = in_threads(lambda k: whole(flights[k], each_parameters[k]).states, range(len(flights)))
-    sides = slice(0, len(records)), slice(len(records), None)
-    found = []
+    tried = [*zip(records, before, strict=True), *zip(records, after, strict=True)]
+    states, found = in_threads(lambda pair: whole(*pair).states, tried), []
+    halves = (states[: len(records)], before), (states[len(records) :], after)
     for horizon in HORIZONS_S:
-        pooled = [
-            pooled_residuals(flights[side], states[side], each_parameters[side], horizon) for side in sides
-        ]
+        pooled = [pooled_residuals(records, *half, horizon) for half in halves]
         for channel in BEYOND_IMU:
             errors = [of[channel] for of in pooled]
             if len(errors[0]) and len(errors[1]):
@@ -174,11 +170,9 @@ class Covariate:
 def covariate(
     records: Sequence[Record], parameters: FilterParameters, found: SearchResult, lead: Cause
 ) -> Covariate | None:
-    """Return the covariates of the leading cause, and of its rival; None where roll-outs do not show the
-    cause.
+    """Return the covariates of the leading cause and its rival; None where roll-outs do not show the cause.
 
-    Sizes and nuisances are fitted without the cause, and with its rival. For a large cause the filter is run
-    anew.
+    Sizes and nuisances are fitted without it, and with its rival; for a large cause the filter is run anew.
     """
     cause, rival = lead.name, lead.rival
     effect = next((e for e in found.chosen if e.name == cause), None)
@@ -211,8 +205,7 @@ def covariate_of(
 ) -> Covariate | None:
     """Return the covariates of a cause and its rival; None where no error shows the cause.
 
-    ``pooled``: cause that is in the model, or "" for none -> channel and unit -> (n,) measured less
-    predicted.
+    ``pooled``: cause in the model, or "" for none -> channel and unit -> (n,) measured less predicted.
     """
     against = tuple(m for name in pooled if name and (m := _against(pooled, name)) is not None)
     if not against or against[0].cause != cause:

@@ -27,14 +27,20 @@ _AGAIN = (
     "fly the same once more. An error that comes back with the same sticks is the vehicle's, one at the same "
     "place is the floor's, and one that stays away is the weather's or an instrument's."
 )
-_NEXT_FLIGHT: Mapping[Verdict, str] = {
-    "nothing_wrong": "none is needed.",
-    "ambiguous": "fly the manoeuvres that docs/recipes.md lists for these effects, and judge them together.",
-    "named": "one of these once more, with the same sticks: by extended.toml nothing should be wrong.",
-    "named_with_remainder": _AGAIN,
-    "unknown": _AGAIN,
+_ADVICE: Mapping[Verdict, tuple[str, str]] = {
+    "nothing_wrong": ("simulate with the model as it is.", "none is needed."),
+    "ambiguous": (
+        "{use} It predicts flights like these, but perhaps no others.",
+        "fly the manoeuvres that docs/recipes.md lists for these effects, and judge them together.",
+    ),
+    "named": (
+        "{use}",
+        "one of these once more, with the same sticks: by extended.toml nothing should be wrong.",
+    ),
+    "named_with_remainder": ("{use} For the rest, {rest}.", _AGAIN),
+    "unknown": ("{rest}.", _AGAIN),
 }
-"""Verdict on flights that can be judged -> the flight that tells more, where no better one is known."""
+"""Verdict on flights that can be judged -> what to do, and what to fly where no better flight is known."""
 
 
 def with_sentences(found: Criticism) -> Criticism:
@@ -51,14 +57,7 @@ def what_to_do(found: Criticism, rest: str, repair: str) -> str:
     commands = "slam simulate, slam replay and slam optimize" if corrects else "slam simulate and slam replay"
     correct = _CORRECT if corrects else "nothing can be corrected."
     use = correct if found.limits else f"give extended.toml to {commands} by --model."
-    advice: Mapping[Verdict, str] = {
-        "nothing_wrong": "simulate with the model as it is.",
-        "named": use,
-        "ambiguous": f"{use} It predicts flights like these, but perhaps no others.",
-        "named_with_remainder": f"{use} For the rest, {rest}.",
-        "unknown": f"{rest}.",
-    }
-    return f"{advice[found.verdict]} {repair}".rstrip()
+    return f"{_ADVICE[found.verdict][0].format(use=use, rest=rest)} {repair}".rstrip()
 
 
 def flight_after(found: Criticism) -> str:
@@ -66,7 +65,7 @@ def flight_after(found: Criticism) -> str:
     advised = found.next_flight or _flight_for(found)
     if advised and found.verdict == "ambiguous":
         advised += " Then criticise the flights together."
-    return advised.strip() or _NEXT_FLIGHT[found.verdict]
+    return advised.strip() or _ADVICE[found.verdict][1]
 
 
 def _flight_for(found: Criticism) -> str:

@@ -1,5 +1,4 @@
-"""Explanation of flights without a command log: the instrument errors that explain the differences between
-instruments.
+"""Explanation of flights without a command log: the errors by which instruments differ from each other.
 
 Each effect is a column of the whitened rows of all comparisons. The one that explains most is chosen as long
 as it is significant by cluster-robust errors over segments of ten seconds, and predicts held-out parts.
@@ -30,7 +29,7 @@ from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import Thresholds
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS, causes_of
-from slam.criticism.verdict.held_out import held_out
+from slam.criticism.verdict.held_out import held_out, parts_of
 from slam.criticism.verdict.judge import Evidence, JudgedCauses
 from slam.criticism.verdict.over_time import FEWEST_PARTS, PART_S, Parts, SizeOverTime, onset
 from slam.criticism.verdict.posterior import posterior_of
@@ -43,7 +42,6 @@ from slam.criticism.without_commands.likelihood import (
     fisher_of,
     likelihood_of,
     segments_of,
-    sizes_by_others,
     table_of,
 )
 from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
@@ -112,7 +110,7 @@ class ComparedFlights(Evidence):
         if not any(e.is_term for e in found.chosen):
             return ()
         together = held_out(found)
-        errors = channel_errors(self.rows, sizes_by_others(found, self.rows), together.by)
+        errors = channel_errors(found, self.rows, together.by)
         each = zip(np.unique(found.last.fisher.flight), together.before, together.after, strict=True)
         seen = [(known, *of) for k, *of in each if (known := self.sensors.records[k]) is not None]
         errors += reprojection_errors(*zip(*seen, strict=True)) if seen else ()
@@ -184,8 +182,7 @@ class ComparedFlights(Evidence):
 def explain_comparisons(
     flights: Sequence[Flight], readings: Sequence[Finding], model: Model, progress: Progress = silent
 ) -> ComparedFlights | None:
-    """Return the comparisons and the effects that explain them; None where no two instruments of the flights
-    can be compared.
+    """Return the comparisons and the effects that explain them; None where no two instruments compare.
 
     Pictures are linear only near the truth, so their rows are computed anew about what was found.
     """
@@ -261,20 +258,21 @@ def covariate_in_comparisons(rows: FlightRows, found: SearchResult, lead: Cause)
     return covariate_of(pooled, cause, rival)
 
 
-def channel_errors(
-    rows: FlightRows, sizes: Sequence[Mapping[float, Sizes]], by: str
-) -> tuple[ChannelError, ...]:
-    """Return root mean square errors over each horizon, before and after the ``sizes`` are removed.
-
-    ``sizes``: for each flight, number of a segment -> sizes there, by all other parts, which are ``by``
-    flight or segment.
-    """
+def channel_errors(found: SearchResult, rows: FlightRows, by: str) -> tuple[ChannelError, ...]:
+    """Return root mean square errors over each horizon, before and after the sizes of the chosen terms are
+    removed from each part, as all others give them; parts are ``by`` flight or segment."""
+    part, _ = parts_of(found.last.fisher.flight)
+    terms = [e.name for e in found.chosen if e.is_term]
+    of_part = {k: found.last.over(part != k).sizes(found.chosen) for k in np.unique(part).tolist()}
+    sizes: list[dict[float, Sizes]] = [{} for _ in rows]
+    for (flight, number), k in zip(segments_of(rows, SEGMENT_S)[0].tolist(), part.tolist(), strict=True):
+        sizes[flight][number] = {c: x for c, x in of_part[k].items() if c.rpartition(".")[0] in terms}
     squares: dict[tuple[str, str, float], list[Array]] = {}
-    for flight, of_segment in zip(rows, sizes, strict=True):
-        for averages in (r.averages for r in flight if r.averages is not None):
+    for of_flight, of_segment in zip(rows, sizes, strict=True):
+        for averages in (r.averages for r in of_flight if r.averages is not None):
             for horizon in HORIZONS_S:
-                found = _errors_of(averages, horizon, of_segment, by == "flight")
-                squares.setdefault((averages.channel, averages.unit, horizon), []).append(found**2)
+                apart = _errors_of(averages, horizon, of_segment, by == "flight")
+                squares.setdefault((averages.channel, averages.unit, horizon), []).append(apart**2)
     errors = []
     for (channel, unit, horizon), of in squares.items():
         pooled = np.concatenate(of)
@@ -304,5 +302,5 @@ def _errors_of(
     for number, of in sizes.items():
         own = segment[:last] == number
         for name, size in of.items():
-            explained[own] += size * apart[own, averages.column(name)] if averages.knows(name) else 0.0
+            explained[own] += size * apart[own, averages.column(name)] if name in averages.names else 0.0
     return np.asarray(np.column_stack([apart[:, 0], apart[:, 0] - explained])[kept])

@@ -26,7 +26,6 @@ from slam.criticism.search.fitted_parameters import fitted_parameter, with_steps
 from slam.criticism.search.information import SEGMENT_S, FisherInformation
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.search import SearchResult
-from slam.criticism.verdict.held_out import parts_of
 from slam.criticism.without_commands.whitened_rows import FlightRows, WhitenedRows
 from slam.data_quality.finding import Remark
 from slam.simulation.terms import CATALOGUE
@@ -138,17 +137,6 @@ def _growing(effect: Effect) -> Effect:
     """Return the error of an effect as it grows with time."""
     growing = (Perturbation(d.name + IN_TIME, "channel", signal="time") for d in effect.perturbations)
     return Effect(effect.name + IN_TIME, tuple(growing))
-
-
-def sizes_by_others(found: SearchResult, rows: FlightRows) -> list[dict[float, Sizes]]:
-    """Return for each flight: number of a segment -> sizes of the chosen terms by all other parts."""
-    part, _ = parts_of(found.last.fisher.flight)
-    terms = [e.name for e in found.chosen if e.is_term]
-    of_part = {k: found.last.over(part != k).sizes(found.chosen) for k in np.unique(part).tolist()}
-    sizes: list[dict[float, Sizes]] = [{} for _ in rows]
-    for (flight, number), k in zip(segments_of(rows, SEGMENT_S)[0].tolist(), part.tolist(), strict=True):
-        sizes[flight][number] = {c: x for c, x in of_part[k].items() if c.rpartition(".")[0] in terms}
-    return sizes
 
 
 KIND = "pictures"

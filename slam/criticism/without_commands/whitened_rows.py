@@ -31,7 +31,7 @@ from slam.data_quality.inertial_comparison import (
     near_floor,
     with_finite_imu,
 )
-from slam.simulation.terms import CATALOGUE, Term
+from slam.simulation.terms import CATALOGUE
 
 LONGEST_GAP_S = 0.15
 INTEGRATED = " as integrated"
@@ -64,10 +64,6 @@ class Averages:
     """Names of the table's columns after its first."""
     table: Array
     """(n, 1 + columns) reading less integral, and its derivative by each effect."""
-
-    def knows(self, name: str) -> bool:
-        """Whether a column of an effect changes it."""
-        return name in self.names
 
     def column(self, name: str) -> int:
         """Return the index of a column in the table; of a scale, that of the integrated quantity."""
@@ -243,8 +239,11 @@ def _traces(flight: Flight, imu: ImuReadings, kind: str, off: Array) -> dict[str
             size = SMALL * (parameter.high - parameter.low)
             values = np.array([[p.neutral for p in term.parameters]] * 2)
             values[:, k] += -size, size
-            less, more = (_off(term.undo(flight, v, None), imu, term, kind) for v in values)
-            column = (less - more) / (2.0 * size)
+            sides = []
+            for undone in (term.undo(flight, v, None) for v in values):
+                changed = replace(imu, **in_body_axes(undone)) if term.stream == "imu" else imu
+                sides.append(compared(undone, changed, kind).off)
+            column = (sides[0] - sides[1]) / (2.0 * size)
             if np.abs(column).max() < FAINT:
                 continue
             name = f"{term.name}.{parameter.name}"
@@ -254,9 +253,3 @@ def _traces(flight: Flight, imu: ImuReadings, kind: str, off: Array) -> dict[str
                 by_read, by_integral = (other, column) if term.stream == "imu" else (column, other)
                 traces[name], traces[name + INTEGRATED] = by_read, by_integral
     return traces
-
-
-def _off(undone: Flight, imu: ImuReadings, term: Term, kind: str) -> Array:
-    """Return the differences (n, components) of a flight without a term; ``imu`` is that with the term."""
-    changed = replace(imu, **in_body_axes(undone)) if term.stream == "imu" else imu
-    return compared(undone, changed, kind).off

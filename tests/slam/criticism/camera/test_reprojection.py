@@ -24,7 +24,6 @@ from slam.criticism.kalman.filter_parameters import (
     TILT_Y,
     VIGNETTING,
     FilterParameters,
-    camera_vector,
     filter_parameters_of,
     slot,
 )
@@ -116,7 +115,7 @@ ALL_AT_ONCE = {
 def ill(parameters: FilterParameters) -> tuple[Record, FeatureMatches, FilterParameters]:
     """A flight with all camera errors at once, and the true parameters."""
     model = Model(name="ill", terms=ALL_AT_ONCE)
-    return *seen(ALL_AT_ONCE, 6), replace(parameters, camera=camera_vector(model))
+    return *seen(ALL_AT_ONCE, 6), replace(parameters, camera=filter_parameters_of(model).camera)
 
 
 @pytest.mark.slow
