@@ -212,8 +212,7 @@ def separation(
 def advice(
     first: str, second: str, motions: Sequence[str], sigma: Sequence[float], took_s: Sequence[float]
 ) -> str:
-    """Return the sentence for the best of some ``motions`` (instructions), which separate two terms by
-    ``sigma`` each time and take ``took_s``.
+    """Return the sentence for the best of ``motions``, which separate two terms by ``sigma`` in ``took_s``.
 
     The best is the quickest that needs few flights. Separation grows as the root of the time flown.
     """

@@ -2,8 +2,7 @@
 
 The chain is pixel j, ray, floor point, pixel in picture i. Vectors are in metres; poses (m, 6) are x, y, z,
 roll, pitch and yaw of the vehicle in the world. Warps are errors that no camera term of the catalogue
-describes. Without them an unmodelled lens error passes for the most similar term: stretched columns, for
-example, pass for a tilted camera.
+describes. Without them an unmodelled lens error passes for a term: stretched columns for a tilted camera.
 """
 
 from __future__ import annotations

@@ -81,9 +81,8 @@ def photometric_score(
         healthy = TOLERANCE.get(figure, 0.0) * nearer[:, None]
         variances: dict[tuple[str, int], float] = {}
         variance = HEALTHY_STD.get(figure, 0.0) ** 2
-        if figure < CONTRAST and matches.glares:
-            variance += LAMPS_STD**2
         if figure < CONTRAST:
+            variance += LAMPS_STD**2 * matches.glares
             patterns["picture", 0] = between(elapsed)
             patterns["picture", 1] = (figure - 1) * between(elapsed)
             patterns["picture", 4] = between(height)
@@ -113,8 +112,7 @@ def photometric_score(
             healthy = np.full((len(tones.i), 1), SHADING_MAP_TOLERANCE / tones.shading_map_rms)
             patterns["picture", PICTURE_PATTERNS.index(SHADING_PATTERN)] = np.ones(len(tones.i))
         table = np.column_stack(list(patterns.values()))
-        known = (share * camera[n] for (kind, n), share in variances.items() if kind == "camera")
-        variance += sum(known)
+        variance += sum(share * camera[n] for (kind, n), share in variances.items() if kind == "camera")
         found = _weigh(tones, figure, table, predicted, healthy, variance, memory, slow)
         total += found.by(_columns(directions, list(patterns), variances))
     return total

@@ -232,8 +232,7 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, ...
 
 
 def _evidence(expansion: LikelihoodExpansion, effects: Sequence[Effect], chosen: Sequence[Effect]) -> float:
-    """Return the log of a set's maximum likelihood, less the cost of its parameters, with its prior; it is
-    compared with the ``chosen`` set."""
+    """Return a set's log likelihood, with its prior and cost, as compared with the ``chosen`` set."""
     return expansion.quadratic.nats(effects, chosen) + _prior(expansion)(effects)
 
 

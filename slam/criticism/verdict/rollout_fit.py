@@ -223,8 +223,7 @@ class _Rollouts:
         return [weight * residuals[c] for c, weight in self._weight.items()]
 
     def _left(self, parameters: FilterParameters) -> list[Array]:
-        """Return the errors of each flight, and last the distances of constants from healthy ones, weighted
-        so that the flights dominate."""
+        """Return the errors of each flight, and last the faint distances of constants from healthy ones."""
         residuals = in_threads(
             lambda k: np.concatenate(self._by_channel(k, parameters)), range(len(self._records))
         )

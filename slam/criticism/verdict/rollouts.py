@@ -2,8 +2,7 @@
 
 This is the simulator's error after half a second, two and ten. Roll-outs without and with a cause start from
 the same filtered states. Their difference is the error that the cause predicts: its covariate, in the units
-of the channel. If the cause is right, the error without it rises one for one with the covariate, and the
-error with it does not.
+of the channel. If the cause is right, the error without it rises one for one with it, and that with it not.
 """
 
 from __future__ import annotations

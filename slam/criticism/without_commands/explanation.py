@@ -201,8 +201,7 @@ def explain_comparisons(
 
 
 def search_linear(found: SearchResult) -> SearchResult:
-    """Choose the significant effects, the greatest first, where everything is linear; what the others have
-    made insignificant is dropped again."""
+    """Choose the significant effects, greatest first, by one expansion, without those that others replace."""
     while len(found.chosen) < MOST and (best := _next(found)) is not None:
         found = replace(found, chosen=(*found.chosen, best))
     for effect in found.chosen:

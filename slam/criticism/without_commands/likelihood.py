@@ -1,8 +1,7 @@
 """Likelihood of the whitened rows of all comparisons, in the errors of instruments and cameras.
 
 It is the same quadratic function as that of flights with commands. Its segments are clusters of ten seconds,
-within which errors may be correlated. Pictures are compared with the path on which all other instruments
-agree, as further rows.
+within which errors may be correlated. Pictures are further rows, beside the path of all other instruments.
 """
 
 from __future__ import annotations
@@ -205,8 +204,7 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
 
 
 def _misfit(seen: LikelihoodScore, information: Array) -> float:
-    """Return the ratio of squared residuals to their noise, once all that moves points is fitted. Above 1,
-    pictures and path disagree."""
+    """Return the ratio of squared residuals to their noise, once all that moves points is fitted."""
     points = np.array([k for k, n in enumerate(_JUDGED) if n not in (*CAMERA[POINTS:], *PICTURE_PATTERNS)])
     score = seen.score[points]
     explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
