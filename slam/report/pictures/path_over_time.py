@@ -39,8 +39,8 @@ def path_over_time(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     stretches = _stretches(xy, known)
     columns = min(2, len(stretches))
     rows = -(-len(stretches) // columns)
-    size = np.maximum(np.ptp(xy[known], axis=0), 1e-9)
-    shape = float(np.clip(size[1] / size[0], _LEAST_SHAPE, _MOST_SHAPE))
+    limits = _limits(np.vstack([xy[known], chain[known]]))
+    shape = float(np.divide(*np.ptp(limits, axis=0)[::-1]))
     figure = Figure(
         figsize=(_WIDTH_IN, rows * shape * 0.85 * _WIDTH_IN / columns + 0.9), dpi=150, layout="constrained"
     )
@@ -56,7 +56,8 @@ def path_over_time(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
             *xy[first], "o", color=BLUE, mfc="none", ms=10, mew=1.8, zorder=5, label="start", linestyle=""
         )
         axes.plot(*xy[last], "s", color=BLUE, ms=6, zorder=4, label="end", linestyle="")
-        axes.set_aspect("equal", adjustable="datalim")
+        axes.set(xlim=limits[:, 0], ylim=limits[:, 1])
+        axes.set_aspect("equal", adjustable="box")  # all panels share their limits, which have this shape
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(colors="#444c56", labelsize=9)
         grid(axes)
@@ -69,6 +70,8 @@ def path_over_time(estimate: Estimate, gaps: Sequence[Gap] = ()) -> bytes:
     for axes in panels[:, 0]:
         axes.set_ylabel(labels[1])
     _legends(figure, panels, colours)
+    if columns > 1:
+        figure.draw_without_rendering()  # titles have their place only after a first layout
     return png(figure)
 
 
@@ -77,6 +80,14 @@ def laps(xy: Array) -> int:
     around = 2.0 * float(np.ptp(xy, axis=0).sum())
     length = float(np.linalg.norm(np.diff(xy, axis=0), axis=1).sum())
     return max(1, round(length / around)) if around > 0 else 1
+
+
+def _limits(xy: Array) -> Array:
+    """Return the least and largest coordinates (2, 2) of a panel, with a margin and a shape within limits."""
+    least, most = np.nanmin(xy, axis=0), np.nanmax(xy, axis=0)
+    width, height = np.maximum(most - least, 1e-9)
+    size = np.array([max(width, height / _MOST_SHAPE), max(height, _LEAST_SHAPE * width)])
+    return (least + most) / 2 + np.outer([-0.55, 0.55], size)
 
 
 def _stretches(xy: Array, known: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -109,7 +120,6 @@ def _coloured(
     drawn.set_array(np.array([(time[i] + time[j]) / 2 for i, j in pairs]))
     drawn.set_clim(float(np.nanmin(time)), float(np.nanmax(time)))
     axes.add_collection(drawn)
-    axes.autoscale_view()
     return drawn
 
 

@@ -84,6 +84,15 @@ def test_laps_are_counted_by_the_length_of_the_way_around(times):
     assert laps(np.zeros((5, 2))) == 1
 
 
+@pytest.mark.parametrize("width", [0.2, 1.0, 5.0])
+def test_laps_of_any_shape_have_a_panel_each(width):
+    estimate, turn = made_estimate(), np.linspace(0, 4 * np.pi, 60)
+    w_T_b = estimate.w_T_b.copy()
+    w_T_b[:, 0, 3], w_T_b[:, 1, 3] = width * np.cos(turn), np.sin(turn)
+    size = Image.open(io.BytesIO(path_over_time(replace(estimate, w_T_b=w_T_b)))).size
+    assert size[0] > size[1]  # two panels side by side
+
+
 def test_the_path_over_time_has_the_colours_of_begin_and_end():
     png = path_over_time(made_estimate(), [Gap(3, 4, 1.0, True, ((0.0, 0.0), (1.0, 0.0)), 0.5)])
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
