@@ -53,7 +53,7 @@ def associate(estimate: Estimate, flight: Flight) -> Association:
     compared.
     """
     _refuse_other_pictures(estimate, flight)
-    stamps_s = estimate.stamps_s + (estimate.epoch_ns - flight.epoch_ns) * 1e-9
+    stamps_s = stamps_on_clock(estimate, flight)
     comparable, left_out = _comparable(estimate)
     if flight.truth is not None and len(flight.truth.stamps_s) > 0:
         found = _with_truth(stamps_s, comparable, left_out, flight.truth)
@@ -62,13 +62,15 @@ def associate(estimate: Estimate, flight: Flight) -> Association:
         found = _with_gps(estimate, flight, stamps_s, comparable, left_out)
         span_s = flight.gps.stamps_s[[0, -1]]
     else:
-        raise InputError(
-            f"{one_line(flight.name)}: has neither truth nor GPS to compare with; "
-            "add state_groundtruth_estimate0 or gps0 to the flight"
-        )
+        raise InputError(_no_reference(flight))
     if len(found.keyframe) == 0:
         raise InputError(_nothing_in_common(estimate, flight, found, stamps_s, span_s))
     return found
+
+
+def stamps_on_clock(estimate: Estimate, flight: Flight) -> Array:
+    """Return the stamps (n,) of the keyframes on the clock of the flight, in seconds."""
+    return estimate.stamps_s + (estimate.epoch_ns - flight.epoch_ns) * 1e-9
 
 
 def seeing_camera(estimate: Estimate, flight: Flight) -> Camera | None:
@@ -95,6 +97,15 @@ def _refuse_other_pictures(estimate: Estimate, flight: Flight) -> None:
                 f"{estimate.frame_names[0]}; give the flight that the map was made of"
             )
         )
+
+
+def _no_reference(flight: Flight) -> str:
+    streams = ("state_groundtruth_estimate0", "gps0")
+    dropped = [line for line in flight.warnings if line.startswith(streams)]
+    return one_line(
+        f"{flight.name}: has neither truth nor GPS to compare with; "
+        + ("; ".join(dropped) or f"add {' or '.join(streams)} to the flight")
+    )
 
 
 def _nothing_in_common(
@@ -186,7 +197,8 @@ def _interpolated(
     if len(at_s) == 0:
         return w_T_b
     share = _share(times_s, at_s, left, right)[:, None]
-    w_T_b[:, :3, 3] = (1 - share) * poses[left, :3, 3] + share * poses[right, :3, 3]
+    begin_m, end_m = poses[left, :3, 3], poses[right, :3, 3]
+    w_T_b[:, :3, 3] = begin_m + share * (end_m - begin_m)  # exact for a vehicle that stands still
     rotations = Rotation.from_matrix(poses[:, :3, :3])
     if len(times_s) == 1:
         w_T_b[:, :3, :3] = rotations.as_matrix()

@@ -25,6 +25,7 @@ from slam.evaluation.landmarks import (
 from slam.evaluation.loop_score import LoopScore, score_loops
 from slam.evaluation.nees import Nees, nees
 from slam.evaluation.trajectory import ErrorSummary, RelativeError, position_error, relative_errors, umeyama
+from slam.evaluation.truth_clock import TruthClock, truth_clock
 
 Array = NDArray[np.float64]
 
@@ -90,6 +91,8 @@ class Evaluation:
     loops: LoopScore | None
     """Score of the loops; None without truth or camera."""
     tracks: Tracks
+    truth_clock: TruthClock | None = None
+    """How late the truth's stamps are, where a shift of them at least halves the errors."""
     metric: bool = True
     """Whether the estimate's lengths are metres, as those of the reference are."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
@@ -107,6 +110,7 @@ class Evaluation:
             "ate_m": _errors(self.ate_m),
             "ate_aligned_m": _errors(self.ate_aligned_m),
             "ate_sim3_m": {**_errors(self.ate_sim3_m), "scale": self.scale},
+            "truth_clock": None if self.truth_clock is None else dict(vars(self.truth_clock)),
             "rpe": {error.step: _relative(error) for error in self.rpe},
             "nees": {**_nees(self.nees), "too_coarse": self.too_coarse},
             "landmarks": {row.name: _landmark(row) for row in self.landmarks},
@@ -129,6 +133,8 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
     estimated_m, reference_m = maps.loops.w_T_b[:, :3, 3].copy(), association.position_m.copy()
     estimated_m[:, 2] *= association.dimensions == 3
     reference_m[:, 2] *= association.dimensions == 3
+    start = 0 if association.w_T_b is None else 4  # unknowns: the first position, and the yaw
+    motion = 6 if association.dimensions == 3 else 3
     rigid = umeyama(estimated_m, reference_m, with_scale=False)
     similar = umeyama(estimated_m, reference_m, with_scale=True)
     coarse = _too_coarse(estimate, association)
@@ -142,10 +148,11 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         keyframes=len(estimate.stamps_s),
         associated=len(association.keyframe),
         left_out=association.left_out,
-        ate_m=position_error(estimated_m[:, used], reference_m[:, used]),
-        ate_aligned_m=position_error(rigid.apply(estimated_m), reference_m),
-        ate_sim3_m=position_error(similar.apply(estimated_m), reference_m),
-        scale=similar.scale,
+        ate_m=position_error(estimated_m[:, used], reference_m[:, used], start),
+        ate_aligned_m=position_error(rigid.apply(estimated_m)[:, used], reference_m[:, used], motion),
+        ate_sim3_m=position_error(similar.apply(estimated_m)[:, used], reference_m[:, used], motion + 1),
+        scale=similar.scale if reference_m[:, used].size > motion + 1 else float("nan"),
+        truth_clock=truth_clock(estimate, flight, association),
         rpe=_relative_errors(estimate, association),
         nees=consistency,
         too_coarse=int(coarse.sum()),

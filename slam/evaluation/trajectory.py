@@ -21,7 +21,7 @@ _STEP_S = 1.0
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Root mean square and largest of a set of errors; NaN where there are none."""
+    """Root mean square and largest of a set of errors; NaN where none is left to compare."""
 
     rmse: float
     max: float
@@ -80,7 +80,7 @@ def _yaw(w_T_b: Array) -> float:
 def umeyama(moving_m: Array, fixed_m: Array, with_scale: bool) -> Similarity:
     """Fit the least-squares similarity (or rigid motion) that maps (n, 3) points to (n, 3) points.
 
-    Source: Umeyama 1991, equations 34 to 43. The scale is NaN where all moving points coincide.
+    Source: Umeyama 1991, equations 34 to 43. The scale is NaN where all points of one set coincide.
     """
     mean_moving, mean_fixed = moving_m.mean(axis=0), fixed_m.mean(axis=0)
     centred = moving_m - mean_moving
@@ -91,13 +91,18 @@ def umeyama(moving_m: Array, fixed_m: Array, with_scale: bool) -> Similarity:
     R = (U * S) @ Vt
     scale = 1.0
     if with_scale:
-        variance = float(np.mean(np.sum(centred**2, axis=1)))
-        scale = float(D @ S) / variance if variance > 0 else float("nan")
+        apart = np.ptp(moving_m, axis=0).any() and np.ptp(fixed_m, axis=0).any()
+        scale = float(D @ S) / float(np.mean(np.sum(centred**2, axis=1))) if apart else float("nan")
     return Similarity(scale, R, mean_fixed - scale * R @ mean_moving)
 
 
-def position_error(estimated_m: Array, true_m: Array) -> ErrorSummary:
-    """Compute the distances between (n, 3) positions, without alignment."""
+def position_error(estimated_m: Array, true_m: Array, fitted: int = 0) -> ErrorSummary:
+    """Compute the distances between (n, d) positions that were aligned by ``fitted`` unknowns.
+
+    They are NaN where the alignment has as many unknowns as there are coordinates: it makes them fit anyhow.
+    """
+    if true_m.size <= fitted:
+        return ErrorSummary(float("nan"), float("nan"))
     return ErrorSummary.of(np.linalg.norm(estimated_m - true_m, axis=1))
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from slam.evaluation.map_gain import MapGain
     from slam.evaluation.nees import Consistency
     from slam.evaluation.score import Evaluation
+    from slam.evaluation.truth_clock import TruthClock
     from slam.mapping.live.mapper import LiveState
 
 _NEES = "is the stated uncertainty right?"
@@ -90,6 +91,8 @@ def _map_against_truth(evaluation: Evaluation) -> str:
         return "Its lengths are no metres: the table below compares them with their scale aligned."
     whom = "the true path recorded with the flight" if evaluation.reference == "truth" else "the GPS"
     error = evaluation.ate_m
+    if not np.isfinite(error.rmse):
+        return f"Only {evaluation.associated} keyframe can be compared, which says nothing about the errors."
     text = (
         f"Typically {length(error.rmse)} and at most {length(error.max)}, compared with {whom}, at "
         f"the cameras of {evaluation.associated} keyframes."
@@ -103,6 +106,8 @@ def _map_against_truth(evaluation: Evaluation) -> str:
             f" Distances between landmarks are wrong by {_percent(with_loops)} at most "
             f"({_percent(without)} without loop closures). These known distances check its lengths."
         )
+    if evaluation.truth_clock is not None:
+        text += f" But {_clock(evaluation.truth_clock)}."
     if evaluation.nees is not None:
         pose = evaluation.nees.pose
         if pose.mean > pose.upper95:
@@ -225,10 +230,13 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
             _spread(evaluation.ate_aligned_m.rmse, evaluation.ate_aligned_m.max),
         ),
         (
-            f"position error, aligned with scale {evaluation.scale:.4f}",
+            "position error, aligned with scale"
+            + (f" {evaluation.scale:.4f}" if np.isfinite(evaluation.scale) else ""),
             _spread(evaluation.ate_sim3_m.rmse, evaluation.ate_sim3_m.max),
         ),
     ]
+    if evaluation.truth_clock is not None:
+        rows.append(("clock of the truth", _clock(evaluation.truth_clock)))
     if not evaluation.metric:
         rows.insert(
             0,
@@ -278,7 +286,17 @@ def _share(value: float) -> str:
     return f"{100 * value:.0f} %" if np.isfinite(value) else UNKNOWN
 
 
+def _clock(clock: TruthClock) -> str:
+    way = "late" if clock.late_s > 0 else "early"
+    return (
+        f"its stamps look {abs(clock.late_s):.3f} s {way}: without that the position error, aligned, is "
+        f"typically {length(clock.ate_aligned_m)}; correct them, and evaluate again"
+    )
+
+
 def _spread(rmse: float, largest: float) -> str:
+    if not np.isfinite(rmse):
+        return UNKNOWN
     return f"typically {length(rmse)} (root mean square), {length(largest)} at most"
 
 

@@ -222,3 +222,12 @@ def test_parts_without_a_common_origin_are_not_compared():
     assert found.left_out == {"in a part that is not connected to the largest": 8}
     on_earth = evaluate(estimate_of(estimated, component=component, origin=ORIGIN), flight_of(truth))
     assert on_earth.ate_m.max > 100
+
+
+def test_a_truth_of_incomplete_rows_is_refused_with_what_was_dropped():
+    flight = replace(
+        flight_of(smooth_poses(np.random.default_rng(2), 5), truth=None),
+        warnings=("state_groundtruth_estimate0: 5 of 5 rows dropped: part of the pose missing",),
+    )
+    with pytest.raises(InputError, match="5 of 5 rows dropped"):
+        associate(estimate_of(smooth_poses(np.random.default_rng(2), 5)), flight)

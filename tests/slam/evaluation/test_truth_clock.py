@@ -1,0 +1,61 @@
+"""A truth whose clock is late or early is told, and one that is right is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.core.flight import Truth
+from slam.evaluation import evaluate
+from slam.report.tables.evaluation import evaluated
+from tests.slam.evaluation.scene import disturbed, estimate_of, flight_of, smooth_poses
+
+
+def evaluation(late_s: float):
+    rng = np.random.default_rng(3)
+    poses = smooth_poses(rng, 1200)
+    flight = flight_of(poses, truth=Truth(np.arange(1200) * 0.02 + late_s, poses))
+    return evaluate(estimate_of(disturbed(rng, poses[100:1100:12], np.full(6, 1e-3)), 0.24), flight)
+
+
+@pytest.mark.parametrize("late_s", [-2.3, -1.7])
+def test_a_shifted_clock_is_told_with_its_shift(late_s):
+    """The keyframes begin 2 s after the rows of the truth: the clock is late by ``late_s`` + 2 s."""
+    found = evaluation(late_s)
+    assert found.truth_clock is not None
+    assert found.truth_clock.late_s == pytest.approx(late_s + 2, abs=0.01)
+    assert found.truth_clock.ate_aligned_m < found.ate_aligned_m.rmse / 2
+    assert found.to_json()["truth_clock"]["late_s"] == found.truth_clock.late_s
+    told = evaluated(found)
+    assert "s late" in told.words or "s early" in told.words
+
+
+def test_a_right_clock_is_not_doubted():
+    found = evaluation(-2.0)
+    assert found.truth_clock is None
+    assert "stamps look" not in evaluated(found).words
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_alignment_that_makes_all_keyframes_fit_leaves_no_error(count):
+    poses = smooth_poses(np.random.default_rng(4), 40)
+    estimate, flight = estimate_of(poses), flight_of(poses)
+    assert flight.truth is not None
+    truth = Truth(flight.truth.stamps_s[:count], flight.truth.w_T_b[:count])
+    found = evaluate(estimate, replace(flight, truth=truth))
+    assert found.associated == count
+    assert np.isnan(found.ate_m.rmse) == (count == 1)
+    assert np.isnan([found.ate_aligned_m.rmse, found.ate_sim3_m.rmse, found.scale]).all()
+    text = " ".join(" ".join(row) for table in evaluated(found).tables for row in table.rows)
+    assert "nan" not in text
+
+
+def test_a_truth_that_stands_still_has_no_scale():
+    poses = smooth_poses(np.random.default_rng(5), 40)
+    still = np.tile(poses[0], (400, 1, 1))
+    found = evaluate(estimate_of(poses), flight_of(poses, truth=Truth(np.arange(400) * 0.025, still)))
+    assert np.isnan(found.scale)
+    assert np.isnan(found.ate_sim3_m.rmse)
+    assert all(np.isnan(step.translation_percent) for step in found.rpe)
