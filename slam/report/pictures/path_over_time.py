@@ -87,7 +87,7 @@ def _limits(xy: Array) -> Array:
     least, most = np.nanmin(xy, axis=0), np.nanmax(xy, axis=0)
     width, height = np.maximum(most - least, 1e-9)
     size = np.array([max(width, height / _MOST_SHAPE), max(height, _LEAST_SHAPE * width)])
-    return (least + most) / 2 + np.outer([-0.55, 0.55], size)
+    return np.asarray((least + most) / 2 + np.outer([-0.55, 0.55], size))
 
 
 def _stretches(xy: Array, known: NDArray[np.int64]) -> list[NDArray[np.int64]]:

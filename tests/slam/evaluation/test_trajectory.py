@@ -170,4 +170,5 @@ def test_a_single_point_and_a_resting_drone_have_no_scale():
     for estimated, truth in ((still, moving), (moving[:1], moving)):
         record = evaluate(estimate_of(estimated), flight_of(truth)).to_json()
         assert record["ate_sim3_m"] == {"rmse": None, "max": None, "scale": None}
-        assert record["ate_aligned_m"]["rmse"] is not None
+        # A rigid motion makes a single point fit anyhow.
+        assert (record["ate_aligned_m"]["rmse"] is None) == (len(estimated) == 1)
